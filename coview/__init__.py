@@ -1,7 +1,7 @@
 """Plan roadside perception: decide what to build at a junction, and see what it will see.
 
-The names below are all that most programs need; nothing
-loads before it is used. More is in the faces of the floors, `toolkit`, `models` and `placement_env`.
+The names below are all that most programs need; nothing loads before it is used. More is in the
+faces of the floors, `toolkit`, `models` and `placement_env`.
 
 >>> from coview import load_site
 >>> load_site("tjunction").name
@@ -49,10 +49,35 @@ if TYPE_CHECKING:
 else:
     _FACES = {
         "coview.detectors": ("load_detector",),
-        "placement_env": ("Objective", "Question", "Result", "Setting", "Weights", "as_sb3", "plan"),
+        "placement_env": (
+            "Objective",
+            "Question",
+            "Result",
+            "Setting",
+            "Weights",
+            "as_sb3",
+            "plan",
+        ),
         "toolkit": (
-            *("Detections", "Objects", "Renderer", "Run", "catalogue", "crop", "down_sample", "evaluate_recording"),
-            *("from_depth", "fuse", "fuse_files", "load_site", "open_recording", "points_per_box", "save_site"),
+            *(
+                "Detections",
+                "Objects",
+                "Renderer",
+                "Run",
+                "catalogue",
+                "crop",
+                "down_sample",
+                "evaluate_recording",
+            ),
+            *(
+                "from_depth",
+                "fuse",
+                "fuse_files",
+                "load_site",
+                "open_recording",
+                "points_per_box",
+                "save_site",
+            ),
             *("sensor_numbers", "simulate"),
         ),
     }
@@ -93,19 +118,21 @@ def search(
 ) -> "Result":
     """Search for the best set of at most `budget` sensors.
 
-    method: portfolio, exhaustive, greedy, swap, cpsat or another of `placement_env.search`; seconds, evaluations:
-    limits, None for as many as the method takes by itself. Raises ValueError for a method that cannot search this
-    objective, ImportError if its package is missing."""
+    method: portfolio, exhaustive, greedy, swap, cpsat or another of `placement_env.search`;
+    seconds, evaluations: limits, None for as many as the method takes by itself. Raises ValueError
+    for a method that cannot search this objective, ImportError if its package is missing."""
     from placement_env.search.methods import METHODS, load_search
 
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    return load_search(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
+    return load_search(method)(
+        objective, budget, seed=seed, seconds=seconds, evaluations=evaluations
+    )
 
 
 def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any]":
-    """Make an environment: SensorSelect, SensorSubset or SensorPose. settings: of its configuration, such as
-    site="tjunction" and budget=3. Raises ImportError without Gymnasium."""
+    """Make an environment: SensorSelect, SensorSubset or SensorPose. settings: of its
+    configuration, such as site="tjunction" and budget=3. Raises ImportError without Gymnasium."""
     try:
         import gymnasium
     except ImportError:
@@ -117,9 +144,10 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
 def live(
     site: "Setting | str", *, frames: int | None = None, seed: int | None = None, port: int = 8090
 ) -> "coview.live_start.LiveSession":
-    """Serve a page where sensors of a site, a setting or a plan's folder are moved by hand; in Jupyter it shows in the
-    cell. frames, seed: of the traffic, the plan's or 60 and 3 by default. Raises ValueError where no surrogate scores
-    the setting, OSError for a plan whose detector is gone, ImportError without viser."""
+    """Serve a page where sensors of a site, a setting or a plan's folder are moved by hand; in
+    Jupyter it shows in the cell. frames, seed: of the traffic, the plan's or 60 and 3 by default.
+    Raises ValueError where no surrogate scores the setting, OSError for a plan whose detector is
+    gone, ImportError without viser."""
     from dataclasses import replace
 
     from coview.live_start import LiveSession

@@ -12,7 +12,9 @@ Combine = Literal["mean", "worst"]
 def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:
     """Raise ValueError for a number below its minimum; None passes."""
     if value is not None and not least <= value < float("inf"):
-        raise ValueError(f"{option} must be at least {least:g}, got {value:g}{remedy and ': '}{remedy}")
+        raise ValueError(
+            f"{option} must be at least {least:g}, got {value:g}{remedy and ': '}{remedy}"
+        )
 
 
 def check_positive(option: str, value: float | None) -> None:
@@ -24,7 +26,9 @@ def check_positive(option: str, value: float | None) -> None:
 def check_turn(angle: float, name: str, meaning: str = "counter-clockwise from east") -> float:
     """Return an angle in degrees. Raises ValueError unless it is within `MAX_TURN_DEG` of 0."""
     if not abs(angle) <= MAX_TURN_DEG:
-        raise ValueError(f"{name} must be degrees {meaning}, from 0 to {MAX_TURN_DEG:g}, got {angle:g}")
+        raise ValueError(
+            f"{name} must be degrees {meaning}, from 0 to {MAX_TURN_DEG:g}, got {angle:g}"
+        )
     return angle
 
 
@@ -44,7 +48,10 @@ def check_each_once(option: str, values: Sequence[object] | None) -> None:
     if values is not None and not values:
         raise ValueError(f"{option} needs one value or several: leave it out for the usual ones")
     if values is not None and len(set(values)) < len(values):
-        raise ValueError(f"{option} takes each value once, got {' '.join(map(str, values))}: leave the repetition out")
+        raise ValueError(
+            f"{option} takes each value once, got {' '.join(map(str, values))}: leave the "
+            "repetition out"
+        )
 
 
 def check_ious(values: Iterable[float]) -> None:
@@ -60,14 +67,18 @@ def check_schemes(names: Iterable[str]) -> None:
 
     for name in names:
         if name not in SCHEMES:
-            raise ValueError(f"there is no fusion scheme {name!r}: choose among {', '.join(SCHEMES)}")
+            raise ValueError(
+                f"there is no fusion scheme {name!r}: choose among {', '.join(SCHEMES)}"
+            )
 
 
 def sensor_set(text: str) -> list[int | str] | None:
     """`all`, or numbers and names separated by commas."""
     names = [name.strip() for name in text.split(",")]
     if len(set(names)) < len(names):
-        raise ValueError(f"each sensor may be named once in a set, got {text}: leave the repetition out")
+        raise ValueError(
+            f"each sensor may be named once in a set, got {text}: leave the repetition out"
+        )
     return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
 
 
@@ -79,4 +90,7 @@ def site_file(site: str | None) -> list[Path]:
 def check_ending(out: Path, endings: Sequence[str], what: str) -> None:
     """Raise ValueError for a file to write whose name ends like another kind of file."""
     if out.suffix.lower() not in endings:
-        raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, got {out.name}: it is known by that")
+        raise ValueError(
+            f"the name of {what} must end in {' or '.join(endings)}, got {out.name}: it is known "
+            "by that"
+        )

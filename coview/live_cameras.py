@@ -1,4 +1,5 @@
-"""Cameras of the browsers that show the live page: the area whole in any window, from above, or through a sensor."""
+"""Cameras of the browsers that show the live page: the area whole in any window, from above, or
+through a sensor."""
 
 import numpy as np
 
@@ -7,18 +8,27 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
 from toolkit.viewing.scene import Handle
 
-AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
-HOUSING_M, LOOK_M = 1.2, 12.0  # from a sensor to the camera that looks through it, and to what it looks at
-MIN_LOOK_FOV_RAD, MAX_LOOK_FOV_RAD = 0.7, 1.4
-PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
+# times as far from the area as the report's view, in windows at least so wide for their height
+AWAY = 1.25
+WIDE = 1.3
+# from a sensor to the camera that looks through it, and to what it looks at
+HOUSING_M = 1.2
+LOOK_M = 12.0
+MIN_LOOK_FOV_RAD = 0.7
+MAX_LOOK_FOV_RAD = 1.4
+# px of width below which the panel is a sheet over this share of the scene
+PHONE = 576
+SHEET = 0.6
 UP = np.array([0.0, 0.0, 1.0])
 Spot = Float64[np.ndarray, "3"]
 
 
 class LiveCameras:
-    """Cameras by browser. middle: of the area (m); slant: from there to a camera that sees it whole, in wide windows.
+    """Cameras by browser. middle: of the area (m); slant: from there to a camera that sees it
+    whole, in wide windows.
 
-    aimed: view, aspect, whether it is a telephone, and place of each browser's camera, by the browser's number."""
+    aimed: view, aspect, whether it is a telephone, and place of each browser's camera, by the
+    browser's number."""
 
     def __init__(self, area: Float64[np.ndarray, "4"]) -> None:
         eye, self.middle = (np.array(each) for each in scene.overview(tuple(area.tolist())))
@@ -26,11 +36,14 @@ class LiveCameras:
         self.aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}
 
     def greet(self, client: Handle) -> None:
-        """Aim the camera of a browser that has come, and again when its window changes and nobody has moved it."""
+        """Aim the camera of a browser that has come, and again when its window changes and nobody
+        has moved it."""
         camera = client.camera
         self.aim(client, self.slant, phone=camera.image_width < PHONE)
 
-        def fit(_: Handle) -> None:  # the panel docks, or the window changes: fit what nobody has moved
+        def fit(
+            _: Handle,
+        ) -> None:  # the panel docks, or the window changes: fit what nobody has moved
             away, aspect, phone, place = self.aimed[client.client_id]
             if abs(camera.aspect - aspect) > 0.01 and np.allclose(camera.position, place, atol=0.1):
                 self.aim(client, away, phone=phone)
@@ -50,17 +63,21 @@ class LiveCameras:
             self.aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self.slant))
 
     def look_through(self, client: Handle, sensor: Sensor) -> None:
-        """Put a browser's camera in a sensor's place, with as much of its view as a screen holds."""
+        """Put a browser's camera in a sensor's place, with as much of its view as a screen
+        holds."""
         if client is None:
             return
         ahead = sensor.world_SE3_body[:3, 0]
         with client.atomic():
-            client.camera.fov = min(max(sensor.model.vertical_fov, MIN_LOOK_FOV_RAD), MAX_LOOK_FOV_RAD)
+            client.camera.fov = min(
+                max(sensor.model.vertical_fov, MIN_LOOK_FOV_RAD), MAX_LOOK_FOV_RAD
+            )
             client.camera.position = sensor.position + HOUSING_M * ahead
             client.camera.look_at = sensor.position + LOOK_M * ahead
 
     def aim(self, client: Handle, way: Spot, *, phone: bool | None = None) -> None:
-        """Aim a browser's camera at the area, from farther away where the window is narrow or a sheet covers it.
+        """Aim a browser's camera at the area, from farther away where the window is narrow or a
+        sheet covers it.
 
         way: from the area's middle to the camera (m); phone: None for as before."""
         camera = client.camera
@@ -73,4 +90,5 @@ class LiveCameras:
         middle = self.middle - covered * upwards / np.linalg.norm(upwards)
         self.aimed[client.client_id] = way, camera.aspect, phone, middle + away
         with client.atomic():
-            camera.position, camera.look_at = middle + away, middle
+            camera.position = middle + away
+            camera.look_at = middle

@@ -1,4 +1,5 @@
-"""Drawings in the live planner's scene: a map's signs, poles that may be used, sensors' views, pictures below."""
+"""Drawings in the live planner's scene: a map's signs, poles that may be used, sensors' views,
+pictures below."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,15 +25,23 @@ if TYPE_CHECKING:
 
 LIFT_M = 0.15  # signs above the ground
 REACH_M = 20.0  # to where a sensor looks at the ground, and no farther: its handle is there
-PICTURE_LIFT_M, PICTURE_ALPHA = 0.06, 215
-ARROW_M, HEAD_M = 8.0, 2.0  # length of the north arrow, and of its head
+PICTURE_LIFT_M = 0.06
+PICTURE_ALPHA = 215
+# length of the north arrow, and of its head
+ARROW_M = 8.0
+HEAD_M = 2.0
 SCALE_SHARE = 0.25  # largest part of the area's width that the scale takes
 MARGIN_M = 4.0  # between the area and its signs
 LANE_ARROW_M = 3.5
 POLE_MARK_M = 1.0  # width of the cross on top of a pole
 POLE_ROOM_M = 2.5  # around a pole, for its name
-SOLID_DETOUR_M, NAME_DETOUR_M, LANE_DETOUR_M = 100.0, 6.0, 4.0  # that signs go to be clear of them
-CROWD_DETOUR_M, HOUSE_DETOUR_M = 3.0, 200.0  # for each solid, and the share that houses cover, if no place is clear
+# that signs go to be clear of them
+SOLID_DETOUR_M = 100.0
+NAME_DETOUR_M = 6.0
+LANE_DETOUR_M = 4.0
+# for each solid, and the share that houses cover, if no place is clear
+CROWD_DETOUR_M = 3.0
+HOUSE_DETOUR_M = 200.0
 LARGE_M2 = 60.0  # least ground that a house covers or hides
 STREET_SCALE = 0.8  # size of the names of streets
 TRIED_PLACES = 24  # along each side of the area, for a sign without solids
@@ -41,13 +50,15 @@ LANE_INK = "#8a8a90"
 
 
 def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, Handle]:
-    """Add the site with all poles that may carry a sensor, and the signs of a map. Return the labels of poles, by name,
-    empty where there are more than `MAX_NAMED_POLES`."""
+    """Add the site with all poles that may carry a sensor, and the signs of a map. Return the
+    labels of poles, by name, empty where there are more than `MAX_NAMED_POLES`."""
     site = replace(site, mounts=tuple(poles))
     add_site(api, site, set())
     labels = {}
     for k, pole in enumerate(poles if len(poles) <= MAX_NAMED_POLES else ()):
-        label = api.add_label(f"/signs/poles/{k}", pole.name, font_screen_scale=0.7, anchor="bottom-center")
+        label = api.add_label(
+            f"/signs/poles/{k}", pole.name, font_screen_scale=0.7, anchor="bottom-center"
+        )
         label.position = pole.position + np.array([0.0, 0.0, pole.max_height])
         labels[pole.name] = label
     _add_pole_marks(api, poles)
@@ -56,23 +67,47 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     middle = _find_room(site, size, site.area[2:])
     _add_north(api, site, middle)
     arrow = shapely.box(*(middle - size / 2), *(middle + size / 2))
-    _add_scale(api, site, length, _find_room(site, np.array([length, HEAD_M]), site.area[:2], [arrow]))
+    _add_scale(
+        api, site, length, _find_room(site, np.array([length, HEAD_M]), site.area[:2], [arrow])
+    )
     low, high = site.area[:2] - MARGIN_M, site.area[2:] + MARGIN_M
     for k, street in enumerate(find_street_names(site, low, high)):
         place = _lift(site, np.array([[street.x, street.y]]))[0]
         api.add_label(
-            f"/signs/streets/{k}", street.name, position=place, font_screen_scale=STREET_SCALE, anchor="center-center"
+            f"/signs/streets/{k}",
+            street.name,
+            position=place,
+            font_screen_scale=STREET_SCALE,
+            anchor="center-center",
         )
-    arrows = [_arrow(np.array([x, y]), angle, LANE_ARROW_M, 1.0) for x, y, angle in find_lane_arrows(site, low, high)]
-    _add_lines(api, "/signs/lanes", site, np.concatenate([np.empty((0, 2, 2)), *arrows]), LANE_INK, width=1.5)
+    arrows = [
+        _arrow(np.array([x, y]), angle, LANE_ARROW_M, 1.0)
+        for x, y, angle in find_lane_arrows(site, low, high)
+    ]
+    _add_lines(
+        api,
+        "/signs/lanes",
+        site,
+        np.concatenate([np.empty((0, 2, 2)), *arrows]),
+        LANE_INK,
+        width=1.5,
+    )
     return labels
 
 
 def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
     """Cross the top of each pole, which is but a dot from above."""
-    tops = np.array([pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]).reshape(-1, 1, 1, 3)
-    arms = POLE_MARK_M / 2 * np.array([[[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]], [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]])
-    scene.add_lines(api, "/signs/marks", (tops + arms).reshape(-1, 2, 3), INK, width=2.0, visible=True)
+    tops = np.array(
+        [pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]
+    ).reshape(-1, 1, 1, 3)
+    arms = (
+        POLE_MARK_M
+        / 2
+        * np.array([[[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]], [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]])
+    )
+    scene.add_lines(
+        api, "/signs/marks", (tops + arms).reshape(-1, 2, 3), INK, width=2.0, visible=True
+    )
 
 
 def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) -> None:
@@ -80,43 +115,66 @@ def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) ->
     lines = _arrow(middle, float(np.arctan2(direction[1], direction[0])), ARROW_M, HEAD_M)
     _add_lines(api, "/signs/north", site, lines, INK, width=3.0)
     tip = _lift(site, (middle + (ARROW_M / 2 + 1.5) * direction)[None])[0]
-    api.add_label("/signs/north/letter", "N", position=tip, font_screen_scale=1.2, anchor="center-center")
+    api.add_label(
+        "/signs/north/letter", "N", position=tip, font_screen_scale=1.2, anchor="center-center"
+    )
 
 
 def _find_room(
-    site: Site, size: Float64[np.ndarray, "2"], corner: Float64[np.ndarray, "2"], signs: Sequence[shapely.Geometry] = ()
+    site: Site,
+    size: Float64[np.ndarray, "2"],
+    corner: Float64[np.ndarray, "2"],
+    signs: Sequence[shapely.Geometry] = (),
 ) -> Float64[np.ndarray, "2"]:
-    """Middle of a place of this size (m) within the area, near one of its corners. Solids do not cover it in the first
-    view, nor do poles, their names and other signs, and no lane is below it, as far as that is possible."""
+    """Middle of a place of this size (m) within the area, near one of its corners. Solids do not
+    cover it in the first view, nor do poles, their names and other signs, and no lane is below it,
+    as far as that is possible."""
     low, high = site.area[:2] + size / 2, site.area[2:] - size / 2
     axes = [np.linspace(a, max(a, b), TRIED_PLACES) for a, b in zip(low, high, strict=True)]
     spots = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     places = shapely.box(*(spots - size / 2).T, *(spots + size / 2).T)
     solids = [_hidden_ground(solid.footprint, solid.top - solid.base) for solid in site.solids]
-    circles = [shapely.Point(mount.position[:2]).buffer(POLE_ROOM_M, quad_segs=2) for mount in site.mounts]
+    circles = [
+        shapely.Point(mount.position[:2]).buffer(POLE_ROOM_M, quad_segs=2) for mount in site.mounts
+    ]
     rings = [shapely.get_coordinates(circle) for circle in circles]
-    names = [_hidden_ground(ring, mount.max_height) for ring, mount in zip(rings, site.mounts, strict=True)]
+    names = [
+        _hidden_ground(ring, mount.max_height)
+        for ring, mount in zip(rings, site.mounts, strict=True)
+    ]
     lanes = [shapely.Polygon(lane) for lane in site.lanes]
     away = np.linalg.norm(spots - corner, axis=1)
-    for covers, detour in ((solids, SOLID_DETOUR_M), ([*names, *signs], NAME_DETOUR_M), (lanes, LANE_DETOUR_M)):
+    for covers, detour in (
+        (solids, SOLID_DETOUR_M),
+        ([*names, *signs], NAME_DETOUR_M),
+        (lanes, LANE_DETOUR_M),
+    ):
         away += detour * (_count_covers(places, covers) > 0)
     houses = [ground for ground in solids if ground.area > LARGE_M2]
-    away += CROWD_DETOUR_M * _count_covers(places, solids) + HOUSE_DETOUR_M * _share_covered(places, houses)
+    away += CROWD_DETOUR_M * _count_covers(places, solids) + HOUSE_DETOUR_M * _share_covered(
+        places, houses
+    )
     return np.asarray(spots[away.argmin()])
 
 
-def _count_covers(places: np.ndarray, covers: Sequence[shapely.Geometry]) -> Int64[np.ndarray, " n"]:
+def _count_covers(
+    places: np.ndarray, covers: Sequence[shapely.Geometry]
+) -> Int64[np.ndarray, " n"]:
     """Number of geometries over each place."""
     touched, _ = shapely.STRtree(covers).query(places, predicate="intersects")
     return np.bincount(touched, minlength=len(places))
 
 
-def _share_covered(places: np.ndarray, covers: Sequence[shapely.Geometry]) -> Float64[np.ndarray, " n"]:
+def _share_covered(
+    places: np.ndarray, covers: Sequence[shapely.Geometry]
+) -> Float64[np.ndarray, " n"]:
     """Share of each place that geometries cover, up to 1."""
     tree = shapely.STRtree(covers)
     touched, cover = tree.query(places, predicate="intersects")
     areas = shapely.area(shapely.intersection(places[touched], tree.geometries[cover]))
-    return np.minimum(np.bincount(touched, areas, minlength=len(places)) / shapely.area(places), 1.0)
+    return np.minimum(
+        np.bincount(touched, areas, minlength=len(places)) / shapely.area(places), 1.0
+    )
 
 
 def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapely.Geometry:
@@ -126,25 +184,39 @@ def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapel
     return shapely.convex_hull(shapely.multipoints(np.concatenate([outline, outline + behind])))
 
 
-def _add_scale(api: "SceneApi", site: Site, length: float, middle: Float64[np.ndarray, "2"]) -> None:
-    half, tick = np.array([length / 2, 0.0]), np.array([0.0, 0.8])
-    start, end = middle - half, middle + half
+def _add_scale(
+    api: "SceneApi", site: Site, length: float, middle: Float64[np.ndarray, "2"]
+) -> None:
+    half = np.array([length / 2, 0.0])
+    tick = np.array([0.0, 0.8])
+    start = middle - half
+    end = middle + half
     lines = np.array([[start, end], [start - tick, start + tick], [end - tick, end + tick]])
     _add_lines(api, "/signs/scale", site, lines, INK, width=3.0)
     place = _lift(site, end[None])[0]
     api.add_label("/signs/scale/length", f"{length:g} m", position=place, anchor="center-left")
 
 
-def _arrow(middle: Float64[np.ndarray, "2"], angle: float, length: float, head: float) -> Float64[np.ndarray, "3 2 2"]:
+def _arrow(
+    middle: Float64[np.ndarray, "2"], angle: float, length: float, head: float
+) -> Float64[np.ndarray, "3 2 2"]:
     """Lines of an arrow: its shaft and both sides of its head (m)."""
-    along, aside = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
-    start, tip = middle - length / 2 * along, middle + length / 2 * along
+    along = np.array([np.cos(angle), np.sin(angle)])
+    aside = np.array([-np.sin(angle), np.cos(angle)])
+    start = middle - length / 2 * along
+    tip = middle + length / 2 * along
     sides = [tip - head * along + side * head / 2 * aside for side in (1, -1)]
     return np.array([[start, tip], [sides[0], tip], [sides[1], tip]])
 
 
 def _add_lines(
-    api: "SceneApi", name: str, site: Site, lines: Float64[np.ndarray, "n 2 2"], colour: str, *, width: float
+    api: "SceneApi",
+    name: str,
+    site: Site,
+    lines: Float64[np.ndarray, "n 2 2"],
+    colour: str,
+    *,
+    width: float,
 ) -> None:
     lifted = _lift(site, lines.reshape(-1, 2)).reshape(-1, 2, 3)
     scene.add_lines(api, name, lifted, colour, width=width, visible=True)
@@ -155,7 +227,8 @@ def _lift(site: Site, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray,
 
 
 def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
-    """Find the place of a sensor's handle (m): where it looks at the ground, no farther than `REACH_M`."""
+    """Find the place of a sensor's handle (m): where it looks at the ground, no farther than
+    `REACH_M`."""
     ahead = sensor.world_SE3_body[:3, 0]
     ground = float(site.ground(sensor.position[:2]))
     level = max(float(np.hypot(*ahead[:2])), 1e-6)
@@ -163,13 +236,19 @@ def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
     return np.asarray(sensor.position + ahead * min(down, REACH_M / level))
 
 
-def draw_view(site: Site, sensor: Sensor, target: Float64[np.ndarray, "3"]) -> Float32[np.ndarray, "n 2 3"]:
-    """Lines from a sensor to its handle and its foot, and along both sides of its field of view (m)."""
+def draw_view(
+    site: Site, sensor: Sensor, target: Float64[np.ndarray, "3"]
+) -> Float32[np.ndarray, "n 2 3"]:
+    """Lines from a sensor to its handle and its foot, and along both sides of its field of view
+    (m)."""
     half = min(sensor.model.horizontal_fov / 2, np.pi)
-    ahead, ends = target - sensor.position, [target]
+    ahead = target - sensor.position
+    ends = [target]
     for turn in (-half, half) if half < np.pi - 1e-6 else ():
         cos, sin = np.cos(turn), np.sin(turn)
-        side = np.array([cos * ahead[0] - sin * ahead[1], sin * ahead[0] + cos * ahead[1], ahead[2]])
+        side = np.array(
+            [cos * ahead[0] - sin * ahead[1], sin * ahead[0] + cos * ahead[1], ahead[2]]
+        )
         ends.append(sensor.position + side)
     foot = np.array([*sensor.position[:2], site.ground(sensor.position[:2])])
     pairs = [(sensor.position, end) for end in (*ends, foot)] + [(ends[0], end) for end in ends[1:]]
@@ -180,7 +259,8 @@ def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Pat
     """Lay a picture on the ground. folder: where its file is kept."""
     alpha = np.full((picture.height, picture.width), PICTURE_ALPHA, np.uint8)
     pixels = np.dstack([picture.read(folder)[::-1], alpha])
-    wide, long = picture.width * picture.scale, picture.height * picture.scale
+    wide = picture.width * picture.scale
+    long = picture.height * picture.scale
     laid = api.add_image("/picture", pixels, wide, long, cast_shadow=False)
     ground = float(site.ground(np.array([picture.x, picture.y])))
     laid.position = picture.x, picture.y, ground + PICTURE_LIFT_M

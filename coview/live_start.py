@@ -1,4 +1,5 @@
-"""`LiveSession`: a live planner that is served from before it is ready. Its first page says so, or opens a map or site.
+"""`LiveSession`: a live planner that is served from before it is ready. Its first page says so, or
+opens a map or site.
 
 What takes long to import is imported once the page is served."""
 
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
     from placement_env.live.planner import LivePlanner
     from placement_env.live.project import ProjectFile
 
-MAPS, SITES = (".osm", ".xodr"), (".json", ".geojson")
+MAPS = (".osm", ".xodr")
+SITES = (".json", ".geojson")
 MOST_BYTES = 60_000_000  # of an upload
 LONGEST = 60  # characters of a file's name that are kept
 SIZE = (80.0, 60.0)  # m
@@ -36,10 +38,13 @@ LIVE_PORT = 8090  # unless it is taken
 
 
 class StartPage:
-    """Panel that opens a map or site. then: gets the name or file of a site; folder: for uploads and imported sites."""
+    """Panel that opens a map or site. then: gets the name or file of a site; folder: for uploads
+    and imported sites."""
 
     def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
-        self._folder, self._then, self._busy = folder, then, threading.Lock()
+        self._folder = folder
+        self._then = then
+        self._busy = threading.Lock()
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()
@@ -49,10 +54,16 @@ class StartPage:
         self._centre = gui.add_text(
             "Centre", "", hint="longitude latitude, or x y (m) in OpenDRIVE; the map's own middle"
         )
-        self._size = gui.add_vector2("Size (m)", SIZE, min=(1.0, 1.0), max=(1000.0, 1000.0), step=1.0)
-        gui.add_button("Open").on_click(lambda _: self._open(lambda: Path(self._where.value.strip())))
+        self._size = gui.add_vector2(
+            "Size (m)", SIZE, min=(1.0, 1.0), max=(1000.0, 1000.0), step=1.0
+        )
+        gui.add_button("Open").on_click(
+            lambda _: self._open(lambda: Path(self._where.value.strip()))
+        )
         upload = gui.add_upload_button("Upload a map or site")
-        upload.on_upload(lambda _: self._open(lambda: self._keep(upload.value.name, upload.value.content)))
+        upload.on_upload(
+            lambda _: self._open(lambda: self._keep(upload.value.name, upload.value.content))
+        )
         self._said = gui.add_html("")
 
     def _open(self, find: Callable[[], Path]) -> None:
@@ -73,10 +84,13 @@ class StartPage:
         ending = Path(name).suffix.lower()
         if ending not in (*MAPS, *SITES) or len(content) > MOST_BYTES:
             raise ValueError(
-                f"an upload must end with {', '.join((*MAPS, *SITES))} and hold at most {MOST_BYTES // 10**6} MB, got "
-                f"{name!r:.70} of {len(content) / 1e6:.1f} MB"
+                f"an upload must end with {', '.join((*MAPS, *SITES))} and hold at most "
+                f"{MOST_BYTES // 10**6} MB, got {name!r:.70} of {len(content) / 1e6:.1f} MB"
             )
-        path = self._folder / f"{re.sub(r'[^A-Za-z0-9_-]+', '-', Path(name).stem)[:LONGEST] or 'map'}{ending}"
+        path = (
+            self._folder
+            / f"{re.sub(r'[^A-Za-z0-9_-]+', '-', Path(name).stem)[:LONGEST] or 'map'}{ending}"
+        )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, content)
         return path
@@ -89,7 +103,9 @@ class StartPage:
         try:
             x, y = map(float, typed) if typed else find_middle(path)
         except ValueError:
-            raise ValueError(f"the centre must be two numbers, got {self._centre.value!r:.60}: give them") from None
+            raise ValueError(
+                f"the centre must be two numbers, got {self._centre.value!r:.60}: give them"
+            ) from None
         width, length = self._size.value
         piece = MapPiece(path, (x, y), (width, length), seed=0)
         made = import_osm(piece) if path.suffix.lower() == ".osm" else import_opendrive(piece)
@@ -100,9 +116,12 @@ class StartPage:
 
 
 def find_middle(path: Path) -> tuple[float, float]:
-    """Middle of a map by its own bounds: longitude and latitude, or x and y (m) in OpenDRIVE. Raises ValueError for a
-    map that states none, OSError where it cannot be read."""
-    ends = {"bounds": ("minlon", "maxlon", "minlat", "maxlat"), "header": ("west", "east", "south", "north")}
+    """Middle of a map by its own bounds: longitude and latitude, or x and y (m) in OpenDRIVE.
+    Raises ValueError for a map that states none, OSError where it cannot be read."""
+    ends = {
+        "bounds": ("minlon", "maxlon", "minlat", "maxlat"),
+        "header": ("west", "east", "south", "north"),
+    }
     with suppress(ElementTree.ParseError, KeyError):
         for _, part in ElementTree.iterparse(path, events=("start",)):
             if part.tag in ends:
@@ -114,10 +133,11 @@ def find_middle(path: Path) -> tuple[float, float]:
 
 
 class LiveSession:
-    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine.
+    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of
+    this machine.
 
-    planner: or a function that makes one with its project of the name or file of a site, which `open` or the page asks
-    for."""
+    planner: or a function that makes one with its project of the name or file of a site, which
+    `open` or the page asks for."""
 
     planner: "LivePlanner"
     page: "LivePage"
@@ -133,7 +153,8 @@ class LiveSession:
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
         token = secrets.token_urlsafe(16)
-        self._open, self._folder = ExitStack(), folder
+        self._open = ExitStack()
+        self._folder = folder
         self._server = self._open.enter_context(viser_server(port, token))
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
         if callable(planner):
@@ -143,7 +164,8 @@ class LiveSession:
             self._show(planner, project)
 
     def open(self, site: str) -> None:
-        """Open a site in place of the first page. Raises what cannot be done, which the page shows too."""
+        """Open a site in place of the first page. Raises what cannot be done, which the page shows
+        too."""
         self._server.gui.reset()
         said = self._server.gui.add_html(note_html(f"opening {site}", ""))
         gc.disable()  # what is loaded stays
@@ -176,12 +198,16 @@ class LiveSession:
         self._open.close()
 
     def _repr_html_(self) -> str:
-        return f'<iframe src="{escape(self.url)}" width="100%" height="640" style="border:1px solid #ccc"></iframe>'
+        return (
+            f'<iframe src="{escape(self.url)}" width="100%" height="640" style="border:1px solid '
+            '#ccc"></iframe>'
+        )
 
 
 @contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM end a block as Ctrl-C does, so that what is open is saved; nothing outside the main thread."""
+    """Let SIGTERM end a block as Ctrl-C does, so that what is open is saved; nothing outside the
+    main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

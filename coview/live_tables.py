@@ -1,4 +1,5 @@
-"""HTML of the live planner's panel: the hint, figures, notes and the table of variants. Names are escaped."""
+"""HTML of the live planner's panel: the hint, figures, notes and the table of variants. Names are
+escaped."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -22,23 +23,28 @@ _BOX = f"font:12px/1.35 system-ui,sans-serif;color:{INK};padding:.2em .9em"
 MAP_REACH = 25.0  # m of a field of view on a small map
 _SMALL = f"color:{FAINT};font-size:12px"
 _WIDE_SHEET = (  # on a telephone viser's sheet is 20em wide, ours is as wide as the screen
-    '<style>[style*="fixed"][style*="20em"],[style*="fixed"] [style*="20em"]{width:100%!important}</style>'
+    '<style>[style*="fixed"][style*="20em"],[style*="fixed"] '
+    '[style*="20em"]{width:100%!important}</style>'
 )
 _STEPS = (
-    "<b>1</b> Drag a ball to turn a sensor, its box to another pole (Shift: up, down). <b>2</b> Read what it does. "
-    "<b>3</b> Ask what is best, and accept it."
+    "<b>1</b> Drag a ball to turn a sensor, its box to another pole (Shift: up, down). <b>2</b> "
+    "Read what it does. <b>3</b> Ask what is best, and accept it."
 )
 _FIRST_STEPS = (
-    "<b>No sensor is here yet.</b> Ask for the best to add, and accept it; or choose a pole and Add on the tab Sensor; "
-    "or add one at a click on the tab Draw. Poles that may be used have a cross on top."
+    "<b>No sensor is here yet.</b> Ask for the best to add, and accept it; or choose a pole and "
+    "Add on the tab Sensor; or add one at a click on the tab Draw. Poles that may be used have a "
+    "cross on top."
 )
 START = (
-    f'<div style="{_BOX}"><b>Open an OpenStreetMap (.osm) or OpenDRIVE (.xodr) extract, or a site</b>, by its path or '
-    "as an upload. The junction around the centre becomes a site, and planning starts.</div>"
+    f'<div style="{_BOX}"><b>Open an OpenStreetMap (.osm) or OpenDRIVE (.xodr) extract, '
+    "or a site</b>, by its path or as an upload. The junction around the centre becomes a site, "
+    "and planning starts.</div>"
 )
 MAP_KEY = (
-    f'<div style="{_BOX}"><div style="height:8px;background:linear-gradient(90deg,#fde725,#21918c,#440154)"></div>'
-    '<div style="display:flex;justify-content:space-between"><span>never seen</span><span>always</span></div>'
+    f'<div style="{_BOX}"><div style="height:8px;'
+    'background:linear-gradient(90deg,#fde725,#21918c,#440154)"></div>'
+    '<div style="display:flex;justify-content:space-between">'
+    "<span>never seen</span><span>always</span></div>"
     f'Boxes: <b style="color:{OUTCOME["hit"].colour}">found</b>, '
     f'<b style="color:{OUTCOME["missed"].colour}">missed, with a cross</b>, '
     "<b>under an arrow where no sensor sees them</b></div>"
@@ -48,7 +54,10 @@ MAP_KEY = (
 def hint_html(sensors: int) -> str:
     """Write what to do first, with a number of sensors or none."""
     steps = _STEPS if sensors else _FIRST_STEPS
-    return f'{_WIDE_SHEET}<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em .6em">{steps}</div>'
+    return (
+        f'{_WIDE_SHEET}<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em '
+        f'.6em">{steps}</div>'
+    )
 
 
 def figures_html(answer: "LiveAnswer") -> str:
@@ -59,33 +68,52 @@ def figures_html(answer: "LiveAnswer") -> str:
         bounds = _ends(answer.change_low, answer.change_high, answer.objects, signed=True)
         ends = f" ({bounds})" if np.isfinite(answer.change_low) else ""
         figure = format_share(answer.change, answer.objects, signed=True)
-        change = f'<div style="color:{colour}"><b class="live-change">{figure}</b>{ends} {escape(answer.what)}</div>'
+        change = (
+            f'<div style="color:{colour}"><b class="live-change">{figure}</b>{ends} '
+            f"{escape(answer.what)}</div>"
+        )
     limited = np.isfinite(answer.budget)
-    unit = escape(answer.currency) or ("pole" if (answer.budget if limited else answer.price) == 1 else "poles")
+    unit = escape(answer.currency) or (
+        "pole" if (answer.budget if limited else answer.price) == 1 else "poles"
+    )
     worst = "no sensor is left"
     if answer.worst_sensor:
         bounds = _ends(answer.worst_low, answer.worst_high, answer.objects)
         ends = f" ({bounds})" if np.isfinite(answer.worst_low) else ""
-        worst = f"{format_share(answer.worst, answer.objects)}{ends} without {escape(answer.worst_sensor)}"
+        worst = (
+            f"{format_share(answer.worst, answer.objects)}{ends} without "
+            f"{escape(answer.worst_sensor)}"
+        )
     budget = f" of {answer.budget:,.10g}" if limited else ""
     sensors = describe_count(answer.sensors, "sensor")
     facts = (
         ("Worst failure leaves AP", f'<span class="live-worst">{worst}</span>'),
         ("Data", f'<span class="live-kbit">{answer.kbit:,.0f}</span> kbit per frame'),
-        ("Price", f'<span class="live-price">{answer.price:,.10g}</span>{budget} {unit}, {sensors}'),
+        (
+            "Price",
+            f'<span class="live-price">{answer.price:,.10g}</span>{budget} {unit}, {sensors}',
+        ),
         ("Seen by no sensor", f"{answer.unseen} of {describe_count(answer.objects, 'road user')}"),
         ("Fullest link", _fullest(answer)),
     )
-    rows = "".join(f'<tr><td style="{_SMALL}">{name}</td><td align="right">{text}</td></tr>' for name, text in facts)
-    problems = "".join(
-        f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>' for each in answer.problems
+    rows = "".join(
+        f'<tr><td style="{_SMALL}">{name}</td><td align="right">{text}</td></tr>'
+        for name, text in facts
     )
-    several = _bars("Found, by class (95 % interval)", answer.classes) if len(answer.classes) > 1 else ""
+    problems = "".join(
+        f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>'
+        for each in answer.problems
+    )
+    several = (
+        _bars("Found, by class (95 % interval)", answer.classes) if len(answer.classes) > 1 else ""
+    )
     error = f"{answer.spread:.3f}" if np.isfinite(answer.spread) else "unknown"
     return (
-        f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{format_ap(answer)}</span> '
+        f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">'
+        f"{format_ap(answer)}</span> "
         f"AP, predicted{' (refining)' if answer.coarse else ''}"
-        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, answer.objects)}; {_number(answer)}; '
+        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, answer.objects)}; '
+        f"{_number(answer)}; "
         f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
         f"user is found and nothing else is.</div>{change}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
@@ -96,17 +124,23 @@ def figures_html(answer: "LiveAnswer") -> str:
 def details_html(answer: "LiveAnswer") -> str:
     """Share found at each level of traffic, and the load of each link."""
     rows = "".join(
-        f'<tr><td>{escape(link.pole)}</td><td align="right">{link.mbit_s:.1f}, load {link.load_mbit_s:.1f} of '
-        f"{link.capacity_mbit_s:g} Mbit/s</td></tr>"
+        f'<tr><td>{escape(link.pole)}</td><td align="right">{link.mbit_s:.1f}, '
+        f"load {link.load_mbit_s:.1f} of {link.capacity_mbit_s:g} Mbit/s</td></tr>"
         for link in answer.links
     )
     frames = describe_count(answer.frames, "frame")
     links = f'<div style="{_SMALL};margin-top:.4em">Links, over {frames}</div><table>{rows}</table>'
-    return f'<div style="{_BOX}">{_bars("Found, by traffic (95 % interval)", answer.levels)}{links}</div>'
+    return (
+        "<div "
+        f'style="{_BOX}">{_bars("Found, by traffic (95 % interval)", answer.levels)}{links}</div>'
+    )
 
 
 def _number(answer: "LiveAnswer") -> str:
-    return f"N = {describe_count(answer.objects, 'road user')}, {describe_count(answer.frames, 'frame')}"
+    return (
+        f"N = {describe_count(answer.objects, 'road user')}, "
+        f"{describe_count(answer.frames, 'frame')}"
+    )
 
 
 def _fullest(answer: "LiveAnswer") -> str:
@@ -122,15 +156,21 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
         width = 0.0 if np.isnan(row.recall) else 100 * row.recall
         bar = f'<div style="background:{BAR};height:6px;width:{width:.0f}%"></div>'
         said = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
-        ends = f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
+        ends = (
+            f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
+        )
         ap = ""
         if row.ap is not None and not np.isnan(row.ap):
-            ap = f", AP {format_share(row.ap, row.objects)} ({_ends(row.low, row.high, row.objects)})"
+            ap = (
+                f", AP {format_share(row.ap, row.objects)} "
+                f"({_ends(row.low, row.high, row.objects)})"
+            )
         lines.append(
-            '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;column-gap:.8em;margin-top:.25em">'
-            f'<span style="overflow-wrap:anywhere">{escape(row.name)}</span>'
-            f'<span style="{_SMALL}">{said}{ends}{ap}, N = {row.objects}</span></div>'
-            f'<div style="background:#e3e3e6">{bar}</div>'
+            "<div "
+            'style="display:flex;flex-wrap:wrap;justify-content:space-between;column-gap:.8em;margin-top:.25em">'
+            f'<span style="overflow-wrap:anywhere">{escape(row.name)}</span><span '
+            f'style="{_SMALL}">{said}{ends}{ap}, N = {row.objects}</span></div><div '
+            f'style="background:#e3e3e6">{bar}</div>'
         )
     return f'<div style="{_SMALL};margin-top:.4em">{title}</div>{"".join(lines)}'
 
@@ -145,27 +185,43 @@ def note_html(busy: str, note: str) -> str:
 def site_html(site: "Site") -> str:
     """Streets and buildings from above, hidden, for `map_html` to draw on."""
     drawn = [(lane, GROUND["lanes"]) for lane in site.lanes]
-    drawn += [(solid.footprint, SOLID[solid.kind]) for solid in site.solids if solid.kind in ("building", "pond")]
+    drawn += [
+        (solid.footprint, SOLID[solid.kind])
+        for solid in site.solids
+        if solid.kind in ("building", "pond")
+    ]
     shapes = "".join(f'<path d="{_path(corners)}" fill="{colour}"/>' for corners, colour in drawn)
-    return f'<svg width="0" height="0" style="position:absolute"><g id="live-site">{shapes}</g></svg>'
+    return (
+        f'<svg width="0" height="0" style="position:absolute"><g id="live-site">{shapes}</g></svg>'
+    )
 
 
 def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
-    """Small map of sensors, each with its field of view, faint where it has failed, to the north."""
+    """Small map of sensors, each with its field of view, faint where it has failed, to the
+    north."""
     xmin, ymin, xmax, ymax = site.area.tolist()
     shapes = []
     for index, (sensor, failed) in enumerate(sensors):
         x, y, _ = sensor.position.tolist()
-        half, ahead = min(sensor.model.horizontal_fov / 2, np.pi), sensor.world_SE3_body[:2, 0]
+        half = min(sensor.model.horizontal_fov / 2, np.pi)
+        ahead = sensor.world_SE3_body[:2, 0]
         turns = np.arctan2(ahead[1], ahead[0]) + np.linspace(-half, half, 9)
-        view = [(x, y), *np.column_stack([x + MAP_REACH * np.cos(turns), y + MAP_REACH * np.sin(turns)]).tolist()]
+        view = [
+            (x, y),
+            *np.column_stack(
+                [x + MAP_REACH * np.cos(turns), y + MAP_REACH * np.sin(turns)]
+            ).tolist(),
+        ]
         colour = FAINT if failed else sensor_colour(index)
         shapes.append(
             f'<path d="{_path(view)}" fill="{colour}" fill-opacity=".35"/>'
             f'<circle cx="{x:.1f}" cy="{-y:.1f}" r="2.5" fill="{colour}"/>'
         )
     box = f"{xmin:.1f} {-ymax:.1f} {xmax - xmin:.1f} {ymax - ymin:.1f}"
-    return f'<svg viewBox="{box}" style="width:84px;display:block"><use href="#live-site"/>{"".join(shapes)}</svg>'
+    return (
+        f'<svg viewBox="{box}" style="width:84px;display:block"><use '
+        f'href="#live-site"/>{"".join(shapes)}</svg>'
+    )
 
 
 def draw_small_maps(
@@ -174,7 +230,9 @@ def draw_small_maps(
     """Draw a small map of each variant. known: those that are drawn already."""
     maps = {}
     for variant in variants:
-        sensors = [(yard.build_sensor(variant, sensor), sensor.failed) for sensor in variant.sensors]
+        sensors = [
+            (yard.build_sensor(variant, sensor), sensor.failed) for sensor in variant.sensors
+        ]
         maps[variant] = known.get(variant) or map_html(yard.site, sensors)
     return maps
 
@@ -183,24 +241,41 @@ def _path(corners: Iterable[Iterable[float]]) -> str:
     return f"M{' '.join(f'{x:.1f},{-y:.1f}' for x, y in corners)}Z"
 
 
-def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mapping[str, str]) -> str:
+def variants_html(
+    answers: "Mapping[str, LiveAnswer]", current: str, maps: Mapping[str, str]
+) -> str:
     """Table of the variants side by side. maps: of each, as `map_html` draws them."""
     rows = []
     for name, each in answers.items():
         weight = "700" if name == current else "400"
         aps = ((each.ap, each.low, each.high), (each.worst, each.worst_low, each.worst_high))
         cells = [
-            f"{format_share(ap, each.objects)}<br><span style='{_SMALL}'>{_ends(low, high, each.objects)}</span>"
+            (
+                f"{format_share(ap, each.objects)}<br><span "
+                f"style='{_SMALL}'>{_ends(low, high, each.objects)}</span>"
+            )
             for ap, low, high in aps
         ]
-        figures = "".join(f'<td align="right">{c}</td>' for c in (*cells, f"{each.kbit:,.0f}", f"{each.price:,.10g}"))
+        figures = "".join(
+            f'<td align="right">{c}</td>'
+            for c in (*cells, f"{each.kbit:,.0f}", f"{each.price:,.10g}")
+        )
         rows.append(
-            f'<tr class="live-variant" style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
+            '<tr class="live-variant" '
+            f'style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
         )
     shown = answers[current]
-    titles = ("AP (95&nbsp;%)", "AP, worst failure", "kbit per frame", f"price, {escape(shown.currency) or 'poles'}")
+    titles = (
+        "AP (95&nbsp;%)",
+        "AP, worst failure",
+        "kbit per frame",
+        f"price, {escape(shown.currency) or 'poles'}",
+    )
     head = "".join(f'<td align="right">{title}</td>' for title in titles)
-    table = f'<table style="width:100%"><tr style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
+    table = (
+        '<table style="width:100%"><tr '
+        f'style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
+    )
     table += f'<div style="{_SMALL}">{_number(shown)}</div>'
     return f'<div style="{_BOX}">{table}</div>'
 
@@ -224,7 +299,8 @@ def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
     """Line on suggestions, the best first. kind: add, move or remove."""
     described = []
     for suggestion in suggestions:
-        sensor, pole = suggestion.sensor.name, suggestion.sensor.mount
+        sensor = suggestion.sensor.name
+        pole = suggestion.sensor.mount
         place = sensor if is_named_by_pole(sensor, pole) else f"{sensor} on {pole}"
         described.append(f"{place}: {describe_ap(suggestion.answer)}")
     title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]

@@ -21,7 +21,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code."""
     _open_streams()
-    debug, rest = "--debug" in arguments, [each for each in arguments if each != "--debug"]
+    debug = "--debug" in arguments
+    rest = [each for each in arguments if each != "--debug"]
     try:
         if rest[:1] in ([], ["-h"], ["--help"], ["--version"]):
             return _answer(rest[:1])
@@ -46,7 +47,8 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _open_streams() -> None:
-    """Open streams that were closed before the start, or the next files would take their numbers."""
+    """Open streams that were closed before the start, or the next files would take their
+    numbers."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
@@ -83,7 +85,9 @@ def _call(arguments: Sequence[str]) -> int:
     from coview.refusals import describe_near, describe_refusal, recorded_refusals
 
     if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
-        near = describe_near(arguments[0], list(COMMANDS)) or f": choose among {', '.join(COMMANDS)}"
+        near = (
+            describe_near(arguments[0], list(COMMANDS)) or f": choose among {', '.join(COMMANDS)}"
+        )
         raise ValueError(f"unknown command {arguments[0]!r}{near}")
     warnings.showwarning = lambda message, *_, **__: say(f"coview: note: {message}", error=True)
 
@@ -99,7 +103,11 @@ def _call(arguments: Sequence[str]) -> int:
                 {name: delay(command(name)) for name in wanted},
                 prog="coview",
                 args=arguments,
-                config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.SuppressFixed),
+                config=(
+                    tyro.conf.OmitSubcommandPrefixes,
+                    tyro.conf.OmitArgPrefixes,
+                    tyro.conf.SuppressFixed,
+                ),
             )
     except SystemExit as stopped:
         refusal = _find_refusal(stopped)
@@ -149,4 +157,7 @@ def refuse_hidden_packages() -> None:
             raise ValueError(f"{name}, a part of coview, is not installed: install coview again")
         if not place.is_relative_to(home / name):
             said = f"{place} hides {name}, a part of coview"
-            raise ValueError(f"{said}: rename it, or start Python from another folder and without it in PYTHONPATH")
+            raise ValueError(
+                f"{said}: rename it, or start Python from another folder and without it in "
+                "PYTHONPATH"
+            )

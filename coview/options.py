@@ -1,6 +1,8 @@
-"""Groups of options that commands share. Each dataclass is a group in --help, with the texts of its fields.
+"""Groups of options that commands share. Each dataclass is a group in --help, with the texts of its
+fields.
 
-`placement_env.cases.Cases`, `placement_env.setting.Weights` and `toolkit.runtime.run.Run` are groups of options too."""
+`placement_env.cases.Cases`, `placement_env.setting.Weights` and `toolkit.runtime.run.Run` are
+groups of options too."""
 
 import math
 from dataclasses import dataclass
@@ -48,13 +50,23 @@ class ClassOptions:
 
     def build(self) -> Classes:
         """Return the classes. Raises ValueError where the options do not fit."""
-        names, weights = self.classes, self.class_weights
+        names = self.classes
+        weights = self.class_weights
         if not 0 < self.small_iou <= 1:
-            raise ValueError(f"--small-iou must lie above 0 and at most at 1, got {self.small_iou:g}")
+            raise ValueError(
+                f"--small-iou must lie above 0 and at most at 1, got {self.small_iou:g}"
+            )
         if weights is not None and len(weights) != len(names):
-            raise ValueError(f"--class-weights needs a weight for each of {', '.join(names)}, got {len(weights)}")
+            raise ValueError(
+                f"--class-weights needs a weight for each of {', '.join(names)}, got {len(weights)}"
+            )
         own = None if self.small_iou == SMALL_IOU else self.small_iou
-        return Classes(names, weights or (), self.combine, tuple(own if name in SMALL else None for name in names))
+        return Classes(
+            names,
+            weights or (),
+            self.combine,
+            tuple(own if name in SMALL else None for name in names),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,24 +88,36 @@ class CandidateOptions:
 
     def __post_init__(self) -> None:
         if self.money is not None and not 0 <= self.money < math.inf:
-            raise ValueError(f"--money must be at least 0, got {self.money:g}: leave it out for any")
+            raise ValueError(
+                f"--money must be at least 0, got {self.money:g}: leave it out for any"
+            )
 
     def build(self, site: Site) -> tuple[Candidates, str]:
-        """Return the candidates at a site, and the currency of their prices, "" for prices in ordinary poles.
+        """Return the candidates at a site, and the currency of their prices, "" for prices in
+        ordinary poles.
 
         Raises ValueError where the options do not fit, and what the files raise."""
         if self.candidates == "paper" and not site.sensors:
             raise ValueError(f"site {site.name!r} has no sensors of its own: say --candidates pool")
         for option, given in (("--model", self.model), ("--sensors", self.sensors)):
             if self.candidates == "paper" and given:
-                raise ValueError(f"{option} is for --candidates pool or a file of poles: a site's sensors have theirs")
+                raise ValueError(
+                    f"{option} is for --candidates pool or a file of poles: a site's sensors have "
+                    "theirs"
+                )
         if self.model and self.sensors is not None:
-            raise ValueError("--model and --sensors both say what may be mounted: leave one of them out")
+            raise ValueError(
+                "--model and --sensors both say what may be mounted: leave one of them out"
+            )
         barred = () if self.keep_out is None else load_keep_out(self.keep_out, site)
         if self.sensors is None:
             models = [find_model(name) for name in self.model]
             return choose_candidates(site, self.candidates, models, keep_out=barred), ""
-        stock = Stock(candidates=self.candidates, catalogue=load_sensor_catalogue(self.sensors), keep_out=barred)
+        stock = Stock(
+            candidates=self.candidates,
+            catalogue=load_sensor_catalogue(self.sensors),
+            keep_out=barred,
+        )
         return stock(site), stock.currency
 
 
@@ -108,7 +132,8 @@ class SettingOptions:
     scheme: str = "early"
     """Fusion scheme: early, late, hybrid or foreground."""
     codec: str = "paper"
-    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm."""
+    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of
+    2 cm."""
     link_share: float = LINK_SHARE
     """Share of the frames in which every link must carry what is sent."""
     fidelity: Literal["coverage", "surrogate", "detector", "table"] = "surrogate"
@@ -121,9 +146,13 @@ class SettingOptions:
     """File of coview table for --fidelity table, in place of the shipped ones."""
 
     def build(self, site: Site, run: Run) -> tuple[Setting, str]:
-        """Return the setting at a site, and its currency. Raises ValueError where options do not fit."""
+        """Return the setting at a site, and its currency. Raises ValueError where options do not
+        fit."""
         if self.fidelity == "table" and self.candidates.candidates != "paper":
-            raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
+            raise ValueError(
+                "--fidelity table knows the built-in sites' own sensors only: say --candidates "
+                "paper"
+            )
         pool, currency = self.candidates.build(site)
         setting = Setting(
             site,
@@ -147,7 +176,8 @@ class SettingOptions:
 def load_own_detector(name: str | None, site: Site, run: Run) -> Detector | None:
     """Load the detector that --detector names at a site, None for the shipped one.
 
-    Raises ValueError where its detections are to be kept and it does not say what they depend on."""
+    Raises ValueError where its detections are to be kept and it does not say what they depend
+    on."""
     if name is None:
         return None
     detector = site_detector(name, site)

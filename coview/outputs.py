@@ -16,9 +16,18 @@ from toolkit.runtime.parallel import WorkLost
 from toolkit.runtime.resumable import ShardFolder
 from toolkit.runtime.text_tables import escape
 
-OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
+OK = 0
+SUSPECTED = 1
+BAD_INPUT = 2
+MISSING = 3
+LOST = 4
+INTERNAL = 70
+INTERRUPTED = 130
+PIPE_CLOSED = 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
-SITE_KIND, PLAN_KIND, CARD_KIND = "a site's file", "a plan", "the card of a network"
+SITE_KIND = "a site's file"
+PLAN_KIND = "a plan"
+CARD_KIND = "the card of a network"
 FILE_KINDS = {  # files that take long to make again, by a key that no other has
     "map_SE3_site": SITE_KIND,
     "coview_plan": PLAN_KIND,
@@ -41,7 +50,8 @@ class Writing:
 
 
 def say(text: object, *, error: bool = False) -> None:
-    """Print text, on stderr for an error: all that commands print goes through here or through `escape`."""
+    """Print text, on stderr for an error: all that commands print goes through here or through
+    `escape`."""
     print(escape(text), file=sys.stderr if error else sys.stdout, flush=error)
 
 
@@ -50,16 +60,21 @@ def print_result(result: object, text: str, *, as_json: bool) -> None:
     say(json.dumps(replace_infinite(result), allow_nan=False) if as_json else text)
 
 
-def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False, kind: str = "") -> None:
-    """Check that a command may write a file, if any. kind: of `FILE_KINDS` that it writes, "" for others.
+def check_file(
+    out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False, kind: str = ""
+) -> None:
+    """Check that a command may write a file, if any. kind: of `FILE_KINDS` that it writes, "" for
+    others.
 
-    Raises ValueError if `out` is an input or of a kind that the command does not write, whatever `overwrite` says;
-    OSError if it cannot be written or exists without `overwrite`."""
+    Raises ValueError if `out` is an input or of a kind that the command does not write, whatever
+    `overwrite` says; OSError if it cannot be written or exists without `overwrite`."""
     if out is not None:
         check_output(out, inputs=inputs, overwrite=True)
         found = find_kind(out)
         if found not in ("", kind):
-            raise ValueError(f"{out} is {found}, which this command does not write: give another name")
+            raise ValueError(
+                f"{out} is {found}, which this command does not write: give another name"
+            )
         check_output(out, overwrite=overwrite)
         if out.is_dir():
             raise IsADirectoryError(f"{out} is a folder: give the name of a file in it")
@@ -68,7 +83,11 @@ def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool
 
 def find_kind(path: Path) -> str:
     """Kind of a file among `FILE_KINDS`, "" for another file and none."""
-    if path.suffix.lower() not in (".json", ".geojson") or not path.is_file() or path.stat().st_size > MAX_JSON_BYTES:
+    if (
+        path.suffix.lower() not in (".json", ".geojson")
+        or not path.is_file()
+        or path.stat().st_size > MAX_JSON_BYTES
+    ):
         return ""
     try:
         content = read_json(path)
@@ -87,10 +106,11 @@ def check_folder(
     writes: Collection[str] = (),
     kind: str = "",
 ) -> None:
-    """Check that a command may write the file `holds` into a folder, new or old. writes: names of its other files;
-    kind: of `holds`.
+    """Check that a command may write the file `holds` into a folder, new or old. writes: names of
+    its other files; kind: of `holds`.
 
-    Raises ValueError for a file that is read, and for a file without `holds` next to it, which another made."""
+    Raises ValueError for a file that is read, and for a file without `holds` next to it, which
+    another made."""
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     for name in writes:
@@ -111,11 +131,13 @@ def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool 
 
 
 @contextmanager
-def claim(out: Path, asked: object, check: Callable[..., None], *, overwrite: bool = False) -> Iterator[bool]:
+def claim(
+    out: Path, asked: object, check: Callable[..., None], *, overwrite: bool = False
+) -> Iterator[bool]:
     """Check `out` by `check(overwrite=...)`, and keep other runs out of it until the block ends.
 
-    A killed run leaves a note of what was asked. The same question may replace what that run wrote without `overwrite`,
-    and the block is told whether it may."""
+    A killed run leaves a note of what was asked. The same question may replace what that run wrote
+    without `overwrite`, and the block is told whether it may."""
     check(overwrite=True)
     place = out.resolve()
     beside = not place.is_dir() or os.access(place.parent, os.W_OK)
@@ -146,7 +168,8 @@ def check_writable(folder: Path, out: Path) -> None:
 
 
 def report(error: BaseException, *, debug: bool = False) -> int:
-    """Print an error on stderr and return its exit code. debug: print the traceback of any error."""
+    """Print an error on stderr and return its exit code. debug: print the traceback of any
+    error."""
     if isinstance(error, BrokenPipeError):
         _silence(sys.stdout)
         return PIPE_CLOSED
@@ -175,7 +198,8 @@ def _classify(error: BaseException) -> tuple[int, str]:
         return MISSING, str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         remedy = "give another path, or make this one readable and writable"
-        return BAD_INPUT, f"cannot use {error.filename}: {error.strerror}; {remedy}"  # without the error's number
+        # without the error's number
+        return (BAD_INPUT, f"cannot use {error.filename}: {error.strerror}; {remedy}")
     if isinstance(error, OSError | ValueError):
         return BAD_INPUT, str(error)
     return INTERNAL, REPORT

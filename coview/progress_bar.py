@@ -1,4 +1,5 @@
-"""Progress of long work on stderr: a bar in a terminal, else a line now and then; nothing where JSON is asked for."""
+"""Progress of long work on stderr: a bar in a terminal, else a line now and then; nothing where
+JSON is asked for."""
 
 import sys
 import time
@@ -12,7 +13,8 @@ from tqdm import tqdm
 from coview.outputs import say
 from toolkit.runtime.text_tables import escape
 
-Steps = Mapping[str, float]  # main stages of a command in order, and the usual share of its time that each takes
+# main stages of a command in order, and the usual share of its time that each takes
+Steps = Mapping[str, float]
 NO_STEPS: Steps = MappingProxyType({})
 EVERY_S = 10.0  # between two lines where there is no terminal
 MIN_LEFT_S = 1.0  # below which no time left is stated
@@ -22,15 +24,21 @@ MIN_SHARE = 0.05  # part of the work, before which no time for all is stated
 class Bar:
     """Progress bar of absolute counts, as of the toolkit's callbacks."""
 
-    def __init__(self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS) -> None:
-        self._bar, self._hidden, self._stage, self._steps = bar, hidden, unit, steps
+    def __init__(
+        self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS
+    ) -> None:
+        self._bar = bar
+        self._hidden = hidden
+        self._stage = unit
+        self._steps = steps
         self._done = self._first = self._step = 0
         self._began = self._started = self._step_began = time.monotonic()
 
     def to(self, done: int) -> None:
         """Show the number done."""
         if done < self._done:  # the stage restarts
-            self._began, self._first = time.monotonic(), done
+            self._began = time.monotonic()
+            self._first = done
         self._bar.update(done - self._bar.n)
         self._done = done
 
@@ -40,8 +48,12 @@ class Bar:
             names = [*self._steps]
             step = names.index(name) + 1 if name in names else 0
             if step > self._step:
-                self._step, self._step_began = step, time.monotonic()
-            self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
+                self._step = step
+                self._step_began = time.monotonic()
+            self._stage = name
+            self._done = 0
+            self._first = 0
+            self._began = time.monotonic()
             self._bar.reset(total)
             self._bar.set_description(escape(name), refresh=False)
         self._bar.total = total
@@ -54,7 +66,9 @@ class Bar:
         if "AP@0.7" in figures:
             self.line("  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
         else:
-            self._bar.set_postfix({name: f"{value:.3f}" for name, value in figures.items()}, refresh=False)
+            self._bar.set_postfix(
+                {name: f"{value:.3f}" for name, value in figures.items()}, refresh=False
+            )
 
     def line(self, text: str) -> None:
         """Print a line above the bar."""
@@ -63,7 +77,9 @@ class Bar:
 
     def describe(self) -> str:
         """Describe the stage, its progress, and the time left."""
-        done, total, spent = self._done, self._bar.total, time.monotonic() - self._began
+        done = self._done
+        total = self._bar.total
+        spent = time.monotonic() - self._began
         count = f": {done}{f' of {total}' if total else ''}" if done or total else ""
         text = f"{self._describe_step()}{self._stage or 'inputs prepared'}{count}"
         if not total or done <= self._first:
@@ -74,17 +90,21 @@ class Bar:
         return f"{text}, about {_describe_time(left)} left"
 
     def _describe_step(self) -> str:
-        """Describe which step of how many this is, and how long all take: by the usual share of the steps before.
+        """Describe which step of how many this is, and how long all take: by the usual share of the
+        steps before.
 
-        Within a step time counts, not what is done: its count may be followed by other stages. A count that lags
-        behind the time counts, too."""
+        Within a step time counts, not what is done: its count may be followed by other stages. A
+        count that lags behind the time counts, too."""
         if not self._step:
             return ""
         shares = [*self._steps.values()]
-        before, now = sum(shares[: self._step - 1]), shares[self._step - 1]
-        total, name = self._bar.total, [*self._steps][self._step - 1]
+        before = sum(shares[: self._step - 1])
+        now = shares[self._step - 1]
+        total = self._bar.total
+        name = [*self._steps][self._step - 1]
         counted = min(1.0, self._done / total) if total and name == self._stage else 1.0
-        earlier, spent = self._step_began - self._started, time.monotonic() - self._step_began
+        earlier = self._step_began - self._started
+        spent = time.monotonic() - self._step_began
         if before and earlier:
             counted = min(counted, spent / (earlier / before * now))
         share = before + now * counted
@@ -108,7 +128,8 @@ def progress_bar(
 ) -> Iterator[Bar]:
     """Show a bar while the block runs. Without a terminal it is a line every `EVERY_S` seconds."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
-        bar, ended = Bar(inner, hidden, unit, steps), Event()
+        bar = Bar(inner, hidden, unit, steps)
+        ended = Event()
 
         def talk() -> None:
             while not ended.wait(EVERY_S):

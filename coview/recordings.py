@@ -18,9 +18,11 @@ class Opening:
     """Options for opening a recording."""
 
     layout: str | None = None
-    """folder, hdf5, rosbag, kitti, openlabel, dair, opv2v, v2xset, v2xreal, rcooper, nuscenes, argoverse or sustech."""
+    """folder, hdf5, rosbag, kitti, openlabel, dair, opv2v, v2xset, v2xreal, rcooper, nuscenes,
+    argoverse or sustech."""
     poses: Path | None = None
-    """File of sensor poses by name, for layout folder; the folder's own poses.json when left out."""
+    """File of sensor poses by name, for layout folder; the folder's own poses.json when left
+    out."""
     inverted: bool = False
     """Take the poses as world to sensor (extrinsics) instead of sensor to world."""
     site: str | None = None
@@ -43,11 +45,19 @@ class Opening:
         from toolkit.sites.files import load_site
 
         if str(path) in BUILT_IN and not path.exists():
-            raise ValueError(f"{path} is a site, no recording: make one with coview simulate {path} --out {path}.hdf5")
+            raise ValueError(
+                f"{path} is a site, no recording: make one with coview simulate {path} --out "
+                f"{path}.hdf5"
+            )
         place = load_site(self.site) if self.site else None
         try:
             recording = open_recording(
-                path, self.layout, poses=self.poses, inverted=self.inverted, site=place, drop_invalid=self.drop_invalid
+                path,
+                self.layout,
+                poses=self.poses,
+                inverted=self.inverted,
+                site=place,
+                drop_invalid=self.drop_invalid,
             )
         except UnknownSite as error:
             said = f"{path} does not say which site it shows, and shows no built-in one"
@@ -76,11 +86,15 @@ def count_passing(
 
 
 @contextmanager
-def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> "Iterator[CoopDataset]":
+def open_recording(
+    path: Path, site: str | None, *, drop_invalid: bool = False
+) -> "Iterator[CoopDataset]":
     """Open a recording of a known site."""
     with Opening(site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:
-            remedy = "give a recording of coview simulate, or take coview evaluate, which needs no site"
+            remedy = (
+                "give a recording of coview simulate, or take coview evaluate, which needs no site"
+            )
             raise ValueError(f"{path} holds recorded clouds of an unknown site: {remedy}")
         yield cast("CoopDataset", recording)
 

@@ -1,4 +1,5 @@
-"""Refusals of the argument parser, in one line as all others: the rule, what was typed, and what helps."""
+"""Refusals of the argument parser, in one line as all others: the rule, what was typed, and what
+helps."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -10,7 +11,11 @@ from toolkit.class_names import check_classes
 from toolkit.objects import LABELS
 
 COMMANDS_OF_COMMANDS = ("site",)
-_KINDS = {"FLOAT": ("a number", "numbers"), "INT": ("a whole number", "whole numbers"), "PATH": ("a path", "paths")}
+_KINDS = {
+    "FLOAT": ("a number", "numbers"),
+    "INT": ("a whole number", "whole numbers"),
+    "PATH": ("a path", "paths"),
+}
 
 
 def describe_near(word: str, known: Sequence[str]) -> str:
@@ -25,8 +30,8 @@ def describe_near(word: str, known: Sequence[str]) -> str:
 
 @contextmanager
 def recorded_refusals() -> Iterator[list[Any]]:
-    """Yield a list to which the parser adds its refusals, as events. It stays empty if tyro no longer reports them:
-    its module of errors is private, and its own text is shown then."""
+    """Yield a list to which the parser adds its refusals, as events. It stays empty if tyro no
+    longer reports them: its module of errors is private, and its own text is shown then."""
     events: list[Any] = []
     try:
         from tyro._errors import on_parse_error
@@ -70,7 +75,9 @@ def _describe_unknown(event: Any, text: str, command: str) -> str:
         if available is None:
             return f"unexpected argument {event.tokens[0]!r}: see {_help_line(command)}"
         near = describe_near(event.tokens[0], available[1].split(", "))
-        return f"unknown command {command} {event.tokens[0]}{near or f': choose among {available[1]}'}"
+        return (
+            f"unknown command {command} {event.tokens[0]}{near or f': choose among {available[1]}'}"
+        )
     name = options[0].partition("=")[0]
     meant = re.search(r"(?:Perhaps you meant|Similar arguments?)\W+(--[\w-]+)", text)
     remedy = f"did you mean {meant[1]}?" if meant else f"see {_help_line(command)}"
@@ -92,7 +99,9 @@ def _describe_choice(event: Any, _: str, command: str) -> str:
 def _describe_values(event: Any, text: str, command: str) -> str:
     if event.argument is None:
         return str(event.message)
-    given = re.search(r"instantiated from \[(.*?)\]", " ".join(str(event.message).split()) + " " + text)
+    given = re.search(
+        r"instantiated from \[(.*?)\]", " ".join(str(event.message).split()) + " " + text
+    )
     quoted = re.findall(r"'([^']*)'", given[1] if given else str(event.message))
     typed = " ".join(quoted)
     received = f", got {typed}" if typed else ""
@@ -107,7 +116,9 @@ def _describe_too_few(event: Any, _: str, command: str) -> str:
 
 def _describe_missing(event: Any, _: str, command: str) -> str:
     arguments = [missing.arg for missing in event.missing_arguments]
-    return f"{command} needs " + "; ".join(f"{_name(argument)}{_help(argument)}" for argument in arguments)
+    return f"{command} needs " + "; ".join(
+        f"{_name(argument)}{_help(argument)}" for argument in arguments
+    )
 
 
 def _describe_missing_command(event: Any, _: str, command: str) -> str:
@@ -142,7 +153,11 @@ def _kind(argument: Any) -> str:
         metavar = metavar[1:-1]
     words = metavar.replace("[", " ").replace("]", " ").split()
     kinds = [word for word in words if word in _KINDS]
-    if not kinds or len(set(kinds)) > 1 or len(kinds) < len([word for word in words if word.isupper()]):
+    if (
+        not kinds
+        or len(set(kinds)) > 1
+        or len(kinds) < len([word for word in words if word.isupper()])
+    ):
         return metavar
     if "..." in metavar or "*" in metavar:
         return f"one or several {_KINDS[kinds[0]][1]}"

@@ -36,7 +36,13 @@ def parser(name: str) -> ArgumentParser:
 def section(name: str) -> Iterator[str]:
     """Return the lines of a command: purpose, arguments, subcommands."""
     main = parser(name)
-    yield from (f"coview {name}", "-" * len(f"coview {name}"), "", *described(main.description), *options(main))
+    yield from (
+        f"coview {name}",
+        "-" * len(f"coview {name}"),
+        "",
+        *described(main.description),
+        *options(main),
+    )
     for word, below in subcommands(main).items():
         title = f"coview {name} {word}"
         yield from (title, "^" * len(title), "", *described(below.description), *options(below))
@@ -67,7 +73,11 @@ def options(main: ArgumentParser) -> Iterator[str]:
     for action in main._actions:
         if isinstance(action.choices, dict) or action.dest == "help" or action.help == SUPPRESS:
             continue
-        yield from (f"``{heading(action)}``", *(f"   {line}" for line in as_rst(action.help or "") if line), "")
+        yield from (
+            f"``{heading(action)}``",
+            *(f"   {line}" for line in as_rst(action.help or "") if line),
+            "",
+        )
 
 
 def heading(action: Any) -> str:

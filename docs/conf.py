@@ -1,11 +1,13 @@
-"""Configuration of Sphinx: `make docs` builds these pages into out/docs. No page needs the network."""
+"""Configuration of Sphinx: `make docs` builds these pages into out/docs. No page needs the
+network."""
 
 import sys
 from importlib import metadata
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent), str(HERE)]  # the checkout before what is installed; the extensions beside this file
+# the checkout before what is installed; the extensions beside this file
+sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 project = "coview"
 author = "the authors of coview"

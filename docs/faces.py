@@ -1,7 +1,8 @@
 """Sphinx directive `face`: everything that a package offers, room by room, from the docstrings.
 
-Docstrings here are plain text. `as_rst` hands them to Sphinx as what they mean: paragraphs, lists, indented blocks as
-they are, and words in backticks as code, which links to the entry of what it names where there is one.
+Docstrings here are plain text. `as_rst` hands them to Sphinx as what they mean: paragraphs, lists,
+indented blocks as they are, and words in backticks as code, which links to the entry of what it
+names where there is one.
 """
 
 import ast
@@ -19,7 +20,8 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-FACES = ("toolkit", "models", "placement_env")  # whose names have entries; other faces offer some of these again
+# whose names have entries; other faces offer some of these again
+FACES = ("toolkit", "models", "placement_env")
 LIST_ITEM = re.compile(r"(?:[-*]|\d+\.) ")
 CODE = re.compile(r"`([^`]+)`")
 SPECIAL = re.compile(r"([\\*|`]|_(?=\W|$)|(?<=\W):(?=\w))")
@@ -32,11 +34,14 @@ class Face(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Write a section for each room and an entry for each name."""
-        return self.parse_text_to_nodes("\n".join(page(self.arguments[0])), allow_section_headings=True)
+        return self.parse_text_to_nodes(
+            "\n".join(page(self.arguments[0])), allow_section_headings=True
+        )
 
 
 class Offered(SphinxDirective):
-    """`.. offered:: coview` lists the names of a face whose entries are on the pages of other faces."""
+    """`.. offered:: coview` lists the names of a face whose entries are on the pages of other
+    faces."""
 
     required_arguments = 1
 
@@ -75,7 +80,11 @@ def room(face: str, member: Any) -> str:
 
 def origin(member: Any) -> str:
     """Return the name of the module in which a member is defined, or of the module itself."""
-    return member.__name__ if isinstance(member, ModuleType) else str(getattr(member, "__module__", ""))
+    return (
+        member.__name__
+        if isinstance(member, ModuleType)
+        else str(getattr(member, "__module__", ""))
+    )
 
 
 def entry(face: str, name: str, member: Any) -> Iterator[str]:
@@ -96,7 +105,9 @@ def entry_names() -> dict[str, str]:
         package = import_module(face)
         for name in offers(face):
             member = getattr(package, name)
-            home = f"{origin(member)}.{name}" if not isinstance(member, ModuleType) else origin(member)
+            home = (
+                f"{origin(member)}.{name}" if not isinstance(member, ModuleType) else origin(member)
+            )
             entries.setdefault(home, f"{face}.{name}")
             entries[f"{face}.{name}"] = entries[home]
     return entries
@@ -130,8 +141,12 @@ def _block(lines: list[str]) -> list[str]:
         return lines
     if len(lines) > 1 and re.fullmatch("[-=]{3,}", lines[1]):
         return [f"**{lines[0]}**", "", *_block(lines[2:])] if lines[2:] else [f"**{lines[0]}**"]
-    doctest = next((number for number, line in enumerate(lines) if line.startswith(">>>")), len(lines))
-    indented = next((number for number, line in enumerate(lines) if line.startswith("    ")), len(lines))
+    doctest = next(
+        (number for number, line in enumerate(lines) if line.startswith(">>>")), len(lines)
+    )
+    indented = next(
+        (number for number, line in enumerate(lines) if line.startswith("    ")), len(lines)
+    )
     if doctest < len(lines):
         return [*_block(lines[:doctest]), "", *lines[doctest:]]
     if indented < len(lines) and not LIST_ITEM.match(lines[0]):
@@ -150,7 +165,9 @@ def _inline(text: str) -> str:
     bullet = LIST_ITEM.match(text)
     start = bullet.group() if bullet else ""
     pieces = CODE.split(text.removeprefix(start))
-    return start + "".join(_code(piece) if odd % 2 else SPECIAL.sub(r"\\\1", piece) for odd, piece in enumerate(pieces))
+    return start + "".join(
+        _code(piece) if odd % 2 else SPECIAL.sub(r"\\\1", piece) for odd, piece in enumerate(pieces)
+    )
 
 
 def _code(text: str) -> str:
@@ -193,13 +210,20 @@ def signature(member: Any) -> str | None:
     except (TypeError, ValueError):
         return None
     written = {name: _AsWritten(text) for name, text in _annotations(member).items()}
-    parameters = [p.replace(annotation=written.get(p.name, p.annotation)) for p in found.parameters.values()]
-    returned = inspect.Signature.empty if inspect.isclass(member) else written.get("return", found.return_annotation)
+    parameters = [
+        p.replace(annotation=written.get(p.name, p.annotation)) for p in found.parameters.values()
+    ]
+    returned = (
+        inspect.Signature.empty
+        if inspect.isclass(member)
+        else written.get("return", found.return_annotation)
+    )
     return str(found.replace(parameters=parameters, return_annotation=returned))
 
 
 def _annotations(member: Any) -> dict[str, str]:
-    """Annotations of a function, or of a class's fields and constructor, as they stand in the source."""
+    """Annotations of a function, or of a class's fields and constructor, as they stand in the
+    source."""
     parts: list[Any] = []
     for part in reversed(member.__mro__) if inspect.isclass(member) else [member]:
         with suppress(TypeError, OSError):  # built in, or made without source
@@ -209,12 +233,24 @@ def _annotations(member: Any) -> dict[str, str]:
         for node in part.body if isinstance(part, ast.ClassDef) else [part]:
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
                 written[node.target.id] = node.annotation
-            elif isinstance(node, ast.FunctionDef) and (node is part or node.name in ("__init__", "__new__")):
+            elif isinstance(node, ast.FunctionDef) and (
+                node is part or node.name in ("__init__", "__new__")
+            ):
                 a = node.args
-                all_of = (*a.posonlyargs, *a.args, *a.kwonlyargs, *filter(None, (a.vararg, a.kwarg)))
-                written |= {"return": node.returns, **{each.arg: each.annotation for each in all_of}}
+                all_of = (
+                    *a.posonlyargs,
+                    *a.args,
+                    *a.kwonlyargs,
+                    *filter(None, (a.vararg, a.kwarg)),
+                )
+                written |= {
+                    "return": node.returns,
+                    **{each.arg: each.annotation for each in all_of},
+                }
     return {
-        name: node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ast.unparse(node)
+        name: node.value
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        else ast.unparse(node)
         for name, node in written.items()
         if node is not None
     }
@@ -233,13 +269,21 @@ def _signature(
     return (arguments, returned) if arrow else (text, None)
 
 
-def _docstring(_app: Sphinx, _what: str, _name: str, _member: Any, _options: Any, lines: list[str]) -> None:
+def _docstring(
+    _app: Sphinx, _what: str, _name: str, _member: Any, _options: Any, lines: list[str]
+) -> None:
     lines[:] = as_rst("\n".join(lines))
 
 
-def _skip(_app: Sphinx, _what: str, _name: str, member: Any, skip: bool, _options: Any) -> bool | None:
+def _skip(
+    _app: Sphinx, _what: str, _name: str, member: Any, skip: bool, _options: Any
+) -> bool | None:
     """Drop the fields of named tuples, which the signature shows."""
-    return True if (inspect.getdoc(member) or "").startswith("Alias for field number") else skip or None
+    return (
+        True
+        if (inspect.getdoc(member) or "").startswith("Alias for field number")
+        else skip or None
+    )
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

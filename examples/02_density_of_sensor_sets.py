@@ -21,8 +21,13 @@ def main(frames: int = 40) -> None:
             counts = survey(recording)
     for chosen in SETS:
         points = counts.points_on_vehicles(chosen)
-        print(f"{chosen!s:<20} median {np.median(points):6.0f} points, {counts.unseen(chosen):6.1%} without any")
-    draw_density_cdf({str(chosen): counts.points_on_vehicles(chosen) for chosen in SETS}, "out/density.png")
+        print(
+            f"{chosen!s:<20} median {np.median(points):6.0f} points, {counts.unseen(chosen):6.1%} "
+            "without any"
+        )
+    draw_density_cdf(
+        {str(chosen): counts.points_on_vehicles(chosen) for chosen in SETS}, "out/density.png"
+    )
     print("drawn in out/density.png")
 
 

@@ -1,4 +1,5 @@
-"""Describe a crossroads of your own, hang sensors, save it: `coview simulate` then records it like the built-in ones.
+"""Describe a crossroads of your own, hang sensors, save it: `coview simulate` then records it like
+the built-in ones.
 
 python examples/03_write_your_own_site.py
 coview simulate out/crossroads.json --frames 100 --out out/crossroads.hdf5
@@ -34,19 +35,29 @@ def crossroads() -> Site:
     nodes.append({"id": "middle", "x": 0, "y": 0, "type": "priority"})
     lanes = street(1, width=3.5, shoulder=0.5, footway=2.5, speed=13.9)
     pairs = [pair for name in ends for pair in ((name, "middle"), ("middle", name))]
-    edges = [{"id": f"{a}_{b}", "from": a, "to": b, "priority": 1, "lanes": lanes} for a, b in pairs]
+    edges = [
+        {"id": f"{a}_{b}", "from": a, "to": b, "priority": 1, "lanes": lanes} for a, b in pairs
+    ]
     network = build_network(nodes, edges)
     roads, footways = road_polygons(network, np.array(AREA))
-    house = Solid(np.array([[12.0, 12.0], [26.0, 12.0], [26.0, 24.0], [12.0, 24.0]]), 0.0, 7.0, "building")
+    house = Solid(
+        np.array([[12.0, 12.0], [26.0, 12.0], [26.0, 24.0], [12.0, 24.0]]), 0.0, 7.0, "building"
+    )
     return Site(
         name="crossroads",
         area=np.array(AREA),
         lanes=roads,
         footways=footways,
         solids=(house,),
-        mounts=tuple(Mount(f"pole{i}", np.array([x, y, 0.0])) for i, (x, y) in enumerate([(9, -9), (-9, 9)])),
+        mounts=tuple(
+            Mount(f"pole{i}", np.array([x, y, 0.0])) for i, (x, y) in enumerate([(9, -9), (-9, 9)])
+        ),
         sensors=(
-            Sensor("d0", DepthCamera(), look((9.0, -9.0, 6.0), heading=np.deg2rad(135), tilt=np.deg2rad(10))),
+            Sensor(
+                "d0",
+                DepthCamera(),
+                look((9.0, -9.0, 6.0), heading=np.deg2rad(135), tilt=np.deg2rad(10)),
+            ),
             Sensor("lidar", SpinningLidar(channels=32), look_up((-9.0, 9.0, 5.0))),
         ),
         network=network,
@@ -67,7 +78,10 @@ def main() -> None:
     out.parent.mkdir(exist_ok=True)
     save_site(crossroads(), out)
     site = load_site(out)
-    print(f"{site.name}: {len(site.lanes)} lane polygons, {len(site.sensors)} sensors, written to {out}")
+    print(
+        f"{site.name}: {len(site.lanes)} lane polygons, {len(site.sensors)} sensors, written to "
+        f"{out}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Score early against late fusion on a recording: AP, kbit per sensor and milliseconds, as in the paper's first table.
+"""Score early against late fusion on a recording: AP, kbit per sensor and milliseconds, as in the
+paper's first table.
 
 python examples/04_evaluate_a_scheme.py
 """
@@ -22,17 +23,24 @@ from toolkit import (
 
 
 def main(frames: int = 20) -> None:
-    """Any function from points (n, 3) to `Detections` is a detector; the classical one needs no training."""
+    """Any function from points (n, 3) to `Detections` is a detector; the classical one needs no
+    training."""
     with tempfile.TemporaryDirectory() as folder:
         simulate_dataset("tjunction", Path(folder, "few.hdf5"), run=Run(frames=frames))
         with CoopDataset(Path(folder, "few.hdf5")) as recording:
             detector = ClusterDetector.learn(
-                frame_points(empty_scene(recording), area=recording.site, rng=np.random.default_rng(0))
+                frame_points(
+                    empty_scene(recording), area=recording.site, rng=np.random.default_rng(0)
+                )
             )
             rows = evaluate_recording(
                 recording,
                 detector,
-                Comparison(schemes=("early", "late"), sensor_sets=(None, (0, 2, 5)), iou_thresholds=(0.5, 0.7)),
+                Comparison(
+                    schemes=("early", "late"),
+                    sensor_sets=(None, (0, 2, 5)),
+                    iou_thresholds=(0.5, 0.7),
+                ),
             )
     print(format_table(rows))
 

@@ -21,7 +21,8 @@ from toolkit import load_site
 
 
 class SeenFromTwoSides:
-    """How much of the traffic at least two sensors see well, what is near the middle counting most."""
+    """How much of the traffic at least two sensors see well, what is near the middle counting
+    most."""
 
     name = "seen from two sides"
 
@@ -44,7 +45,11 @@ def main(frames: int = 6) -> None:
     seen = see(simulate_traffic(site, frames, seed=0), candidates)
     middle = site.area.reshape(2, 2).mean(axis=0)
     objective = Objective(
-        Setting(candidates=candidates, fidelity=SeenFromTwoSides(seen, middle), weights=Weights(price=0.02)),
+        Setting(
+            candidates=candidates,
+            fidelity=SeenFromTwoSides(seen, middle),
+            weights=Weights(price=0.02),
+        ),
         visibility=seen,
     )
     print(exhaustive.search(objective, budget=3))

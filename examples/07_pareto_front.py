@@ -9,7 +9,9 @@ from toolkit import Run
 
 def main(frames: int = 6) -> None:
     """Print the exact front of the six sensors' sets."""
-    objective = Objective(Setting("tjunction", scheme="hybrid", fidelity="coverage"), Run(frames=frames))
+    objective = Objective(
+        Setting("tjunction", scheme="hybrid", fidelity="coverage"), Run(frames=frames)
+    )
     found = exhaustive.search(objective, budget=6)
     print("price    kbit  covered  sensors")
     for score in found.front:

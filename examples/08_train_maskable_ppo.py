@@ -6,12 +6,21 @@ python examples/08_train_maskable_ppo.py
 import tempfile
 from pathlib import Path
 
-from placement_env import Objective, SensorSelectEnv, Setting, exhaustive, greedy, rollout, train_policy
+from placement_env import (
+    Objective,
+    SensorSelectEnv,
+    Setting,
+    exhaustive,
+    greedy,
+    rollout,
+    train_policy,
+)
 from toolkit import Run
 
 
 def main(frames: int = 6, steps: int = 2048, budget: int = 3) -> None:
-    """All environments share one objective and its memory. Called again with the same folder, training goes on."""
+    """All environments share one objective and its memory. Called again with the same folder,
+    training goes on."""
     objective = Objective(Setting("tjunction", fidelity="surrogate"), Run(frames=frames))
 
     def make_env() -> SensorSelectEnv:

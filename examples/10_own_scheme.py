@@ -1,4 +1,5 @@
-"""A fusion scheme of your own: within a budget of bits a sensor sends its foreground, else the boxes that it detects.
+"""A fusion scheme of your own: within a budget of bits a sensor sends its foreground, else the
+boxes that it detects.
 
 python examples/10_own_scheme.py
 """
@@ -30,7 +31,8 @@ from toolkit import (
 
 @dataclass(frozen=True)
 class Budgeted:
-    """Foreground from sensors where it takes at most `budget_bits` in a frame, boxes from all others."""
+    """Foreground from sensors where it takes at most `budget_bits` in a frame, boxes from all
+    others."""
 
     budget_bits: int = 4000
     name: str = "budgeted"
@@ -44,16 +46,30 @@ class Budgeted:
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Detect in all foreground together, and add the boxes of the other sensors."""
-        foreground, late = find_scheme("foreground"), find_scheme("late")
-        fits = [sensor for sensor in sensors if foreground.fuse(view, [sensor]).bits[0] <= self.budget_bits]
+        foreground = find_scheme("foreground")
+        late = find_scheme("late")
+        fits = [
+            sensor
+            for sensor in sensors
+            if foreground.fuse(view, [sensor]).bits[0] <= self.budget_bits
+        ]
         rest = [sensor for sensor in sensors if sensor not in fits]
         parts = [(fits, foreground.fuse(view, fits)), (rest, late.fuse(view, rest))]
-        bits = {sensor: sent for chosen, part in parts for sensor, sent in zip(chosen, part.bits, strict=True)}
+        bits = {
+            sensor: sent
+            for chosen, part in parts
+            for sensor, sent in zip(chosen, part.bits, strict=True)
+        }
         detections = suppress(Detections.merge(part.detections for _, part in parts))
-        return Fused(detections, np.array([bits[sensor] for sensor in sensors]), max(part.ms for _, part in parts))
+        return Fused(
+            detections,
+            np.array([bits[sensor] for sensor in sensors]),
+            max(part.ms for _, part in parts),
+        )
 
     def sent_points(self, counts: Any, /) -> np.ndarray:
-        """Raise ValueError: it depends on what each sensor sees, so only a detector can score this scheme."""
+        """Raise ValueError: it depends on what each sensor sees, so only a detector can score this
+        scheme."""
         raise ValueError("the budgeted scheme needs --fidelity detector")
 
     def mask_pooled(self, distance: np.ndarray, radius: float, /) -> None:

@@ -9,8 +9,11 @@ from typing import Any, Literal, SupportsFloat
 from toolkit.objects import LABELS
 
 MAX_COLUMNS = 5_000_000  # in the grid, whose maps take some 300 bytes each
-MAX_HEIGHT_CELLS, MAX_MAP_ANCHORS = 500, 16_000_000
-MAX_WIDTH, MAX_LAYERS = 4096, 64  # channels of a layer, and layers of a block
+MAX_HEIGHT_CELLS = 500
+MAX_MAP_ANCHORS = 16_000_000
+# channels of a layer, and layers of a block
+MAX_WIDTH = 4096
+MAX_LAYERS = 64
 MAX_VOXEL_POINTS = 10_000
 SHIPPED = Path(__file__).parent / "weights"
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
@@ -26,8 +29,9 @@ _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
 class AnchorKind:
     """Anchors of one class: in every cell, one for each yaw (rad).
 
-    margin: metres by which length and width of anchors and objects grow during matching, so that a small object matches
-    more than one anchor; positive, negative: IoU thresholds of that matching. Raises ValueError for impossible values.
+    margin: metres by which length and width of anchors and objects grow during matching, so that a
+    small object matches more than one anchor; positive, negative: IoU thresholds of that matching.
+    Raises ValueError for impossible values.
     """
 
     label: str
@@ -40,10 +44,14 @@ class AnchorKind:
 
     def __post_init__(self) -> None:
         if len(self.size) != 3 or min(self.size) <= 0 or not self.yaws:
-            raise ValueError(f"anchors need three sizes above 0 and a yaw, got {self.size} and {self.yaws}")
+            raise ValueError(
+                f"anchors need three sizes above 0 and a yaw, got {self.size} and {self.yaws}"
+            )
         if self.margin < 0 or not 0 <= self.negative <= self.positive <= 1:
             got = f"got {self.margin}, {self.negative} and {self.positive}"
-            raise ValueError(f"anchors need a margin of at least 0 and 0 <= negative <= positive <= 1, {got}")
+            raise ValueError(
+                f"anchors need a margin of at least 0 and 0 <= negative <= positive <= 1, {got}"
+            )
 
 
 ROAD_USERS = (
@@ -52,19 +60,21 @@ ROAD_USERS = (
     AnchorKind("cyclist", (1.8, 0.65, 1.65), 0.85, margin=0.6),
     AnchorKind("pedestrian", (0.65, 0.6, 1.7), 0.85, yaws=(0.0,), margin=0.8),
 )
-"""The classes of a network for all road users, vehicle first with the anchors of the networks that know no other."""
+"""The classes of a network for all road users, vehicle first with the anchors of the networks that
+know no other."""
 
 
-FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds", "rival_shares")  # made by calibration
+# made by calibration
+FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds", "rival_shares")
 
 
 @dataclass(frozen=True)
 class VoxelNetConfig:
     """Grid, widths and head of one VoxelNet; the published network by default.
 
-    The grid starts at the lower corner of the area and may reach beyond its upper end, a multiple of the network's
-    stride, but points outside the area are ignored. Maps have H along x, W along y. Raises ValueError for impossible
-    values."""
+    The grid starts at the lower corner of the area and may reach beyond its upper end, a multiple
+    of the network's stride, but points outside the area are ignored. Maps have H along x, W along
+    y. Raises ValueError for impossible values."""
 
     area: tuple[float, float, float, float]  # xmin ymin xmax ymax, m
     height: tuple[float, float] = (0.0, 4.0)  # m
@@ -72,82 +82,125 @@ class VoxelNetConfig:
     max_points: int = 35  # T of the paper: a voxel's points beyond it are dropped at random
 
     point_features: Literal["published", "local"] = "published"
-    """published: absolute coordinates, and the zeros that pad a voxel to T points take part in its maximum;
-    local: coordinates from the voxel's centre (z: from the ground), no padding, so that any area looks alike."""
+    """published: absolute coordinates, and the zeros that pad a voxel to T points take part in its
+    maximum; local: coordinates from the voxel's centre (z: from the ground), no padding, so that
+    any area looks alike."""
     vfe_widths: tuple[int, ...] = (16,)  # each of them is doubled by appending the voxel's maximum
     voxel_width: int = 128
-    middle_widths: tuple[int, ...] = (64, 64, 64)  # 3D convolutions; () folds the height into `column_width` channels
+    # 3D convolutions; () folds the height into `column_width` channels
+    middle_widths: tuple[int, ...] = (64, 64, 64)
     column_width: int = 0
 
     rpn_widths: tuple[int, int, int] = (128, 128, 256)
     rpn_layers: tuple[tuple[int, ...], ...] = ((0, 1, 2, 3), (0, 1, 1, 2, 3, 4), (0, 1, 2, 2, 3, 4))
-    """The order in which each block applies its convolutions: the published one applies one of blocks 2 and 3 twice."""
+    """The order in which each block applies its convolutions: the published one applies one of
+    blocks 2 and 3 twice."""
     upsample: Literal["concatenate", "add"] = "concatenate"
-    """concatenate: as published, three linear maps side by side; add: their sum, normalised and rectified."""
+    """concatenate: as published, three linear maps side by side; add: their sum, normalised and
+    rectified."""
     upsample_width: int = 256
     head3x3: int = 512  # width of the head's 3x3 convolution; 0: none
 
     head: Literal["published", "quality"] = "published"
-    """published: softmax over background and vehicle, seven residuals with the plain yaw difference;
-    quality: a logit per label, eight residuals with the doubled angle, a direction logit, an IoU logit."""
+    """published: softmax over background and vehicle, seven residuals with the plain yaw
+    difference; quality: a logit per label, eight residuals with the doubled angle, a direction
+    logit, an IoU logit."""
     labels: tuple[str, ...] = ("vehicle",)
     anchor_size: tuple[float, float, float] = (3.9, 1.56, 1.6)  # length width height, m
     anchor_z: float = 1.6  # height of the anchors' centres, m
     anchor_yaws: tuple[float, ...] = (0.0, math.pi / 2)
     quality_power: float = 0.0  # score = class probability · (predicted IoU)^quality_power
-    averaging: float = 0.0  # > 0: a box is the mean of all candidates whose footprints overlap it by a larger IoU
+    averaging: float = (
+        0.0  # > 0: a box is the mean of all candidates whose footprints overlap it by a larger IoU
+    )
 
     kinds: tuple[AnchorKind, ...] = ()
-    """Anchors by class, in the order of `labels`; (): all anchors are `anchor_size` and have a logit for every label,
-    which can be trained for one label only."""
+    """Anchors by class, in the order of `labels`; (): all anchors are `anchor_size` and have a
+    logit for every label, which can be trained for one label only."""
     faces: tuple[str, ...] = ()  # labels whose boxes' faces are measured by `models.network.faces`
     calibration: tuple[tuple[float, float], ...] = ()
-    """Per label a slope and an intercept: score = sigmoid(slope · logit(score) + intercept); (): as they are."""
+    """Per label a slope and an intercept: score = sigmoid(slope · logit(score) + intercept); (): as
+    they are."""
     rivalry: tuple[tuple[float, ...], ...] = ()
-    """Per label a slope, an intercept and a weight for each label, by which scores are lowered where boxes of other
-    labels stand at the same place (`models.network.candidates`); (): as they are."""
+    """Per label a slope, an intercept and a weight for each label, by which scores are lowered
+    where boxes of other labels stand at the same place (`models.network.candidates`); (): as they
+    are."""
     known: tuple[tuple[float, ...], ...] = ()
     """As `rivalry`, of the scores that are left where the detector knows the empty site."""
     score_threshold: float = 0.1  # of detections, where the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
     known_thresholds: tuple[float, ...] = ()  # the same of `known` scores; (): `thresholds`
     rival_shares: tuple[float, ...] = ()
-    """Per label a share of a rival's score; boxes with less are dropped. (): `LARGE_RIVAL_SHARES` of
-    `models.network.candidates`, between vehicles and heavy ones; zeros: no box is dropped."""
+    """Per label a share of a rival's score; boxes with less are dropped. (): `LARGE_RIVAL_SHARES`
+    of `models.network.candidates`, between vehicles and heavy ones; zeros: no box is dropped."""
 
     def __post_init__(self) -> None:
         xmin, ymin, xmax, ymax = self.area
         if not (xmax > xmin and ymax > ymin and self.height[1] > self.height[0]):
             raise ValueError(f"area and height must ascend, got {self.area} and {self.height}")
         if min(self.voxel_size) <= 0 or self.max_points < 1:
-            raise ValueError(f"voxels need a size above 0 and points, got {self.voxel_size} and {self.max_points}")
+            raise ValueError(
+                f"voxels need a size above 0 and points, got {self.voxel_size} and "
+                f"{self.max_points}"
+            )
         if bool(self.middle_widths) == bool(self.column_width):
             got = f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
             raise ValueError(f"give either three middle_widths or a column_width, {got}")
-        if len(self.middle_widths) not in (0, 3) or len(self.rpn_widths) != 3 or len(self.rpn_layers) != 3:
-            raise ValueError("middle_widths (unless empty), rpn_widths and rpn_layers need three entries each")
+        if (
+            len(self.middle_widths) not in (0, 3)
+            or len(self.rpn_widths) != 3
+            or len(self.rpn_layers) != 3
+        ):
+            raise ValueError(
+                "middle_widths (unless empty), rpn_widths and rpn_layers need three entries each"
+            )
         self._check_sizes()
         size = len(self.labels)
         unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
         if unknown or len(set(self.labels)) != size or not self.labels:
-            raise ValueError(f"labels must be different ones of {LABELS}, got {self.labels} with faces {self.faces}")
-        if self.kinds and (self.head != "quality" or tuple(kind.label for kind in self.kinds) != self.labels):
-            got = f"got labels {self.labels}, kinds {[kind.label for kind in self.kinds]} and head {self.head!r}"
-            raise ValueError(f"anchors by class need a quality head and a kind for each label in its order, {got}")
+            raise ValueError(
+                f"labels must be different ones of {LABELS}, got {self.labels} with faces "
+                f"{self.faces}"
+            )
+        if self.kinds and (
+            self.head != "quality" or tuple(kind.label for kind in self.kinds) != self.labels
+        ):
+            got = (
+                f"got labels {self.labels}, kinds {[kind.label for kind in self.kinds]} and head "
+                f"{self.head!r}"
+            )
+            raise ValueError(
+                "anchors by class need a quality head and a kind for each label in its order, "
+                f"{got}"
+            )
         if not set(self.faces) <= set(self.labels):
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
         lengths = {"calibration": 2, "rivalry": size + 2, "known": size + 2}
         for name, length in lengths.items():
             rows = getattr(self, name)
-            wrong = [row for row in rows if len(row) != length or row[0] <= 0 or min(row[2:], default=0) < 0]
+            wrong = [
+                row
+                for row in rows
+                if len(row) != length or row[0] <= 0 or min(row[2:], default=0) < 0
+            ]
             if len(rows) not in (0, size) or wrong:
-                needs = "a slope above 0, an intercept" + " and a weight of at least 0 for each label" * (length > 2)
-                raise ValueError(f"{name} must have {needs}, for each label, or be empty, got {rows}")
+                needs = (
+                    "a slope above 0, an intercept"
+                    + " and a weight of at least 0 for each label" * (length > 2)
+                )
+                raise ValueError(
+                    f"{name} must have {needs}, for each label, or be empty, got {rows}"
+                )
         by_label = self.thresholds, self.known_thresholds, self.rival_shares
         if not all(0 <= each < 1 for row in ((self.score_threshold,), *by_label) for each in row):
-            raise ValueError(f"thresholds and rival_shares must lie in 0..1, got {self.score_threshold}, {by_label}")
+            raise ValueError(
+                f"thresholds and rival_shares must lie in 0..1, got {self.score_threshold}, "
+                f"{by_label}"
+            )
         if not set(map(len, by_label)) <= {0, size}:
-            raise ValueError(f"thresholds must be one per label or empty, got {by_label} for {self.labels}")
+            raise ValueError(
+                f"thresholds must be one per label or empty, got {by_label} for {self.labels}"
+            )
 
     def _check_sizes(self) -> None:
         """Raise ValueError for a network that would take more memory than any place needs."""
@@ -155,34 +208,52 @@ class VoxelNetConfig:
         if nx * ny > MAX_COLUMNS or nz > MAX_HEIGHT_CELLS:
             got = f"area {sides} and voxel_size {self.voxel_size} make {nx} x {ny} x {nz} voxels"
             most = f"at most {MAX_COLUMNS} columns of {MAX_HEIGHT_CELLS}"
-            raise ValueError(f"the grid must have {most}, but {got}: lower the area or raise voxel_size")
+            raise ValueError(
+                f"the grid must have {most}, but {got}: lower the area or raise voxel_size"
+            )
         yaws = sum(len(kind.yaws) for kind in self.kinds) or len(self.anchor_yaws)
         anchors = nx * ny // 4 * yaws
         if anchors > MAX_MAP_ANCHORS:
-            raise ValueError(f"there may be {MAX_MAP_ANCHORS} anchors, got {anchors}: lower the area or anchor_yaws")
+            raise ValueError(
+                f"there may be {MAX_MAP_ANCHORS} anchors, got {anchors}: lower the area or "
+                "anchor_yaws"
+            )
         layers = (self.vfe_widths, *self.rpn_layers)
         widths = (*self.vfe_widths, *self.middle_widths, *self.rpn_widths)
         widths = (*widths, self.voxel_width, self.column_width, self.upsample_width, self.head3x3)
-        if not all(0 <= width <= MAX_WIDTH for width in widths) or 0 in (*self.rpn_widths, self.voxel_width):
-            raise ValueError(f"widths of layers must be at most {MAX_WIDTH}, got {max(widths)} and {min(widths)}")
-        orders = [number for order in self.rpn_layers for number in order]
-        if max(map(len, layers)) > MAX_LAYERS or not all(0 <= number < MAX_LAYERS for number in orders):
+        if not all(0 <= width <= MAX_WIDTH for width in widths) or 0 in (
+            *self.rpn_widths,
+            self.voxel_width,
+        ):
             raise ValueError(
-                f"a block has at most {MAX_LAYERS} layers, numbered from 0, got {str(self.rpn_layers)[:60]}"
+                f"widths of layers must be at most {MAX_WIDTH}, got {max(widths)} and {min(widths)}"
+            )
+        orders = [number for order in self.rpn_layers for number in order]
+        if max(map(len, layers)) > MAX_LAYERS or not all(
+            0 <= number < MAX_LAYERS for number in orders
+        ):
+            raise ValueError(
+                f"a block has at most {MAX_LAYERS} layers, numbered from 0, got "
+                f"{str(self.rpn_layers)[:60]}"
             )
         if self.max_points > MAX_VOXEL_POINTS:
-            raise ValueError(f"max_points must be at most {MAX_VOXEL_POINTS}, got {self.max_points}")
+            raise ValueError(
+                f"max_points must be at most {MAX_VOXEL_POINTS}, got {self.max_points}"
+            )
 
     @classmethod
     def published(cls, site: str, **changes: Any) -> "VoxelNetConfig":
         """Return the paper's network for "tjunction" or "roundabout", in the site's own frame."""
         if site not in SITE_AREAS:
-            raise ValueError(f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}")
+            raise ValueError(
+                f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}"
+            )
         return cls(**{"area": SITE_AREAS[site], "voxel_size": _VOXEL_SIZES[site], **changes})
 
     @classmethod
     def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> "VoxelNetConfig":
-        """Return the CPU default for any area: a quarter of the width, the height folded, no 3x3 head."""
+        """Return the CPU default for any area: a quarter of the width, the height folded, no 3x3
+        head."""
         return cls(**{"area": tuple(float(side) for side in area), **_LIGHT, **changes})
 
     @property
@@ -190,7 +261,10 @@ class VoxelNetConfig:
         """Voxels along x, y and z. x and y are multiples of 8, the stride of the third block."""
         xmin, ymin, xmax, ymax = self.area
         lengths = (xmax - xmin, ymax - ymin, self.height[1] - self.height[0])
-        nx, ny, nz = (math.ceil(round(each / size, 6)) for each, size in zip(lengths, self.voxel_size, strict=True))
+        nx, ny, nz = (
+            math.ceil(round(each / size, 6))
+            for each, size in zip(lengths, self.voxel_size, strict=True)
+        )
         return -(-nx // 8) * 8, -(-ny // 8) * 8, nz
 
     @property
@@ -205,8 +279,11 @@ class VoxelNetConfig:
 
     @property
     def anchor_kinds(self) -> tuple[AnchorKind, ...]:
-        """Anchors of a cell, class by class: `kinds`, or the one kind that the other entries describe."""
-        return self.kinds or (AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),)
+        """Anchors of a cell, class by class: `kinds`, or the one kind that the other entries
+        describe."""
+        return self.kinds or (
+            AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),
+        )
 
     @property
     def anchor_labels(self) -> tuple[int, ...]:
@@ -225,29 +302,53 @@ class VoxelNetConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        # Entries younger than the first shipped weights are left out at their default, so that digests do not change.
+        # Entries younger than the first shipped weights are left out at their default, so that
+        # digests do not change.
         young = ("kinds", "faces", "score_threshold", *FITTED)
         defaults = {each.name: each.default for each in fields(self) if each.name in young}
-        return {name: value for name, value in asdict(self).items() if name not in young or value != defaults[name]}
+        return {
+            name: value
+            for name, value in asdict(self).items()
+            if name not in young or value != defaults[name]
+        }
 
     @classmethod
     def from_dict(cls, values: object) -> "VoxelNetConfig":
-        """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError for others."""
+        """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError
+        for others."""
         known = asdict(_EXAMPLE)
         if not isinstance(values, dict):
-            raise ValueError(f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}")
+            raise ValueError(
+                f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}"
+            )
         if unknown := values.keys() - known:
-            raise ValueError(f"a VoxelNetConfig has no {', '.join(sorted(unknown))}: is the file newer?")
+            raise ValueError(
+                f"a VoxelNetConfig has no {', '.join(sorted(unknown))}: is the file newer?"
+            )
         if "area" not in values:
             raise ValueError("a VoxelNetConfig needs an area: xmin ymin xmax ymax (m)")
-        kinds, anchor = values.get("kinds", ()), asdict(ROAD_USERS[0])
+        kinds = values.get("kinds", ())
+        anchor = asdict(ROAD_USERS[0])
         if not isinstance(kinds, list | tuple):
             raise ValueError(f"kinds must be a list of anchors, got {str(kinds)[:60]}")
         for kind in kinds:
-            if not isinstance(kind, dict) or not {"label", "size", "z"} <= kind.keys() <= anchor.keys():
-                raise ValueError(f"an entry of kinds must be an object of {', '.join(anchor)}, got {str(kind)[:60]}")
-        parsed = {name: _parse(value, known[name], name) for name, value in values.items() if name != "kinds"}
-        parse = ({name: _parse(value, anchor[name], name) for name, value in kind.items()} for kind in kinds)
+            if (
+                not isinstance(kind, dict)
+                or not {"label", "size", "z"} <= kind.keys() <= anchor.keys()
+            ):
+                raise ValueError(
+                    f"an entry of kinds must be an object of {', '.join(anchor)}, got "
+                    f"{str(kind)[:60]}"
+                )
+        parsed = {
+            name: _parse(value, known[name], name)
+            for name, value in values.items()
+            if name != "kinds"
+        }
+        parse = (
+            {name: _parse(value, anchor[name], name) for name, value in kind.items()}
+            for kind in kinds
+        )
         return cls(**parsed, kinds=tuple(AnchorKind(**each) for each in parse))
 
 
@@ -257,16 +358,21 @@ def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
 
 
 def select_anchors(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
-    """Select anchors of `ROAD_USERS` in the order of `labels`. Raises ValueError for other labels."""
+    """Select anchors of `ROAD_USERS` in the order of `labels`. Raises ValueError for other
+    labels."""
     known = {kind.label: kind for kind in ROAD_USERS}
     labels = tuple(labels)
     if not labels or not set(labels) <= set(known) or len(set(labels)) != len(labels):
-        raise ValueError(f"classes must be different ones of {', '.join(known)}, got {', '.join(labels) or 'none'}")
+        raise ValueError(
+            f"classes must be different ones of {', '.join(known)}, got "
+            f"{', '.join(labels) or 'none'}"
+        )
     return tuple(known[label] for label in labels)
 
 
 def _parse(value: Any, example: Any, name: str) -> Any:
-    """Return a value, its lists as tuples. Raises ValueError unless it has the type of the example."""
+    """Return a value, its lists as tuples. Raises ValueError unless it has the type of the
+    example."""
     got = str(value)[:60]
     match example:
         case tuple():
@@ -278,7 +384,9 @@ def _parse(value: Any, example: Any, name: str) -> Any:
         case str() if not isinstance(value, str):
             raise ValueError(f"{name} must be a text like {example!r}, got {got}")
         case int() | float():
-            if isinstance(value, bool) or not isinstance(value, int if isinstance(example, int) else int | float):
+            if isinstance(value, bool) or not isinstance(
+                value, int if isinstance(example, int) else int | float
+            ):
                 raise ValueError(f"{name} must be a number like {example}, got {got}")
             if not -_LARGEST <= value <= _LARGEST:
                 raise ValueError(f"{name} must lie within ±{_LARGEST:g}, got {got}")

@@ -26,11 +26,16 @@ from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 from toolkit.sites.site import check_area
 
-SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
+# steps whose multiples fill a square evenly (Roberts 2018)
+SPREAD = np.array([0.7548776662466927, 0.5698402909980532])
 MOST_PHASES = 16
-LEAST_KNOWN = 0.05  # score of what a detector reports where it is judged anew, since the empty site is known
+LEAST_KNOWN = (
+    0.05  # score of what a detector reports where it is judged anew, since the empty site is known
+)
 MIN_UNKNOWN_PERSON_SCORE = 0.4  # of a pedestrian at a site that nothing is known of
-BLOCK_CELLS, MARGIN_CELLS = 512, 128  # voxels of a block of a wide area, multiples of the coarsest stride
+# voxels of a block of a wide area, multiples of the coarsest stride
+BLOCK_CELLS = 512
+MARGIN_CELLS = 128
 SAME = 0.3  # footprint IoU above which boxes of several grids are averaged
 _Area = tuple[float, float, float, float]
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
@@ -39,9 +44,10 @@ _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 class VoxelNetDetector:
     """Detector of one network: points (n, 3) in, `Detections` out, in the world frame, m.
 
-    Points outside the network's area are ignored, and so are boxes with their centre outside. score_threshold:
-    detections at or below it are dropped; None takes the configuration's own, which may differ by label. nms_threshold:
-    of two boxes of one class with a larger footprint IoU, only the better scored one stays (0.1 in the paper)."""
+    Points outside the network's area are ignored, and so are boxes with their centre outside.
+    score_threshold: detections at or below it are dropped; None takes the configuration's own,
+    which may differ by label. nms_threshold: of two boxes of one class with a larger footprint IoU,
+    only the better scored one stays (0.1 in the paper)."""
 
     def __init__(
         self,
@@ -58,18 +64,26 @@ class VoxelNetDetector:
         self.faces = None if network.faces is None else copy.deepcopy(network.faces).cpu().eval()
 
     def _adopt(
-        self, config: VoxelNetConfig, device: str | torch.device, score_threshold: float | None, nms_threshold: float
+        self,
+        config: VoxelNetConfig,
+        device: str | torch.device,
+        score_threshold: float | None,
+        nms_threshold: float,
     ) -> None:
         """Take over all that is known without weights."""
-        self.config, self.device = config, torch.device(device)
+        self.config = config
+        self.device = torch.device(device)
         if self.device.type == "cpu":
             keep_freed_memory()  # its maps come and go with every cloud
         self.name = type(self).__name__  # or what it was loaded by
         own = config.thresholds or (config.score_threshold,) * len(config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
-        self.known_thresholds = self.thresholds if score_threshold is not None else config.known_thresholds or own
+        self.known_thresholds = (
+            self.thresholds if score_threshold is not None else config.known_thresholds or own
+        )
         self.rival_shares = None if score_threshold is not None else decoding.rival_shares(config)
-        self.nms_threshold, self.phases = nms_threshold, 1
+        self.nms_threshold = nms_threshold
+        self.phases = 1
         self.anchors = anchors(config).to(self.device)
 
     @property
@@ -84,7 +98,10 @@ class VoxelNetDetector:
 
     @property
     def _least_scores(self) -> tuple[float, ...]:
-        return tuple(min(least, decoding.LEAST_RIVAL if self.config.rivalry else 1.0) for least in self.thresholds)
+        return tuple(
+            min(least, decoding.LEAST_RIVAL if self.config.rivalry else 1.0)
+            for least in self.thresholds
+        )
 
     @property
     def digest(self) -> str:
@@ -94,21 +111,28 @@ class VoxelNetDetector:
         return own if self.phases == 1 else f"{own} on {self.phases} grids"
 
     def shift_grids(self, phases: int) -> "VoxelNetDetector":
-        """Same detector on several grids, shifted by parts of a cell: where one grid lies matters less. Boxes of one
-        class that overlap are averaged, and have the greatest of their scores. Raises ValueError for fewer than one
-        grid, or more than `MOST_PHASES`."""
+        """Same detector on several grids, shifted by parts of a cell: where one grid lies matters
+        less. Boxes of one class that overlap are averaged, and have the greatest of their scores.
+        Raises ValueError for fewer than one grid, or more than `MOST_PHASES`."""
         if not 1 <= phases <= MOST_PHASES:
-            raise ValueError(f"phases must be 1 to {MOST_PHASES} grids, got {phases}: 4 is usual for real clouds")
+            raise ValueError(
+                f"phases must be 1 to {MOST_PHASES} grids, got {phases}: 4 is usual for real clouds"
+            )
         other = copy.copy(self)
-        other.phases, other.name = phases, f"{self.name}+phases{phases}"
+        other.phases = phases
+        other.name = f"{self.name}+phases{phases}"
         return other
 
     def quick(self) -> "VoxelNetDetector":
-        """Same detector with coarser numbers where the processor is faster with them, else itself."""
-        if not is_quick_at_bfloat16(self.device) or not isinstance(getattr(self, "network", None), SparseVoxelNet):
+        """Same detector with coarser numbers where the processor is faster with them, else
+        itself."""
+        if not is_quick_at_bfloat16(self.device) or not isinstance(
+            getattr(self, "network", None), SparseVoxelNet
+        ):
             return self
         other = copy.copy(self)
-        other.network, other._weights = self.network.halve(), f"{self._weights} in bfloat16"
+        other.network = self.network.halve()
+        other._weights = f"{self._weights} in bfloat16"
         other.name = f"{self.name}+bfloat16"
         other._tiled = None if self._tiled is None else TiledVoxelNet(other.network)
         return other
@@ -132,30 +156,41 @@ class VoxelNetDetector:
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
-        found = decoding.candidates(self.network(collate(voxels)), self.anchors, self.config, self._least_scores)
+        found = decoding.candidates(
+            self.network(collate(voxels)), self.anchors, self.config, self._least_scores
+        )
         return [
             self._finish(*each, cloud) if len(cells.cells) else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
         ]
 
     def unions(self, clouds: _Clouds, unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in many unions of the same clouds, such as all sets of a site's sensors. The results are those of each
-        union's points, to the rounding of float32, in much less time where most clouds reach only a part of the area
-        (`models.network.tiles`)."""
+        """Detect in many unions of the same clouds, such as all sets of a site's sensors. The
+        results are those of each union's points, to the rounding of float32, in much less time
+        where most clouds reach only a part of the area (`models.network.tiles`)."""
         found: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None and self.phases == 1:
-            plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
+            plan = self._tiled.plan(
+                [torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions
+            )
             if self._tiled.gains(plan):
                 found = dict(self._at_once(self._tiled, plan, clouds))
-        return [found[row] if row in found else self(join_clouds(clouds, union)) for row, union in enumerate(unions)]
+        return [
+            found[row] if row in found else self(join_clouds(clouds, union))
+            for row, union in enumerate(unions)
+        ]
 
-    def _at_once(self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: _Clouds) -> Iterator[tuple[int, Detections]]:
+    def _at_once(
+        self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: _Clouds
+    ) -> Iterator[tuple[int, Detections]]:
         unions = plan.unions
         reaching = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
         for some, entries, predictions in tiled(plan):
             parts = []
             for first, corner, maps in predictions:
-                part = decoding.all_candidates(maps, self.anchors, self.config, self._least_scores, corner)
+                part = decoding.all_candidates(
+                    maps, self.anchors, self.config, self._least_scores, corner
+                )
                 parts.append(part._replace(item=part.item + first))
             found = decoding.Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
             count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()
@@ -168,22 +203,29 @@ class VoxelNetDetector:
                     yield row, self._finish(*best, join_clouds(clouds, unions[row]))
 
     def at_known_site(self) -> "VoxelNetDetector":
-        """Same detector, which reports what it is less sure of too, where `score_known` is to judge it."""
+        """Same detector, which reports what it is less sure of too, where `score_known` is to judge
+        it."""
         other = copy.copy(self)
-        other.thresholds, other.rival_shares = tuple(min(least, LEAST_KNOWN) for least in self.thresholds), None
+        other.thresholds = tuple(min(least, LEAST_KNOWN) for least in self.thresholds)
+        other.rival_shares = None
         return other if self.config.known else self
 
     def at_unknown_site(self) -> "VoxelNetDetector":
         """Same detector, which reports pedestrians from `MIN_UNKNOWN_PERSON_SCORE` on.
 
-        Trunks, posts and bins look like weak pedestrians, and nothing is known of what stands at the site."""
+        Trunks, posts and bins look like weak pedestrians, and nothing is known of what stands at
+        the site."""
         other = copy.copy(self)
-        floors = [MIN_UNKNOWN_PERSON_SCORE if label == LABELS[PEDESTRIAN] else 0.0 for label in self.config.labels]
+        floors = [
+            MIN_UNKNOWN_PERSON_SCORE if label == LABELS[PEDESTRIAN] else 0.0
+            for label in self.config.labels
+        ]
         other.thresholds = tuple(map(max, self.thresholds, floors))
         return other
 
     def score_known(self, found: Detections) -> Detections:
-        """Return detections with the scores they are worth where what belongs to the empty site is left out."""
+        """Return detections with the scores they are worth where what belongs to the empty site is
+        left out."""
         if not self.config.known:
             return found
         rescored = decoding.apply_rivals(found, replace(self.config, rivalry=self.config.known))
@@ -191,7 +233,8 @@ class VoxelNetDetector:
 
     def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
         rows = [label_index(name) for name in self.labels]
-        least, shares = np.zeros(len(LABELS)), np.zeros((len(LABELS), len(rows)))
+        least = np.zeros(len(LABELS))
+        shares = np.zeros((len(LABELS), len(rows)))
         least[rows] = thresholds
         found = found[found.scores > least[found.labels]]
         if self.rival_shares is None:
@@ -205,7 +248,11 @@ class VoxelNetDetector:
         found = decoding.suppress(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:
             found = self._take_above(decoding.apply_rivals(found, self.config), self.thresholds)
-        return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
+        return (
+            found
+            if self.faces is None
+            else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
+        )
 
 
 def is_wide(area: _Area, config: VoxelNetConfig) -> bool:
@@ -217,9 +264,10 @@ def is_wide(area: _Area, config: VoxelNetConfig) -> bool:
 class WideVoxelNetDetector(VoxelNetDetector):
     """Detector of one network in an area too large for one grid, block by block.
 
-    A box depends on the points within some metres, so a grid of one block, with a margin on every side, finds there
-    what a grid of the whole area finds. Blocks lie on the whole grid's cells, and only those with points are computed.
-    network: for any area, with coordinates from its voxels. Other arguments as `VoxelNetDetector`."""
+    A box depends on the points within some metres, so a grid of one block, with a margin on every
+    side, finds there what a grid of the whole area finds. Blocks lie on the whole grid's cells, and
+    only those with points are computed. network: for any area, with coordinates from its voxels.
+    Other arguments as `VoxelNetDetector`."""
 
     def __init__(
         self,
@@ -234,7 +282,9 @@ class WideVoxelNetDetector(VoxelNetDetector):
         sides = cells * network.config.voxel_size[0], cells * network.config.voxel_size[1]
         block = VoxelNet(replace(network.config, area=(0.0, 0.0, *sides)))
         block.load_state_dict(network.state_dict())
-        super().__init__(block, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
+        super().__init__(
+            block, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
+        )
         self._tiled = None  # unions are detected one after another
         self._wide = area
 
@@ -255,11 +305,13 @@ class WideVoxelNetDetector(VoxelNetDetector):
     def _detect_blocks(self, cloud: Float[np.ndarray, "n 3"]) -> Detections:
         voxel = np.array(self.config.voxel_size[:2])
         low, high = np.array(self._wide[:2]), np.array(self._wide[2:])
-        block, margin = BLOCK_CELLS * voxel, MARGIN_CELLS * voxel
+        block = BLOCK_CELLS * voxel
+        margin = MARGIN_CELLS * voxel
         xy = cloud[:, :2].astype(np.float64)
         inside = ((xy > low) & (xy < high)).all(axis=1)
         inside &= (cloud[:, 2] > self.config.height[0]) & (cloud[:, 2] < self.config.height[1])
-        cloud, xy = cloud[inside], xy[inside]
+        cloud = cloud[inside]
+        xy = xy[inside]
         corners = np.floor((xy - low) / block).astype(np.int64)
         parts = []
         for corner in np.unique(corners, axis=0):
@@ -285,15 +337,19 @@ def load_detector(
     score_threshold: float | None = None,
     nms_threshold: float = 0.1,
 ) -> VoxelNetDetector:
-    """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its weights.
+    """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its
+    weights.
 
-    site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of detection; weights of one
-    site have their own area, general ones go anywhere. Raises FileNotFoundError for unknown weights, ValueError if they
-    are damaged or for another place."""
+    site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of
+    detection; weights of one site have their own area, general ones go anywhere. Raises
+    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place."""
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):
-        raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or 'general'")
+        raise ValueError(
+            f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or "
+            "'general'"
+        )
     kind: Callable[..., VoxelNetDetector] = partial(VoxelNetDetector, network)
     if area is not None:
         xmin, ymin, xmax, ymax = check_area([float(side) for side in area]).tolist()
@@ -308,7 +364,8 @@ def load_detector(
 
 
 def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDetector:
-    """Load the network shipped for a site, else the general one. area: xmin ymin xmax ymax, m, world frame."""
+    """Load the network shipped for a site, else the general one. area: xmin ymin xmax ymax, m,
+    world frame."""
     own = (SHIPPED / f"{site}.safetensors").exists()
     return load_detector(site if own else "general", area=area)
 
@@ -318,27 +375,35 @@ def goes_anywhere(network: VoxelNet, trained_for: str) -> bool:
     return trained_for == "general" and network.config.point_features == "local"
 
 
-def relocate(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
-    """Return a network with the same weights on another area. Raises ValueError for weights that know only one area."""
+def relocate(
+    network: VoxelNet, area: tuple[float, float, float, float], trained_for: str
+) -> VoxelNet:
+    """Return a network with the same weights on another area. Raises ValueError for weights that
+    know only one area."""
     config = network.config
     if area == config.area:
         return network
     if not goes_anywhere(network, trained_for):
         own, got = (" ".join(f"{side:g}" for side in corners) for corners in (config.area, area))
         remedy = f"give that area (--area {own}), or take detector general"
-        raise ValueError(f"these weights are for the area {own} of {trained_for!r} alone, got {got}: {remedy}")
+        raise ValueError(
+            f"these weights are for the area {own} of {trained_for!r} alone, got {got}: {remedy}"
+        )
     elsewhere = VoxelNet(replace(config, area=area))
     elsewhere.load_state_dict(network.state_dict())
     return elsewhere
 
 
 def weights_file(name: str | Path) -> Path:
-    """Path of shipped weights by name, or the path itself. Raises FileNotFoundError for an unknown name."""
+    """Path of shipped weights by name, or the path itself. Raises FileNotFoundError for an unknown
+    name."""
     path = Path(name)
     if path.suffix in (".safetensors", ".onnx"):
         return path
     shipped = SHIPPED / f"{name}.safetensors"
     if not shipped.exists():
         names = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.safetensors"))) or "none yet"
-        raise FileNotFoundError(f"no weights named {str(name)!r}; shipped: {names}; or give a path to a .safetensors")
+        raise FileNotFoundError(
+            f"no weights named {str(name)!r}; shipped: {names}; or give a path to a .safetensors"
+        )
     return shipped

@@ -1,8 +1,9 @@
-"""Networks as ONNX files, ours and anybody's, each with a card, NAME.onnx.json, beside NAME.onnx: see
-docs/how-to/onnx.md.
+"""Networks as ONNX files, ours and anybody's, each with a card, NAME.onnx.json, beside NAME.onnx:
+see docs/how-to/onnx.md.
 
-The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, of `decoded` (does
-the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file."""
+The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required,
+of `decoded` (does the network return boxes, or maps), and if wanted of `nms_threshold` and of the
+`sha256` of the file."""
 
 import base64
 import json
@@ -30,8 +31,13 @@ from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
 from toolkit.runtime.files import parse_json, read_plain, read_text, writing
 
-MAX_PLACE_M, MAX_SIZE_M, MAX_YAW_RAD = 1e5, 100.0, 1e3  # in boxes that a network returns
-_POINTS, _VOXELS, _BOXES = ["points"], ["features", "voxel", "cells"], ["boxes", "scores", "labels"]
+# in boxes that a network returns
+MAX_PLACE_M = 1e5
+MAX_SIZE_M = 100.0
+MAX_YAW_RAD = 1e3
+_POINTS = ["points"]
+_VOXELS = ["features", "voxel", "cells"]
+_BOXES = ["boxes", "scores", "labels"]
 _MISSING = "networks in ONNX need {}: pip install coview[onnx]"
 
 
@@ -47,10 +53,13 @@ class _Graph(nn.Module):
         x = network.features.encode(features, voxel, cells.shape[0])
         if isinstance(network.middle, HeightFold):
             (nx, ny, nz), weight = network.middle.shape, network.middle.weight
-            x = torch.stack([((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]).sum(0)
+            x = torch.stack(
+                [((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]
+            ).sum(0)
             column = cells[:, 1] * ny + cells[:, 2]
             occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
-            flat = x.new_zeros(nx * ny, x.shape[1])  # index_add would become ScatterND, whose threads lose summands
+            # index_add would become ScatterND, whose threads lose summands
+            flat = x.new_zeros(nx * ny, x.shape[1])
             x = network.middle.norm(flat.scatter_reduce(0, column[:, None].expand_as(x), x, "sum"))
             x = (torch.relu(x) * occupied[:, None]).view(1, nx, ny, -1).permute(0, 3, 1, 2)
         else:
@@ -61,31 +70,43 @@ class _Graph(nn.Module):
 def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | None = None) -> None:
     """Write shipped weights or a weights file as ONNX, its card beside it.
 
-    area: xmin ymin xmax ymax (m), for weights that go anywhere. Raises ImportError without onnxscript, ValueError for
-    weights of another area."""
+    area: xmin ymin xmax ymax (m), for weights that go anywhere. Raises ImportError without
+    onnxscript, ValueError for weights of another area."""
     network, header = load_weights(weights_file(name))
     if area is not None:
         xmin, ymin, xmax, ymax = (float(side) for side in area)
         network = relocate(network, (xmin, ymin, xmax, ymax), header.site or "general").eval()
-    (xmin, ymin, xmax, ymax), points, voxels = network.config.area, *map(torch.export.Dim, ("points", "voxels"))
+    (xmin, ymin, xmax, ymax), points, voxels = (
+        network.config.area,
+        *map(torch.export.Dim, ("points", "voxels")),
+    )
     cloud = np.random.default_rng(0).uniform((xmin, ymin, 0), (xmax, ymax, 3), (9000, 3))
-    seen, sizes = voxelise(torch.from_numpy(cloud), network.config), ({0: points}, {0: points}, {0: voxels})
+    seen = voxelise(torch.from_numpy(cloud), network.config)
+    sizes = ({0: points}, {0: points}, {0: voxels})
     for talkative in ("torch.onnx", "onnx_ir"):
         logging.getLogger(talkative).setLevel(logging.ERROR)
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # the exporter's own
         maps = [key for key, each in network(seen)._asdict().items() if each is not None]
-        named: dict[str, Any] = {"input_names": _VOXELS, "output_names": maps, "dynamic_shapes": sizes}
+        named: dict[str, Any] = {
+            "input_names": _VOXELS,
+            "output_names": maps,
+            "dynamic_shapes": sizes,
+        }
         inputs = (*network.features.inputs(seen), seen.cells)
         try:
             import onnxscript  # noqa: F401  # by which torch exports
 
-            program: Any = torch.onnx.export(_Graph(network), inputs, dynamo=True, verbose=False, **named)
+            program: Any = torch.onnx.export(
+                _Graph(network), inputs, dynamo=True, verbose=False, **named
+            )
         except ImportError as error:
             raise ImportError(_MISSING.format(error.name or "onnxscript")) from None
     proto = program.model_proto
     if network.faces is not None:
-        proto.metadata_props.add(key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode())
+        proto.metadata_props.add(
+            key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode()
+        )
     content = proto.SerializeToString()
     card = {"decoded": False, "sha256": sha256(content).hexdigest(), **network.config.to_dict()}
     _write(out, content, card)
@@ -121,10 +142,10 @@ def find_card(path: str | Path) -> Path:
 class OnnxDetector(VoxelNetDetector):
     """Detector of an ONNX file and its card, which computes on the CPU.
 
-    area: xmin ymin xmax ymax (m) of detection, None for the card's own. limits: time and memory of its first run, in
-    another process. Raises FileNotFoundError without file or card; ValueError, in one line, for those that are damaged
-    or do not fit each other, or the area, and for a network that fails with a cloud or passes the limits; ImportError
-    without onnxruntime."""
+    area: xmin ymin xmax ymax (m) of detection, None for the card's own. limits: time and memory of
+    its first run, in another process. Raises FileNotFoundError without file or card; ValueError, in
+    one line, for those that are damaged or do not fit each other, or the area, and for a network
+    that fails with a cloud or passes the limits; ImportError without onnxruntime."""
 
     def __init__(
         self,
@@ -139,40 +160,75 @@ class OnnxDetector(VoxelNetDetector):
         if missing := [str(each) for each in (Path(path), card) if not each.is_file()]:
             needs = "a network in ONNX needs NAME.onnx and its card NAME.onnx.json"
             raise FileNotFoundError(f"no file {missing[0]}: {needs}")
-        self._content, self._session = read_plain(path), None
+        self._content = read_plain(path)
+        self._session = None
         self._weights = sha256(self._content).hexdigest()
         try:
             self._open(parse_json(read_text(card, "JSON")), score_threshold, nms_threshold, limits)
             self.name = str(path)
         except ValueError as error:
-            raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:400]}") from None
+            raise ValueError(
+                f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:400]}"
+            ) from None
         if area is not None and (wanted := tuple(float(side) for side in area)) != self.area:
-            own, got = (" ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted))
-            raise ValueError(f"{path} is for the area {own}, got {got}: give --area {own}, or export it for yours")
+            own, got = (
+                " ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted)
+            )
+            raise ValueError(
+                f"{path} is for the area {own}, got {got}: give --area {own}, or export it for "
+                "yours"
+            )
 
     def _open(
-        self, card: object, score_threshold: float | None, nms_threshold: float | None, limits: TrialLimits | None
+        self,
+        card: object,
+        score_threshold: float | None,
+        nms_threshold: float | None,
+        limits: TrialLimits | None,
     ) -> None:
         """Take over the card, and try the network."""
         if not isinstance(card, dict) or not {"decoded", "area", "labels"} <= card.keys():
-            raise ValueError(f"the card must be an object with decoded, area and labels, got {str(card)[:60]}")
+            raise ValueError(
+                f"the card must be an object with decoded, area and labels, got {str(card)[:60]}"
+            )
         card = {"nms_threshold": 0.1, "sha256": self._weights, **card}
-        self.decoded, nms, digest = (card.pop(key) for key in ("decoded", "nms_threshold", "sha256"))
-        if digest != self._weights or type(self.decoded) is not bool or not isinstance(nms, int | float):
+        self.decoded, nms, digest = (
+            card.pop(key) for key in ("decoded", "nms_threshold", "sha256")
+        )
+        if (
+            digest != self._weights
+            or type(self.decoded) is not bool
+            or not isinstance(nms, int | float)
+        ):
             got = f"got {self.decoded}, {nms} and {digest}"
-            raise ValueError(f"decoded must be true or false, nms_threshold a number, sha256 that of the file, {got}")
+            raise ValueError(
+                "decoded must be true or false, nms_threshold a number, sha256 that of the file, "
+                f"{got}"
+            )
         config = VoxelNetConfig.from_dict(card)
         self._adopt(config, "cpu", score_threshold, nms if nms_threshold is None else nms_threshold)
-        self._tiled, self.faces, self._features = None, None, VoxelFeatures(config)
+        self._tiled = None
+        self.faces = None
+        self._features = VoxelFeatures(config)
         xmin, ymin, xmax, ymax = config.area
-        middle = np.array([[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32)
+        middle = np.array(
+            [[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32
+        )
         _import_runtime()
-        try_network(self._content, self._points(middle) | self._voxels(middle), limits or TrialLimits())
+        try_network(
+            self._content, self._points(middle) | self._voxels(middle), limits or TrialLimits()
+        )
         session = self.session
-        takes, gives = ([each.name for each in some] for some in (session.get_inputs(), session.get_outputs()))
-        wanted = _BOXES if self.decoded else Prediction._fields[: 4 if config.head == "quality" else 2]
+        takes, gives = (
+            [each.name for each in some] for some in (session.get_inputs(), session.get_outputs())
+        )
+        wanted = (
+            _BOXES if self.decoded else Prediction._fields[: 4 if config.head == "quality" else 2]
+        )
         if sorted(takes) not in (_POINTS, sorted(_VOXELS)) or not set(gives) >= set(wanted):
-            must = f"it must take {_POINTS[0]} or {' '.join(_VOXELS)}, and return {' '.join(wanted)}"
+            must = (
+                f"it must take {_POINTS[0]} or {' '.join(_VOXELS)}, and return {' '.join(wanted)}"
+            )
             raise ValueError(f"{must}, but takes {' '.join(takes)} and returns {' '.join(gives)}")
         if config.faces:
             if (faces := session.get_modelmeta().custom_metadata_map.get("faces")) is None:
@@ -189,11 +245,16 @@ class OnnxDetector(VoxelNetDetector):
         """Session of ONNX Runtime, opened once in each process."""
         if self._session is None:
             onnxruntime = _import_runtime()
-            options, level = onnxruntime.SessionOptions(), onnxruntime.GraphOptimizationLevel
-            options.graph_optimization_level = level.ORT_ENABLE_EXTENDED  # beyond it, rounding is three times worse
-            options.intra_op_num_threads, options.log_severity_level = torch.get_num_threads(), 4
+            options = onnxruntime.SessionOptions()
+            level = onnxruntime.GraphOptimizationLevel
+            # beyond it, rounding is three times worse
+            options.graph_optimization_level = level.ORT_ENABLE_EXTENDED
+            options.intra_op_num_threads = torch.get_num_threads()
+            options.log_severity_level = 4
             try:
-                self._session = onnxruntime.InferenceSession(self._content, options, ["CPUExecutionProvider"])
+                self._session = onnxruntime.InferenceSession(
+                    self._content, options, ["CPUExecutionProvider"]
+                )
             except Exception as error:  # of ONNX Runtime, which share no class
                 raise ValueError(f"ONNX Runtime cannot read it ({error})") from None
         return self._session
@@ -207,7 +268,9 @@ class OnnxDetector(VoxelNetDetector):
             outputs = session.run(None, inputs)
             return dict(zip([each.name for each in session.get_outputs()], outputs, strict=True))
         except Exception as error:  # of ONNX Runtime, which share no class
-            raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
+            raise ValueError(
+                f"{self.name} fails with a cloud of {len(cloud)} points ({error})"
+            ) from None
 
     def _points(self, cloud: Points) -> dict[str, np.ndarray]:
         """Input of a network that takes points."""
@@ -225,33 +288,56 @@ class OnnxDetector(VoxelNetDetector):
 
     def batch(self, clouds: Iterable[np.ndarray]) -> list[Detections]:
         """Detect in several clouds, one after another."""
-        return [self._detect(cloud) if len(self._inside(cloud)) else Detections.empty() for cloud in clouds]
+        return [
+            self._detect(cloud) if len(self._inside(cloud)) else Detections.empty()
+            for cloud in clouds
+        ]
 
     def _detect(self, cloud: Points) -> Detections:
         found = self.run(cloud)
         if not self.decoded:
-            maps = Prediction(**{key: torch.from_numpy(found[key]) for key in Prediction._fields if key in found})
-            return self._finish(*candidates(maps, self.anchors, self.config, self._least_scores)[0], cloud)
+            maps = Prediction(
+                **{key: torch.from_numpy(found[key]) for key in Prediction._fields if key in found}
+            )
+            return self._finish(
+                *candidates(maps, self.anchors, self.config, self._least_scores)[0], cloud
+            )
         boxes, scores, labels = (found[key] for key in _BOXES)
-        known, fits = len(self.labels), labels.ndim == 1 and scores.shape == labels.shape
+        known = len(self.labels)
+        fits = labels.ndim == 1 and scores.shape == labels.shape
         if not fits or boxes.shape != (len(labels), 7) or not np.isin(labels, range(known)).all():
             shapes = f"{boxes.shape}, {scores.shape} and {labels.shape}"
-            raise ValueError(f"{self.name} must return (m, 7), (m,) and (m,), labels below {known}, got {shapes}")
+            raise ValueError(
+                f"{self.name} must return (m, 7), (m,) and (m,), labels below {known}, got {shapes}"
+            )
         self._check_boxes(boxes, scores)
         above = scores > np.array(self.thresholds)[labels.astype(int)]
         best = scores[above, None] * np.eye(known)[labels[above].astype(int)]
-        return self._finish(torch.from_numpy(boxes[above].astype(np.float32)), torch.from_numpy(best), cloud)
+        return self._finish(
+            torch.from_numpy(boxes[above].astype(np.float32)), torch.from_numpy(best), cloud
+        )
 
     def _check_boxes(self, boxes: np.ndarray, scores: np.ndarray) -> None:
         """Raise ValueError for scores beyond 0..1, and for boxes that no road user has."""
         wrong = ~((scores >= 0) & (scores <= 1))
         if wrong.any():
             remedy = "end the network in a sigmoid or softmax"
-            raise ValueError(f"{self.name}: scores must be within 0..1, got {scores[wrong][0]:g}: {remedy}")
+            raise ValueError(
+                f"{self.name}: scores must be within 0..1, got {scores[wrong][0]:g}: {remedy}"
+            )
         sizes = boxes[:, 3:6]
         far = (np.abs(boxes[:, :3]) <= MAX_PLACE_M).all(axis=1)
-        sound = far & (sizes > 0).all(axis=1) & (sizes <= MAX_SIZE_M).all(axis=1) & (np.abs(boxes[:, 6]) <= MAX_YAW_RAD)
+        sound = (
+            far
+            & (sizes > 0).all(axis=1)
+            & (sizes <= MAX_SIZE_M).all(axis=1)
+            & (np.abs(boxes[:, 6]) <= MAX_YAW_RAD)
+        )
         if not sound.all():
             got = " ".join(f"{value:g}" for value in boxes[~sound][0])
-            limits = f"sizes above 0 up to {MAX_SIZE_M:g} m, within {MAX_PLACE_M:g} m, yaw in radians"
-            raise ValueError(f"{self.name}: boxes must be x y z length width height yaw with {limits}, got {got}")
+            limits = (
+                f"sizes above 0 up to {MAX_SIZE_M:g} m, within {MAX_PLACE_M:g} m, yaw in radians"
+            )
+            raise ValueError(
+                f"{self.name}: boxes must be x y z length width height yaw with {limits}, got {got}"
+            )

@@ -1,7 +1,8 @@
 """Trial of an ONNX network in another process, where its time and memory are limited.
 
-ONNX Runtime computes what is constant while it opens a file, and stops between operators only: no limit inside the
-process that asks holds a network to its time, and one that ends the process ends it with everything in it."""
+ONNX Runtime computes what is constant while it opens a file, and stops between operators only: no
+limit inside the process that asks holds a network to its time, and one that ends the process ends
+it with everything in it."""
 
 import os
 import subprocess
@@ -32,14 +33,17 @@ class TrialLimits:
 
     def __post_init__(self) -> None:
         if not (self.seconds > 0 and self.memory_bytes > 0):
-            raise ValueError(f"limits of a trial must be above 0, got {self.seconds} s and {self.memory_bytes} bytes")
+            raise ValueError(
+                f"limits of a trial must be above 0, got {self.seconds} s and {self.memory_bytes} "
+                "bytes"
+            )
 
 
 def try_network(content: bytes, inputs: Mapping[str, np.ndarray], limits: TrialLimits) -> None:
     """Open a network and run it once in another process.
 
-    content: of the ONNX file. inputs: arrays by name; a network that takes others is opened only. Raises ValueError if
-    it fails or passes a limit."""
+    content: of the ONNX file. inputs: arrays by name; a network that takes others is opened only.
+    Raises ValueError if it fails or passes a limit."""
     payload = BytesIO()
     arrays: dict[str, Any] = {"network": np.frombuffer(content, np.uint8), **inputs}
     np.savez(payload, **arrays)
@@ -51,19 +55,33 @@ def try_network(content: bytes, inputs: Mapping[str, np.ndarray], limits: TrialL
     remedy = "make it smaller, or give OnnxDetector limits=TrialLimits(...)"
     try:
         child = subprocess.run(
-            command, input=payload.getvalue(), capture_output=True, env=environment, timeout=limits.seconds, check=False
+            command,
+            input=payload.getvalue(),
+            capture_output=True,
+            env=environment,
+            timeout=limits.seconds,
+            check=False,
         )
     except subprocess.TimeoutExpired:
-        raise ValueError(f"its first run, with two points, takes more than {limits.seconds:g} s: {remedy}") from None
+        raise ValueError(
+            f"its first run, with two points, takes more than {limits.seconds:g} s: {remedy}"
+        ) from None
     if child.returncode:
-        reason = " ".join(child.stderr.decode(errors="replace").split()) or f"exit code {child.returncode}"
+        reason = (
+            " ".join(child.stderr.decode(errors="replace").split())
+            or f"exit code {child.returncode}"
+        )
         memory = f"{limits.memory_bytes / 2**30:.3g} GiB"
-        raise ValueError(f"ONNX Runtime cannot run it with two points in {memory}: check the file, {remedy} ({reason})")
+        raise ValueError(
+            f"ONNX Runtime cannot run it with two points in {memory}: check the file, {remedy} "
+            f"({reason})"
+        )
     _passed.add(digest)
 
 
 def _run_trial(memory_bytes: int) -> None:
-    """Run the network and inputs that standard input brings. Exits with a line on stderr if that fails."""
+    """Run the network and inputs that standard input brings. Exits with a line on stderr if that
+    fails."""
     import onnxruntime
 
     arrays = dict(np.load(BytesIO(sys.stdin.buffer.read())))

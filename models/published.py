@@ -1,7 +1,7 @@
 """Checkpoints of the paper's authors, checked and run on its two sites.
 
-A `checkpoint_*.pth` of the paper's code lives in CARLA's left-handed map, relative to a reference point. This module
-keeps those axes, and turns clouds on their way in and boxes on their way out."""
+A `checkpoint_*.pth` of the paper's code lives in CARLA's left-handed map, relative to a reference
+point. This module keeps those axes, and turns clouds on their way in and boxes on their way out."""
 
 import re
 from collections.abc import Callable
@@ -24,9 +24,11 @@ from toolkit.boxes import nms
 from toolkit.objects import Detections
 
 REFERENCE = {"tjunction": (84.0, 156.0), "roundabout": (0.0, 0.0)}  # CARLA x, y
-AREA = {"tjunction": (0.0, 0.0, 40.0, 80.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}  # from the reference
+# from the reference
+AREA = {"tjunction": (0.0, 0.0, 40.0, 80.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
 
-PROPOSAL_IOU, MOST_PROPOSALS = 0.3, 300
+PROPOSAL_IOU = 0.3
+MOST_PROPOSALS = 300
 Decoding = Literal["exact", "published"]
 _UP_LAST = [0, 2, 1]  # their x, up, y as our x, y, z
 
@@ -36,16 +38,21 @@ def load_published(
 ) -> "PublishedDetector":
     """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
-    decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError, and ValueError for any
-    other file."""
+    decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError,
+    and ValueError for any other file."""
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
     network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
     checkpoint = load_tensors(path)
     weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
-    if not isinstance(weights, dict) or not all(isinstance(tensor, Tensor) for tensor in weights.values()):
-        raise ValueError(f"{path} has no state_dict of tensors: is it a checkpoint_*.pth of the published code?")
-    plain = {str(name).removeprefix("module."): tensor for name, tensor in weights.items()}  # of parallel training
+    if not isinstance(weights, dict) or not all(
+        isinstance(tensor, Tensor) for tensor in weights.values()
+    ):
+        raise ValueError(
+            f"{path} has no state_dict of tensors: is it a checkpoint_*.pth of the published code?"
+        )
+    # of parallel training
+    plain = {str(name).removeprefix("module."): tensor for name, tensor in weights.items()}
     network.load_state_dict(from_published(plain, network, path))
     return PublishedDetector(network.eval(), site, decoding=decoding, device=device)
 
@@ -53,9 +60,9 @@ def load_published(
 class PublishedDetector:
     """Detector of a published network: points (n, 3) in, `Detections` out, in the site's frame, m.
 
-    decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU of 0.1. "published" first does what the
-    published code does: of the 2000 best anchors, boxes whose upright rectangles overlap by more than 0.3 are
-    suppressed, and the 300 best stay."""
+    decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU of 0.1. "published"
+    first does what the published code does: of the 2000 best anchors, boxes whose upright
+    rectangles overlap by more than 0.3 are suppressed, and the 300 best stay."""
 
     def __init__(
         self,
@@ -69,8 +76,11 @@ class PublishedDetector:
     ) -> None:
         if decoding not in ("exact", "published"):
             raise ValueError(f'decoding must be "exact" or "published", got {decoding!r}')
-        self.site, self.decoding, self.config = site, decoding, network.config
-        self.score_threshold, self.nms_threshold = score_threshold, nms_threshold
+        self.site = site
+        self.decoding = decoding
+        self.config = network.config
+        self.score_threshold = score_threshold
+        self.nms_threshold = nms_threshold
         self.device = torch.device(device)
         self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
@@ -87,7 +97,8 @@ class PublishedDetector:
     ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
         """Return raw maps: channels 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
 
-        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along its y."""
+        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along
+        its y."""
         cloud = to_network(np.asarray(points, np.float32), self.site, frame)
         maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
         return maps.class_logits.contiguous(), maps.residuals.contiguous()
@@ -97,10 +108,13 @@ class PublishedDetector:
         classes, residuals = self.head(points)
         order = [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)]
         prediction = Prediction(classes, residuals[:, torch.tensor(order, device=self.device)])
-        boxes, scores = candidates(prediction, self.anchors, self.config, (self.score_threshold,))[0]
+        boxes, scores = candidates(prediction, self.anchors, self.config, (self.score_threshold,))[
+            0
+        ]
         if self.decoding == "published":
             kept = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())
-            boxes, scores = boxes[kept], scores[kept]
+            boxes = boxes[kept]
+            scores = scores[kept]
         found = suppress(boxes, scores, self.config, self.nms_threshold)
         return Detections(from_network(found.boxes, self.site), found.scores, found.labels)
 
@@ -108,14 +122,20 @@ class PublishedDetector:
 def proposals(boxes: BoxRows, scores: Float64[np.ndarray, " n"]) -> np.ndarray:
     """Rows that survive the published proposal step, best first."""
     best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
-    length, width, yaw = boxes[best, 3], boxes[best, 4], boxes[best, 6]
+    length = boxes[best, 3]
+    width = boxes[best, 4]
+    yaw = boxes[best, 6]
     cos, sin = np.abs(np.cos(yaw)), np.abs(np.sin(yaw))
     upright = boxes[best].copy()
-    upright[:, 3], upright[:, 4], upright[:, 6] = length * cos + width * sin, width * cos + length * sin, 0.0
+    upright[:, 3] = length * cos + width * sin
+    upright[:, 4] = width * cos + length * sin
+    upright[:, 6] = 0.0
     return best[nms(upright, scores[best], PROPOSAL_IOU)[:MOST_PROPOSALS]]
 
 
-def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site") -> Float32[np.ndarray, "n 3"]:
+def to_network(
+    points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site"
+) -> Float32[np.ndarray, "n 3"]:
     """Turn points of site or CARLA into the network's frame."""
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
@@ -135,21 +155,36 @@ def from_network(boxes: BoxRows, site: str) -> BoxRows:
     turned = boxes.copy()
     if site == "tjunction":
         rx, ry = REFERENCE[site]
-        turned[:, 0], turned[:, 1] = 196 - ry - boxes[:, 1], 104 - rx - boxes[:, 0]
+        turned[:, 0] = 196 - ry - boxes[:, 1]
+        turned[:, 1] = 104 - rx - boxes[:, 0]
         turned[:, 6] = -np.pi / 2 - boxes[:, 6]
     else:
-        turned[:, 1], turned[:, 6] = -boxes[:, 1], -boxes[:, 6]
+        turned[:, 1] = -boxes[:, 1]
+        turned[:, 6] = -boxes[:, 6]
     return turned
 
 
-def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | Path) -> dict[str, Tensor]:
-    """Rename published tensors to our names. Raises ValueError unless all of them are present in the right shapes."""
+def from_published(
+    weights: dict[str, Tensor], network: VoxelNet, origin: str | Path
+) -> dict[str, Tensor]:
+    """Rename published tensors to our names. Raises ValueError unless all of them are present in
+    the right shapes."""
     ours = network.state_dict()
-    linear = {name: tensor[..., None, None] for name, tensor in ours.items() if name.endswith("linear.weight")}
-    check_tensors({name_in_paper(name): tensor for name, tensor in (ours | linear).items()}, weights, origin)
-    tensors = {name: weights[name_in_paper(name)].reshape(tensor.shape) for name, tensor in ours.items()}
+    linear = {
+        name: tensor[..., None, None]
+        for name, tensor in ours.items()
+        if name.endswith("linear.weight")
+    }
+    check_tensors(
+        {name_in_paper(name): tensor for name, tensor in (ours | linear).items()}, weights, origin
+    )
+    tensors = {
+        name: weights[name_in_paper(name)].reshape(tensor.shape) for name, tensor in ours.items()
+    }
     columns = [*_UP_LAST, *(3 + k for k in _UP_LAST)]
-    tensors["features.layers.0.linear.weight"] = tensors["features.layers.0.linear.weight"][:, columns]
+    tensors["features.layers.0.linear.weight"] = tensors["features.layers.0.linear.weight"][
+        :, columns
+    ]
     return tensors
 
 
@@ -168,7 +203,10 @@ _NAMES: tuple[tuple[str, Callable[..., str]], ...] = (
     (r"features\.layers\.1\.linear", lambda: "feature_learnig.fcn1.conv1"),
     (r"features\.layers\.1\.norm", lambda: "feature_learnig.fcn1.bn1"),
     (r"middle\.layers\.(\d)\.(\d)", lambda layer, part: f"conv3d.conv{layer + 1}.{_LAYER[part]}"),
-    (r"rpn\.blocks\.(\d)\.(\d)\.(\d)", lambda block, k, part: f"_rpn.conv{block + 1}_{k + 1}.{_LAYER[part]}"),
+    (
+        r"rpn\.blocks\.(\d)\.(\d)\.(\d)",
+        lambda block, k, part: f"_rpn.conv{block + 1}_{k + 1}.{_LAYER[part]}",
+    ),
     (r"rpn\.upsample\.(\d)", lambda block: f"_rpn.deconv{3 - block}"),
     (r"head\.conv3x3", lambda: "_rpn.rpn_head.conv3x3"),
     (r"head\.classes", lambda: "_rpn.rpn_head.conv_cls"),

@@ -1,4 +1,5 @@
-"""Training on a bare machine, as `coview train` without pictures: packed recordings in, a weights file out.
+"""Training on a bare machine, as `coview train` without pictures: packed recordings in, a weights
+file out.
 
 python -m models.train tjunction --data train.packed --validate test.packed --out runs/tjunction"""
 
@@ -31,16 +32,26 @@ WEIGHTS = "weights.safetensors"
 def run(
     site: str | None, options: TrainingOptions, *, progress: Progress | None = None
 ) -> tuple[Path, dict[str, float]]:
-    """Train or resume with the options of `coview train`; return the weights file and the last validation figures.
+    """Train or resume with the options of `coview train`; return the weights file and the last
+    validation figures.
 
-    site: a built-in one, a site file, "general", or None for the area that the data shares. Raises what `train` raises,
-    and FileExistsError if the folder holds other weights, or another run trains there."""
+    site: a built-in one, a site file, "general", or None for the area that the data shares. Raises
+    what `train` raises, and FileExistsError if the folder holds other weights, or another run
+    trains there."""
     preset = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     place = None if site in (None, "general") else load_site(site)
-    area = tuple(place.area.tolist()) if place else loop.choose_area("general" if site else preset, options.data)
+    area = (
+        tuple(place.area.tolist())
+        if place
+        else loop.choose_area("general" if site else preset, options.data)
+    )
     named = {name: getattr(options, name) for name in ("epochs", "batch", "learning_rate")}
-    settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
+    settings = replace(
+        PRESETS[preset],
+        seed=options.seed,
+        **{name: value for name, value in named.items() if value},
+    )
     settings = replace(settings, examples=replace(settings.examples, windows=options.windows))
     before = load_weights(weights_file(options.start))[0] if options.start else None
     classes, faces, calibrate = second_stages(options, before)
@@ -48,7 +59,9 @@ def run(
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     weights = options.out / WEIGHTS
-    check_output(weights, inputs=[weights_file(options.start)] if options.start else [], overwrite=True)
+    check_output(
+        weights, inputs=[weights_file(options.start)] if options.start else [], overwrite=True
+    )
     with ShardFolder(options.out, {}).lock():
         if options.overwrite:
             for name in (CHECKPOINT, LOG):
@@ -56,7 +69,8 @@ def run(
         elif not (options.out / CHECKPOINT).exists():
             check_output(weights)
         start = None if before is None else widen(before, config)
-        judged, count = PackedFrames(options.validate) if options.validate else None, options.validate_frames
+        judged = PackedFrames(options.validate) if options.validate else None
+        count = options.validate_frames
         if options.threads:
             torch.set_num_threads(options.threads)
         measured: dict[str, float] = {}
@@ -67,10 +81,16 @@ def run(
             return dict(measured)
 
         machine = loop.Machine(
-            device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s, options.seconds
+            device,
+            options.bfloat16 or device == "cuda",
+            options.workers,
+            options.checkpoint_s,
+            options.seconds,
         )
         watch = None if judged is None else measure
-        fit = partial(train, options.data, config, settings, options.out, start=start, machine=machine)
+        fit = partial(
+            train, options.data, config, settings, options.out, start=start, machine=machine
+        )
         network = fit(validate=watch, progress=progress)
         if faces:
             network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
@@ -79,21 +99,32 @@ def run(
         if judged is not None and (faces or calibrate):
             measure(network)
         trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
-        save_weights(weights, relocate(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
+        save_weights(
+            weights,
+            relocate(network, area, "general"),
+            Header(trained_for, options.seed, commit(), measured),
+        )
     return weights, measured
 
 
-def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Return classes, classes with measured faces, and whether to calibrate, by default as in `start`. Raises
-    ValueError for faces of other classes."""
-    classes, faces = options.classes, options.faces
+def second_stages(
+    options: TrainingOptions, start: VoxelNet | None
+) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
+    """Return classes, classes with measured faces, and whether to calibrate, by default as in
+    `start`. Raises ValueError for faces of other classes."""
+    classes = options.classes
+    faces = options.faces
     if classes is None:
         classes = ("vehicle",) if start is None else start.config.labels
     if faces is None:
-        faces = () if start is None else tuple(name for name in start.config.faces if name in classes)
+        faces = (
+            () if start is None else tuple(name for name in start.config.faces if name in classes)
+        )
     calibrate = options.calibrate or (start is not None and bool(start.config.calibration))
     if not set(faces) <= set(classes):
-        raise ValueError(f"--faces must be among --classes {' '.join(classes)}, got {' '.join(faces)}")
+        raise ValueError(
+            f"--faces must be among --classes {' '.join(classes)}, got {' '.join(faces)}"
+        )
     return classes, faces, calibrate
 
 
@@ -101,7 +132,9 @@ def commit() -> str:
     """Commit of this checkout, "unknown" outside one."""
     here = Path(__file__).parent
     try:
-        done = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            ["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False
+        )
     except FileNotFoundError:
         return "unknown"
     return done.stdout.strip() or "unknown"

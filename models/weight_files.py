@@ -1,7 +1,7 @@
 """Files of weights and checkpoints: written whole, read without executing anything.
 
-Weights are safetensors files: tensors, and a header that says what they are and where they come from. Checkpoints are
-`torch.save` files of plain tensors and numbers."""
+Weights are safetensors files: tensors, and a header that says what they are and where they come
+from. Checkpoints are `torch.save` files of plain tensors and numbers."""
 
 import hashlib
 import json
@@ -26,7 +26,8 @@ FORMAT = "coview VoxelNet 1"
 
 @dataclass(frozen=True)
 class Header:
-    """Origin of weights. site: the site they were trained for, "general" for any. ap: measured AP by name."""
+    """Origin of weights. site: the site they were trained for, "general" for any. ap: measured AP
+    by name."""
 
     site: str = ""
     seed: int = 0
@@ -35,19 +36,36 @@ class Header:
 
 
 def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
-    """Write a network's weights, complete or not at all. Raises ValueError for a weight that is not finite: such a
-    network is of no use."""
+    """Write a network's weights, complete or not at all. Raises ValueError for a weight that is not
+    finite: such a network is of no use."""
     from safetensors.torch import save
 
-    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
+    tensors = {
+        name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()
+    }
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
-            raise ValueError(f"weights must be finite, but {name} is not: the training diverged, save an earlier one")
-    metadata = {"format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_tensors(tensors)}
-    metadata |= {"site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap)}
+            raise ValueError(
+                f"weights must be finite, but {name} is not: the training diverged, save an "
+                "earlier one"
+            )
+    metadata = {
+        "format": FORMAT,
+        "config": json.dumps(network.config.to_dict()),
+        "digest": digest_tensors(tensors),
+    }
+    metadata |= {
+        "site": header.site,
+        "seed": str(header.seed),
+        "commit": header.commit,
+        "ap": json.dumps(header.ap),
+    }
     content = save(tensors, metadata)
-    size = int.from_bytes(content[:8], "little")  # of the header, which the library orders anew in every process
-    ordered = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
+    # of the header, which the library orders anew in every process
+    size = int.from_bytes(content[:8], "little")
+    ordered = json.dumps(
+        json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")
+    ).encode()
     ordered += b" " * (-len(ordered) % 8)  # so that the tensors are aligned
     write_bytes(path, len(ordered).to_bytes(8, "little") + ordered + content[8 + size :])
 
@@ -55,39 +73,60 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
 def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     """Load the network of a weights file, ready for inference, and its header.
 
-    Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or of another size than
-    its configuration says."""
+    Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or
+    of another size than its configuration says."""
     from safetensors import SafetensorError, safe_open
 
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no weights file at {path}")
     if (size := path.stat().st_size) > MAX_FILE_BYTES:
-        raise ValueError(f"{path} has {size / 2**30:.1f} GiB, which no weights of coview have: fetch it again")
+        raise ValueError(
+            f"{path} has {size / 2**30:.1f} GiB, which no weights of coview have: fetch it again"
+        )
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
-    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
-        raise ValueError(f"{path} is damaged or not a safetensors file ({_reason(error)}): fetch it again") from None
+    except (
+        SafetensorError,
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        RuntimeError,
+        MemoryError,
+    ) as error:
+        raise ValueError(
+            f"{path} is damaged or not a safetensors file ({_reason(error)}): fetch it again"
+        ) from None
     if metadata.get("format") != FORMAT:
-        raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
+        raise ValueError(
+            f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}"
+        )
     if metadata.get("digest") != digest_tensors(tensors):
-        raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
+        raise ValueError(
+            f"{path} is damaged: its tensors are not those it was saved with; fetch it again"
+        )
     try:
         config = VoxelNetConfig.from_dict(parse_json(metadata["config"]))
     except (KeyError, ValueError) as error:
         raise ValueError(f"{path} has no usable configuration in its header: {error}") from None
     try:
-        with torch.device("meta"):  # what it would be, without the memory that a damaged configuration may ask for
+        with torch.device(
+            "meta"
+        ):  # what it would be, without the memory that a damaged configuration may ask for
             expected = VoxelNet(config).state_dict()
     except (ValueError, RuntimeError, TypeError, IndexError, OverflowError) as error:
-        raise ValueError(f"{path} has a configuration that makes no network: {_reason(error)}") from None
+        raise ValueError(
+            f"{path} has a configuration that makes no network: {_reason(error)}"
+        ) from None
     check_tensors(expected, tensors, path)
     network = VoxelNet(config)
     network.load_state_dict(tensors)
     try:
-        ap, seed = parse_json(metadata.get("ap", "{}")), int(metadata.get("seed", 0))
+        ap = parse_json(metadata.get("ap", "{}"))
+        seed = int(metadata.get("seed", 0))
     except ValueError as error:
         raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
     if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
@@ -99,15 +138,24 @@ def _reason(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0][:160]
 
 
-def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path) -> None:
+def check_tensors(
+    expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path
+) -> None:
     """Raise ValueError unless names and shapes agree."""
-    missing, unknown = expected.keys() - tensors.keys(), tensors.keys() - expected.keys()
+    missing = expected.keys() - tensors.keys()
+    unknown = tensors.keys() - expected.keys()
     if missing or unknown:
         what = f"lacks {min(missing)}" if missing else f"has {min(unknown)} besides"
-        raise ValueError(f"{origin} {what}: it holds {len(tensors)} tensors where the network has {len(expected)}")
+        raise ValueError(
+            f"{origin} {what}: it holds {len(tensors)} tensors where the network has "
+            f"{len(expected)}"
+        )
     for name, tensor in expected.items():
         if tensors[name].shape != tensor.shape:
-            raise ValueError(f"{origin}: {name} must have shape {(*tensor.shape,)}, got {(*tensors[name].shape,)}")
+            raise ValueError(
+                f"{origin}: {name} must have shape {(*tensor.shape,)}, got "
+                f"{(*tensors[name].shape,)}"
+            )
         if tensor.is_floating_point() and not torch.isfinite(tensors[name]).all():
             raise ValueError(f"{origin}: {name} holds values that are not finite")
 
@@ -117,7 +165,9 @@ def digest_tensors(tensors: dict[str, Tensor]) -> str:
     digest = hashlib.sha256()
     for name, tensor in sorted(tensors.items()):
         digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
-        digest.update(tensor.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy().tobytes())
+        digest.update(
+            tensor.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy().tobytes()
+        )
     return digest.hexdigest()
 
 
@@ -126,23 +176,34 @@ def digest_detector(weights: str, *settings: object) -> str:
     return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()
 
 
-# Errors that torch.load was seen to raise on damaged files, besides the OSError of a file that cannot be opened.
+# Errors that torch.load was seen to raise on damaged files, besides the OSError of a file that
+# cannot be opened.
 _TORCH_RAISES = (
-    *(pickle.UnpicklingError, zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError, MemoryError),
+    *(
+        pickle.UnpicklingError,
+        zipfile.BadZipFile,
+        RuntimeError,
+        NotImplementedError,
+        EOFError,
+        OSError,
+        MemoryError,
+    ),
     *(KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, AssertionError),
 )
 
 
 def load_tensors(path: str | Path, device: str = "cpu") -> object:
-    """Read tensors and plain values that `torch.save` wrote. Raises FileNotFoundError; ValueError, in one line, if the
-    file is damaged or holds anything else."""
+    """Read tensors and plain values that `torch.save` wrote. Raises FileNotFoundError; ValueError,
+    in one line, if the file is damaged or holds anything else."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no checkpoint at {path}")
     try:
         return torch.load(path, map_location=device, weights_only=True)
     except _TORCH_RAISES as error:
-        raise ValueError(f"{path} is damaged or not a checkpoint of tensors: {_reason(error)}") from None
+        raise ValueError(
+            f"{path} is damaged or not a checkpoint of tensors: {_reason(error)}"
+        ) from None
 
 
 def save_atomically(path: Path, state: dict[str, object]) -> None:
@@ -152,16 +213,22 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
     write_bytes(path, content.getvalue())
 
 
-def read_checkpoint(path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None) -> dict[str, Any]:
-    """Read a checkpoint without executing anything in it. Raises ValueError if it is damaged, or of a run with other
-    settings than those of `identity`, by name."""
+def read_checkpoint(
+    path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None
+) -> dict[str, Any]:
+    """Read a checkpoint without executing anything in it. Raises ValueError if it is damaged, or of
+    a run with other settings than those of `identity`, by name."""
     try:
         state = load_tensors(path, device)
     except ValueError as error:
         raise ValueError(f"{error}: remove it to start again") from None
     if not isinstance(state, dict):
-        raise ValueError(f"{path} is not a checkpoint: remove it to start again, or choose another folder")
-    different = " and ".join(name for name, value in (identity or {}).items() if state.get(name, "") != value)
+        raise ValueError(
+            f"{path} is not a checkpoint: remove it to start again, or choose another folder"
+        )
+    different = " and ".join(
+        name for name, value in (identity or {}).items() if state.get(name, "") != value
+    )
     if different:
         remedy = "choose another folder or --overwrite it"
         raise ValueError(f"{path} belongs to a run with another {different}: {remedy}")

@@ -1,15 +1,18 @@
 """`Cases`: circumstances under which sets are scored, and how their figures become one.
 
-Four kinds of case cross: IoU thresholds, sensors that fail, levels of traffic and error profiles of the sensors. A
-figure of m sets in all of them is an array [profile, level, iou, set]; the axes are reduced from the last:
+Four kinds of case cross: IoU thresholds, sensors that fail, levels of traffic and error profiles of
+the sensors. A figure of m sets in all of them is an array [profile, level, iou, set]; the axes are
+reduced from the last:
 
     IoU thresholds   mean, as in COCO, so that no threshold alone decides what is built
-    levels           worst or mean over parts of the frames, by how many road users are there at once; NaN is left out
-    failures         worst or mean over which sensors fail (N-1, N-2); a set that may lose all its sensors keeps nothing
+    levels           worst or mean over parts of the frames, by how many road users are there at
+                     once; NaN is left out
+    failures         worst or mean over which sensors fail (N-1, N-2); a set that may lose all its
+                     sensors keeps nothing
     error profiles   the profile of least AP gives all figures of a set, or the mean over profiles
 
-Resamples of a paired bootstrap are reduced in the same way, each by itself, as a trailing axis. Fields that do not fit
-raise ValueError."""
+Resamples of a paired bootstrap are reduced in the same way, each by itself, as a trailing axis.
+Fields that do not fit raise ValueError."""
 
 import warnings
 from collections.abc import Iterable
@@ -41,7 +44,9 @@ LEVEL_NAMES: dict[int, tuple[str, ...]] = {
     4: ("thin traffic", "lighter traffic", "heavier traffic", "dense traffic"),
 }
 COCO_STEP = 0.05  # of IoU, between the ends of a range
-TIE = 1e-6  # share of the intact set's AP, so that a search that adds one sensor after another does not begin blindly
+# share of the intact set's AP, so that a search that adds one sensor after another does not begin
+# blindly
+TIE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +64,8 @@ class Cases:
     levels_by: Combine = "worst"
     """Score the worst traffic level, or the mean over levels."""
     errors: Profiles = ("paper",)
-    """Error profiles of the sensors: paper, surveyed, typical, glare, poor; for scoring by the detector."""
+    """Error profiles of the sensors: paper, surveyed, typical, glare, poor; for scoring by the
+    detector."""
     errors_by: Combine = "worst"
     """Score the worst error profile, or the mean over profiles."""
 
@@ -76,7 +82,12 @@ class Cases:
             raise ValueError(f"traffic has 1 to {MOST_LEVELS} levels, got {self.levels!r}")
         for name in ("failures", "levels_by", "errors_by"):
             check_choice(name, getattr(self, name), get_args(Combine))
-        if not len(self.profiles) == len(set(self.names)) == len({each.digest for each in self.profiles}) > 0:
+        if (
+            not len(self.profiles)
+            == len(set(self.names))
+            == len({each.digest for each in self.profiles})
+            > 0
+        ):
             names = ", ".join(self.names) or "none"
             raise ValueError(f"error profiles must be different ones, got {names}: name each once")
 
@@ -93,7 +104,9 @@ class Cases:
     @cached_property
     def profiles(self) -> tuple[ErrorProfile, ...]:
         """Error profiles."""
-        return tuple(find_profile(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors))
+        return tuple(
+            find_profile(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors)
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -113,8 +126,12 @@ class Cases:
     @property
     def origin(self) -> dict[str, object]:
         """Thresholds, failures and levels as results state them."""
-        failing = {"failing": {"sensors": self.failing, "combine": self.failures}} if self.failing else {}
-        levels = {"levels": {"count": self.levels, "combine": self.levels_by}} if self.levels > 1 else {}
+        failing = (
+            {"failing": {"sensors": self.failing, "combine": self.failures}} if self.failing else {}
+        )
+        levels = (
+            {"levels": {"count": self.levels, "combine": self.levels_by}} if self.levels > 1 else {}
+        )
         return {"iou": self.iou if len(self.ious) == 1 else list(self.ious), **failing, **levels}
 
     @property
@@ -132,7 +149,10 @@ class Cases:
     def describe_failures(self) -> str:
         """Words for what is left of a set."""
         what = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
-        return f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} when {what}"
+        return (
+            f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} "
+            f"when {what}"
+        )
 
     def describe_levels(self) -> str:
         """Words for how levels of traffic become one."""
@@ -148,42 +168,70 @@ class Cases:
         return own[0] if len(own) == 1 else own
 
     def split(self, objects: Int64[np.ndarray, " frames"]) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level, thin traffic first, in parts as equal as can be. objects: number in each frame."""
+        """Frames of each level, thin traffic first, in parts as equal as can be. objects: number in
+        each frame."""
         order = np.argsort(objects, kind="stable")
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
-        """Sets followed by what each failure leaves of them, and the set that each row belongs to. A set that may lose
-        all its sensors has one case, the empty set."""
-        rows, owners = [*sets], list(range(len(sets)))
+        """Sets followed by what each failure leaves of them, and the set that each row belongs to.
+        A set that may lose all its sensors has one case, the empty set."""
+        rows = [*sets]
+        owners = list(range(len(sets)))
         for n, row in enumerate(sets) if self.failing else ():
             members = np.flatnonzero(row)
-            for lost in combinations(members.tolist(), self.failing) if len(members) > self.failing else [members]:
+            for lost in (
+                combinations(members.tolist(), self.failing)
+                if len(members) > self.failing
+                else [members]
+            ):
                 rows.append(row.copy())
                 rows[-1][list(lost)] = False
                 owners.append(n)
-        return np.array(rows, np.bool_).reshape(len(rows), sets.shape[1]), np.array(owners, np.int64)
+        return np.array(rows, np.bool_).reshape(len(rows), sets.shape[1]), np.array(
+            owners, np.int64
+        )
 
-    def over_levels(self, figures: Float64[np.ndarray, "levels *rest"]) -> Float64[np.ndarray, "*rest"]:
+    def over_levels(
+        self, figures: Float64[np.ndarray, "levels *rest"]
+    ) -> Float64[np.ndarray, "*rest"]:
         """Figures of the levels as one; NaN where all are."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of levels that are all NaN
-            return np.asarray(np.nanmin(figures, axis=0) if self.levels_by == "worst" else np.nanmean(figures, axis=0))
+            return np.asarray(
+                np.nanmin(figures, axis=0)
+                if self.levels_by == "worst"
+                else np.nanmean(figures, axis=0)
+            )
 
     def over_failures(
-        self, figures: Float64[np.ndarray, "m *rest"], owners: Int64[np.ndarray, " m"], *, tie: float = TIE
+        self,
+        figures: Float64[np.ndarray, "m *rest"],
+        owners: Int64[np.ndarray, " m"],
+        *,
+        tie: float = TIE,
     ) -> Float64[np.ndarray, "n *rest"]:
-        """Figures of n sets, of rows and owners as `expand` gives them. tie: share of the intact set's to add."""
+        """Figures of n sets, of rows and owners as `expand` gives them. tie: share of the intact
+        set's to add."""
         if not self.failing:
             return figures
         count = int(owners.max(initial=-1)) + 1
-        cases, of = figures[count:], owners[count:]
+        cases = figures[count:]
+        of = owners[count:]
         reduce = np.mean if self.failures == "mean" else np.min
-        left = np.stack([reduce(cases[of == n], axis=0) for n in range(count)]) if count else figures[:0]
+        left = (
+            np.stack([reduce(cases[of == n], axis=0) for n in range(count)])
+            if count
+            else figures[:0]
+        )
         return np.asarray(left + tie * figures[:count]) if tie else left
 
     def at_profiles(
-        self, figures: Float64[np.ndarray, "P L I m *rest"], owners: Int64[np.ndarray, " m"], *, tie: float = TIE
+        self,
+        figures: Float64[np.ndarray, "P L I m *rest"],
+        owners: Int64[np.ndarray, " m"],
+        *,
+        tie: float = TIE,
     ) -> Float64[np.ndarray, "P n *rest"]:
         """Figures of n sets at each error profile, over thresholds, levels and failures."""
         ious = figures.shape[2]
@@ -193,10 +241,13 @@ class Cases:
 
     def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
         """Least or mean of each figure over the error profiles."""
-        return np.asarray(figures.min(axis=0) if self.errors_by == "worst" else figures.mean(axis=0))
+        return np.asarray(
+            figures.min(axis=0) if self.errors_by == "worst" else figures.mean(axis=0)
+        )
 
     def shares(self, ap: Float64[np.ndarray, "P n"]) -> Float64[np.ndarray, "P n"]:
-        """Share with which each error profile counts for each set: all for that of least AP, or all alike."""
+        """Share with which each error profile counts for each set: all for that of least AP, or all
+        alike."""
         if self.errors_by == "mean":
             return np.full(ap.shape, 1 / len(ap))
         return (np.arange(len(ap))[:, None] == ap.argmin(axis=0)).astype(np.float64)

@@ -1,13 +1,16 @@
-"""`Classes`: the road users that count for an objective, their weights, and how their figures become one.
+"""`Classes`: the road users that count for an objective, their weights, and how their figures
+become one.
 
 The figure of a sensor set is the weighted mean of those of its classes,
 
     AP = Σ_c w_c · AP_c / Σ_c w_c                 combine "mean"
-    AP = min_c AP_c                               combine "worst": max-min, no class is bought at another's expense
+    AP = min_c AP_c                               combine "worst": max-min, no class is bought at
+                                                  another's expense
 
-over the classes that have anything to find; recall is combined like AP. A detection counts from the usual IoU of its
-class: the objective's for vehicles and heavy vehicles, `SMALL_IOU` for cyclists and pedestrians, whose boxes lose far
-more IoU by the same few centimetres (as in KITTI and Waymo); or from a given one."""
+over the classes that have anything to find; recall is combined like AP. A detection counts from the
+usual IoU of its class: the objective's for vehicles and heavy vehicles, `SMALL_IOU` for cyclists
+and pedestrians, whose boxes lose far more IoU by the same few centimetres (as in KITTI and Waymo);
+or from a given one."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -31,8 +34,9 @@ SMALL_IOU = 0.5
 class Classes:
     """Classes of road users that count.
 
-    names: of `toolkit.objects.LABELS`, in that order; weights: of each, equal if none are given, scaled to sum to 1;
-    ious: of each, None for the usual one. Raises ValueError where these do not fit."""
+    names: of `toolkit.objects.LABELS`, in that order; weights: of each, equal if none are given,
+    scaled to sum to 1; ious: of each, None for the usual one. Raises ValueError where these do not
+    fit."""
 
     names: tuple[str, ...] = (LABELS[VEHICLE],)
     weights: tuple[float, ...] = ()
@@ -40,30 +44,46 @@ class Classes:
     ious: tuple[float | None, ...] = ()
 
     def __post_init__(self) -> None:
-        names, weights, ious = tuple(self.names), tuple(self.weights), tuple(self.ious)
+        names = tuple(self.names)
+        weights = tuple(self.weights)
+        ious = tuple(self.ious)
         if isinstance(self.names, str) or not names or len(set(names)) < len(names):
-            raise ValueError(f"classes must be one or several different ones of {', '.join(LABELS)}, got {self.names}")
+            raise ValueError(
+                f"classes must be one or several different ones of {', '.join(LABELS)}, got "
+                f"{self.names}"
+            )
         check_classes(names)
         weights = weights or (1.0,) * len(names)
         if len(weights) != len(names) or not all(0 < weight < math.inf for weight in weights):
-            said = f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}"
+            said = (
+                f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}"
+            )
             raise ValueError(f"{said}: leave out a class that does not count")
         check_choice("combine", self.combine, get_args(Combine))
         if self.combine == "worst" and len(set(weights)) > 1:
-            raise ValueError(f"the worst class takes no weights, got {self.weights}: omit them, or combine by mean")
+            raise ValueError(
+                f"the worst class takes no weights, got {self.weights}: omit them, or combine by "
+                "mean"
+            )
         ious = ious or (None,) * len(names)
         if len(ious) != len(names):
-            raise ValueError(f"there must be an IoU for each of {', '.join(names)}, got {self.ious}")
+            raise ValueError(
+                f"there must be an IoU for each of {', '.join(names)}, got {self.ious}"
+            )
         for name, iou in zip(names, ious, strict=True):
             if iou is not None:
                 check_iou(iou)
             if iou is not None and name == LABELS[VEHICLE]:
-                raise ValueError("the IoU of vehicles is that of the objective: give iou, and None here")
+                raise ValueError(
+                    "the IoU of vehicles is that of the objective: give iou, and None here"
+                )
         order = sorted(range(len(names)), key=lambda k: LABELS.index(names[k]))
         total = float(sum(weights))
         object.__setattr__(self, "names", tuple(names[k] for k in order))
         object.__setattr__(self, "weights", tuple(float(weights[k]) / total for k in order))
-        object.__setattr__(self, "ious", tuple(None if ious[k] is None else float(ious[k] or 0) for k in order))
+        object.__setattr__(
+            self, "ious", tuple(None if ious[k] is None else float(ious[k] or 0) for k in order)
+        )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -76,7 +96,12 @@ class Classes:
     @property
     def origin(self) -> dict[str, object]:
         """Description kept in results."""
-        return {"names": self.names, "weights": self.weights, "combine": self.combine, "ious": self.ious}
+        return {
+            "names": self.names,
+            "weights": self.weights,
+            "combine": self.combine,
+            "ious": self.ious,
+        }
 
     @property
     def digest(self) -> str:
@@ -89,11 +114,15 @@ class Classes:
         return own if own is not None else SMALL_IOU if name in SMALL else iou
 
     def described(self, iou: float | tuple[float, ...] | None = None) -> str:
-        """Describe in words. iou: of the objective; other ones are named beside a class, None to name none."""
+        """Describe in words. iou: of the objective; other ones are named beside a class, None to
+        name none."""
         each = list(self.names)
         if iou is not None:
             own = [self.get_iou(name, 0.0) for name in each]  # 0 where it is the objective's
-            each = [name if at in (0.0, iou) else f"{name} (IoU {at:g})" for name, at in zip(each, own, strict=True)]
+            each = [
+                name if at in (0.0, iou) else f"{name} (IoU {at:g})"
+                for name, at in zip(each, own, strict=True)
+            ]
         if len(each) == 1:
             return each[0]
         if self.combine == "mean" and len(set(self.weights)) > 1:
@@ -129,5 +158,7 @@ def find_classes(classes: Classes | Iterable[str] | str) -> Classes:
     if isinstance(classes, Classes):
         return classes
     if not isinstance(classes, Iterable):
-        raise ValueError(f"classes must be Classes or names of {', '.join(LABELS)}, got {classes!r}")
+        raise ValueError(
+            f"classes must be Classes or names of {', '.join(LABELS)}, got {classes!r}"
+        )
     return Classes((classes,) if isinstance(classes, str) else tuple(classes))

@@ -1,9 +1,10 @@
 """The rule for links, one for searches, plans, live figures and environments.
 
-What a sensor sends differs from frame to frame. Its load is the least amount that it does not exceed in a stated share
-of the frames: `LINK_SHARE`, unless a setting asks for another. Loads of sensors on one mount add up, and a link carries
-them if their sum is within its capacity. Only points count: boxes fit any link. Where a mean is all that is known, as
-of a table, it stands for the load."""
+What a sensor sends differs from frame to frame. Its load is the least amount that it does not
+exceed in a stated share of the frames: `LINK_SHARE`, unless a setting asks for another. Loads of
+sensors on one mount add up, and a link carries them if their sum is within its capacity. Only
+points count: boxes fit any link. Where a mean is all that is known, as of a table, it stands for
+the load."""
 
 from typing import TypeVar
 
@@ -16,8 +17,11 @@ ROUNDING_SHARE = 1e-9  # part of a capacity by which rounding may exceed it
 Capacity = TypeVar("Capacity", float, np.ndarray)
 
 
-def link_load(kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE) -> Float64[np.ndarray, "*n"]:
-    """Return the load (kbit per frame) of what is sent in each frame: not exceeded in `share` of the frames.
+def link_load(
+    kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE
+) -> Float64[np.ndarray, "*n"]:
+    """Return the load (kbit per frame) of what is sent in each frame: not exceeded in `share` of
+    the frames.
 
     >>> float(link_load(np.array([100.0, 300.0, 200.0, 400.0]), 0.75))
     300.0
@@ -26,7 +30,8 @@ def link_load(kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE)
 
 
 def max_load(capacity: Capacity) -> Capacity:
-    """Return the greatest load that links of some capacity carry, in its unit: the capacity, but for rounding."""
+    """Return the greatest load that links of some capacity carry, in its unit: the capacity, but
+    for rounding."""
     return capacity * (1 + ROUNDING_SHARE)
 
 
@@ -34,7 +39,8 @@ def check_link_share(share: float) -> None:
     """Raise ValueError for a share of frames outside (0, 1]."""
     if not 0 < share <= 1:
         raise ValueError(
-            f"link_share must lie above 0 and up to 1, got {share}: {LINK_SHARE} is usual, 1 is all frames"
+            f"link_share must lie above 0 and up to 1, got {share}: {LINK_SHARE} is usual, 1 is "
+            "all frames"
         )
 
 

@@ -2,10 +2,11 @@
 
 Reward = AP − λ_comm · kbit per sensor − λ_price · price.
 
-kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of a set sends in a
-frame, averaged over frames and sensors. A set is feasible when its mounts have room for its sensors, no sensor sends
-more than the link of its mount carries (`placement_env.links`), its mounts and sensors cost no more than the
-money available, and every mount that must carry a sensor has one."""
+kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of
+a set sends in a frame, averaged over frames and sensors. A set is feasible when its mounts have
+room for its sensors, no sensor sends more than the link of its mount carries
+(`placement_env.links`), its mounts and sensors cost no more than the money available, and every
+mount that must carry a sensor has one."""
 
 import json
 import math
@@ -36,14 +37,16 @@ from toolkit.runtime.run import Run
 from toolkit.sites.site import Site
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
-Observer = Callable[[tuple[int, ...], float, int], None]  # of better sets, their reward, and frames of a race or 0
+# of better sets, their reward, and frames of a race or 0
+Observer = Callable[[tuple[int, ...], float, int], None]
 ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
 
 @dataclass(frozen=True)
 class Score:
-    """Score of one set (ascending indices). Its `terms` add up to the reward; class_ap: NaN without an object."""
+    """Score of one set (ascending indices). Its `terms` add up to the reward; class_ap: NaN without
+    an object."""
 
     subset: tuple[int, ...]
     ap: float
@@ -73,15 +76,23 @@ class Scores(NamedTuple):
 class Objective:
     """Score sets of candidate sensors for a setting, a site or the name of one.
 
-    visibility: what the candidates see, for a setting with a custom fidelity. Without it, each candidate is scored
-    alone to find how much it sends. stride: step between the frames of the run that count. `watch`, where it is set, is
-    told better sets as searches find them. Raises ValueError where the fidelity cannot score the setting this way."""
+    visibility: what the candidates see, for a setting with a custom fidelity. Without it, each
+    candidate is scored alone to find how much it sends. stride: step between the frames of the run
+    that count. `watch`, where it is set, is told better sets as searches find them. Raises
+    ValueError where the fidelity cannot score the setting this way."""
 
     def __init__(
-        self, setting: Setting | Site | str, run: Run = Run(), *, visibility: Visibility | None = None, stride: int = 1
+        self,
+        setting: Setting | Site | str,
+        run: Run = Run(),
+        *,
+        visibility: Visibility | None = None,
+        stride: int = 1,
     ) -> None:
         self.setting = setting if isinstance(setting, Setting) else Setting(setting)
-        self.run, self.visibility, self._scored = run, visibility, 0
+        self.run = run
+        self.visibility = visibility
+        self._scored = 0
         self.watch: Observer | None = None
         self.preparation: Preparation | None = None
         if isinstance(self.setting.fidelity, str):
@@ -92,7 +103,8 @@ class Objective:
             self.scored_by = self.preparation.fidelity()
         else:
             self.scored_by = self.setting.fidelity
-        self.candidates, self.scheme = self.setting.pool, self.setting.fusion
+        self.candidates = self.setting.pool
+        self.scheme = self.setting.fusion
         self.codec = scheme_codec(self.scheme, self.setting.codec)
         self.classes: Classes = getattr(self.scored_by, "classes", VEHICLES)
         several = len(self.classes.names) if isinstance(self.scored_by, ByClass) else 1
@@ -101,18 +113,28 @@ class Objective:
 
     @classmethod
     def of_moved(
-        cls, preparation: Preparation, candidates: Candidates, visibility: Visibility, weights: Weights
+        cls,
+        preparation: Preparation,
+        candidates: Candidates,
+        visibility: Visibility,
+        weights: Weights,
     ) -> "Objective":
         """Objective of other candidates, whose visibility is known, in a preparation's traffic."""
         fidelity = preparation.at(candidates, visibility).fidelity()
-        setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
+        setting = replace(
+            preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights
+        )
         return cls(setting, preparation.run, visibility=visibility)
 
     def __repr__(self) -> str:
         setting = self.setting
         place = "" if self.site is None else f"{self.site.name!r}, "
-        shown = f"{place}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, fidelity={self.fidelity!r}"
-        classes, iou = ", ".join(self.classes.names), iou_text(setting.cases.threshold)
+        shown = (
+            f"{place}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, "
+            f"fidelity={self.fidelity!r}"
+        )
+        classes = ", ".join(self.classes.names)
+        iou = iou_text(setting.cases.threshold)
         limits = "" if math.isinf(self.most_price) else f", most_price={self.most_price:g}"
         limits += f", keep={setting.keep}" if setting.keep else ""
         made = self.preparation
@@ -144,7 +166,9 @@ class Objective:
         most = self.most_price if most_price is None else most_price
         other.setting = replace(self.setting, weights=weights, most_price=most)
         vars(other.setting)["pool"] = self.candidates
-        other._known, other._scored, other.watch = dict(self._known), 0, None
+        other._known = dict(self._known)
+        other._scored = 0
+        other.watch = None
         return other
 
     def forget(self) -> None:
@@ -152,7 +176,8 @@ class Objective:
         self._known = self._empty()
 
     def _empty(self) -> dict[bytes, tuple[float, ...]]:
-        """Memory of the empty set alone: AP, recall, kbit and the AP of each of several classes under a set's bits."""
+        """Memory of the empty set alone: AP, recall, kbit and the AP of each of several classes
+        under a set's bits."""
         return {bytes(-(-len(self.candidates) // 8)): (0.0,) * self._width}
 
     @property
@@ -163,7 +188,9 @@ class Objective:
     @property
     def provenance(self) -> dict[str, Any]:
         """Origin of its scores."""
-        made, cases, detector = self.preparation, self.setting.cases, getattr(self.scored_by, "detector", None)
+        made = self.preparation
+        cases = self.setting.cases
+        detector = getattr(self.scored_by, "detector", None)
         known: dict[str, Any] = {"keep": list(self.setting.keep)} if self.setting.keep else {}
         if self.site is not None:
             known |= {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
@@ -204,10 +231,13 @@ class Objective:
 
     @cached_property
     def loads(self) -> Float64[np.ndarray, " C"]:
-        """kbit of a frame that each candidate takes up of a link; the mean where frames are not known."""
+        """kbit of a frame that each candidate takes up of a link; the mean where frames are not
+        known."""
         if self.visibility is None or not self.scheme.sends_points:
             return self.sent
-        return link_load(sent_per_frame(self.visibility, self.scheme, self.codec), self.setting.link_share)
+        return link_load(
+            sent_per_frame(self.visibility, self.scheme, self.codec), self.setting.link_share
+        )
 
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
@@ -217,11 +247,14 @@ class Objective:
         return np.asarray(self.loads <= max_load(self.candidates.capacity))
 
     def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
-        """True if the links of a set carry what its sensors send. kbit: each sensor's, in frames of any traffic."""
+        """True if the links of a set carry what its sensors send. kbit: each sensor's, in frames of
+        any traffic."""
         if not self.scheme.sends_points:
             return True
         mounts = self.candidates.mount[list(members)]
-        loads = np.bincount(mounts, link_load(kbit, self.setting.link_share), minlength=len(self.candidates.mounts))
+        loads = np.bincount(
+            mounts, link_load(kbit, self.setting.link_share), minlength=len(self.candidates.mounts)
+        )
         capacity = np.array([mount.capacity for mount in self.candidates.mounts])
         return bool((loads <= max_load(capacity)).all())
 
@@ -234,15 +267,22 @@ class Objective:
     def _least_prices(self) -> Float64[np.ndarray, " M"]:
         """Least price of a sensor on each mount, which is paid too; 0 where none may stand."""
         least = np.full(len(self.candidates.mounts), np.inf)
-        np.minimum.at(least, self.candidates.mount[self.linked], self.candidates.prices[self.linked])
+        np.minimum.at(
+            least, self.candidates.mount[self.linked], self.candidates.prices[self.linked]
+        )
         return np.where(np.isfinite(least), least, 0.0)
 
     def score(self, subset: Members) -> Score:
-        """Score of one set, given as indices or names of candidates. Raises ValueError for an unknown one."""
+        """Score of one set, given as indices or names of candidates. Raises ValueError for an
+        unknown one."""
         row = self.row(subset)
         scores = self.scores(row[None])
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
-        terms = {"ap": ap, "comm": 0 - self.weights.comm * per_sensor, "price": 0 - self.weights.price * price}
+        terms = {
+            "ap": ap,
+            "comm": 0 - self.weights.comm * per_sensor,
+            "price": 0 - self.weights.price * price,
+        }
         members = tuple(np.flatnonzero(row).tolist())
         by_class = dict(zip(self.classes.names, self.class_ap(row[None])[0].tolist(), strict=True))
         figures = (ap, recall, per_sensor, kbit, price, reward)
@@ -254,17 +294,23 @@ class Objective:
         return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
     def scores(self, subsets: Sets) -> Scores:
-        """Scores of sets, feasible or not. A known set is not scored again, and the empty set scores 0."""
+        """Scores of sets, feasible or not. A known set is not scored again, and the empty set
+        scores 0."""
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
         per_sensor, price, reward = self._weigh(subsets, ap, kbit)
         return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
 
-    def race(self, subsets: Sets, *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0) -> Race:
-        """Sets of the greatest reward, as by `racing.race`. Raises ValueError if the fidelity cannot."""
+    def race(
+        self, subsets: Sets, *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
+    ) -> Race:
+        """Sets of the greatest reward, as by `racing.race`. Raises ValueError if the fidelity
+        cannot."""
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
-            raise ValueError(f"fidelity {self.fidelity} scores all frames at once, which is quick: take scores()")
+            raise ValueError(
+                f"fidelity {self.fidelity} scores all frames at once, which is quick: take scores()"
+            )
 
         def rewards(sets: Sets, frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
             estimate = scored_by.partial(sets, frames.tolist())
@@ -296,7 +342,9 @@ class Objective:
     def feasible(self, subsets: Sets) -> Mask:
         """Mask of sets that may be built."""
         together = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
-        return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
+        return np.asarray(
+            together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets))
+        )
 
     def keeps(self, subsets: Sets) -> Mask:
         """Mask of sets with a sensor on every mount that must carry one."""
@@ -305,17 +353,20 @@ class Objective:
         return np.asarray((self.candidates.per_mount(subsets)[:, self.kept] > 0).all(axis=1))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that keep a set feasible: with room on their mounts, and money left for them."""
+        """Mask of candidates that keep a set feasible: with room on their mounts, and money left
+        for them."""
         return self._fitting(subset, 0.0)
 
     def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates to add next: on mounts that must carry a sensor until all do, which leave money for these.
-        Then any that is allowed."""
+        """Mask of candidates to add next: on mounts that must carry a sensor until all do, which
+        leave money for these. Then any that is allowed."""
         mount = self.candidates.mount
         bare = np.setdiff1d(self.kept, mount[self._row(subset)])
         if not len(bare):
             return self.allowed(subset)
-        return self._fitting(subset, self._least_prices[bare].sum() - self._least_prices[mount]) & np.isin(mount, bare)
+        return self._fitting(
+            subset, self._least_prices[bare].sum() - self._least_prices[mount]
+        ) & np.isin(mount, bare)
 
     def _fitting(
         self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
@@ -327,11 +378,16 @@ class Objective:
         return np.asarray(room & self.linked & self.affordable(price + reserve))
 
     def _row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        return subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
+        return (
+            subset
+            if isinstance(subset, np.ndarray) and subset.dtype == np.bool_
+            else self.row(subset)
+        )
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """Load of each candidate, None unless sensors share the link of a mount and may send too much together."""
+        """Load of each candidate, None unless sensors share the link of a mount and may send too
+        much together."""
         return self.loads if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
@@ -342,7 +398,8 @@ class Objective:
         return row
 
     def _figures(self, subsets: Sets) -> tuple[Float64[np.ndarray, "n _"], Mask]:
-        """AP, recall, kbit and the AP of each of several classes of each set, and whether it was known before."""
+        """AP, recall, kbit and the AP of each of several classes of each set, and whether it was
+        known before."""
         if len(self._known) > MOST_REMEMBERED:
             self.forget()
         keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
@@ -355,16 +412,27 @@ class Objective:
                 estimate = self.scored_by(sets)
             else:
                 each = cast(ByClass, self.scored_by).by_class(sets)
-                estimate, of_classes = each.combined(self.classes), tuple(each.ap.T)
+                estimate = each.combined(self.classes)
+                of_classes = tuple(each.ap.T)
             if not np.isfinite(estimate.ap).all():
                 there = " or ".join(self.classes.names)
-                raise ValueError(f"there is no {there} to find in these frames: say more --frames, or another --seed")
+                raise ValueError(
+                    f"there is no {there} to find in these frames: say more --frames, or another "
+                    "--seed"
+                )
             if not np.isfinite(estimate.kbit).all():
-                raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
+                raise ValueError(
+                    f"kbit must be finite, fidelity {self.fidelity!r} says "
+                    f"{estimate.kbit.tolist()[:3]}"
+                )
             columns = (estimate.ap, estimate.recall, estimate.kbit, *of_classes)
-            self._known.update(zip(fresh, zip(*(column.tolist() for column in columns), strict=True), strict=True))
+            self._known.update(
+                zip(fresh, zip(*(column.tolist() for column in columns), strict=True), strict=True)
+            )
             self._tell(len(fresh))
-        return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
+        return np.array([self._known[key] for key in keys], np.float64).reshape(
+            -1, self._width
+        ), cache_hit
 
     def _tell(self, scored: int) -> None:
         """Count newly scored sets, on some frames or all."""

@@ -13,7 +13,8 @@ FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 
 
 class Estimate(NamedTuple):
-    """Figures of n sensor sets. kbit: sent by all sensors of a set in a frame, mean over the frames."""
+    """Figures of n sensor sets. kbit: sent by all sensors of a set in a frame, mean over the
+    frames."""
 
     ap: Float64[np.ndarray, " n"]
     recall: Float64[np.ndarray, " n"]
@@ -25,7 +26,8 @@ class Estimate(NamedTuple):
 
 
 class ClassEstimates(NamedTuple):
-    """Figures of n sensor sets for each of k classes, NaN where one has nothing to find. kbit: of the whole set."""
+    """Figures of n sensor sets for each of k classes, NaN where one has nothing to find. kbit: of
+    the whole set."""
 
     ap: Float64[np.ndarray, "n k"]
     recall: Float64[np.ndarray, "n k"]
@@ -38,7 +40,8 @@ class ClassEstimates(NamedTuple):
 
 @runtime_checkable
 class Fidelity(Protocol):
-    """Scorer of sets of C candidates, given as rows of booleans. The same sets get the same figures, in any order."""
+    """Scorer of sets of C candidates, given as rows of booleans. The same sets get the same
+    figures, in any order."""
 
     @property
     def name(self) -> str:
@@ -80,4 +83,5 @@ class Doubting(Fidelity, Protocol):
         """Standard error of each set's AP; NaN if unknown."""
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
-        """Sentences on how a question differs from the fitted data. sensors: kinds of their models."""
+        """Sentences on how a question differs from the fitted data. sensors: kinds of their
+        models."""

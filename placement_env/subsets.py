@@ -1,4 +1,5 @@
-"""Sets of candidates as rows of booleans: all of them, and sums over the members of many at once."""
+"""Sets of candidates as rows of booleans: all of them, and sums over the members of many at
+once."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -24,18 +25,26 @@ def find_index(member: object, names: Sequence[str]) -> int:
     """Return the candidate that an index or name means. Raises ValueError for any other value."""
     if isinstance(member, str) and member in names:
         return names.index(member)
-    if isinstance(member, int | np.integer) and not isinstance(member, bool) and 0 <= member < len(names):
+    if (
+        isinstance(member, int | np.integer)
+        and not isinstance(member, bool)
+        and 0 <= member < len(names)
+    ):
         return int(member)
-    raise ValueError(f"candidates are 0 to {len(names) - 1}, or their names such as {names[0]!r}; got {member!r}")
+    raise ValueError(
+        f"candidates are 0 to {len(names) - 1}, or their names such as {names[0]!r}; got {member!r}"
+    )
 
 
 class MemberSums:
-    """Sums of the rows (C, w) of each set's members, in the type of the rows, the same beside any other sets.
+    """Sums of the rows (C, w) of each set's members, in the type of the rows, the same beside any
+    other sets.
 
     Raises ValueError unless sets are rows of one boolean per candidate."""
 
     def __init__(self, rows: Shaped[np.ndarray, "C w"]) -> None:
-        self._rows = np.concatenate([rows, np.zeros((1, rows.shape[1]), rows.dtype)])  # the last for no member
+        # the last for no member
+        self._rows = np.concatenate([rows, np.zeros((1, rows.shape[1]), rows.dtype)])
 
     @property
     def rows(self) -> Shaped[np.ndarray, "C w"]:
@@ -45,9 +54,12 @@ class MemberSums:
     def __call__(self, subsets: Sets) -> Shaped[np.ndarray, "n w"]:
         """Sum of each set."""
         n, candidates = subsets.shape
-        owner, member = np.divmod(np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1))
+        owner, member = np.divmod(
+            np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1)
+        )
         sizes = np.bincount(owner, minlength=n)
-        members = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)  # of each set, at least one column
+        # of each set, at least one column
+        members = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)
         members[owner, np.arange(len(owner)) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = member
         sums = self._rows[members[:, 0]]
         for column in members.T[1:]:
@@ -55,7 +67,8 @@ class MemberSums:
         return sums
 
     def blocks(self, subsets: Sets) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
-        """Yield the sums of as many sets at a time as fit the processor's cache, and their slice."""
+        """Yield the sums of as many sets at a time as fit the processor's cache, and their
+        slice."""
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
             said = f"sets must be rows of {candidates} booleans, one for each candidate"

@@ -1,4 +1,5 @@
-"""The browser that pages are opened in, a Ray cluster of two nodes, and hypothesis without a clock."""
+"""The browser that pages are opened in, a Ray cluster of two nodes, and hypothesis without a
+clock."""
 
 import shutil
 
@@ -18,7 +19,9 @@ def browser():
 
     path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if path is None:
-        pytest.fail("pages are tested in Chromium, which is not here: run make, or apt-get install chromium")
+        pytest.fail(
+            "pages are tested in Chromium, which is not here: run make, or apt-get install chromium"
+        )
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
         yield chromium

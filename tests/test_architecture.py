@@ -1,4 +1,5 @@
-"""Check the structure of the packages: no import cycles between modules or folders, one meaning for a name."""
+"""Check the structure of the packages: no import cycles between modules or folders, one meaning for
+a name."""
 
 import ast
 import re
@@ -10,12 +11,28 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FLOORS = ("toolkit", "models", "placement_env", "coview")
-SOURCES = sorted(path.relative_to(ROOT) for floor in FLOORS for path in (ROOT / floor).rglob("*.py"))
+SOURCES = sorted(
+    path.relative_to(ROOT) for floor in FLOORS for path in (ROOT / floor).rglob("*.py")
+)
 
-PROTOCOLS = {"build", "live", "search"}  # of every built-in site, of page and command, and of every search
+# of every built-in site, of page and command, and of every search
+PROTOCOLS = {"build", "live", "search"}
 # Words of this house that the field has other words for: see the glossary in CONTRIBUTING.md.
 HOUSE_WORDS = {
-    *("board", "boards", "dear", "game", "games", "gaze", "hung", "lorries", "lorry", "sighting", "sightings", "told")
+    *(
+        "board",
+        "boards",
+        "dear",
+        "game",
+        "games",
+        "gaze",
+        "hung",
+        "lorries",
+        "lorry",
+        "sighting",
+        "sightings",
+        "told",
+    )
 }
 
 
@@ -28,7 +45,8 @@ MODULES = {module_of(path): path for path in SOURCES}
 
 
 def imports(path):
-    """The modules of ours that a file imports when it runs, inside functions too; not those for types alone."""
+    """The modules of ours that a file imports when it runs, inside functions too; not those for
+    types alone."""
 
     def walk(node):
         for child in ast.iter_child_nodes(node):
@@ -54,11 +72,16 @@ def test_no_cycle_of_imports_and_no_face_below():
         TopologicalSorter(GRAPH).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(reversed(error.args[1])))
-    # A face reaches everything, so that who imports one depends on everything: contracts and cache keys lose
+    # A face reaches everything, so that who imports one depends on everything: contracts and cache
+    # keys lose
     # sight.
-    assert {(name, face) for name, others in GRAPH.items() for face in FLOORS[:3] if face in others} == set()
+    assert {
+        (name, face) for name, others in GRAPH.items() for face in FLOORS[:3] if face in others
+    } == set()
     assert set(folder_cycles()) <= KNOWN_CYCLES
-    assert [path for path in SOURCES if not ast.get_docstring(ast.parse((ROOT / path).read_text()))] == []
+    assert [
+        path for path in SOURCES if not ast.get_docstring(ast.parse((ROOT / path).read_text()))
+    ] == []
 
 
 def folder_cycles():
@@ -71,9 +94,12 @@ def folder_cycles():
                 graph[here[depth]] |= {
                     there[depth]
                     for there in (MODULES[other].parts for other in others)
-                    if there[:depth] == folder.parts and there[depth] not in ("__init__.py", here[depth])
+                    if there[:depth] == folder.parts
+                    and there[depth] not in ("__init__.py", here[depth])
                 }
-        yield from (f"{folder}: {a} <-> {b}" for a in graph for b in graph[a] if a < b and a in graph[b])
+        yield from (
+            f"{folder}: {a} <-> {b}" for a in graph for b in graph[a] if a < b and a in graph[b]
+        )
 
 
 KNOWN_CYCLES = {"toolkit/datasets: dataset.py <-> layouts"}
@@ -89,7 +115,11 @@ def public_names(path):
             ast.AnnAssign: lambda n: [n.target],
         }.get(type(node), lambda _: [])(node)
         for target in targets:
-            found = [target.name] if hasattr(target, "name") else [t.id for t in ast.walk(target) if hasattr(t, "id")]
+            found = (
+                [target.name]
+                if hasattr(target, "name")
+                else [t.id for t in ast.walk(target) if hasattr(t, "id")]
+            )
             yield from (name for name in found if not name.startswith("_"))
 
 
@@ -119,7 +149,9 @@ def names_given(path):
 def test_names_are_in_the_words_of_the_field():
     words = {
         path.as_posix(): {
-            word.lower() for name in names_given(path) for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)
+            word.lower()
+            for name in names_given(path)
+            for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)
         }
         for path in SOURCES
         if path.parts[0] != "coview"

@@ -1,4 +1,5 @@
-"""The documentation holds: its Python runs, its command lines parse, its links lead somewhere, nothing is missing."""
+"""The documentation holds: its Python runs, its command lines parse, its links lead somewhere,
+nothing is missing."""
 
 import doctest
 import functools
@@ -34,7 +35,9 @@ def extension(monkeypatch):
 
 
 def blocks(page, language):
-    return [(mark, text) for mark, found, text in BLOCK.findall(page.read_text()) if found == language]
+    return [
+        (mark, text) for mark, found, text in BLOCK.findall(page.read_text()) if found == language
+    ]
 
 
 def name_of(page):
@@ -58,7 +61,9 @@ def run_block(page, number, folder, monkeypatch):
     for mark, text in blocks(page, "python"):
         if mark.startswith("file: "):
             (folder / mark.removeprefix("file: ")).write_text(text)
-    exec(compile(blocks(page, "python")[number][1], name_of(page), "exec"), {"__name__": "__main__"})
+    exec(
+        compile(blocks(page, "python")[number][1], name_of(page), "exec"), {"__name__": "__main__"}
+    )
 
 
 @pytest.mark.parametrize(("page", "number"), python_blocks(lasting=False))
@@ -73,9 +78,13 @@ def test_a_python_block_of_minutes_runs_alone(page, number, tmp_path, monkeypatc
 
 
 def command_lines(page):
-    shown = "\n".join(text for language in ("", "console", "bash") for _, text in blocks(page, language))
+    shown = "\n".join(
+        text for language in ("", "console", "bash") for _, text in blocks(page, language)
+    )
     lines = [line.removeprefix("$ ") for line in shown.replace("\\\n", " ").splitlines()]
-    return [shlex.split(line, comments=True)[1:] for line in lines if re.match(r"coview [a-z]", line)]
+    return [
+        shlex.split(line, comments=True)[1:] for line in lines if re.match(r"coview [a-z]", line)
+    ]
 
 
 @functools.cache
@@ -88,7 +97,11 @@ def refused(words):
         return "no such command"
     try:
         tyro.extras.subcommand_cli_from_dict(
-            {words[0]: parsing(words[0])}, prog="coview", args=words, config=CONFIG, console_outputs=False
+            {words[0]: parsing(words[0])},
+            prog="coview",
+            args=words,
+            config=CONFIG,
+            console_outputs=False,
         )
     except SystemExit as stopped:
         return "" if "--help" in words and not stopped.code else "refused"
@@ -107,13 +120,17 @@ def test_options_in_running_text_exist(page, extension):
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
     for name, rest in re.findall(r"`coview ([a-z]+) ([^`]*--[^`]*)`", text):
         below = extension("commands").subcommands(parser(name)).values()
-        known = {option for each in (parser(name), *below) for option in each._option_string_actions}
+        known = {
+            option for each in (parser(name), *below) for option in each._option_string_actions
+        }
         assert set(re.findall(r"--[a-z0-9-]+", rest)) <= known, name
 
 
 def test_commands_pictures_and_pages_are_where_readers_find_them():
     assert refused(["site", "show", "tjunction", "--out", "a.png"]) == ""
-    assert [refused(words) for words in (["plan", "tjunction", "--bugdet", "4"], ["site", "shwo"])] == ["refused"] * 2
+    assert [
+        refused(words) for words in (["plan", "tjunction", "--bugdet", "4"], ["site", "shwo"])
+    ] == ["refused"] * 2
     assert refused(["evalaute"]) == "no such command"
     assert set(COMMANDS) - {words[0] for page in TEXTS for words in command_lines(page)} <= {"demo"}
     most = {".png": 150_000, ".webp": 3_000_000}  # bytes of a picture, and of a film
@@ -125,17 +142,27 @@ def test_commands_pictures_and_pages_are_where_readers_find_them():
     }
     assert pictures == shown
     assert [path.name for path in pictures if path.stat().st_size > most[path.suffix]] == []
-    tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
+    tables = re.findall(
+        r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL
+    )
     listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
     pages = [
-        path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst", ".ipynb") and path.stem != "index"
+        path
+        for path in (ROOT / "docs").rglob("*")
+        if path.suffix in (".md", ".rst", ".ipynb") and path.stem != "index"
     ]
-    assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages)
+    assert sorted(listed) == sorted(
+        str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages
+    )
 
 
 def anchors(page):
-    headings = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+    headings = re.findall(
+        r"^#+ (.*)$", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL), re.MULTILINE
+    )
+    return {
+        re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings
+    }
 
 
 @pytest.mark.parametrize("page", TEXTS, ids=name_of)
@@ -161,10 +188,14 @@ def lookup(dotted):
     return False
 
 
-@pytest.mark.parametrize("page", [page for page in TEXTS if page.name != "CHANGELOG.md"], ids=name_of)
+@pytest.mark.parametrize(
+    "page", [page for page in TEXTS if page.name != "CHANGELOG.md"], ids=name_of
+)
 def test_names_and_files_in_running_text_exist(page):
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
-    files = re.findall(r"\b(?:toolkit|models|placement_env|coview|tests|examples|docs)/[\w/]+\.\w+", text)
+    files = re.findall(
+        r"\b(?:toolkit|models|placement_env|coview|tests|examples|docs)/[\w/]+\.\w+", text
+    )
     places = (ROOT, ROOT / "tests" / "benchmarks")
     assert [file for file in files if not any((place / file).exists() for place in places)] == []
     names = re.findall(r"`((?:toolkit|models|placement_env|coview)(?:\.\w+)+)", text)
@@ -192,31 +223,49 @@ def test_the_extensions_do_what_they_say(extension, name):
 @pytest.mark.parametrize("face", ["toolkit", "models", "placement_env"])
 def test_the_reference_has_every_name_of_a_face(extension, face):
     lines = "\n".join(extension("faces").page(face))
-    shown = re.findall(r"^\.\. (?:autoclass|autofunction|py:module):: \S+?\.(\w+)$", lines, re.MULTILINE)
-    assert sorted(set(shown) - {"search"}) == import_module(face).__all__  # `search` of the methods, which are modules
+    shown = re.findall(
+        r"^\.\. (?:autoclass|autofunction|py:module):: \S+?\.(\w+)$", lines, re.MULTILINE
+    )
+    assert (
+        sorted(set(shown) - {"search"}) == import_module(face).__all__
+    )  # `search` of the methods, which are modules
 
 
 def test_references_keep_docstrings_signatures_and_help(extension):
-    text = "Weights `w` * 2, `fuse` all_of | it_.\n\n    a  b\n    c\n\n1. one\n   more\n2. two\n\n>>> 1 + 1\n2"
+    text = (
+        "Weights `w` * 2, `fuse` all_of | it_.\n\n    a  b\n    c\n\n1. one\n   more\n2. "
+        "two\n\n>>> 1 + 1\n2"
+    )
     words = r"Weights ``w`` \* 2, :py:obj:`fuse <toolkit.fuse>` all_of \| it\_."
     lines = "\n\n::\n\n    a  b\n    c\n\n1. one more\n2. two\n\n>>> 1 + 1\n2\n"
     assert extension("faces").as_rst(text) == (words + lines).split("\n")
     from toolkit import Body, Codec, crop
 
     signature = extension("faces").signature
-    assert signature(crop).startswith("(cloud: AnyCloud, area: Area, height: float | None = None, *, floor")
+    assert signature(crop).startswith(
+        "(cloud: AnyCloud, area: Area, height: float | None = None, *, floor"
+    )
     assert "vertices: Float32[np.ndarray, 'k 3']" in signature(Body)
     assert signature(Codec) == ""
     shown = list(extension("commands").section("site"))
     assert shown[0] == "coview site"
-    assert [line for line in shown if line.startswith("coview site ")] >= ["coview site import", "coview site random"]
+    assert [line for line in shown if line.startswith("coview site ")] >= [
+        "coview site import",
+        "coview site random",
+    ]
     there = shown.index("``--centre FLOAT FLOAT``")
-    assert shown[there + 1].strip().startswith("Centre of the detection area: metres of an OpenDRIVE map")
+    assert (
+        shown[there + 1]
+        .strip()
+        .startswith("Centre of the detection area: metres of an OpenDRIVE map")
+    )
     assert "``SITE``" in shown
     assert "``--drop-invalid``" in list(extension("commands").section("evaluate"))
 
 
-RUN = tomllib.loads((Path(__file__).parent / "documented_commands.toml").read_text(encoding="utf-8"))
+RUN = tomllib.loads(
+    (Path(__file__).parent / "documented_commands.toml").read_text(encoding="utf-8")
+)
 SERVERS = ("live", "view")  # until they are stopped; `view` serves unless it writes
 LONGEST_S = 900
 STOPPED = 130  # exit code at Ctrl-C while the page is still being filled
@@ -253,17 +302,24 @@ def serves(words):
 def lacking(words, folder):
     """Files of the table that a command reads and its folder does not have."""
     read = set(words) - written(words)
-    named = [name for name in RUN["files"] if any(word == name or word.startswith(f"{name}/") for word in read)]
+    named = [
+        name
+        for name in RUN["files"]
+        if any(word == name or word.startswith(f"{name}/") for word in read)
+    ]
     return [name for name in named if not (folder / name).exists()]
 
 
 def start(arguments, folder):
-    """A Python process in a folder, which is not on its path, that opens no browser and ends at Ctrl-C."""
+    """A Python process in a folder, which is not on its path, that opens no browser and ends at
+    Ctrl-C."""
     return subprocess.Popen(
         [sys.executable, "-P", *arguments],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT), "BROWSER": "true"},
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # which a shell's background ignores
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # which a shell's background ignores
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -339,9 +395,13 @@ def test_the_table_of_commands_has_nothing_that_no_page_shows(tmp_path):
     shown = [words for page in RUN_PAGES for words in command_lines(page)]
     lines = [shlex.join(words) for words in shown]
     assert [words for words in RUN["words"] if not any(words in line for line in lines)] == []
-    assert [line for line in RUN["left_out"] if not any(shown.startswith(line) for shown in lines)] == []
+    assert [
+        line for line in RUN["left_out"] if not any(shown.startswith(line) for shown in lines)
+    ] == []
     assert {words[0] for words in shown} >= RUN["sizes"].keys()
-    sources = [["", *str(source).split()] for way in RUN["files"].values() for source in way.values()]
+    sources = [
+        ["", *str(source).split()] for way in RUN["files"].values() for source in way.values()
+    ]
     used = {name for words in [*map(as_run, shown), *sources] for name in lacking(words, tmp_path)}
     assert RUN["files"].keys() - used == {"elm.png"}  # of a page's catalogue
 
@@ -349,7 +409,8 @@ def test_the_table_of_commands_has_nothing_that_no_page_shows(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", RUN_PAGES, ids=name_of)
 def test_commands_of_a_page_run_in_their_order(page, tmp_path, taken_for_granted):
-    """A path that an earlier command of the page wrote is taken away first: the two are alternatives."""
+    """A path that an earlier command of the page wrote is taken away first: the two are
+    alternatives."""
     for mark, text in blocks(page, "python"):
         if mark.startswith("file: "):
             (tmp_path / mark.removeprefix("file: ")).write_text(text)

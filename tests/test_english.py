@@ -1,4 +1,5 @@
-"""Plain English in product and documentation: how docstrings open, what functions are called, phrases that stay out.
+"""Plain English in product and documentation: how docstrings open, what functions are called,
+phrases that stay out.
 
 The numbers allowed are those of today and only shrink: lower them when you rewrite.
 """
@@ -11,9 +12,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FLOORS = ("toolkit", "models", "placement_env", "coview")
+# openings of a clause; a docstring opens with a verb or the noun that comes back
 CLAUSE = re.compile(
     r"(What|Which|Whether|How|Where|Who|Whom|Of|That|Those|As|The same|By|From|To|In|If|There)\b"
-)  # openings of a clause; a docstring opens with a verb or the noun that comes back
+)
 PREPOSITION = re.compile(r"_(of|on|in|at|by|for|from|to|with|over|under|about|like)$")
 PHRASES = re.compile(
     r"that there (is|are) (not|none)|one that there|\bso many (after|sets)\b|\b(come|came) by\b|\bwhom\b"
@@ -32,7 +34,10 @@ def trees(floor):
 def functions(floor):
     """Functions of a floor, but for those that Python calls."""
     found = [
-        (path, node) for path, tree in trees(floor) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
+        (path, node)
+        for path, tree in trees(floor)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
     ]
     return [(path, node) for path, node in found if not node.name.startswith("__")]
 
@@ -56,7 +61,11 @@ def test_docstrings_open_with_a_verb_or_a_noun(floor):
 @pytest.mark.parametrize("floor", FLOORS)
 def test_functions_are_not_called_by_a_participle(floor):
     words = [(place, place[1].name.strip("_").split("_")[0]) for place in functions(floor)]
-    said = [named(*place) for place, word in words if word.endswith("ed") and len(word) > 4 and word != "speed"]
+    said = [
+        named(*place)
+        for place, word in words
+        if word.endswith("ed") and len(word) > 4 and word != "speed"
+    ]
     assert len(said) <= ALLOWED_PARTICIPLES[floor], said
 
 
@@ -68,8 +77,14 @@ def test_functions_do_not_end_in_a_preposition(floor):
 
 @pytest.mark.parametrize("place", [*FLOORS, "docs"])
 def test_phrases_that_must_be_decoded_stay_out(place):
-    paths = [*(ROOT / place).rglob("*.py")] if place != "docs" else [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    paths = (
+        [*(ROOT / place).rglob("*.py")]
+        if place != "docs"
+        else [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    )
     said = [
-        f"{path.relative_to(ROOT)}: {found.group()}" for path in paths for found in PHRASES.finditer(path.read_text())
+        f"{path.relative_to(ROOT)}: {found.group()}"
+        for path in paths
+        for found in PHRASES.finditer(path.read_text())
     ]
     assert len(said) <= ALLOWED_PHRASES[place], said

@@ -9,12 +9,16 @@ import pytest
 EXAMPLES = sorted(Path(__file__).parents[1].glob("examples/*.py"))
 
 
-SLOW = ("02", "10")  # what they show is tested elsewhere; the others take what README and pages take
+# what they show is tested elsewhere; the others take what README and pages take
+SLOW = ("02", "10")
 
 
 @pytest.mark.parametrize(
     "example",
-    [pytest.param(path, marks=[pytest.mark.slow] * path.name.startswith(SLOW)) for path in EXAMPLES],
+    [
+        pytest.param(path, marks=[pytest.mark.slow] * path.name.startswith(SLOW))
+        for path in EXAMPLES
+    ],
     ids=lambda path: path.stem,
 )
 def test_example(example, capsys, tmp_path, monkeypatch):
@@ -25,7 +29,11 @@ def test_example(example, capsys, tmp_path, monkeypatch):
 
 def test_readme(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (Path(__file__).parents[1] / "README.md").read_text(), flags=re.DOTALL)
+    blocks = re.findall(
+        r"```python\n(.*?)```",
+        (Path(__file__).parents[1] / "README.md").read_text(),
+        flags=re.DOTALL,
+    )
     assert len(blocks) >= 2
     for block in blocks:
         exec(compile(block, "README.md", "exec"), {})

@@ -1,4 +1,5 @@
-"""The faces of the packages: every name they offer loads, keeps its type, and a misspelt one is an error for mypy."""
+"""The faces of the packages: every name they offer loads, keeps its type, and a misspelt one is an
+error for mypy."""
 
 import ast
 import importlib
@@ -36,9 +37,15 @@ def test_every_name_loads_and_hides_no_module(face):
         _ = package.lode_site
 
 
-@pytest.mark.parametrize("path", [*(ROOT / "examples").glob("*.py"), ROOT / "README.md"], ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path", [*(ROOT / "examples").glob("*.py"), ROOT / "README.md"], ids=lambda path: path.name
+)
 def test_examples_and_readme_import_from_the_faces(path):
-    deeper = re.findall(r"^\s*(?:from|import) ((?:toolkit|models|placement_env)\.\S+)", path.read_text(), re.MULTILINE)
+    deeper = re.findall(
+        r"^\s*(?:from|import) ((?:toolkit|models|placement_env)\.\S+)",
+        path.read_text(),
+        re.MULTILINE,
+    )
     assert not deeper, f"offer what it needs in the face, in place of importing {deeper}"
 
 
@@ -51,19 +58,38 @@ def test_a_star_imports_all_names_of_coview():
 def test_a_bare_machine_can_import_the_faces():
     """None of the heavy packages loads before something of them is used."""
     heavy = ["open3d", "torch", "libsumo", "matplotlib", "stable_baselines3", "ortools"]
-    code = f"import sys, toolkit, models, placement_env; print([m for m in {heavy} if m in sys.modules])"
-    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    code = (
+        f"import sys, toolkit, models, placement_env; print([m for m in {heavy} if m in "
+        "sys.modules])"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert said.stdout.strip() == "[]"
 
 
 def test_mypy_sees_through_the_faces(tmp_path):
     names = {face: [name for module, name in offered(face) if module] for face in FACES}
-    lines = [f"from {face} import {name}\nreveal_type({name})" for face in FACES for name in names[face]]
+    lines = [
+        f"from {face} import {name}\nreveal_type({name})" for face in FACES for name in names[face]
+    ]
     (tmp_path / "sound.py").write_text("\n".join(lines))
-    (tmp_path / "misspelt.py").write_text("\n".join(f"from {face} import lode_site" for face in FACES))
-    mypy = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", ".mypy_cache"]
+    (tmp_path / "misspelt.py").write_text(
+        "\n".join(f"from {face} import lode_site" for face in FACES)
+    )
+    mypy = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--config-file",
+        str(ROOT / "pyproject.toml"),
+        "--cache-dir",
+        ".mypy_cache",
+    ]
     files = [str(tmp_path / "sound.py"), str(tmp_path / "misspelt.py")]
-    said = subprocess.run([*mypy, *files], cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    said = subprocess.run(
+        [*mypy, *files], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout
     revealed = re.findall(r'Revealed type is "(.*)"', said)
     assert len(revealed) == sum(map(len, names.values())), said
     assert not [kind for kind in revealed if kind == "Any"]

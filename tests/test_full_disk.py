@@ -1,4 +1,5 @@
-"""A disk that fills up while any of our files is written: one line that names the file, nothing torn, nothing left."""
+"""A disk that fills up while any of our files is written: one line that names the file, nothing
+torn, nothing left."""
 
 import json
 import os
@@ -84,7 +85,11 @@ print(json.dumps(report))
 def test_every_writer_says_which_file_and_leaves_what_was_there(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     done = subprocess.run(
-        [sys.executable, "-B", "-c", SCRIPT], cwd=tmp_path, env=environment, capture_output=True, text=True
+        [sys.executable, "-B", "-c", SCRIPT],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)

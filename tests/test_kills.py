@@ -1,5 +1,5 @@
-"""Every command that writes, killed (SIGKILL) at random moments and started again by the same line: it ends with the
-files of a run that nobody disturbed, and leaves no other."""
+"""Every command that writes, killed (SIGKILL) at random moments and started again by the same line:
+it ends with the files of a run that nobody disturbed, and leaves no other."""
 
 import os
 import random
@@ -13,7 +13,10 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL there")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL there"),
+]
 KILLS = int(os.environ.get("COVIEW_KILLS", "10"))
 SMALL = "--frames 8 --workers 1"
 PLACED = "--budget 2 --candidates paper --frames 8"
@@ -22,17 +25,24 @@ COMMANDS = {
     "convert": "convert rec.hdf5 --to kitti --out OUT/x",
     "convert folder": "convert rec.hdf5 --to folder --out OUT/x",
     "convert hdf5": "convert rec.hdf5 --to hdf5 --out OUT/x.hdf5",
-    "calibrate": "calibrate clouds --layout folder --reference tjunction --out OUT/x --poses OUT/poses.json",
+    "calibrate": (
+        "calibrate clouds --layout folder --reference tjunction --out OUT/x --poses OUT/poses.json"
+    ),
     "detect": "detect clouds --format openlabel --level map --out OUT/x",
     "evaluate": "evaluate rec.hdf5 --frames 8 --schemes early late --out OUT/x",
-    "stress": "stress rec.hdf5 --frames 6 --schemes early --kinds pose silent --cache OUT/c --out OUT/x",
+    "stress": (
+        "stress rec.hdf5 --frames 6 --schemes early --kinds pose silent --cache OUT/c --out OUT/x"
+    ),
     "table": "table rec.hdf5 --frames 2 --out OUT/x.npz",
     "pack": "pack rec.hdf5 --out OUT/x.packed",
     "pack random": f"pack --random-sites 3 {SMALL} --out OUT/x.packed",
     "train": "train --data x.packed --epochs 2 --batch 2 --device cpu --checkpoint-s 0.01 --out OUT/x",
     "search": f"search tjunction {PLACED} --judge surrogate --cache OUT/c --out OUT/x",
     "plan": f"plan tjunction {PLACED} --cache OUT/c --workers 1 --out OUT/x",
-    "surrogate": "surrogate tjunction --frames 6 --poses 2 --sets 4 --schemes early --cache OUT/c --out OUT/x.json",
+    "surrogate": (
+        "surrogate tjunction --frames 6 --poses 2 --sets 4 --schemes early --cache OUT/c --out "
+        "OUT/x.json"
+    ),
     "view": "view rec.hdf5 --out OUT/x.html",
     "site": "site random --seed 3 --out OUT/x.json",
 }
@@ -44,7 +54,11 @@ def start(line: str, folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "coview", *line.split()],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "PYTHONWARNINGS": "ignore"},
+        env={
+            **os.environ,
+            "PYTHONPATH": str(Path(__file__).parents[1]),
+            "PYTHONWARNINGS": "ignore",
+        },
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -99,7 +113,8 @@ def test_a_command_killed_at_any_moment_is_resumed_by_the_same_line(place, tmp_p
         process.communicate()
         found = files(tmp_path / str(number))
         again, said = finish(killed, place)
-        done = again == 2 and "exists" in said and found == expected  # killed after its work was done
+        # killed after its work was done
+        done = again == 2 and "exists" in said and found == expected
         assert again == code or done, (number, said, found)
         assert "Traceback" not in said
         assert files(tmp_path / str(number)) == expected, (number, found)

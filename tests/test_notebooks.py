@@ -1,4 +1,5 @@
-"""The documentation's notebooks: executed, small, without a path of the machine that ran them; they run anew."""
+"""The documentation's notebooks: executed, small, without a path of the machine that ran them; they
+run anew."""
 
 import re
 from importlib import import_module

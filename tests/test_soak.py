@@ -1,8 +1,10 @@
-"""Two thousand frames through every long command: memory and open files must not grow with the frames.
+"""Two thousand frames through every long command: memory and open files must not grow with the
+frames.
 
-`pytest -s -m slow tests/test_soak.py` prints resident memory (MB) after each quarter of a command's time, and the most
-files that it had open; COVIEW_SOAK says how many frames. Sensors are small and the detector does nothing, so that it
-takes some fifteen minutes; what a frame leaves behind depends on neither. Results are written in the last quarter.
+`pytest -s -m slow tests/test_soak.py` prints resident memory (MB) after each quarter of a command's
+time, and the most files that it had open; COVIEW_SOAK says how many frames. Sensors are small and
+the detector does nothing, so that it takes some fifteen minutes; what a frame leaves behind depends
+on neither. Results are written in the last quarter.
 """
 
 import os
@@ -54,22 +56,33 @@ def test_memory_and_open_files_do_not_grow_with_the_frames(tmp_path):
     grown = []
     for command in COMMANDS:
         times, megabytes, files = watch(command, tmp_path)
-        quarters = [megabytes[times <= times[-1] * share][-len(times) // 8 :].max() for share in (0.25, 0.5, 0.75, 1)]
+        quarters = [
+            megabytes[times <= times[-1] * share][-len(times) // 8 :].max()
+            for share in (0.25, 0.5, 0.75, 1)
+        ]
         cells = [f"{times[-1]:.0f}", *(f"{each:.0f}" for each in quarters), f"{files.max()}"]
         print(f"| {' '.join(command.split()[:2])} | {' | '.join(cells)} |", flush=True)
         half, written = len(files) // 2, len(files) * 3 // 4  # results are written at the end
-        if quarters[2] > quarters[1] + MORE_MB or files[half:written].max() > files[:half].max() + MORE_FILES:
+        if (
+            quarters[2] > quarters[1] + MORE_MB
+            or files[half:written].max() > files[:half].max() + MORE_FILES
+        ):
             grown.append(command)
     assert not grown
 
 
 def watch(command: str, folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run a command; return seconds, resident memory (MB) and the number of open files, of it and its children."""
+    """Run a command; return seconds, resident memory (MB) and the number of open files, of it and
+    its children."""
     root = Path(__file__).parents[1]
     environment = {**os.environ, "PYTHONPATH": f"{root}:{folder}", "OMP_NUM_THREADS": "1"}
     with (folder / "said").open("w+") as said:
         process = subprocess.Popen(
-            [sys.executable, "-m", "coview", *command.split()], cwd=folder, env=environment, stdout=said, stderr=said
+            [sys.executable, "-m", "coview", *command.split()],
+            cwd=folder,
+            env=environment,
+            stdout=said,
+            stderr=said,
         )
         start, rows = time.monotonic(), list[tuple[float, float, float]]()
         while process.poll() is None:

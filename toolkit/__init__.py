@@ -1,4 +1,5 @@
-"""Floor 1: sites, traffic, sensors, clouds, fusion and metrics. Nothing heavy loads until it is used."""
+"""Floor 1: sites, traffic, sensors, clouds, fusion and metrics. Nothing heavy loads until it is
+used."""
 
 from lazy_loader import attach_stub
 

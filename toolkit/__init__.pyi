@@ -1,6 +1,10 @@
 from .bodies.body import Body as Body
 from .bodies.fleet import catalogue as catalogue
-from .calibration.empty_scene import EmptyScene as EmptyScene, SceneLearner as SceneLearner, Scenes as Scenes
+from .calibration.empty_scene import (
+    EmptyScene as EmptyScene,
+    SceneLearner as SceneLearner,
+    Scenes as Scenes,
+)
 from .clouds import (
     crop as crop,
     down_sample as down_sample,
@@ -12,9 +16,15 @@ from .clouds import (
 from .datasets.cloud_files import fuse_files as fuse_files
 from .datasets.dataset import CoopDataset as CoopDataset
 from .datasets.recordings import ReadRecording as ReadRecording, Reads as Reads
-from .datasets.recordings import open_recording as open_recording, write_recording as write_recording
+from .datasets.recordings import (
+    open_recording as open_recording,
+    write_recording as write_recording,
+)
 from .datasets.simulation import simulate_dataset as simulate_dataset
-from .detection.background import KnownBackground as KnownBackground, site_background as site_background
+from .detection.background import (
+    KnownBackground as KnownBackground,
+    site_background as site_background,
+)
 from .detection.cluster import ClusterDetector as ClusterDetector
 from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
 from .detection.evaluation import (
@@ -22,7 +32,11 @@ from .detection.evaluation import (
     evaluate_recording as evaluate_recording,
     format_table as format_table,
 )
-from .detection.link.channel import LinkChannel as LinkChannel, Tracks as Tracks, delay_frames as delay_frames
+from .detection.link.channel import (
+    LinkChannel as LinkChannel,
+    Tracks as Tracks,
+    delay_frames as delay_frames,
+)
 from .detection.link.differences import (
     DifferenceReader as DifferenceReader,
     DifferenceSender as DifferenceSender,
@@ -55,7 +69,11 @@ from .sensors.error_profiles import ErrorProfile as ErrorProfile, find_profile a
 from .sensors.models import DepthCamera as DepthCamera, SpinningLidar as SpinningLidar
 from .sensors.sensor import Sensor as Sensor, SensorModel as SensorModel
 from .sites.files import load_site as load_site, save_site as save_site
-from .sites.network import build_network as build_network, road_polygons as road_polygons, street as street
+from .sites.network import (
+    build_network as build_network,
+    road_polygons as road_polygons,
+    street as street,
+)
 from .sites.random import random_site as random_site
 from .sites.site import Mount as Mount, Relief as Relief, Site as Site, Solid as Solid
 from .traffic.snapshots import Snapshot as Snapshot, simulate as simulate

@@ -1,5 +1,6 @@
-"""Shapes in types: `Float[np.ndarray, "n 7"]`, checked by jaxtyping while the tests run, plain arrays elsewhere. A bare
-training machine has no jaxtyping; there the annotations mean the array alone."""
+"""Shapes in types: `Float[np.ndarray, "n 7"]`, checked by jaxtyping while the tests run, plain
+arrays elsewhere. A bare training machine has no jaxtyping; there the annotations mean the array
+alone."""
 
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any

@@ -1,6 +1,7 @@
 """Oriented boxes as (n, 7) arrays: corners, overlap, non-maximum suppression, points inside.
 
-A row is x, y, z (geometric centre), length, width, height (m, full extents), yaw (rad, counter-clockwise from +x):
+A row is x, y, z (geometric centre), length, width, height (m, full extents), yaw (rad,
+counter-clockwise from +x):
 
             1 ────────── length ────────── 0             5 ──────────────────────────────── 4
             │            ▲ y' (left)       │             │                                  │
@@ -10,9 +11,10 @@ A row is x, y, z (geometric centre), length, width, height (m, full extents), ya
 
 Corners 0 1 2 3 are the bottom, counter-clockwise from front left; 4 5 6 7 stand on top of them.
 
-Areas of overlap are exact, not sampled. In the second box's own frame that box is |x| <= l/2, |y| <= w/2, and the
-overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (Green's theorem, with y cut to the box): a
-closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer."""
+Areas of overlap are exact, not sampled. In the second box's own frame that box is |x| <= l/2, |y|
+<= w/2, and the overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (Green's
+theorem, with y cut to the box): a closed form without branches, for all pairs at once. GEOS agrees
+to 1e-9 (see the tests) and takes 60 times longer."""
 
 from collections.abc import Callable
 from functools import partial
@@ -25,7 +27,9 @@ from toolkit.arrays import Bool, BoxRows, Float64, Int64
 
 Overlap = Literal["bev", "3d"]
 
-FACE_TOLERANCE = 1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
+FACE_TOLERANCE = (
+    1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
+)
 _PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
 _AT_ONCE = 512  # boxes compared at once, which bounds time and memory of many in one place
 
@@ -41,13 +45,16 @@ def check_boxes(boxes: ArrayLike, name: str = "boxes") -> BoxRows:
     (0, 7)
     >>> check_boxes([[0, 0, 1, 4, 0, 1.5, 0]])
     Traceback (most recent call last):
-    ValueError: length, width and height must be positive, but boxes row 0 is [0.0, 0.0, 1.0, 4.0, 0.0, 1.5, 0.0]
+    ValueError: length, width and height must be positive, but boxes row 0 is [0.0, 0.0, 1.0, 4.0,
+        0.0, 1.5, 0.0]
     """
     rows = np.asarray(boxes, np.float64)
     if rows.size == 0 and rows.ndim < 2:
         return np.zeros((0, 7))
     if rows.ndim != 2 or rows.shape[1] != 7:
-        raise ValueError(f"{name} must have shape (n, 7): x y z length width height yaw, got {rows.shape}")
+        raise ValueError(
+            f"{name} must have shape (n, 7): x y z length width height yaw, got {rows.shape}"
+        )
     for rule, wrong in (
         ("boxes must hold finite numbers", ~np.isfinite(rows).all(axis=1)),
         ("length, width and height must be positive", (rows[:, 3:6] <= 0).any(axis=1)),
@@ -114,26 +121,38 @@ def nms(
 ) -> Int64[np.ndarray, " kept"]:
     """Greedy non-maximum suppression: indices of the kept boxes, best first.
 
-    A box is dropped if its `iou_bev` with a better kept box, of the same label if `labels` are given, is greater than
-    `iou_threshold`. Of equal scores the earlier one is better. Raises ValueError for a NaN score, a missing score or
-    label, or a threshold outside 0..1.
+    A box is dropped if its `iou_bev` with a better kept box, of the same label if `labels` are
+    given, is greater than `iou_threshold`. Of equal scores the earlier one is better. Raises
+    ValueError for a NaN score, a missing score or label, or a threshold outside 0..1.
 
-    >>> nms([[0, 0, 0, 4, 2, 1, 0], [1, 0, 0, 4, 2, 1, 0], [9, 0, 0, 4, 2, 1, 0]], [0.5, 0.9, 0.1], 0.1)
+    >>> boxes = [[0, 0, 0, 4, 2, 1, 0], [1, 0, 0, 4, 2, 1, 0], [9, 0, 0, 4, 2, 1, 0]]
+    >>> nms(boxes, [0.5, 0.9, 0.1], 0.1)
     array([1, 2])
     """
-    boxes, scores = check_boxes(boxes), np.asarray(scores, np.float64)
+    boxes = check_boxes(boxes)
+    scores = np.asarray(scores, np.float64)
     if scores.shape != (len(boxes),):
-        raise ValueError(f"scores must have one entry for each of the {len(boxes)} boxes, got shape {scores.shape}")
+        raise ValueError(
+            f"scores must have one entry for each of the {len(boxes)} boxes, got shape "
+            f"{scores.shape}"
+        )
     if np.isnan(scores).any():
-        raise ValueError(f"scores must be numbers, but scores row {int(np.argmax(np.isnan(scores)))} is NaN")
+        raise ValueError(
+            f"scores must be numbers, but scores row {int(np.argmax(np.isnan(scores)))} is NaN"
+        )
     if not 0 <= iou_threshold <= 1:
         raise ValueError(f"iou_threshold must lie in 0..1, got {iou_threshold}")
 
     best_first = np.argsort(-scores, kind="stable")
     alike = np.zeros(len(boxes), bool) if labels is None else np.asarray(labels)
     if alike.shape != (len(boxes),):
-        raise ValueError(f"labels must have one entry for each of the {len(boxes)} boxes, got shape {alike.shape}")
-    boxes, alike, kept = boxes[best_first], alike[best_first], np.zeros(0, np.int64)
+        raise ValueError(
+            f"labels must have one entry for each of the {len(boxes)} boxes, got shape "
+            f"{alike.shape}"
+        )
+    boxes = boxes[best_first]
+    alike = alike[best_first]
+    kept = np.zeros(0, np.int64)
     for start in range(0, len(boxes), _AT_ONCE):
         rows = np.arange(start, min(start + _AT_ONCE, len(boxes)))
         if start:
@@ -163,7 +182,8 @@ def _keep_best(boxes: np.ndarray, alike: np.ndarray, iou_threshold: float) -> np
 
 
 def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n m"]:
-    """Mask (n, m) of the points inside each box; faces belong to the box, points that are not finite to none.
+    """Mask (n, m) of the points inside each box; faces belong to the box, points that are not
+    finite to none.
 
     >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
     [[True], [False]]
@@ -178,30 +198,42 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
 def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
     """Rows of the points in each box (`points_in_boxes`), in no order.
 
-    Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
-    the box's centre in float64, which keeps map coordinates of a million metres exact."""
-    points, boxes = _points(points), check_boxes(boxes)
+    Points are sorted by their slice along x, so that a box looks at its own slices only. Those few
+    are measured from the box's centre in float64, which keeps map coordinates of a million metres
+    exact."""
+    points = _points(points)
+    boxes = check_boxes(boxes)
     if not len(boxes):
         return []
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     half = boxes[:, 3:6] / 2 + FACE_TOLERANCE
     reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + FACE_TOLERANCE
-    west, east = boxes[:, 0] - reach, boxes[:, 0] + reach
+    west = boxes[:, 0] - reach
+    east = boxes[:, 0] + reach
     x = points[:, 0].astype(np.float64)
     among = np.flatnonzero((x >= west.min()) & (x <= east.max()))
-    lowest, scale = west.min(), 4096 / (east.max() - west.min())
-    first, x_slice, last = (((some - lowest) * scale).astype(np.uint16) for some in (west, x[among], east))
+    lowest = west.min()
+    scale = 4096 / (east.max() - west.min())
+    first, x_slice, last = (
+        ((some - lowest) * scale).astype(np.uint16) for some in (west, x[among], east)
+    )
     order = np.argsort(x_slice, kind="stable")  # a radix sort, for 16 bit numbers
     rows = among[order]
-    first, last = np.searchsorted(x_slice[order], first), np.searchsorted(x_slice[order], last, side="right")
+    first = np.searchsorted(x_slice[order], first)
+    last = np.searchsorted(x_slice[order], last, side="right")
     y = points[rows, 1].astype(np.float64)
     reach = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
     found = []
     for k, box in enumerate(boxes):
         near = np.flatnonzero(np.abs(y[first[k] : last[k]] - box[1]) <= reach[k]) + first[k]
         dx, dy, dz = (points[rows[near]].astype(np.float64) - box[:3]).T
-        ahead, aside = dx * cos[k] + dy * sin[k], dy * cos[k] - dx * sin[k]
-        inside = (np.abs(ahead) <= half[k, 0]) & (np.abs(aside) <= half[k, 1]) & (np.abs(dz) <= half[k, 2])
+        ahead = dx * cos[k] + dy * sin[k]
+        aside = dy * cos[k] - dx * sin[k]
+        inside = (
+            (np.abs(ahead) <= half[k, 0])
+            & (np.abs(aside) <= half[k, 1])
+            & (np.abs(dz) <= half[k, 2])
+        )
         found.append(rows[near[inside]])
     return found
 
@@ -213,14 +245,18 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]
 
 def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """x and y, (n, 4) each, of the footprint's corners about its centre, turned by `angle`."""
-    front, left = boxes[:, 3:4] / 2 * _FRONT, boxes[:, 4:5] / 2 * _LEFT
+    front = boxes[:, 3:4] / 2 * _FRONT
+    left = boxes[:, 4:5] / 2 * _LEFT
     cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
     return front * cos - left * sin, front * sin + left * cos
 
 
-def _matrix(a: ArrayLike, b: ArrayLike, figure: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+def _matrix(
+    a: ArrayLike, b: ArrayLike, figure: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
     """Figure of each box of `a` with each of `b`, 0 for those apart."""
-    a, b = check_boxes(a, "a"), check_boxes(b, "b")
+    a = check_boxes(a, "a")
+    b = check_boxes(b, "b")
     figures = np.zeros((len(a), len(b)))
     i, j = _near(a, b)
     figures[i, j] = figure(a[i], b[j])
@@ -231,17 +267,23 @@ def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
     """IoU of `a` with `b`, row by row."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
-    overlap, size_a, size_b = _overlap_area(a, b), a[:, 3] * a[:, 4], b[:, 3] * b[:, 4]
+    overlap = _overlap_area(a, b)
+    size_a = a[:, 3] * a[:, 4]
+    size_b = b[:, 3] * b[:, 4]
     if metric == "3d":
         top = np.minimum(a[:, 2] + a[:, 5] / 2, b[:, 2] + b[:, 5] / 2)
         bottom = np.maximum(a[:, 2] - a[:, 5] / 2, b[:, 2] - b[:, 5] / 2)
-        overlap, size_a, size_b = overlap * np.maximum(top - bottom, 0), size_a * a[:, 5], size_b * b[:, 5]
+        overlap = overlap * np.maximum(top - bottom, 0)
+        size_a = size_a * a[:, 5]
+        size_b = size_b * b[:, 5]
     return np.minimum(overlap / (size_a + size_b - overlap), 1.0)
 
 
 def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap: the circles around their footprints meet."""
-    radius_a, radius_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
+    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap: the circles around their
+    footprints meet."""
+    radius_a = np.hypot(a[:, 3], a[:, 4]) / 2
+    radius_b = np.hypot(b[:, 3], b[:, 4]) / 2
     along_x = np.argsort(b[:, 0])
     reach = radius_a + radius_b.max(initial=0)
     first = np.searchsorted(b[along_x, 0], a[:, 0] - reach)
@@ -261,15 +303,19 @@ def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     (dx, dy), cos, sin = (a[:, :2] - b[:, :2]).T, np.cos(b[:, 6]), np.sin(b[:, 6])
     x, y = _corner_offsets(a, a[:, 6] - b[:, 6])
     x, y = x + (dx * cos + dy * sin)[:, None], y + (dy * cos - dx * sin)[:, None]
-    half_length, half_width = b[:, 3:4] / 2, b[:, 4:5] / 2
-    run, rise = np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y
+    half_length = b[:, 3:4] / 2
+    half_width = b[:, 4:5] / 2
+    run = np.roll(x, -1, axis=1) - x
+    rise = np.roll(y, -1, axis=1) - y
 
     start = np.clip(x, -half_length, half_length)
     end = np.roll(start, -1, axis=1)
     slope = rise / _nonzero(run)
-    y_start, y_end = y + (start - x) * slope, y + (end - x) * slope
+    y_start = y + (start - x) * slope
+    y_end = y + (end - x) * slope
     climb = _nonzero(y_end - y_start)
-    below = np.clip((-half_width - y_start) / climb, 0, 1)  # position on the edge where y passes -w/2 ...
+    # position on the edge where y passes -w/2 ...
+    below = np.clip((-half_width - y_start) / climb, 0, 1)
     above = np.clip((half_width - y_start) / climb, 0, 1)  # ... and +w/2
     turn = below + above
     start_y, end_y = (np.clip(y, -half_width, half_width) for y in (y_start, y_end))

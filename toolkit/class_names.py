@@ -7,7 +7,9 @@ from toolkit.objects import LABELS, label_index
 from toolkit.runtime.files import read_own_table
 
 _TABLE = read_own_table(__file__, "classes.toml")
-CATEGORIES = {category: label_index(label) for label, categories in _TABLE.items() for category in categories}
+CATEGORIES = {
+    category: label_index(label) for label, categories in _TABLE.items() for category in categories
+}
 
 
 def check_classes(names: Iterable[str]) -> None:
@@ -15,11 +17,14 @@ def check_classes(names: Iterable[str]) -> None:
 
     >>> check_classes(["Car"])
     Traceback (most recent call last):
-    ValueError: there is no class 'Car', it counts as vehicle: choose among vehicle, cyclist, pedestrian, heavy
+    ValueError: there is no class 'Car', it counts as vehicle: choose among vehicle, cyclist,
+        pedestrian, heavy
     """
     for name in names:
         if name not in LABELS:
-            raise ValueError(f"there is no class {name!r}{_hint(name)}: choose among {', '.join(LABELS)}")
+            raise ValueError(
+                f"there is no class {name!r}{_hint(name)}: choose among {', '.join(LABELS)}"
+            )
 
 
 def _hint(name: str) -> str:

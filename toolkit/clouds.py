@@ -1,15 +1,21 @@
 """Open3D clouds: one per sensor, fused, cropped, counted.
 
-A cloud is an `open3d.t.geometry.PointCloud` with `positions` (n, 3), float32 in a site's frame, and `sensor` (n, 1)
-int32, the number of the sensor that measured each point. Further attributes (`colors`, `normals`, `intensity`, `time`
-...) go with their points through every function. Open3D's own viewer, filters and files work on it as it is, but its
-`voxel_down_sample` averages all attributes of a voxel in float32 (Open3D 0.20.0): sensor numbers become the truncated
-mean of several sensors, positions in UTM coordinates end decimetres off, and nanosecond stamps lose seconds. Use
+A cloud is an `open3d.t.geometry.PointCloud` with `positions` (n, 3), float32 in a site's frame, and
+    `sensor` (n, 1)
+int32, the number of the sensor that measured each point. Further attributes (`colors`, `normals`,
+    `intensity`, `time`
+...) go with their points through every function. Open3D's own viewer, filters and files work on it
+    as it is, but its
+`voxel_down_sample` averages all attributes of a voxel in float32 (Open3D 0.20.0): sensor numbers
+    become the truncated
+mean of several sensors, positions in UTM coordinates end decimetres off, and nanosecond stamps lose
+    seconds. Use
 `down_sample`.
 
-Files: npz keeps the attributes bit for bit. ply and pcd (binary) keep them too, but for colours, which become bytes,
-in pcd positions, which become float32, and what `toolkit.point_writing` leaves out; ASCII ply rounds positions to 6
-digits; xyz, pts and the legacy `open3d.geometry.PointCloud` lose `sensor`."""
+Files: npz keeps the attributes bit for bit. ply and pcd (binary) keep them too, but for colours,
+which become bytes, in pcd positions, which become float32, and what `toolkit.point_writing` leaves
+out; ASCII ply rounds positions to 6 digits; xyz, pts and the legacy `open3d.geometry.PointCloud`
+lose `sensor`."""
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,14 +37,20 @@ from toolkit.runtime.light_open3d import o3d
 from toolkit.sensors.sensor import Sensor
 
 PointCloud = o3d.t.geometry.PointCloud
-AnyCloud = PointCloud | o3d.geometry.PointCloud | np.ndarray  # arrays are (n, 3), or (n, 4) with intensity
+# arrays are (n, 3), or (n, 4) with intensity
+AnyCloud = PointCloud | o3d.geometry.PointCloud | np.ndarray
 MAX_LISTED_CLOUDS = 10
 
 
 def from_depth(
-    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"], *, rng: Rng | None = None, sensor_id: int = 0
+    sensor: Sensor,
+    measurement: Float[np.ndarray, "rows columns"],
+    *,
+    rng: Rng | None = None,
+    sensor_id: int = 0,
 ) -> PointCloud:
-    """Cloud, world frame, of one depth or lidar range image (paper equations 1 and 2). rng draws its noise first."""
+    """Cloud, world frame, of one depth or lidar range image (paper equations 1 and 2). rng draws
+    its noise first."""
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
     xyz, valid = unproject(sensor, measurement)
@@ -46,7 +58,8 @@ def from_depth(
 
 
 def from_points(points: Points, sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
-    """Return a cloud of points from one sensor, or each from its own. float32 and float64 positions keep their type."""
+    """Return a cloud of points from one sensor, or each from its own. float32 and float64 positions
+    keep their type."""
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
@@ -59,7 +72,11 @@ def from_points(points: Points, sensor_id: int | Int[np.ndarray, " n"] = 0) -> P
 
 def positions(cloud: PointCloud) -> Points:
     """Points of a cloud in shared memory, maybe (0, 3)."""
-    return cloud.point.positions.cpu().numpy() if "positions" in cloud.point else np.zeros((0, 3), np.float32)
+    return (
+        cloud.point.positions.cpu().numpy()
+        if "positions" in cloud.point
+        else np.zeros((0, 3), np.float32)
+    )
 
 
 def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
@@ -69,19 +86,25 @@ def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
 
 
-def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
-    """Return a cloud of positions (n, 3) and other attributes of n rows. All points get `sensor_id` if given, else
-    their own `sensor`, 0 without one. Raises ValueError if the lengths differ."""
+def from_attributes(
+    attributes: Mapping[str, np.ndarray], sensor_id: int | None = None
+) -> PointCloud:
+    """Return a cloud of positions (n, 3) and other attributes of n rows. All points get `sensor_id`
+    if given, else their own `sensor`, 0 without one. Raises ValueError if the lengths differ."""
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
     number = own.reshape(-1).astype(np.int32)
     points = attributes["positions"]
-    cloud = from_points(points, np.broadcast_to(number, len(points)) if len(number) == 1 else number)
+    cloud = from_points(
+        points, np.broadcast_to(number, len(points)) if len(number) == 1 else number
+    )
     for name, column in attributes.items():
         if name in ("positions", "sensor"):
             continue
         rows = column if column.ndim == 2 else column[:, None]
         if len(rows) != len(points):
-            raise ValueError(f"{name} must have one row for each of {len(points)} points, got {len(rows)}")
+            raise ValueError(
+                f"{name} must have one row for each of {len(points)} points, got {len(rows)}"
+            )
         cloud.point[name] = o3d.core.Tensor.from_numpy(np.array(rows, order="C"))
     return cloud
 
@@ -94,32 +117,44 @@ def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
 def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> PointCloud:
     """Join the points of all clouds, in order, each with the number of its sensor.
 
-    clouds: Open3D's, tensor or legacy, or arrays of x, y, z (n, 3) or x, y, z, intensity (n, 4), in m. A cloud without
-    an attribute `sensor` gets its place in the list as its number. poses: for each cloud the motion (4, 4) from its
-    frame into the common one, with which positions become float64 and normals turn. Without poses the clouds must be in
-    one frame already, and a warning names the clouds that neither a pose nor a number of a sensor vouches for.
+    clouds: Open3D's, tensor or legacy, or arrays of x, y, z (n, 3) or x, y, z, intensity (n, 4), in
+    m. A cloud without an attribute `sensor` gets its place in the list as its number. poses: for
+    each cloud the motion (4, 4) from its frame into the common one, with which positions become
+    float64 and normals turn. Without poses the clouds must be in one frame already, and a warning
+    names the clouds that neither a pose nor a number of a sensor vouches for.
 
-    Attributes that all clouds have stay; a warning names the others, also for other widths. Clouds without
-    points do not count. Raises ValueError for what is no cloud or no pose, for unequal numbers of both, and where a
-    cloud would get the number of another's sensor."""
+    Attributes that all clouds have stay; a warning names the others, also for other widths. Clouds
+    without points do not count. Raises ValueError for what is no cloud or no pose, for unequal
+    numbers of both, and where a cloud would get the number of another's sensor."""
     if isinstance(clouds, PointCloud | o3d.geometry.PointCloud) or getattr(clouds, "ndim", 3) == 2:
-        raise ValueError("fuse takes a list of clouds, got a single one: give fuse([first, second, ...])")
+        raise ValueError(
+            "fuse takes a list of clouds, got a single one: give fuse([first, second, ...])"
+        )
     parts = [cloud_attributes(cloud) for cloud in clouds]
     if poses is not None:
         if len(parts) != len(poses):
-            raise ValueError(f"{len(parts)} clouds but {len(poses)} poses: give one pose for each cloud")
+            raise ValueError(
+                f"{len(parts)} clouds but {len(poses)} poses: give one pose for each cloud"
+            )
         checked = [check_pose(pose, f"pose {k}") for k, pose in enumerate(poses)]
         parts = [_move(part, pose) for part, pose in zip(parts, checked, strict=True)]
     taken = {int(number) for part in parts for number in np.unique(part.get("sensor", ()))}
-    unnumbered = [k for k, part in enumerate(parts) if "sensor" not in part and len(part["positions"])]
+    unnumbered = [
+        k for k, part in enumerate(parts) if "sensor" not in part and len(part["positions"])
+    ]
     for k in unnumbered:
         if k in taken:
-            raise ValueError(f"cloud {k} has no sensor number, and another has number {k}: give it one by from_points")
+            raise ValueError(
+                f"cloud {k} has no sensor number, and another has number {k}: give it one by "
+                "from_points"
+            )
         parts[k]["sensor"] = np.full(len(parts[k]["positions"]), k, np.int32)
     if poses is None and len(unnumbered) > 1:
         names = ", ".join(map(str, unnumbered[:MAX_LISTED_CLOUDS]))
         rule = "have neither a pose nor a sensor number, so they are taken to be in one frame"
-        warnings.warn(f"clouds {names} {rule}: give poses=, np.eye(4) for each that is", stacklevel=2)
+        warnings.warn(
+            f"clouds {names} {rule}: give poses=, np.eye(4) for each that is", stacklevel=2
+        )
     return _join([part for part in parts if len(part["positions"])])
 
 
@@ -128,10 +163,17 @@ def _join(parts: Sequence[Attributes]) -> PointCloud:
         return from_points(np.zeros((0, 3), np.float32))
     shapes = [{name: column.shape[1:] for name, column in part.items()} for part in parts]
     every = {name for part in parts for name in part} - {"sensor"}
-    kept = [name for name in parts[0] if name in every and all(shape.get(name) == shapes[0][name] for shape in shapes)]
+    kept = [
+        name
+        for name in parts[0]
+        if name in every and all(shape.get(name) == shapes[0][name] for shape in shapes)
+    ]
     if len(kept) < len(every):
         dropped = ", ".join(sorted(every - set(kept)))
-        warnings.warn(f"fuse drops {dropped}: not all {len(parts)} clouds have them in one width", stacklevel=3)
+        warnings.warn(
+            f"fuse drops {dropped}: not all {len(parts)} clouds have them in one width",
+            stacklevel=3,
+        )
     numbers = [np.asarray(part["sensor"]).reshape(-1) for part in parts]
     fused = {name: np.concatenate([part[name] for part in parts]) for name in kept}
     return from_attributes({**fused, "sensor": np.concatenate(numbers)})
@@ -145,12 +187,16 @@ def _move(part: Attributes, pose: Pose) -> Attributes:
 
 
 def cloud_attributes(cloud: AnyCloud) -> Attributes:
-    """Return the attributes of a cloud of Open3D, tensor or legacy, or of an array (n, 3), or (n, 4) with intensity.
+    """Return the attributes of a cloud of Open3D, tensor or legacy, or of an array (n, 3), or (n,
+    4) with intensity.
 
-    Raises ValueError for anything else; a warning names the covariances of a legacy cloud, which are left out."""
+    Raises ValueError for anything else; a warning names the covariances of a legacy cloud, which
+    are left out."""
     if isinstance(cloud, PointCloud):
         named = attributes(cloud)
-        return named if "positions" in named else {**named, "positions": np.zeros((0, 3), np.float32)}
+        return (
+            named if "positions" in named else {**named, "positions": np.zeros((0, 3), np.float32)}
+        )
     if isinstance(cloud, o3d.geometry.PointCloud):
         named = {"positions": np.array(cloud.points)}
         if cloud.has_normals():
@@ -172,10 +218,11 @@ def cloud_attributes(cloud: AnyCloud) -> Attributes:
 
 
 def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
-    """Keep one point of each sensor in each cube of edge `voxel_m` (m), in their order, with all its attributes.
+    """Keep one point of each sensor in each cube of edge `voxel_m` (m), in their order, with all
+    its attributes.
 
-    cloud: any that `fuse` takes. It is the point nearest to the mean of the sensor's points there, the first of
-    equals. Sensors are thinned separately, so that sets of sensors stay comparable."""
+    cloud: any that `fuse` takes. It is the point nearest to the mean of the sensor's points there,
+    the first of equals. Sensors are thinned separately, so that sets of sensors stay comparable."""
     if not 0 < voxel_m < np.inf:
         raise ValueError(f"voxel_m must be above 0 m, got {voxel_m}")
     cloud = _tensor_cloud(cloud)
@@ -194,11 +241,13 @@ def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
     return _select(cloud, keep)
 
 
-def crop(cloud: AnyCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
+def crop(
+    cloud: AnyCloud, area: Area, height: float | None = None, *, floor: float = 0.0
+) -> PointCloud:
     """Keep the points inside an area, at floor < z < height.
 
-    cloud: any that `fuse` takes; area: a site, or xmin, ymin, xmax, ymax (m); height: the site's by default,
-    else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
+    cloud: any that `fuse` takes; area: a site, or xmin, ymin, xmax, ymax (m); height: the site's by
+    default, else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
     cloud = _tensor_cloud(cloud)
@@ -211,12 +260,15 @@ def points_per_box(cloud: AnyCloud, boxes: Float[np.ndarray, "m 7"]) -> Int64[np
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
-    """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible, and ValueError for
-    another kind of file and for a cloud without points, which these formats cannot hold. A warning states the origin
-    that a pcd far from the world's origin is counted from, and what the file cannot hold."""
+    """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible,
+    and ValueError for another kind of file and for a cloud without points, which these formats
+    cannot hold. A warning states the origin that a pcd far from the world's origin is counted from,
+    and what the file cannot hold."""
     path = Path(path)
     if not len(positions(cloud)):
-        raise ValueError(f"the cloud for {path.name} has no points: is the area where the sensors are?")
+        raise ValueError(
+            f"the cloud for {path.name} has no points: is the area where the sensors are?"
+        )
     if path.suffix.lower() not in (".ply", ".pcd", ".npz"):
         raise ValueError(f"a cloud is saved as .ply, .pcd or .npz, got {path.name}")
     refused = OSError(f"cannot write {path}: check that its folder exists and the disk has room")
@@ -234,37 +286,62 @@ def save(cloud: PointCloud, path: str | Path) -> None:
         write_bytes(path, content)
         if origin.any():
             where = " ".join(f"{value:.0f}" for value in origin)
-            rule = "PCD holds float32, so its points are counted from an origin that its header states"
-            warnings.warn(f"{path.name}: {rule}: {where} m; .ply and .npz hold them whole", stacklevel=2)
+            rule = (
+                "PCD holds float32, so its points are counted from an origin that its header states"
+            )
+            warnings.warn(
+                f"{path.name}: {rule}: {where} m; .ply and .npz hold them whole", stacklevel=2
+            )
 
 
 def load(path: str | Path) -> PointCloud:
-    """Read a ply, pcd or npz with all its attributes, sensor 0 where it names none. Raises FileNotFoundError, and
-    ValueError for a file without a cloud."""
+    """Read a ply, pcd or npz with all its attributes, sensor 0 where it names none. Raises
+    FileNotFoundError, and ValueError for a file without a cloud."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
     kind = path.suffix.lower()
     npz = partial(load_arrays, most=MOST_CLOUD)
-    readers: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {".ply": read_ply, ".pcd": read_pcd, ".npz": npz}
+    readers: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {
+        ".ply": read_ply,
+        ".pcd": read_pcd,
+        ".npz": npz,
+    }
     if kind not in readers:
-        raise ValueError(f"a cloud is read from .ply, .pcd or .npz, got {path.name}: see toolkit.datasets.cloud_files")
+        raise ValueError(
+            f"a cloud is read from .ply, .pcd or .npz, got {path.name}: see "
+            "toolkit.datasets.cloud_files"
+        )
     columns = readers[kind](path)
     points = columns.get("positions")
-    if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
-        held = ", ".join(f"{name} {column.dtype} {column.shape}" for name, column in columns.items())[:MAX_LISTED]
+    if (
+        points is None
+        or points.ndim != 2
+        or points.shape[1] != 3
+        or points.dtype not in (np.float32, np.float64)
+    ):
+        held = ", ".join(
+            f"{name} {column.dtype} {column.shape}" for name, column in columns.items()
+        )[:MAX_LISTED]
         rule = "its array positions must be (n, 3) of float32 or float64"
         raise ValueError(f"{path} has no points: {rule}, got {held or 'no array'}")
-    count, sound = len(points), dict[str, np.ndarray]()  # without what no cloud can have
+    # without what no cloud can have
+    count = len(points)
+    sound = dict[str, np.ndarray]()
     for name, column in columns.items():
         numbers = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
         if numbers and column.dtype.isnative and column.ndim in (1, 2) and len(column) == count:
             sound[name] = column
     if lost := [name for name in columns if name not in sound]:
-        warnings.warn(f"{path.name}: {', '.join(lost)} left out: no number for each of {count} points", stacklevel=2)
+        warnings.warn(
+            f"{path.name}: {', '.join(lost)} left out: no number for each of {count} points",
+            stacklevel=2,
+        )
     own = sound.get("sensor", np.zeros(0))
     if "sensor" in columns and (own.dtype.kind not in "iu" or own.size != count):
-        raise ValueError(f"{path}: sensor must be a whole number for each of {count} points: write it again")
+        raise ValueError(
+            f"{path}: sensor must be a whole number for each of {count} points: write it again"
+        )
     return from_attributes(sound)
 
 
@@ -273,7 +350,10 @@ def _tensor_cloud(cloud: AnyCloud) -> PointCloud:
 
 
 def _select(cloud: PointCloud, keep: Mask) -> PointCloud:
-    chosen, rows = PointCloud(), np.flatnonzero(keep)
+    chosen = PointCloud()
+    rows = np.flatnonzero(keep)
     for name in cloud.point:
-        chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy().take(rows, axis=0))
+        chosen.point[name] = o3d.core.Tensor.from_numpy(
+            cloud.point[name].cpu().numpy().take(rows, axis=0)
+        )
     return chosen

@@ -1,5 +1,6 @@
-"""Display of nouns: a short `repr`, a picture with a table in notebooks, and tables for pandas. A noun gives a `Card`.
-It names the function that draws it, since pictures stand floors above most nouns."""
+"""Display of nouns: a short `repr`, a picture with a table in notebooks, and tables for pandas. A
+noun gives a `Card`. It names the function that draws it, since pictures stand floors above most
+nouns."""
 
 import math
 from base64 import b64encode
@@ -23,8 +24,9 @@ Table = Mapping[str, Sequence[Any] | np.ndarray]  # columns of one length by nam
 
 @dataclass(frozen=True)
 class Card:
-    """Content of what a noun shows. facts: short phrases; tables: by name, built when needed, the first is shown;
-    drawing: "module:function" that writes a picture, called with the noun and the name of a PNG file."""
+    """Content of what a noun shows. facts: short phrases; tables: by name, built when needed, the
+    first is shown; drawing: "module:function" that writes a picture, called with the noun and the
+    name of a PNG file."""
 
     title: str
     facts: tuple[str, ...] = ()
@@ -54,25 +56,29 @@ class Displayed:
         parts = [_draw(self, card), _format_table(table)]
         facts = " · ".join(card.facts)
         return (
-            f'<div style="font-family:sans-serif;font-size:.85rem"><p><b>{escape(card.title)}</b> {escape(facts)}</p>'
-            f'<div style="display:flex;flex-wrap:wrap;gap:1em;align-items:flex-start">{"".join(parts)}</div></div>'
+            f'<div style="font-family:sans-serif;font-size:.85rem"><p><b>{escape(card.title)}</b> '
+            f"{escape(facts)}</p><div "
+            f'style="display:flex;flex-wrap:wrap;gap:1em;align-items:flex-start">{"".join(parts)}</div></div>'
         )
 
     def to_frame(self, table: str = "") -> Any:
-        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty. Raises
-        ValueError for an unknown table, ImportError without pandas."""
+        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when
+        empty. Raises ValueError for an unknown table, ImportError without pandas."""
         tables = self._card().tables
         if table and table not in tables:
             raise ValueError(f"table must be one of {', '.join(tables)}, got {table!r}")
         try:
             import pandas
         except ImportError:
-            raise ImportError("to_frame needs pandas, which is not installed: pip install pandas") from None
+            raise ImportError(
+                "to_frame needs pandas, which is not installed: pip install pandas"
+            ) from None
         return pandas.DataFrame(dict(tables[table or next(iter(tables))]()))
 
 
 def figure_digits(objects: int, most: int = 3) -> int:
-    """Number of decimals that a share of this many objects supports: one object more or less changes the last.
+    """Number of decimals that a share of this many objects supports: one object more or less
+    changes the last.
 
     >>> [figure_digits(objects) for objects in (6, 60, 600, 6000)]
     [2, 2, 3, 3]
@@ -81,7 +87,8 @@ def figure_digits(objects: int, most: int = 3) -> int:
 
 
 def format_share(share: float, objects: int, *, signed: bool = False) -> str:
-    """Return AP, recall or their change, a share of so many objects, with the decimals that these support.
+    """Return AP, recall or their change, a share of so many objects, with the decimals that these
+    support.
 
     >>> format_share(0.91234, 60), format_share(0.91234, 600), format_share(0.02, 60, signed=True)
     ('0.91', '0.912', '+0.02')
@@ -122,10 +129,15 @@ def _format_table(table: Table) -> str:
         return ""
     head = "".join(f'<th style="{_CELL}">{escape(str(name))}</th>' for name in table)
     rows = zip(*(column[:MOST_ROWS] for column in table.values()), strict=True)
-    cells = [[f"<td style={_CELL!r}>{escape(_format_value(value))}</td>" for value in row] for row in rows]
+    cells = [
+        [f"<td style={_CELL!r}>{escape(_format_value(value))}</td>" for value in row]
+        for row in rows
+    ]
     body = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
     rest = f"<p>{MOST_ROWS} of {count:,} rows; to_frame() has all</p>" if count > MOST_ROWS else ""
-    scrolled = '<div style="overflow-x:auto;max-width:100%"><table style="border-collapse:collapse">'
+    scrolled = (
+        '<div style="overflow-x:auto;max-width:100%"><table style="border-collapse:collapse">'
+    )
     return f"{scrolled}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}</div>"
 
 
@@ -139,4 +151,6 @@ def _format_value(value: object) -> str:
         return "" if value is None else str(value)
     if number is None:
         return str(value)
-    return "" if math.isnan(number) else f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.4g}"
+    return (
+        "" if math.isnan(number) else f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.4g}"
+    )

@@ -1,8 +1,9 @@
 """One instant of a recording: the measurements and the objects.
 
-A `Frame` may come from anywhere. A measurement is an image of ranges or a cloud; both give points. The world frame is
-right-handed, x and y level, z up, in metres. If the sensors stand still it is the site's; on a vehicle it is the
-vehicle's, and `map_SE3_world` places it in the map. Each reader in `toolkit.datasets.layouts` states its own."""
+A `Frame` may come from anywhere. A measurement is an image of ranges or a cloud; both give points.
+The world frame is right-handed, x and y level, z up, in metres. If the sensors stand still it is
+the site's; on a vehicle it is the vehicle's, and `map_SE3_world` places it in the map. Each reader
+in `toolkit.datasets.layouts` states its own."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +13,18 @@ from typing import Any, ClassVar, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, ImageVectors, Int64, Mask, Pose, Shaped
+from toolkit.arrays import (
+    Bool,
+    BoxRows,
+    Float,
+    Float32,
+    Float64,
+    ImageVectors,
+    Int64,
+    Mask,
+    Pose,
+    Shaped,
+)
 from toolkit.boxes import corners
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import check_pose, invert, transform
@@ -21,12 +33,15 @@ from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor, is_return, tabulate_sensors
 from toolkit.sites.site import Site
 
-IGNORED_SHARE = 0.5  # share of a box's rectangle in the image beyond which an ignored region voids it, as in KITTI
-FARTHEST_BOX = 1000.0  # m from every sensor and point; an object farther away has coordinates of another unit or frame
+# share of a box's rectangle in the image beyond which an ignored region voids it, as in KITTI
+IGNORED_SHARE = 0.5
+# m from every sensor and point; an object farther away has coordinates of another unit or frame
+FARTHEST_BOX = 1000.0
 AWAY = "boxes a kilometre from every sensor"
 MAX_APART_S = 0.02  # a car at 50 km/h moves .28 m
 APART = f"frames whose clouds were measured more than {MAX_APART_S * 1000:.0f} ms apart"
-_UNKNOWN_MODEL = SpinningLidar()  # stands for the model of a sensor that is known by its clouds alone
+# stands for the model of a sensor that is known by its clouds alone
+_UNKNOWN_MODEL = SpinningLidar()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +54,8 @@ class SensorCloud:
         time: of each point, seconds from the cloud's first; None if the set lacks it.
         intensity: of each point, as the set gives it; None if it lacks it.
         ring: number of each point's laser; None if the set lacks it.
-        stamp_s: when the cloud was measured, seconds on the clock of `Frame.time`; None if unknown."""
+        stamp_s: when the cloud was measured, seconds on the clock of `Frame.time`; None if
+            unknown."""
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -52,18 +68,34 @@ class SensorCloud:
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
-            raise ValueError(f"points of {self.name!r} must have shape (n, 3), got {self.points.shape}")
-        for name, column in (("time", self.time), ("intensity", self.intensity), ("ring", self.ring)):
+            raise ValueError(
+                f"points of {self.name!r} must have shape (n, 3), got {self.points.shape}"
+            )
+        for name, column in (
+            ("time", self.time),
+            ("intensity", self.intensity),
+            ("ring", self.ring),
+        ):
             if column is not None and column.shape != (len(self.points),):
-                raise ValueError(f"{name} of {self.name!r} must be of {len(self.points)} points, got {column.shape}")
+                raise ValueError(
+                    f"{name} of {self.name!r} must be of {len(self.points)} points, got "
+                    f"{column.shape}"
+                )
         if self.stamp_s is not None and not np.isfinite(self.stamp_s):
-            raise ValueError(f"stamp_s of {self.name!r} must be seconds, got {self.stamp_s}: give None if unknown")
-        object.__setattr__(self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}"))
+            raise ValueError(
+                f"stamp_s of {self.name!r} must be seconds, got {self.stamp_s}: give None if "
+                "unknown"
+            )
+        object.__setattr__(
+            self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}")
+        )
 
     def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
         """Points in the sensor's own frame, float64."""
         points = self.points.astype(np.float64)
-        return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
+        return (
+            points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
+        )
 
     def in_own_frame(self) -> "SensorCloud":
         """Return the cloud in the sensor's own frame."""
@@ -92,7 +124,10 @@ class Region:
 
     def record(self) -> dict[str, object]:
         """Return kind and numbers for JSON and `parse_region`."""
-        return {"kind": self.kind, **{name: np.asarray(value).tolist() for name, value in vars(self).items()}}
+        return {
+            "kind": self.kind,
+            **{name: np.asarray(value).tolist() for name, value in vars(self).items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -119,7 +154,9 @@ class Rectangle(Region):
 
     def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes with their centre in the area."""
-        return np.asarray(((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1))
+        return np.asarray(
+            ((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1)
+        )
 
     def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "Rectangle":
         """Return the rectangle counted from another origin."""
@@ -130,8 +167,8 @@ class Rectangle(Region):
 
 @dataclass(frozen=True, eq=False)
 class ImageWedge(Region):
-    """Labels are complete in what one camera sees, but for `ignored` rectangles (left, top, right, bottom; DontCare) of
-    its image. projection: world → pixels, homogeneous."""
+    """Labels are complete in what one camera sees, but for `ignored` rectangles (left, top, right,
+    bottom; DontCare) of its image. projection: world → pixels, homogeneous."""
 
     kind = "image"
     projection: Float64[np.ndarray, "3 4"]
@@ -140,14 +177,20 @@ class ImageWedge(Region):
     ignored: tuple[tuple[float, float, float, float], ...] = ()
 
     def covers(self, boxes: BoxRows) -> Mask:
-        """Mask of the boxes with their centre in the image. Boxes that are mostly in an ignored region do not count."""
+        """Mask of the boxes with their centre in the image. Boxes that are mostly in an ignored
+        region do not count."""
         u, v, depth = self._pixels(boxes[:, :3])
         shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         for region in self.ignored:
             rectangles = self.rectangles(boxes)
-            overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(rectangles[:, :2], region[:2])
+            overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(
+                rectangles[:, :2], region[:2]
+            )
             area = (rectangles[:, 2:] - rectangles[:, :2]).prod(axis=1)
-            shown &= np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0) <= IGNORED_SHARE
+            shown &= (
+                np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0)
+                <= IGNORED_SHARE
+            )
         return shown
 
     def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "ImageWedge":
@@ -160,9 +203,14 @@ class ImageWedge(Region):
         """Left, top, right, bottom of boxes, 0 behind the camera."""
         if not len(boxes):
             return np.zeros((0, 4))
-        u, v, depth = (column.reshape(-1, 8) for column in self._pixels(corners(boxes).reshape(-1, 3)))
+        u, v, depth = (
+            column.reshape(-1, 8) for column in self._pixels(corners(boxes).reshape(-1, 3))
+        )
         limits = np.array([self.width - 1.0, self.height - 1.0])
-        low, high = (np.clip(np.stack([end(u, axis=1), end(v, axis=1)], axis=1), 0, limits) for end in (np.min, np.max))
+        low, high = (
+            np.clip(np.stack([end(u, axis=1), end(v, axis=1)], axis=1), 0, limits)
+            for end in (np.min, np.max)
+        )
         return np.where((depth > 0).all(axis=1, keepdims=True), np.hstack([low, high]), 0.0)
 
     def _pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -193,13 +241,18 @@ def parse_region(record: object) -> Region:
             ignored = tuple(_four(each) for each in fields["ignored"])
             return ImageWedge(projection, int(fields["width"]), int(fields["height"]), ignored)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"the numbers of a region {kind} are damaged ({' '.join(str(error).split())[:80]})") from None
-    raise ValueError(f"labels must be complete in one of everywhere, rectangle, image, got {str(record)[:60]}")
+        raise ValueError(
+            f"the numbers of a region {kind} are damaged ({' '.join(str(error).split())[:80]})"
+        ) from None
+    raise ValueError(
+        f"labels must be complete in one of everywhere, rectangle, image, got {str(record)[:60]}"
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class OtherObjects:
-    """Labels of classes other than ours: boxes, the dataset's names, and its own point counts if it has some."""
+    """Labels of classes other than ours: boxes, the dataset's names, and its own point counts if it
+    has some."""
 
     boxes: BoxRows = field(default_factory=lambda: np.zeros((0, 7)))
     categories: tuple[str, ...] = ()
@@ -213,15 +266,17 @@ Image = Float32[np.ndarray, "_ _"]
 class Frame(Displayed):
     """One instant.
 
-    measurements: one per sensor, in the order of `sensors`. An image is (rows, columns) float32 of depth (camera) or
-    range (lidar) in metres, 0 where nothing returned; of a sensor known by its clouds alone it is the cloud.
-    objects: ground truth or labels, world frame. time: seconds, NaN where unknown. index: its number in its recording.
-    shifts: for each sensor the distance (m, world frame) of each pixel's point from its ray, None for none; empty where
-    no sensor has any (see `toolkit.sensors.error_terms`).
+    measurements: one per sensor, in the order of `sensors`. An image is (rows, columns) float32 of
+    depth (camera) or range (lidar) in metres, 0 where nothing returned; of a sensor known by its
+    clouds alone it is the cloud. objects: ground truth or labels, world frame. time: seconds, NaN
+    where unknown. index: its number in its recording. shifts: for each sensor the distance (m,
+    world frame) of each pixel's point from its ray, None for none; empty where no sensor has any
+    (see `toolkit.sensors.error_terms`).
 
-    Labels of a recorded frame say more: name, unique in its recording; categories, counts: the set's names of the
-    objects' classes, and its number of points on each; others: labels of other classes; complete: where labels are;
-    map_SE3_world: pose of the world frame in the set's map; problems: labels and points left out in reading, by kind.
+    Labels of a recorded frame say more: name, unique in its recording; categories, counts: the
+    set's names of the objects' classes, and its number of points on each; others: labels of other
+    classes; complete: where labels are; map_SE3_world: pose of the world frame in the set's map;
+    problems: labels and points left out in reading, by kind.
     """
 
     sensors: tuple[Sensor, ...]
@@ -240,12 +295,18 @@ class Frame(Displayed):
 
     def __post_init__(self) -> None:
         if len(self.sensors) != len(self.measurements):
-            raise ValueError(f"{len(self.sensors)} sensors but {len(self.measurements)} measurements")
+            raise ValueError(
+                f"{len(self.sensors)} sensors but {len(self.measurements)} measurements"
+            )
         if self.shifts and len(self.shifts) != len(self.sensors):
-            raise ValueError(f"{len(self.sensors)} sensors but {len(self.shifts)} shifts: give one each, or none")
+            raise ValueError(
+                f"{len(self.sensors)} sensors but {len(self.shifts)} shifts: give one each, or none"
+            )
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
-            raise ValueError(f"the sensors of a frame must have different names, got {names}: rename one")
+            raise ValueError(
+                f"the sensors of a frame must have different names, got {names}: rename one"
+            )
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if isinstance(measurement, np.ndarray):
                 _check_image(sensor, measurement)
@@ -267,7 +328,11 @@ class Frame(Displayed):
         **more: Any,
     ) -> "Frame":
         """Return a labelled frame of clouds. more: other fields."""
-        more |= {"categories": categories, "counts": counts, "others": OtherObjects() if others is None else others}
+        more |= {
+            "categories": categories,
+            "counts": counts,
+            "others": OtherObjects() if others is None else others,
+        }
         if away := _count_away(clouds, objects):
             more["problems"] = {**more.get("problems", {}), AWAY: away}
         if measure_spread(clouds) > MAX_APART_S:
@@ -276,7 +341,10 @@ class Frame(Displayed):
 
     def _card(self) -> Card:
         time = () if np.isnan(self.time) else (f"time {self.time:g} s",)
-        things = describe_count(len(self.sensors), "sensor"), describe_count(len(self.objects), "object")
+        things = (
+            describe_count(len(self.sensors), "sensor"),
+            describe_count(len(self.objects), "object"),
+        )
         title = f"Frame({self.name!r})" if self.name else f"Frame {self.index}"
         tables = {"sensors": lambda: tabulate_measured(self)}
         return Card(title, (*time, *things), tables, "toolkit.viewing.still:draw_frame_alone")
@@ -284,21 +352,28 @@ class Frame(Displayed):
     @property
     def has_images(self) -> bool:
         """True for a frame with sensors and only images."""
-        return bool(self.sensors) and not any(isinstance(each, SensorCloud) for each in self.measurements)
+        return bool(self.sensors) and not any(
+            isinstance(each, SensorCloud) for each in self.measurements
+        )
 
     @property
     def images(self) -> tuple[Image, ...]:
         """Image of every sensor; ValueError for a cloud."""
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if isinstance(measurement, SensorCloud):
-                raise ValueError(f"sensor {sensor.name!r} measured a cloud, no image: choose what works with points")
+                raise ValueError(
+                    f"sensor {sensor.name!r} measured a cloud, no image: choose what works with "
+                    "points"
+                )
         return self.measurements  # type: ignore[return-value]
 
     @cached_property
     def clouds(self) -> tuple[SensorCloud, ...]:
         """Points of every sensor; of images in the body's frame."""
         clouds = []
-        for k, (sensor, measurement) in enumerate(zip(self.sensors, self.measurements, strict=True)):
+        for k, (sensor, measurement) in enumerate(
+            zip(self.sensors, self.measurements, strict=True)
+        ):
             if isinstance(measurement, SensorCloud):
                 clouds.append(measurement)
                 continue
@@ -321,7 +396,8 @@ class Frame(Displayed):
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
             return self
-        seeing, measurements = tuple(self.sensors[k] for k in chosen), tuple(self.measurements[k] for k in chosen)
+        seeing = tuple(self.sensors[k] for k in chosen)
+        measurements = tuple(self.measurements[k] for k in chosen)
         shifts = tuple(self.shifts[k] for k in chosen) if self.shifts else ()
         return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
 
@@ -335,7 +411,10 @@ class Frame(Displayed):
 
 def tabulate_measured(frame: Frame) -> Table:
     """Columns of a table of a frame's sensors with their points."""
-    return {**tabulate_sensors(frame.sensors), "points": [len(cloud.points) for cloud in frame.clouds]}
+    return {
+        **tabulate_sensors(frame.sensors),
+        "points": [len(cloud.points) for cloud in frame.clouds],
+    }
 
 
 def measure_spread(clouds: Sequence[SensorCloud]) -> float:
@@ -349,8 +428,13 @@ def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
     away = np.full(len(objects), len(clouds) > 0)
     for cloud in clouds:
         if away.any():
-            own = np.linalg.norm(objects.boxes[:, :3] - cloud.world_SE3_sensor[:3, 3], axis=1) > FARTHEST_BOX
-            if (away & own).any() and len(cloud.points):  # clouds in a map may come without their sensor's place
+            own = (
+                np.linalg.norm(objects.boxes[:, :3] - cloud.world_SE3_sensor[:3, 3], axis=1)
+                > FARTHEST_BOX
+            )
+            if (away & own).any() and len(
+                cloud.points
+            ):  # clouds in a map may come without their sensor's place
                 points = cloud.in_world()
                 low, high = points.min(axis=0) - FARTHEST_BOX, points.max(axis=0) + FARTHEST_BOX
                 own &= ((objects.boxes[:, :3] < low) | (objects.boxes[:, :3] > high)).any(axis=1)
@@ -364,7 +448,9 @@ def _cloud_sensors(clouds: Sequence[SensorCloud]) -> tuple[Sensor, ...]:
 
 def _check_image(sensor: Sensor, measurement: np.ndarray) -> None:
     if measurement.shape != (shape := sensor.model.shape):
-        raise ValueError(f"sensor {sensor.name!r} measures {shape} pixels, got an image of {measurement.shape}")
+        raise ValueError(
+            f"sensor {sensor.name!r} measures {shape} pixels, got an image of {measurement.shape}"
+        )
 
 
 @runtime_checkable
@@ -395,13 +481,19 @@ class SiteRecording(Frames, Protocol):
 
 
 def unproject(
-    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"], shift: ImageVectors | None = None
+    sensor: Sensor,
+    measurement: Float[np.ndarray, "rows columns"],
+    shift: ImageVectors | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
-    """World x, y and z of every pixel, row after row, and a mask of those that returned. shift: see `Frame.shifts`."""
+    """World x, y and z of every pixel, row after row, and a mask of those that returned. shift: see
+    `Frame.shifts`."""
     _check_image(sensor, measurement)
     position = sensor.pose[:3, 3]
     if np.abs(position).max() > 1e5:
-        far = f"sensor {sensor.name!r} stands at {position.tolist()}, too far from the origin for float32 points"
+        far = (
+            f"sensor {sensor.name!r} stands at {position.tolist()}, too far from the origin for "
+            "float32 points"
+        )
         raise ValueError(f"{far}: take coordinates from an origin near the site")
     flat = np.asarray(measurement, np.float32).ravel()
     valid = is_return(flat, sensor.model.max_range)
@@ -412,16 +504,24 @@ def unproject(
     return xyz, valid
 
 
-def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all. Raises ValueError
-    for an unknown sensor, one chosen twice, and names that two sensors share."""
+def select_sensors(
+    available: Sequence[Sensor], wanted: Sequence[int | str] | None = None
+) -> list[int]:
+    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all.
+    Raises ValueError for an unknown sensor, one chosen twice, and names that two sensors share."""
     names = [sensor.name for sensor in available]
     if len(set(names)) < len(names):
-        raise ValueError(f"every sensor needs a name of its own, got {', '.join(names)}: rename those that share one")
+        raise ValueError(
+            f"every sensor needs a name of its own, got {', '.join(names)}: rename those that "
+            "share one"
+        )
     if wanted is None:
         return list(range(len(names)))
     if isinstance(wanted, str):
-        raise ValueError(f"sensors must be a list of numbers or names, got the text {wanted!r}: pass [{wanted!r}]")
+        raise ValueError(
+            f"sensors must be a list of numbers or names, got the text {wanted!r}: pass "
+            f"[{wanted!r}]"
+        )
     chosen = []
     for which in wanted:
         if isinstance(which, str) and which in names:
@@ -429,18 +529,24 @@ def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | No
         elif isinstance(which, int | np.integer) and 0 <= which < len(names):
             chosen.append(int(which))
         else:
-            raise ValueError(f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}")
+            raise ValueError(
+                f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}"
+            )
     if len(set(chosen)) < len(chosen):
-        raise ValueError(f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice")
+        raise ValueError(
+            f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice"
+        )
     return chosen
 
 
 class DisplayedRecording(Displayed):
-    """Base of recordings that show themselves: path, frames, and the sensors and the scene of the first frame."""
+    """Base of recordings that show themselves: path, frames, and the sensors and the scene of the
+    first frame."""
 
     def _card(self) -> Card:
         recording = cast("Recording", self)
-        path, name = getattr(self, "path", None), type(self).__name__
+        path = getattr(self, "path", None)
+        name = type(self).__name__
         site = () if recording.site is None else (f"site {recording.site.name!r}",)
         tables = {"sensors": lambda: tabulate_measured(recording[0]) if len(recording) else {}}
         sensors = getattr(self, "sensors", None)
@@ -477,14 +583,16 @@ class RecordingView(DisplayedRecording):
 
 
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
-    """Return each sensor's measurement behind all that moves: the farthest return of each pixel. sample: frames at
-    most, spread over all. Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises
-    ValueError without frames."""
+    """Return each sensor's measurement behind all that moves: the farthest return of each pixel.
+    sample: frames at most, spread over all. Nothing returned counts as farthest, so a pixel that
+    ever sees the sky is 0. Raises ValueError without frames."""
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")
     farthest: list[np.ndarray] = []
     for k in np.unique(np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int)):
         seen = [np.where(image > 0, image, np.inf) for image in frames[int(k)].images]
-        farthest = [np.maximum(*pair) for pair in zip(farthest, seen, strict=True)] if farthest else seen
+        farthest = (
+            [np.maximum(*pair) for pair in zip(farthest, seen, strict=True)] if farthest else seen
+        )
     still = tuple(np.where(np.isfinite(depth), depth, 0).astype(np.float32) for depth in farthest)
     return Frame(frames[0].sensors, still, Objects.empty())

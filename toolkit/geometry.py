@@ -1,4 +1,5 @@
-"""Rigid motions as 4×4 float64 arrays: `world_SE3_sensor` turns sensor coordinates into world coordinates."""
+"""Rigid motions as 4×4 float64 arrays: `world_SE3_sensor` turns sensor coordinates into world
+coordinates."""
 
 from collections.abc import Iterable
 from typing import SupportsFloat
@@ -13,9 +14,16 @@ STEEPEST = 0.3  # slope of a street
 
 
 def pose(
-    x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
+    x: float = 0.0,
+    y: float = 0.0,
+    z: float = 0.0,
+    *,
+    yaw: float = 0.0,
+    pitch: float = 0.0,
+    roll: float = 0.0,
 ) -> Pose:
-    """Pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about z (rad).
+    """Pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about
+    z (rad).
 
     >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
     array([[1., 3., 0.]])
@@ -31,7 +39,8 @@ BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0,
 
 
 def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Pose:
-    """Pose of a camera (x right, y down, z forward) at a position, heading (rad, counter-clockwise) and tilt down.
+    """Pose of a camera (x right, y down, z forward) at a position, heading (rad, counter-clockwise)
+    and tilt down.
 
     >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
     array([[ 0., 10.,  5.]])
@@ -46,20 +55,25 @@ def invert(world_SE3_sensor: Pose) -> Pose:
     >>> np.allclose(invert(pose(1.0, 2.0, 3.0, yaw=0.5)) @ pose(1.0, 2.0, 3.0, yaw=0.5), np.eye(4))
     True
     """
-    rotation, translation = world_SE3_sensor[:3, :3], world_SE3_sensor[:3, 3]
+    rotation = world_SE3_sensor[:3, :3]
+    translation = world_SE3_sensor[:3, 3]
     inverse = np.eye(4)
     inverse[:3, :3] = rotation.T
     inverse[:3, 3] = -rotation.T @ translation
     return inverse
 
 
-def transform(target_SE3_source: Pose, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+def transform(
+    target_SE3_source: Pose, points: Float[np.ndarray, "*n 3"]
+) -> Float[np.ndarray, "*n 3"]:
     """Transform points (..., 3), dtype kept (paper equation 1)."""
     points = np.asarray(points)
     if points.ndim < 1 or points.shape[-1] != 3:
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
-    return points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[:3, 3].astype(points.dtype)
+    return points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[
+        :3, 3
+    ].astype(points.dtype)
 
 
 def plane_rotation(angle: float) -> Float[np.ndarray, "2 2"]:
@@ -71,12 +85,16 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
     """Return a slope as two floats; ValueError beyond `STEEPEST`."""
     numbers = tuple(map(float, slope))
     if len(numbers) != 2 or not np.hypot(*numbers) <= STEEPEST:
-        raise ValueError(f"{name} must be a rise along x and along y, at most {STEEPEST:.0%} together, got {numbers}")
+        raise ValueError(
+            f"{name} must be a rise along x and along y, at most {STEEPEST:.0%} together, got "
+            f"{numbers}"
+        )
     return numbers
 
 
 def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
-    """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals vertical."""
+    """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals
+    vertical."""
     shear = np.eye(4)
     shear[2, :2] = -np.array(slope)
     shear[2, 3] = np.dot(slope, about)
@@ -84,7 +102,8 @@ def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
 
 
 def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """Return points (x, y, z) or boxes (x, y, z, ...) with z counted from the slope's plane through the origin."""
+    """Return points (x, y, z) or boxes (x, y, z, ...) with z counted from the slope's plane through
+    the origin."""
     if slope == LEVEL:
         return rows
     moved = rows.copy()
@@ -109,7 +128,9 @@ def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
         raise ValueError(f"{name} holds NaN or infinite numbers: {matrix.tolist()}")
     rotation = matrix[:3, :3]
     if np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-5:
-        raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?")
+        raise ValueError(
+            f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?"
+        )
     if np.abs(matrix[:3, 3]).max() > MAX_COORDINATE_M:
         far = f"{name} lies farther than {MAX_COORDINATE_M:g} m from the origin"
         raise ValueError(f"{far}: give metres, got {matrix[:3, 3]}")

@@ -18,9 +18,15 @@ def label_index(label: str | int) -> int:
     """Class number of a name or number in `LABELS`."""
     if isinstance(label, str) and label in LABELS:
         return LABELS.index(label)
-    if isinstance(label, int | np.integer | float) and label == np.trunc(label) and 0 <= int(label) < len(LABELS):
+    if (
+        isinstance(label, int | np.integer | float)
+        and label == np.trunc(label)
+        and 0 <= int(label) < len(LABELS)
+    ):
         return int(label)
-    raise ValueError(f"label must be one of {LABELS} or its number 0..{len(LABELS) - 1}, got {label!r}")
+    raise ValueError(
+        f"label must be one of {LABELS} or its number 0..{len(LABELS) - 1}, got {label!r}"
+    )
 
 
 _Taken = TypeVar("_Taken", bound="_Rows")
@@ -41,21 +47,31 @@ class _Rows(Displayed):
 
     def _card(self) -> Card:
         counts = np.bincount(self.labels, minlength=len(LABELS))
-        kinds = tuple(f"{number} {label}" for label, number in zip(LABELS, counts, strict=True) if number)
+        kinds = tuple(
+            f"{number} {label}" for label, number in zip(LABELS, counts, strict=True) if number
+        )
         facts = (describe_count(len(self), "box", "boxes"), *kinds)
-        return Card(type(self).__name__, facts, {"boxes": self._table}, "toolkit.viewing.still:draw_boxes")
+        return Card(
+            type(self).__name__, facts, {"boxes": self._table}, "toolkit.viewing.still:draw_boxes"
+        )
 
     def _table(self) -> Table:
         boxes = zip(("x", "y", "z", "length", "width", "height", "yaw"), self.boxes.T, strict=True)
-        rest = {name[:-1]: column for name, column in vars(self).items() if name not in ("boxes", "labels")}
+        rest = {
+            name[:-1]: column
+            for name, column in vars(self).items()
+            if name not in ("boxes", "labels")
+        }
         return {"label": [LABELS[label] for label in self.labels]} | rest | dict(boxes)
 
 
 @dataclass(frozen=True)
 class Objects(_Rows):
-    """Ground truth of one frame: boxes (n, 7), see `toolkit.boxes`; class numbers (or names) of `LABELS`; track ids.
+    """Ground truth of one frame: boxes (n, 7), see `toolkit.boxes`; class numbers (or names) of
+    `LABELS`; track ids.
 
-    All are kept as float64 and int64, whatever their type. Raises ValueError where shapes or labels do not fit.
+    All are kept as float64 and int64, whatever their type. Raises ValueError where shapes or labels
+    do not fit.
 
     >>> Objects(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array(["vehicle"])).labels
     array([0])
@@ -79,7 +95,8 @@ class Objects(_Rows):
 
 @dataclass(frozen=True)
 class Detections(_Rows):
-    """Detector output of one frame. scores: (n,) float64, higher is surer; boxes and labels as in `Objects`."""
+    """Detector output of one frame. scores: (n,) float64, higher is surer; boxes and labels as in
+    `Objects`."""
 
     boxes: Shaped[np.ndarray, "n 7"]
     scores: Shaped[np.ndarray, " n"]
@@ -105,8 +122,9 @@ class Detections(_Rows):
 
 @runtime_checkable
 class Detector(Protocol):
-    """Anything that turns the points of one frame into detections, both in the world frame. Optional attributes:
-    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on."""
+    """Anything that turns the points of one frame into detections, both in the world frame.
+    Optional attributes: `labels`, names of the classes it knows, and `digest`, a text that changes
+    with all it depends on."""
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""
@@ -123,7 +141,8 @@ class UnionDetector(Detector, Protocol):
 
 
 def quick_detector(detector: Detector) -> Detector:
-    """The detector as it compares: less exact in much less time, by its method `quick`, or itself without one."""
+    """The detector as it compares: less exact in much less time, by its method `quick`, or itself
+    without one."""
     quick = getattr(detector, "quick", None)
     return quick() if callable(quick) else detector
 
@@ -134,7 +153,9 @@ def known_labels(detector: Detector) -> tuple[str, ...] | None:
     if labels is None:
         return None
     if isinstance(labels, str) or not isinstance(labels, Iterable):
-        raise ValueError(f"labels of a detector must be a list of names of {LABELS}, got {labels!r}")
+        raise ValueError(
+            f"labels of a detector must be a list of names of {LABELS}, got {labels!r}"
+        )
     return tuple(LABELS[k] for k in sorted({label_index(label) for label in labels}))
 
 
@@ -143,8 +164,13 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
     known = known_labels(detector)
     unknown = [label for label in labels if known is not None and label not in known]
     if unknown:
-        remedy = "take one trained on all of them, such as the weights tjunction, or leave these classes out"
-        raise ValueError(f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: {remedy}")
+        remedy = (
+            "take one trained on all of them, such as the weights tjunction, or leave these "
+            "classes out"
+        )
+        raise ValueError(
+            f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: {remedy}"
+        )
 
 
 def _boxes(boxes: ArrayLike) -> np.ndarray:
@@ -152,7 +178,9 @@ def _boxes(boxes: ArrayLike) -> np.ndarray:
     if boxes.size == 0 and boxes.ndim < 2:
         return np.zeros((0, 7))
     if boxes.ndim != 2 or boxes.shape[1] != 7:
-        raise ValueError(f"boxes must have shape (n, 7): x y z length width height yaw, got {boxes.shape}")
+        raise ValueError(
+            f"boxes must have shape (n, 7): x y z length width height yaw, got {boxes.shape}"
+        )
     return boxes
 
 
@@ -161,18 +189,26 @@ def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
         return np.zeros(n, np.int64)
     labels = np.asarray(labels)
     if labels.dtype.kind not in "biufUO":
-        raise ValueError(f"labels must be numbers or names of {LABELS}, got an array of {labels.dtype}")
+        raise ValueError(
+            f"labels must be numbers or names of {LABELS}, got an array of {labels.dtype}"
+        )
     if labels.dtype.kind in "UO":
         labels = np.array([label_index(name) for name in labels.ravel()], np.int64)
     if labels.dtype.kind == "f" and not (labels == np.trunc(labels)).all():
-        raise ValueError(f"labels must be whole numbers 0..{len(LABELS) - 1} {LABELS}, got {labels.tolist()}")
+        raise ValueError(
+            f"labels must be whole numbers 0..{len(LABELS) - 1} {LABELS}, got {labels.tolist()}"
+        )
     labels = _rows(labels.astype(np.int64), "labels", n)
     if n and (labels.min() < 0 or labels.max() >= len(LABELS)):
-        raise ValueError(f"labels must be 0..{len(LABELS) - 1} {LABELS}, got {sorted(set(labels.tolist()))}")
+        raise ValueError(
+            f"labels must be 0..{len(LABELS) - 1} {LABELS}, got {sorted(set(labels.tolist()))}"
+        )
     return labels
 
 
 def _rows(column: Shaped[np.ndarray, "..."], name: str, n: int) -> np.ndarray:
     if column.shape != (n,):
-        raise ValueError(f"{name} must have one entry for each of the {n} boxes, got shape {column.shape}")
+        raise ValueError(
+            f"{name} must have one entry for each of the {n} boxes, got shape {column.shape}"
+        )
     return column

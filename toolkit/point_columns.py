@@ -3,12 +3,13 @@
 Coordinates are found by name, never by place:
 
 - `x`, `y`, `z` in either case, whatever else is there;
-- else one set of three names that differ in nothing but the axis, with a unit or a word for points, positions or a
-  frame: `x_m`, `X (mm)`, `pos_x`, `point.x`, `x_coord`, `x_lidar`;
-- else the components 0, 1, 2 of a vector of points: `Points_m_XYZ:0`, `Points_1`, as ParaView and VeloView name them.
+- else one set of three names that differ in nothing but the axis, with a unit or a word for points,
+  positions or a frame: `x_m`, `X (mm)`, `pos_x`, `point.x`, `x_coord`, `x_lidar`;
+- else the components 0, 1, 2 of a vector of points: `Points_m_XYZ:0`, `Points_1`, as ParaView and
+  VeloView name them.
 
-Units of length in a name count. Any other names are refused with the list of columns: angles and ranges, degrees of
-longitude, feet, or two sets of coordinates."""
+Units of length in a name count. Any other names are refused with the list of columns: angles and
+ranges, degrees of longitude, feet, or two sets of coordinates."""
 
 import re
 import warnings
@@ -34,11 +35,25 @@ UNITS_M = {
     "mm": 0.001,
     "km": 1000.0,
 }
-FOREIGN_UNITS = ("ft", "feet", "foot", "in", "inch", "inches", "yd", "deg", "degree", "degrees", "rad", "um", "nm")
+FOREIGN_UNITS = (
+    "ft",
+    "feet",
+    "foot",
+    "in",
+    "inch",
+    "inches",
+    "yd",
+    "deg",
+    "degree",
+    "degrees",
+    "rad",
+    "um",
+    "nm",
+)
 WORDS = (
-    "point points pt pts p pos position positions coord coords coordinate coordinates location loc xyz cartesian "
-    "vertex vertices center centre world local global sensor lidar laser velodyne vehicle car ego base map odom utm "
-    "enu scan cloud"
+    "point points pt pts p pos position positions coord coords coordinate coordinates location "
+    "loc xyz cartesian vertex vertices center centre world local global sensor lidar laser "
+    "velodyne vehicle car ego base map odom utm enu scan cloud"
 )
 _WORDS = frozenset(WORDS.split())
 STATED_OFFSET = re.compile(
@@ -62,7 +77,8 @@ class CoordinateColumns(NamedTuple):
 
 
 class _Template(NamedTuple):
-    """Common parts of the names of three coordinates: words, unit ("" if none), and whether numbers name their axes."""
+    """Common parts of the names of three coordinates: words, unit ("" if none), and whether numbers
+    name their axes."""
 
     words: str
     unit: str
@@ -78,12 +94,15 @@ class _Parsed(NamedTuple):
 
 
 def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
-    """Return a cloud's attributes from named columns: `positions` (n, 3) in metres, float32 or float64, `normals` and
-    `colors` where present, every other column of numbers under its own name. Raises ValueError if `find_axes` does."""
+    """Return a cloud's attributes from named columns: `positions` (n, 3) in metres, float32 or
+    float64, `normals` and `colors` where present, every other column of numbers under its own name.
+    Raises ValueError if `find_axes` does."""
     left = {name: np.asarray(column) for name, column in columns.items()}
     axes = find_axes(list(left))
     if odd := [name for name in axes.names if left[name].dtype.kind not in "fiub"]:
-        raise ValueError(f"column {odd[0]} must hold real numbers, got {left[odd[0]].dtype}: save it as float64")
+        raise ValueError(
+            f"column {odd[0]} must hold real numbers, got {left[odd[0]].dtype}: save it as float64"
+        )
     positions = _together(left, *axes.names)
     if positions.dtype not in (np.float32, np.float64):
         positions = positions.astype(np.float64)
@@ -93,10 +112,16 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
     if three := next((each for each in NORMALS if set(each) <= left.keys()), None):
         attributes["normals"] = _together(left, *three).astype(positions.dtype)
     for packed in ("rgb", "rgba"):
-        if packed in left and left[packed].dtype.itemsize == 4 and left[packed].shape[1:] in ((), (1,)):
+        if (
+            packed in left
+            and left[packed].dtype.itemsize == 4
+            and left[packed].shape[1:] in ((), (1,))
+        ):
             word = np.ascontiguousarray(left.pop(packed)).reshape(-1).view(np.uint32)
             attributes["colors"] = np.stack([word >> 16, word >> 8, word], axis=1).astype(np.uint8)
-    if "colors" not in attributes and (three := next((each for each in COLOURS if set(each) <= left.keys()), None)):
+    if "colors" not in attributes and (
+        three := next((each for each in COLOURS if set(each) <= left.keys()), None)
+    ):
         values = _together(left, *three)
         whole = values == np.clip(np.trunc(values.astype(np.float64)), 0, 255)
         attributes["colors"] = values.astype(np.uint8 if whole.all() else np.float32)
@@ -108,7 +133,8 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
 
 
 def find_axes(names: Sequence[str]) -> CoordinateColumns:
-    """Return which columns are x, y and z. Raises ValueError with the columns if that is not said by their names.
+    """Return which columns are x, y and z. Raises ValueError with the columns if that is not said
+    by their names.
 
     >>> find_axes(["intensity", "x_m", "y_m", "z_m"]).names
     ('x_m', 'y_m', 'z_m')
@@ -124,23 +150,33 @@ def find_axes(names: Sequence[str]) -> CoordinateColumns:
         listed = ", ".join(names)[:MAX_LISTED]
         lower_names = [name.lower() for name in names]
         missing = ", ".join(axis for axis in "xyz" if axis not in lower_names)
-        finding = f"{len(sets)} sets of coordinates" if sets or not missing else f"no column {missing}"
-        raise ValueError(f"it has {finding}, only {listed}: name its coordinates x, y and z, in metres")
+        finding = (
+            f"{len(sets)} sets of coordinates" if sets or not missing else f"no column {missing}"
+        )
+        raise ValueError(
+            f"it has {finding}, only {listed}: name its coordinates x, y and z, in metres"
+        )
     by_axis = sets[0]
     units = [by_axis[axis][1] for axis in range(3)]
     if foreign := next((unit for unit in units if unit in FOREIGN_UNITS), None):
         listed = ", ".join(names)[:MAX_LISTED]
-        raise ValueError(f"its coordinates are in {foreign}, its columns {listed}: convert them to metres")
+        raise ValueError(
+            f"its coordinates are in {foreign}, its columns {listed}: convert them to metres"
+        )
     first, second, third = (UNITS_M[unit] if unit else 1.0 for unit in units)
     return CoordinateColumns((by_axis[0][0], by_axis[1][0], by_axis[2][0]), (first, second, third))
 
 
 def warn_of_offset(comments: Iterable[str]) -> None:
-    """Warn of an offset that another program left in a comment: no format gives it a meaning to apply."""
+    """Warn of an offset that another program left in a comment: no format gives it a meaning to
+    apply."""
     for comment in comments:
         stated = STATED_OFFSET.search(comment)
         if stated is not None:
-            message = f"the comment {stated[0]!r} is not applied, the points stay as they are: add it if it is theirs"
+            message = (
+                f"the comment {stated[0]!r} is not applied, the points stay as they are: add it "
+                "if it is theirs"
+            )
             warnings.warn(message, stacklevel=3)
 
 
@@ -162,12 +198,15 @@ def _coordinate_sets(names: Iterable[str]) -> list[dict[int, tuple[str, str]]]:
 
 def _parse(name: str) -> _Parsed | None:
     """Parts of a column's name; None if it names no coordinate."""
-    separated = re.sub(r"(?<=[a-z])(?=[XYZ]\b)|(?<=\b[XYZ])(?=[A-Z]?[a-z])|(?<=\b[xyz])(?=[A-Z])", " ", name)
+    separated = re.sub(
+        r"(?<=[a-z])(?=[XYZ]\b)|(?<=\b[XYZ])(?=[A-Z]?[a-z])|(?<=\b[xyz])(?=[A-Z])", " ", name
+    )
     tokens = re.findall(r"[^\W_]+", separated.lower())
     places = [place for place, token in enumerate(tokens) if token in ("x", "y", "z")]
     numbered = False
     if not places and len(tokens) > 1 and tokens[-1] in ("0", "1", "2"):
-        places, numbered = [len(tokens) - 1], True
+        places = [len(tokens) - 1]
+        numbered = True
     if len(places) != 1:
         return None
     letter = tokens.pop(places[0])

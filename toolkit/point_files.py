@@ -1,10 +1,11 @@
 """Points in files: PCD of the Point Cloud Library, PLY, and named columns as a cloud's attributes.
 
-PCD is read as text, binary and LZF-compressed, every field kept, and written as binary. Open3D's reader takes fields of
-one name, such as the paddings `_` that PCL and ROS write, for one field, and writes past the end of its memory. PLY is
-read as text and in both orders of bytes; Open3D's reader ends the process at a long comment, and takes whatever its
-memory holds for points where a word stands among the numbers.
-https://pointclouds.org/documentation/tutorials/pcd_file_format.html http://paulbourke.net/dataformats/ply/"""
+PCD is read as text, binary and LZF-compressed, every field kept, and written as binary. Open3D's
+reader takes fields of one name, such as the paddings `_` that PCL and ROS write, for one field, and
+writes past the end of its memory. PLY is read as text and in both orders of bytes; Open3D's reader
+ends the process at a long comment, and takes whatever its memory holds for points where a word
+stands among the numbers. https://pointclouds.org/documentation/tutorials/pcd_file_format.html
+http://paulbourke.net/dataformats/ply/"""
 
 import math
 import re
@@ -25,11 +26,17 @@ ORIGIN_COMMENT = "# coview origin:"  # in a PCD file, before what to add to x, y
 PADDING = "_"
 _MOST_FIELDS = 1000
 MOST_LZF = 100  # times that LZF can make anything smaller: three bytes stand for 264 at most
-_TYPES = {(kind, size): f"<{kind.lower()}{size}" for kind in "FIU" for size in (1, 2, 4, 8) if kind != "F" or size > 2}
+_TYPES = {
+    (kind, size): f"<{kind.lower()}{size}"
+    for kind in "FIU"
+    for size in (1, 2, 4, 8)
+    if kind != "F" or size > 2
+}
 
 
 class _Header(NamedTuple):
-    """Names, type of a point, number of points, storage, and the origin that coview took off (m)."""
+    """Names, type of a point, number of points, storage, and the origin that coview took off
+    (m)."""
 
     names: tuple[str, ...]
     row: np.dtype
@@ -44,8 +51,8 @@ class _Header(NamedTuple):
 
 
 def read_pcd(path: str | Path) -> Attributes:
-    """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises ValueError, in one line,
-    where the file is damaged, cut off or has no x, y and z."""
+    """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises
+    ValueError, in one line, where the file is damaged, cut off or has no x, y and z."""
     content = read_plain(path)
     try:
         header, body = _header(content)
@@ -56,7 +63,9 @@ def read_pcd(path: str | Path) -> Attributes:
             columns = (_read_binary if header.data == "binary" else _read_compressed)(header, body)
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
-    named = {name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING}
+    named = {
+        name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING
+    }
     attributes = name_attributes(named)
     if header.origin is not None:
         attributes["positions"] = attributes["positions"].astype(np.float64) + header.origin
@@ -64,11 +73,15 @@ def read_pcd(path: str | Path) -> Attributes:
 
 
 def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]], comment: str = "") -> bytes:
-    """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file. comment: a line of its header."""
+    """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file. comment: a line
+    of its header."""
     kinds = {"f": "F", "i": "I", "u": "U"}
     arrays = {name: np.asarray(column) for name, column in columns.items()}
-    table = np.rec.fromarrays([column.astype(column.dtype.newbyteorder("<")) for column in arrays.values()])
-    sizes, types = [str(column.itemsize) for column in arrays.values()], [kinds[c.dtype.kind] for c in arrays.values()]
+    table = np.rec.fromarrays(
+        [column.astype(column.dtype.newbyteorder("<")) for column in arrays.values()]
+    )
+    sizes = [str(column.itemsize) for column in arrays.values()]
+    types = [kinds[c.dtype.kind] for c in arrays.values()]
     remark = f"{comment}\n" if comment else ""
     header = f"""# .PCD v0.7 - Point Cloud Data file format
 {remark}VERSION 0.7
@@ -101,10 +114,12 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     names = tuple(name.lower() if len(name) == 1 else name for name in fields)
     if entries.get("DATA") == ["ascii"] and "SIZE" not in entries and "TYPE" not in entries:
         entries |= {"SIZE": ["4"] * len(names), "TYPE": ["F"] * len(names)}  # so did version 0.5
-    size, count = _whole(entries.get("SIZE", [])), _whole(entries.get("COUNT", ["1"] * len(names)))
+    size = _whole(entries.get("SIZE", []))
+    count = _whole(entries.get("COUNT", ["1"] * len(names)))
     if not len(names) == len(size) == len(count) == len(entries.get("TYPE", ())):
         raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
-    kept_columns = [k for k, each in enumerate(count) if each != 0]  # SUSTechPOINTS writes fields of COUNT 0: nothing
+    # SUSTechPOINTS writes fields of COUNT 0: nothing
+    kept_columns = [k for k, each in enumerate(count) if each != 0]
     entries["TYPE"] = [entries["TYPE"][k] for k in kept_columns]
     names = tuple(names[k] for k in kept_columns)
     size, count = ([column[k] for k in kept_columns] for column in (size, count))
@@ -124,13 +139,29 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     if "WIDTH" in entries:
         said.append(math.prod(_whole([*entries["WIDTH"], *entries.get("HEIGHT", ["1"])])))
     if not said or len(set(said)) > 1:
-        raise ValueError(f"POINTS and WIDTH x HEIGHT of its header must say one number of points, got {said}"[:200])
-    if "VIEWPOINT" in entries and [word.strip("-0.") for word in entries["VIEWPOINT"]] != ["", "", "", "1", "", "", ""]:
-        warnings.warn("the VIEWPOINT of a PCD file is not applied, its points stay as they are", stacklevel=2)
+        raise ValueError(
+            f"POINTS and WIDTH x HEIGHT of its header must say one number of points, got {said}"[
+                :200
+            ]
+        )
+    if "VIEWPOINT" in entries and [word.strip("-0.") for word in entries["VIEWPOINT"]] != [
+        "",
+        "",
+        "",
+        "1",
+        "",
+        "",
+        "",
+    ]:
+        warnings.warn(
+            "the VIEWPOINT of a PCD file is not applied, its points stay as they are", stacklevel=2
+        )
     points = said[0]
     data = " ".join(entries["DATA"])
     if data not in ("ascii", "binary", "binary_compressed") or points < 0:
-        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points")
+        raise ValueError(
+            f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points"
+        )
     row = np.dtype([(f"{k}", _TYPES[kind], (count[k],)) for k, kind in enumerate(kinds)])
     origin = _read_origin(content[: data_line.start()])
     if origin is None:
@@ -150,7 +181,9 @@ def _read_origin(header: bytes) -> np.ndarray | None:
     except ValueError:
         origin = np.full(0, np.nan)
     if origin.shape != (3,) or not (np.abs(origin) <= MAX_COORDINATE_M).all():
-        raise ValueError(f"its origin must be three numbers of metres, got {' '.join(words)[:60]!r}")
+        raise ValueError(
+            f"its origin must be three numbers of metres, got {' '.join(words)[:60]!r}"
+        )
     return origin
 
 
@@ -158,11 +191,16 @@ def _whole(words: list[str]) -> list[int]:
     try:
         return [int(word) for word in words]
     except ValueError:
-        raise ValueError(f"its header has {' '.join(words)[:40]!r} where whole numbers belong") from None
+        raise ValueError(
+            f"its header has {' '.join(words)[:40]!r} where whole numbers belong"
+        ) from None
 
 
-def _read_rows(path: Path, skipped: int, row: np.dtype, rows: int, *, last: bool = True) -> list[np.ndarray]:
-    """Columns of a file's text after so many lines, a row a line. last: no further lines may follow."""
+def _read_rows(
+    path: Path, skipped: int, row: np.dtype, rows: int, *, last: bool = True
+) -> list[np.ndarray]:
+    """Columns of a file's text after so many lines, a row a line. last: no further lines may
+    follow."""
     kinds = [(row[name].base, row[name].shape) for name in row.names or ()]
     plain = [(name, "f8", shape) for name, (_, shape) in zip(row.names or (), kinds, strict=True)]
     types = [kind if kind.itemsize == 8 else "f8" for kind, _ in kinds]
@@ -174,12 +212,20 @@ def _read_rows(path: Path, skipped: int, row: np.dtype, rows: int, *, last: bool
             warnings.simplefilter("ignore", UserWarning)  # no rows at all
             most = None if last else rows
             table = np.loadtxt(
-                path, np.dtype(wanted), comments=None, encoding="latin-1", skiprows=skipped, max_rows=most, ndmin=1
+                path,
+                np.dtype(wanted),
+                comments=None,
+                encoding="latin-1",
+                skiprows=skipped,
+                max_rows=most,
+                ndmin=1,
             )
             break
     if table is None:
         width = sum(math.prod(shape) for _, shape in kinds)
-        raise ValueError(f"it is damaged or cut off: a row has not {width} cells, or one is not a number")
+        raise ValueError(
+            f"it is damaged or cut off: a row has not {width} cells, or one is not a number"
+        )
     if len(table) != rows:
         cut = "it is cut off, " if len(table) < rows else ""
         raise ValueError(f"{cut}{len(table)} of {rows} rows are there")
@@ -200,7 +246,9 @@ def _read_binary(header: _Header, body: bytes) -> list[np.ndarray]:
     if len(body) < needed:
         raise ValueError(f"it is cut off, {len(body)} of {needed} bytes are there")
     if len(body) >= needed + header.row.itemsize:
-        raise ValueError(f"its header says {header.points} points, {needed} bytes, but {len(body)} are there")
+        raise ValueError(
+            f"its header says {header.points} points, {needed} bytes, but {len(body)} are there"
+        )
     rows = np.frombuffer(body, header.row, header.points)
     return [np.ascontiguousarray(rows[name]) for name in header.row.names or ()]
 
@@ -217,17 +265,21 @@ def _read_compressed(header: _Header, body: bytes) -> list[np.ndarray]:
     if size != needed or size > MOST_LZF * max(1, packed):
         raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
     plain = decompress_lzf(body[8 : 8 + packed], size)
-    columns, first = [], 0
+    columns = []
+    first = 0
     for dtype, count in header.fields():
         length = header.points * count * dtype.itemsize
-        columns.append(np.frombuffer(plain[first : first + length], dtype).reshape(header.points, count))
+        columns.append(
+            np.frombuffer(plain[first : first + length], dtype).reshape(header.points, count)
+        )
         first += length
     return columns
 
 
 def decompress_lzf(packed: bytes, size: int) -> bytes:
     """Decompress LibLZF. Raises ValueError unless it makes `size` bytes."""
-    out, i = bytearray(), 0
+    out = bytearray()
+    i = 0
     try:
         while i < len(packed):
             control = packed[i]
@@ -241,7 +293,8 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
                 length += packed[i]
             back = ((control & 31) << 8) + packed[i + 1] + 1  # bytes ago that the same was there
             i += 2
-            start, length = len(out) - back, length + 2
+            start = len(out) - back
+            length = length + 2
             if start < 0 or len(out) > size:
                 break
             same = out[start : start + length]
@@ -253,15 +306,20 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
     return bytes(out)
 
 
-_PLY_KINDS = "i1 char int8, u1 uchar uint8, i2 short int16, u2 ushort uint16, i4 int int32, u4 uint uint32"
+_PLY_KINDS = (
+    "i1 char int8, u1 uchar uint8, i2 short int16, u2 ushort uint16, i4 int int32, u4 uint uint32"
+)
 _PLY_KINDS += ", f4 float float32, f8 double float64"
-_PLY_TYPES = {name: kind for kind, *names in map(str.split, _PLY_KINDS.split(",")) for name in names}
+_PLY_TYPES = {
+    name: kind for kind, *names in map(str.split, _PLY_KINDS.split(",")) for name in names
+}
 _PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _MOST_LISTS = 1_000_000  # rows with lists before the points, which are walked one by one
 
 
 class _Element(NamedTuple):
-    """Name, number of rows, and of each property its name, its type and, for a list, the type of its length."""
+    """Name, number of rows, and of each property its name, its type and, for a list, the type of
+    its length."""
 
     name: str
     rows: int
@@ -276,17 +334,21 @@ class _Element(NamedTuple):
 
 
 def read_ply(path: str | Path) -> Attributes:
-    """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element. Raises ValueError, in one
-    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z."""
+    """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element. Raises
+    ValueError, in one line, where the file is damaged, cut off, longer than its header says, or has
+    no x, y and z."""
     content = read_plain(path)
     try:
         order, elements, start = _ply_header(content)
         place = [element.name for element in elements].index("vertex")
-        vertex, last = elements[place], place == len(elements) - 1
+        vertex = elements[place]
+        last = place == len(elements) - 1
         if vertex.row is None:
             raise ValueError("its vertices have lists: export it again as points")
         if not order:
-            skipped = len(content[:start].splitlines()) + sum(element.rows for element in elements[:place])
+            skipped = len(content[:start].splitlines()) + sum(
+                element.rows for element in elements[:place]
+            )
             columns = _read_rows(Path(path), skipped, vertex.row, vertex.rows, last=last)
         else:
             for element in elements[:place]:
@@ -306,8 +368,11 @@ def _ply_header(content: bytes) -> tuple[str, list[_Element], int]:
     end = first and re.compile(first[1] + rb"end_header[ \t]*" + first[1]).search(content)
     if first is None or end is None:
         raise ValueError("it has no header from ply to end_header, is it a PLY file?")
-    order, elements = None, list[_Element]()
-    for line in content[first.end() : end.start()].decode("ascii", "replace").split(first[1].decode()):
+    order = None
+    elements = list[_Element]()
+    for line in (
+        content[first.end() : end.start()].decode("ascii", "replace").split(first[1].decode())
+    ):
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
             warn_of_offset([line])
@@ -322,7 +387,9 @@ def _ply_header(content: bytes) -> tuple[str, list[_Element], int]:
             raise ValueError(f"its header has a line that PLY does not know: {line[:80]!r}")
     names = [element.name for element in elements]
     if order is None or names.count("vertex") != 1 or any(element.rows < 0 for element in elements):
-        raise ValueError("its header must have one format and one element vertex, and no count below 0")
+        raise ValueError(
+            "its header must have one format and one element vertex, and no count below 0"
+        )
     kept = [name for name, _, _ in elements[names.index("vertex")].properties]
     if sum(len(element.properties) for element in elements) > _MOST_FIELDS:
         raise ValueError(f"its header names more than {_MOST_FIELDS} properties")
@@ -337,7 +404,9 @@ def _ply_property(words: list[str], order: str) -> tuple[str, np.dtype, np.dtype
     is_list = kinds[:1] == ["list"] and len(kinds) == 3 and _PLY_TYPES.get(kinds[1], "f")[0] != "f"
     if not (is_list or len(kinds) == 1) or kinds[-1] not in _PLY_TYPES:
         raise ValueError(f"its header has a property of unknown type: {' '.join(words)[:80]!r}")
-    length, kind = (np.dtype(order + _PLY_TYPES[each]) for each in (kinds[1] if is_list else "char", kinds[-1]))
+    length, kind = (
+        np.dtype(order + _PLY_TYPES[each]) for each in (kinds[1] if is_list else "char", kinds[-1])
+    )
     return name.lower() if len(name) == 1 else name, kind, length if is_list else None
 
 
@@ -351,7 +420,11 @@ def _skip(element: _Element, content: bytes, at: int) -> int:
         for _, kind, length in element.properties:
             count = 1
             if length is not None:
-                count = int(np.frombuffer(content, length, 1, at)[0]) if at + length.itemsize <= len(content) else -1
+                count = (
+                    int(np.frombuffer(content, length, 1, at)[0])
+                    if at + length.itemsize <= len(content)
+                    else -1
+                )
                 at += length.itemsize
             if count < 0:
                 raise ValueError("a list before its points is damaged or cut off")

@@ -1,11 +1,12 @@
 """Cloud attributes written as PCD and PLY files that other programs read as they are meant.
 
-- PCD stores positions in float32: `open3d.io.read_point_cloud` (Open3D 0.20.0) reads 8-byte x, y and z as zeros without
-  a word. Far from the world's origin, such as in UTM coordinates, whole kilometres are taken off first. The header
-  states them in a comment, since the format has no field for an origin, and `toolkit.point_files.read_pcd` adds them
-  again. PLY stores positions of float64 as `double`.
-- Colours are bytes, `rgb` in PCD and `red`, `green`, `blue` in PLY. Floats are taken as Open3D's, from 0 to 1; readers
-  take floating `red` for shares of 255.
+- PCD stores positions in float32: `open3d.io.read_point_cloud` (Open3D 0.20.0) reads 8-byte x, y
+  and z as zeros without a word. Far from the world's origin, such as in UTM coordinates, whole
+  kilometres are taken off first. The header states them in a comment, since the format has no field
+  for an origin, and `toolkit.point_files.read_pcd` adds them again. PLY stores positions of float64
+  as `double`.
+- Colours are bytes, `rgb` in PCD and `red`, `green`, `blue` in PLY. Floats are taken as Open3D's,
+  from 0 to 1; readers take floating `red` for shares of 255.
 - PLY knows no 64-bit integers: they become `int` if all fit, else `double` if that is exact."""
 
 import re
@@ -36,7 +37,8 @@ Columns = dict[str, np.ndarray]  # each (n,)
 
 
 def choose_origin(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
-    """Return an origin (m) from which float32 holds `points`: zeros, or whole kilometres if they are far away.
+    """Return an origin (m) from which float32 holds `points`: zeros, or whole kilometres if they
+    are far away.
 
     >>> choose_origin(np.array([[692012.0, 5336044.0, 520.0]]))
     array([ 692000., 5336000.,       0.])
@@ -50,7 +52,8 @@ def choose_origin(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
 
 
 def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]:
-    """Format a cloud's attributes as a binary PCD file; return it with the origin that was taken off (m)."""
+    """Format a cloud's attributes as a binary PCD file; return it with the origin that was taken
+    off (m)."""
     points = attributes["positions"]
     origin = choose_origin(points) if points.dtype == np.float64 else np.zeros(3)
     near = (points - origin.astype(points.dtype)).astype(np.float32)
@@ -61,7 +64,9 @@ def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]
         red, green, blue = _bytes_of_colours(attributes["colors"]).astype(np.uint32).T
         columns["rgb"] = red << 16 | green << 8 | blue
     columns |= _single_columns(attributes, columns)
-    comment = f"{ORIGIN_COMMENT} {' '.join(f'{value:.0f}' for value in origin)}" if origin.any() else ""
+    comment = (
+        f"{ORIGIN_COMMENT} {' '.join(f'{value:.0f}' for value in origin)}" if origin.any() else ""
+    )
     return pcd_bytes(columns, comment), origin
 
 
@@ -106,13 +111,16 @@ def _fit_ply(name: str, column: Shaped[np.ndarray, " n"]) -> np.ndarray | None:
     """Column of a type that PLY has; None, with a warning, if none holds its numbers."""
     if column.dtype.str[1:] in PLY_NAMES:
         return column
-    lowest, highest = int(column.min()), int(column.max())
+    lowest = int(column.min())
+    highest = int(column.max())
     limits = np.iinfo(np.int32)
     if limits.min <= lowest and highest <= limits.max:
         return column.astype(np.int32)
     if max(-lowest, highest) <= EXACT_DOUBLE:
         return column.astype(np.float64)
-    warnings.warn(f"{name} is left out: PLY has no 64-bit integers, .pcd and .npz have", stacklevel=4)
+    warnings.warn(
+        f"{name} is left out: PLY has no 64-bit integers, .pcd and .npz have", stacklevel=4
+    )
     return None
 
 

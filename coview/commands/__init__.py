@@ -1,1 +1,2 @@
-"""The commands, a file each in the room of its group: arguments in, one function called, its result printed."""
+"""The commands, a file each in the room of its group: arguments in, one function called, its result
+printed."""

@@ -1,4 +1,5 @@
-"""Run the notebooks beside this file anew, and keep their outputs: `python docs/notebooks/execute.py [NAME...]`."""
+"""Run the notebooks beside this file anew, and keep their outputs: `python
+docs/notebooks/execute.py [NAME...]`."""
 
 import re
 import shutil
@@ -13,11 +14,13 @@ HERE = Path(__file__).parent
 NOTEBOOKS = tuple(sorted(path.stem for path in HERE.glob("*.ipynb")))
 MOST_SECONDS = 900  # of a cell
 OPEN3D = "Enabling Open3D WebVisualizer"  # which it says of every notebook that imports it
-WARNING = re.compile(r"^\S+\.py:\d+: (\w*Warning: .*\n) .*\n", re.MULTILINE)  # with its place and its line of code
+# with its place and its line of code
+WARNING = re.compile(r"^\S+\.py:\d+: (\w*Warning: .*\n) .*\n", re.MULTILINE)
 
 
 def execute(name: str) -> nbformat.NotebookNode:
-    """Run a notebook in an empty folder beside the documentation's map and poles. Raises at the first error."""
+    """Run a notebook in an empty folder beside the documentation's map and poles. Raises at the
+    first error."""
     notebook = nbformat.read(HERE / f"{name}.ipynb", as_version=4)
     with tempfile.TemporaryDirectory() as folder:
         for given in HERE.parent.glob("own-junction*"):
@@ -26,7 +29,9 @@ def execute(name: str) -> nbformat.NotebookNode:
         place = Path(folder) / "notebooks"
         place.mkdir()
         resources = {"metadata": {"path": str(place)}}
-        client = NotebookClient(notebook, timeout=MOST_SECONDS, record_timing=False, resources=resources)
+        client = NotebookClient(
+            notebook, timeout=MOST_SECONDS, record_timing=False, resources=resources
+        )
         client.coalesce_streams = True
         client.execute()
     for cell in notebook.cells:

@@ -1,6 +1,8 @@
-"""Draw the live planner's page in Chromium, a picture and a film: `python docs/pictures/live.py [FOLDER]`.
+"""Draw the live planner's page in Chromium, a picture and a film: `python docs/pictures/live.py
+[FOLDER]`.
 
-live.png: a map of what is seen, and a suggestion; live.webp: some 30 s of use, four pictures a second.
+live.png: a map of what is seen, and a suggestion; live.webp: some 30 s of use, four pictures a
+second.
 """
 
 import shutil
@@ -21,11 +23,15 @@ from toolkit.viewing import scene
 
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 COLOURS = 96  # of the picture's palette, so that the file is small
-SIZE, FILM, PAUSE = (1280, 720), (896, 504), 250  # px of the page and the film; ms between two pictures of it
+# px of the page and the film; ms between two pictures of it
+SIZE = (1280, 720)
+FILM = (896, 504)
+PAUSE = 250
 POINTER = """
 addEventListener('DOMContentLoaded', () => {
     const dot = document.createElement('div')
-    dot.style = 'position:fixed;z-index:9999;width:18px;height:18px;margin:-9px;border-radius:50%;' +
+    dot.style = 'position:fixed;z-index:9999;width:18px;height:18px;margin:-9px;' +
+        'border-radius:50%;' +
         'pointer-events:none;background:#e2197888;border:2px solid #fff;left:-99px'
     document.body.append(dot)
     const follow = e => Object.assign(dot.style, {left: e.clientX + 'px', top: e.clientY + 'px'})
@@ -38,27 +44,37 @@ class Film:
     """Pictures of a tab, one after another."""
 
     def __init__(self, tab: Page, session: LiveSession) -> None:
-        self.tab, self.session, self.frames = tab, session, list[Image.Image]()
+        self.tab = tab
+        self.session = session
+        self.frames = list[Image.Image]()
 
     def shoot(self, count: int = 1) -> None:
         """Take pictures, with time between them."""
         for _ in range(count):
             self.tab.wait_for_timeout(120)
-            self.frames.append(Image.open(BytesIO(self.tab.screenshot())).convert("RGB").resize(FILM))
+            self.frames.append(
+                Image.open(BytesIO(self.tab.screenshot())).convert("RGB").resize(FILM)
+            )
 
     def pixel(self, point: np.ndarray) -> np.ndarray:
         """Where the first view shows a point of the scene."""
         box = self.tab.locator("canvas").first.bounding_box()
         assert box is not None
-        eye, middle = (np.array(each) for each in scene.overview(tuple(self.session.planner.yard.site.area.tolist())))
+        eye, middle = (
+            np.array(each)
+            for each in scene.overview(tuple(self.session.planner.yard.site.area.tolist()))
+        )
         eye = middle + AWAY * (eye - middle)
         ahead = (middle - eye) / np.linalg.norm(middle - eye)
         right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
-        way, size = point - eye, np.array([box["width"], box["height"]])
+        way = point - eye
+        size = np.array([box["width"], box["height"]])
         scale = size[1] / 2 / np.tan(np.deg2rad(25.0)) / (way @ ahead)
         return size / 2 + scale * np.array([way @ right, -(way @ np.cross(right, ahead))])
 
-    def drag(self, name: str, by: tuple[float, float], steps: int = 10, *, housing: bool = False) -> None:
+    def drag(
+        self, name: str, by: tuple[float, float], steps: int = 10, *, housing: bool = False
+    ) -> None:
         """Drag a sensor's handle, or its box, by some pixels."""
         planner = self.session.planner
         sensor = planner.yard.build_sensor(planner.variant, planner.variant.find(name))
@@ -93,7 +109,8 @@ class Film:
 
 
 def main(folder: Path) -> None:
-    """Turn sensors of the T-junction, map what is seen, ask for the next sensor, and write live.png and live.webp."""
+    """Turn sensors of the T-junction, map what is seen, ask for the next sensor, and write live.png
+    and live.webp."""
     planner = LivePlanner("tjunction", run=Run(frames=60, seed=3, cache=Path("out/cache")))
     planner.finish()
     session = LiveSession(planner, folder=folder)
@@ -122,16 +139,28 @@ def main(folder: Path) -> None:
             film.suggest()
             film.shoot(8)
             picture = Image.open(BytesIO(tab.screenshot())).convert("RGB")
-            picture.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / "live.png", optimize=True)
+            picture.quantize(COLOURS, dither=Image.Dither.NONE).save(
+                folder / "live.png", optimize=True
+            )
             film.press("Ask", "Accept the best")
             film.shoot(6)
             film.map("off")
             tab.get_by_role("tab", name="Variants").click()
             film.shoot(10)
             first, *rest = film.frames
-            how = {"save_all": True, "append_images": rest, "duration": PAUSE, "loop": 0, "quality": 45, "method": 4}
+            how = {
+                "save_all": True,
+                "append_images": rest,
+                "duration": PAUSE,
+                "loop": 0,
+                "quality": 45,
+                "method": 4,
+            }
             first.save(folder / "live.webp", minimize_size=True, **how)
-            print(f"{len(film.frames) * PAUSE / 1000:.0f} s, {(folder / 'live.webp').stat().st_size / 1e6:.1f} MB")
+            print(
+                f"{len(film.frames) * PAUSE / 1000:.0f} s, "
+                f"{(folder / 'live.webp').stat().st_size / 1e6:.1f} MB"
+            )
             chromium.close()
     finally:
         session.close()

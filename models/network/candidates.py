@@ -1,9 +1,10 @@
 """Candidates: scored boxes from a network's maps, without duplicates and rivals.
 
-A score says how sure the network is: the probability of the anchor's class, lowered by the IoU predicted for the box,
-and calibrated. Boxes suppress only boxes of their own class, so a person on a bicycle may be found as a cyclist and as
-a pedestrian, and the cab of a truck as a vehicle. Each of two such rivals keeps the part of its score that calibration
-(`models.training.second_stage`) found to be true."""
+A score says how sure the network is: the probability of the anchor's class, lowered by the IoU
+predicted for the box, and calibrated. Boxes suppress only boxes of their own class, so a person on
+a bicycle may be found as a cyclist and as a pedestrian, and the cab of a truck as a vehicle. Each
+of two such rivals keeps the part of its score that calibration (`models.training.second_stage`)
+found to be true."""
 
 import math
 from collections.abc import Sequence
@@ -24,7 +25,9 @@ _Scores = Float[np.ndarray, " n"]
 _Grid = Float32[Tensor, "H W A 7"]
 _Best = tuple[Float32[Tensor, "k 7"], Float32[Tensor, "k L"]]  # boxes, and scores of each label
 MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
-_SURE_LOGIT, _ROUNDING = 8.0, 0.01  # logits above the first are rounded by more than the second
+# logits above the first are rounded by more than the second
+_SURE_LOGIT = 8.0
+_ROUNDING = 0.01
 
 
 class Candidates(NamedTuple):
@@ -39,7 +42,8 @@ class Candidates(NamedTuple):
 
     def best(self, rows: Int64[Tensor, " m"] | slice) -> _Best:
         """Boxes and scores of these rows, at most `MOST_CANDIDATES`."""
-        boxes, scores = self.boxes[rows], self.scores[rows]
+        boxes = self.boxes[rows]
+        scores = self.scores[rows]
         if len(boxes) <= MOST_CANDIDATES:
             return boxes, scores
         chosen = torch.topk(scores.amax(-1), MOST_CANDIDATES).indices
@@ -64,10 +68,13 @@ def all_candidates(
 ) -> Candidates:
     """Return the boxes of anchors above a label's threshold; scores for labels below theirs are 0.
 
-    corner: first cell of the map in each item, if the items are tiles of it; anything beyond the map is left out."""
+    corner: first cell of the map in each item, if the items are tiles of it; anything beyond the
+    map is left out."""
     count = len(config.anchor_labels)
     logits, residuals = (per_anchor(each, count) for each in prediction[:2])
-    direction, quality = (None if each is None else per_anchor(each, count) for each in prediction[2:])
+    direction, quality = (
+        None if each is None else per_anchor(each, count) for each in prediction[2:]
+    )
     label = torch.tensor(config.anchor_labels, device=logits.device)
     least = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
     least = least[label][:, None] if config.kinds else least  # by anchor, or by label
@@ -92,7 +99,11 @@ def all_candidates(
         if config.calibration:
             scores = torch.sigmoid(torch.logit(scores, 1e-6) * slope[own] + intercept[own])
     scores = torch.where(scores > least[own], scores, 0.0)
-    row, column = cell[1:3] if corner is None else (axis + corner[cell[0], k] for k, axis in enumerate(cell[1:3]))
+    row, column = (
+        cell[1:3]
+        if corner is None
+        else (axis + corner[cell[0], k] for k, axis in enumerate(cell[1:3]))
+    )
     there = (scores.amax(-1) > 0) & (row < len(anchors)) & (column < anchors.shape[1])
     chosen = torch.nonzero(there)[:, 0]
     scores, row, column, *kept = (each[chosen] for each in (scores, row, column, *cell))
@@ -106,7 +117,10 @@ def all_candidates(
 
 
 def suppress(
-    boxes: Float[Tensor, "n 7"], scores: Float[Tensor, "n L"], config: VoxelNetConfig, nms_threshold: float
+    boxes: Float[Tensor, "n 7"],
+    scores: Float[Tensor, "n L"],
+    config: VoxelNetConfig,
+    nms_threshold: float,
 ) -> Detections:
     """Drop duplicates and candidates centred outside the area."""
     xmin, ymin, xmax, ymax = config.area
@@ -119,16 +133,22 @@ def suppress(
     return average_boxes(found, kept, config.averaging) if config.averaging else found[kept]
 
 
-def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
-    """Average each kept box with candidates of its class that overlap it. Weights are squared scores: neighbouring
-    anchors err independently ("box voting", Gidaris and Komodakis 2015)."""
-    boxes, best = candidates.boxes, candidates.boxes[kept]
-    together = (iou_bev(best, boxes) > iou_threshold) & (candidates.labels[kept][:, None] == candidates.labels)
+def average_boxes(
+    candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float
+) -> Detections:
+    """Average each kept box with candidates of its class that overlap it. Weights are squared
+    scores: neighbouring anchors err independently ("box voting", Gidaris and Komodakis 2015)."""
+    boxes = candidates.boxes
+    best = candidates.boxes[kept]
+    together = (iou_bev(best, boxes) > iou_threshold) & (
+        candidates.labels[kept][:, None] == candidates.labels
+    )
     weights = np.where(together, candidates.scores**2, 0.0)
     weights[np.arange(len(kept)), kept] = candidates.scores[kept] ** 2
     weights /= weights.sum(axis=1, keepdims=True)
     turn = boxes[:, 6] - best[:, 6:]
-    turn = (turn + np.pi / 2) % np.pi - np.pi / 2  # a box facing the other way lies along the same line
+    # a box facing the other way lies along the same line
+    turn = (turn + np.pi / 2) % np.pi - np.pi / 2
     mean = weights @ boxes
     mean[:, 6] = best[:, 6] + (weights * turn).sum(axis=1)
     return Detections(mean, candidates.scores[kept], candidates.labels[kept])
@@ -136,7 +156,8 @@ def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_thr
 
 TOGETHER = 0.3  # overlap, as a share of the smaller footprint, above which two claim one place
 LEAST_RIVAL = 0.2  # least score of a rival
-LARGE_RIVAL_SHARES = {"vehicle": 0.8, "heavy": 0.3}  # of the other's score, if the network's header has no shares
+# of the other's score, if the network's header has no shares
+LARGE_RIVAL_SHARES = {"vehicle": 0.8, "heavy": 0.3}
 
 
 def share_ground(boxes: Float[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
@@ -158,10 +179,12 @@ def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndar
 
 
 def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "L L"] | None:
-    """Share of each rival label's score below which a box of a label is dropped; None if no box ever is.
+    """Share of each rival label's score below which a box of a label is dropped; None if no box
+    ever is.
 
-    Rows and columns are in the order of `config.labels`. Without `config.rival_shares` only vehicles and heavy vehicles
-    are rivals: a person next to a car is another object, the front of a truck is not."""
+    Rows and columns are in the order of `config.labels`. Without `config.rival_shares` only
+    vehicles and heavy vehicles are rivals: a person next to a car is another object, the front of a
+    truck is not."""
     labels = config.labels
     shares = np.zeros((len(labels), len(labels)))
     if config.rival_shares:
@@ -173,17 +196,22 @@ def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "L L"] | None:
 
 
 def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
-    """Lower scores where other classes claim the place, by `config.rivalry`. score = sigmoid(slope · logit(score) +
-    intercept - Σ weight of a label · score of its strongest rival)."""
+    """Lower scores where other classes claim the place, by `config.rivalry`. score = sigmoid(slope
+    · logit(score) + intercept - Σ weight of a label · score of its strongest rival)."""
     if not config.rivalry or not len(found):
         return found
     own = {label_index(name): row for row, name in enumerate(config.labels)}
     rows = np.array(config.rivalry)[[own[int(label)] for label in found.labels]]
-    return Detections(found.boxes, rescore(found.scores, strongest_rivals(found, config), rows), found.labels)
+    return Detections(
+        found.boxes, rescore(found.scores, strongest_rivals(found, config), rows), found.labels
+    )
 
 
-def rescore(scores: _Scores, rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]) -> _Scores:
-    """Lower scores by those of their rivals. rows: slope, intercept and weights, for each score or one for all."""
+def rescore(
+    scores: _Scores, rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
+) -> _Scores:
+    """Lower scores by those of their rivals. rows: slope, intercept and weights, for each score or
+    one for all."""
     return sigmoid(rows[:, 0] * logit(scores) + rows[:, 1] - (rows[:, 2:] * rivals).sum(axis=1))
 
 

@@ -1,10 +1,15 @@
 """Grid of a network: points by voxel, at most T in each, and anchors by cell.
 
-Boxes are residuals to anchors (paper, section III-D; Zhou and Tuzel 2018), of a box (x y z l w h ψ) to an anchor (a):
+Boxes are residuals to anchors (paper, section III-D; Zhou and Tuzel 2018), of a box (x y z l w h ψ)
+to an anchor (a):
 
-    Δx, Δy over √(l_a² + w_a²)    Δz over h_a    ln(l/l_a), ln(w/w_a), ln(h/h_a)    then the yaw, δ = ψ - ψ_a:
-    published head:  δ                                    (a box and its half turn have far apart residuals)
-    quality head:    sin 2δ, cos 2δ and a direction bit   (they have the same residuals; the bit tells them apart)"""
+    Δx, Δy over √(l_a² + w_a²)    Δz over h_a    ln(l/l_a), ln(w/w_a), ln(h/h_a)
+
+then the yaw, δ = ψ - ψ_a:
+
+    published head:  δ                (a box and its half turn have far apart residuals)
+    quality head:    sin 2δ, cos 2δ and a direction bit
+                     (they have the same residuals; the bit distinguishes them)"""
 
 import math
 from collections.abc import Sequence
@@ -31,14 +36,19 @@ class Voxels(NamedTuple):
 
     def to(self, device: str | torch.device) -> "Voxels":
         """Move the voxels to another device."""
-        return Voxels(self.points.to(device), self.voxel.to(device), self.cells.to(device), self.items)
+        return Voxels(
+            self.points.to(device), self.voxel.to(device), self.cells.to(device), self.items
+        )
 
 
-def voxelise(points: Points | Float[Tensor, "n 3"], config: VoxelNetConfig, *, rng: _Random = 0) -> Voxels:
+def voxelise(
+    points: Points | Float[Tensor, "n 3"], config: VoxelNetConfig, *, rng: _Random = 0
+) -> Voxels:
     """Group points (x y z, m) by voxel.
 
-    Points outside the area or the height range, or on their borders, are ignored (the paper keeps 0 < height < 4 m). In
-    a voxel with more than T points a random T stay, by default the same every time. Kept points stay in their order.
+    Points outside the area or the height range, or on their borders, are ignored (the paper keeps 0
+    < height < 4 m). In a voxel with more than T points a random T stay, by default the same every
+    time. Kept points stay in their order.
 
     Raises ValueError unless the points are (n, 3)."""
     cloud = torch.as_tensor(points, dtype=torch.float32)
@@ -47,25 +57,34 @@ def voxelise(points: Points | Float[Tensor, "n 3"], config: VoxelNetConfig, *, r
     cloud, cells = grid_cells(cloud, config)
     nx, ny, _ = config.grid_shape
     ix, iy, iz = cells.unbind(1)
-    occupied, voxel = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True)  # less work than a map of all voxels
+    # less work than a map of all voxels
+    occupied, voxel = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True)
     crowded = torch.bincount(voxel)[voxel] > config.max_points
     if crowded.any():
         keep = thin_voxels(voxel, crowded, config.max_points, rng)
-        cloud, voxel = cloud[keep], voxel[keep]
+        cloud = cloud[keep]
+        voxel = voxel[keep]
     plane = occupied % (nx * ny)
-    cells = torch.stack((torch.zeros_like(plane), plane // ny, plane % ny, occupied // (nx * ny)), 1)
+    cells = torch.stack(
+        (torch.zeros_like(plane), plane // ny, plane % ny, occupied // (nx * ny)), 1
+    )
     return Voxels(cloud, voxel, cells)
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
     """Join clouds into one batch, in their order."""
-    voxel, cells, item, row = [], [], 0, 0
+    voxel = []
+    cells = []
+    item = 0
+    row = 0
     for voxels in batch:
         voxel.append(voxels.voxel + row)
         cells.append(voxels.cells + torch.tensor([item, 0, 0, 0], device=voxels.cells.device))
         item += voxels.items
         row += len(voxels.cells)
-    return Voxels(torch.cat([each.points for each in batch]), torch.cat(voxel), torch.cat(cells), item)
+    return Voxels(
+        torch.cat([each.points for each in batch]), torch.cat(voxel), torch.cat(cells), item
+    )
 
 
 def grid_cells(
@@ -74,8 +93,12 @@ def grid_cells(
     """Points inside the grid, and their voxel indices (x, y, z)."""
     xmin, ymin, xmax, ymax = config.area
     bounds = ((xmin, xmax), (ymin, ymax), config.height)
-    x, y, z = ((axis > low) & (axis < high) for axis, (low, high) in zip(cloud.unbind(1), bounds, strict=True))
-    cloud, sizes = cloud[x & y & z], zip(config.voxel_size, config.grid_shape, strict=True)
+    x, y, z = (
+        (axis > low) & (axis < high)
+        for axis, (low, high) in zip(cloud.unbind(1), bounds, strict=True)
+    )
+    cloud = cloud[x & y & z]
+    sizes = zip(config.voxel_size, config.grid_shape, strict=True)
     indices = [  # in float64: a float32 1.4 is below 7 voxels
         torch.floor(axis.double() / size - low / size).long().clamp_(0, cells - 1)
         for axis, (low, _), (size, cells) in zip(cloud.unbind(1), bounds, sizes, strict=True)
@@ -86,12 +109,15 @@ def grid_cells(
 def thin_voxels(
     voxel: Int64[Tensor, " n"], crowded: Bool[Tensor, " n"], limit: int, rng: _Random = 0
 ) -> Bool[Tensor, " n"]:
-    """Mark the points that stay: in crowded voxels any `limit` of them, each subset as likely as any other."""
+    """Mark the points that stay: in crowded voxels any `limit` of them, each subset as likely as
+    any other."""
     rows = torch.nonzero(crowded)[:, 0]
     rows = rows[torch.from_numpy(np.random.default_rng(rng).permutation(len(rows))).to(rows.device)]
     rows = rows[torch.argsort(voxel[rows], stable=True)]
     sizes = torch.unique_consecutive(voxel[rows], return_counts=True)[1]
-    rank = torch.arange(len(rows), device=rows.device) - torch.repeat_interleave(torch.cumsum(sizes, 0) - sizes, sizes)
+    rank = torch.arange(len(rows), device=rows.device) - torch.repeat_interleave(
+        torch.cumsum(sizes, 0) - sizes, sizes
+    )
     keep = torch.ones_like(crowded)
     keep[rows[rank >= limit]] = False
     return keep
@@ -111,18 +137,27 @@ def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
 
 
 def encode(boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True) -> Float[Tensor, "*n R"]:
-    """Return residuals of boxes to anchors: eight with the doubled yaw difference, or seven with the plain one."""
-    diagonal, size = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True), anchors[..., 3:6]
+    """Return residuals of boxes to anchors: eight with the doubled yaw difference, or seven with
+    the plain one."""
+    diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
+    size = anchors[..., 3:6]
     delta = boxes - anchors
-    centre, yaw = delta[..., :3] / torch.cat((diagonal, diagonal, size[..., 2:]), -1), delta[..., 6:]
+    centre = delta[..., :3] / torch.cat((diagonal, diagonal, size[..., 2:]), -1)
+    yaw = delta[..., 6:]
     angle = (torch.sin(2 * yaw), torch.cos(2 * yaw)) if doubled else (yaw,)
     return torch.cat((centre, torch.log(boxes[..., 3:6] / size), *angle), -1)
 
 
-def decode(residuals: Float[Tensor, "*n R"], anchors: _Boxes, direction: Bool[Tensor, "*n"] | None = None) -> _Boxes:
-    """Return the boxes of residuals. Eight leave the yaw open by 180°, which `direction` settles."""
-    diagonal, size = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True), anchors[..., 3:6]
-    centre = anchors[..., :3] + residuals[..., :3] * torch.cat((diagonal, diagonal, size[..., 2:]), -1)
+def decode(
+    residuals: Float[Tensor, "*n R"], anchors: _Boxes, direction: Bool[Tensor, "*n"] | None = None
+) -> _Boxes:
+    """Return the boxes of residuals. Eight leave the yaw open by 180°, which `direction`
+    settles."""
+    diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
+    size = anchors[..., 3:6]
+    centre = anchors[..., :3] + residuals[..., :3] * torch.cat(
+        (diagonal, diagonal, size[..., 2:]), -1
+    )
     angle = residuals[..., 6:]
     delta = angle if angle.shape[-1] == 1 else torch.atan2(angle[..., :1], angle[..., 1:]) / 2
     if direction is not None:

@@ -1,8 +1,9 @@
 """Sparse inference: the same maps in less time.
 
-Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. So voxel features
-exist for occupied voxels only, 3D convolutions run on reached cells (`SparseMiddle`), and the light network's first
-convolution on occupied columns (`SparseColumns`). BatchNorm and the linear layers before the published head are folded.
+Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights.
+So voxel features exist for occupied voxels only, 3D convolutions run on reached cells
+(`SparseMiddle`), and the light network's first convolution on occupied columns (`SparseColumns`).
+BatchNorm and the linear layers before the published head are folded.
 """
 
 import copy
@@ -18,7 +19,14 @@ from torch.nn import functional as F
 
 from models.network import voxelnet
 from models.network.grid import Voxels
-from models.network.voxelnet import Head, HeightFold, MiddleLayers, Prediction, RegionProposal, VoxelNet
+from models.network.voxelnet import (
+    Head,
+    HeightFold,
+    MiddleLayers,
+    Prediction,
+    RegionProposal,
+    VoxelNet,
+)
 from toolkit.arrays import Bool, Float, Float32, Int64
 
 
@@ -59,17 +67,24 @@ class SparseVoxelNet(nn.Module):
 
 @lru_cache
 def is_quick_at_bfloat16(device: torch.device) -> bool:
-    """True for a processor that is much faster in bfloat16. It is timed once, as instructions for it do not tell."""
-    known = [getattr(torch.cpu, f"_is_{name}_supported", lambda: False) for name in ("avx512_bf16", "amx_tile")]
+    """True for a processor that is much faster in bfloat16. It is timed once, as instructions for
+    it do not tell."""
+    known = [
+        getattr(torch.cpu, f"_is_{name}_supported", lambda: False)
+        for name in ("avx512_bf16", "amx_tile")
+    ]
     if device.type != "cpu" or not any(supported() for supported in known):
         return False
-    exact, coarse = zip(*((_time_layer(torch.float32), _time_layer(torch.bfloat16)) for _ in range(5)), strict=True)
+    exact, coarse = zip(
+        *((_time_layer(torch.float32), _time_layer(torch.bfloat16)) for _ in range(5)), strict=True
+    )
     return min(coarse) < 0.8 * min(exact)
 
 
 @torch.inference_mode()
 def _time_layer(dtype: torch.dtype) -> float:
-    layer, x = nn.Conv2d(48, 48, 3, padding=1).to(dtype), torch.ones(1, 64, 96, 48, dtype=dtype).movedim(3, 1)
+    layer = nn.Conv2d(48, 48, 3, padding=1).to(dtype)
+    x = torch.ones(1, 64, 96, 48, dtype=dtype).movedim(3, 1)
     layer(x)  # channels last, as in the network
     began = time.perf_counter()
     layer(x)
@@ -96,18 +111,28 @@ def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tupl
 
 
 class FoldedRegionProposal(nn.Module):
-    """`RegionProposal` and `Head`, folded; channels last in memory. input_order: original place of each input."""
+    """`RegionProposal` and `Head`, folded; channels last in memory. input_order: original place of
+    each input."""
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
         super().__init__()
         self.order = rpn.order
         originals: Any = rpn.blocks
-        blocks = [[make_conv(*fold_norm(*layer[:2]), layer[0].stride[0], 1) for layer in block] for block in originals]
+        blocks = [
+            [make_conv(*fold_norm(*layer[:2]), layer[0].stride[0], 1) for layer in block]
+            for block in originals
+        ]
         if input_order is not None:
             blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
         self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
-        self.join = PlainJoin(rpn, head) if rpn.add or head.conv3x3 is None else LinearHead(rpn, head)
-        maps = [layer for layer in (head.classes, head.residuals, head.direction, head.quality) if layer is not None]
+        self.join = (
+            PlainJoin(rpn, head) if rpn.add or head.conv3x3 is None else LinearHead(rpn, head)
+        )
+        maps = [
+            layer
+            for layer in (head.classes, head.residuals, head.direction, head.quality)
+            if layer is not None
+        ]
         self.channels = [layer.out_channels for layer in maps]
         biases = torch.cat([_bias(layer) for layer in maps])
         self.outputs = make_conv(torch.cat([layer.weight for layer in maps]), biases)
@@ -115,12 +140,15 @@ class FoldedRegionProposal(nn.Module):
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
         """Raw maps."""
-        maps, x = [], x.to(self.outputs.weight.dtype)
+        maps = []
+        x = x.to(self.outputs.weight.dtype)
         for block, order in zip(self.blocks, self.order, strict=True):
             for layer in order:
                 x = torch.relu_(block[layer](x))
             maps.append(x)
-        return Prediction(*torch.split(cell_by_cell(self.outputs, self.join(maps)).float(), self.channels, 1))
+        return Prediction(
+            *torch.split(cell_by_cell(self.outputs, self.join(maps)).float(), self.channels, 1)
+        )
 
 
 class PlainJoin(nn.Module):
@@ -128,12 +156,20 @@ class PlainJoin(nn.Module):
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
         super().__init__()
-        self.add, self.upsample, self.conv3x3 = rpn.add, rpn.upsample, head.conv3x3
+        self.add = rpn.add
+        self.upsample = rpn.upsample
+        self.conv3x3 = head.conv3x3
         if rpn.add:
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
             self.upsample = nn.ModuleList(
-                make_conv(layer.weight * scale[:, None, None], bias, layer.stride[0], layer.padding[0], transposed=True)
+                make_conv(
+                    layer.weight * scale[:, None, None],
+                    bias,
+                    layer.stride[0],
+                    layer.padding[0],
+                    transposed=True,
+                )
                 for layer, bias in zip(layers, (shift, None, None), strict=True)
             )
 
@@ -143,28 +179,39 @@ class PlainJoin(nn.Module):
         first, *others = layers
         fine = cell_by_cell(first, maps[0]) if self.add else first(maps[0])
         middle, coarse = (layer(x) for layer, x in zip(others, maps[1:], strict=True))
-        x = fine.add_(middle).add_(coarse).relu_() if self.add else torch.cat((coarse, middle, fine), 1)
+        x = (
+            fine.add_(middle).add_(coarse).relu_()
+            if self.add
+            else torch.cat((coarse, middle, fine), 1)
+        )
         return x if self.conv3x3 is None else torch.relu_(self.conv3x3(x))
 
 
 class LinearHead(nn.Module):
     """Join of the three maps by a 3x3 convolution, folded.
 
-    Everything before that convolution is linear, so a transposed one (kernel and stride k) and the 3x3 one are together
-    one transposed convolution of kernel k + 2, stride k and padding 1, on a map with a quarter or a sixteenth of the
-    cells. Their biases, which the 3x3 convolution misses beyond the border, enter through channels of ones."""
+    Everything before that convolution is linear, so a transposed one (kernel and stride k) and the
+    3x3 one are together one transposed convolution of kernel k + 2, stride k and padding 1, on a
+    map with a quarter or a sixteenth of the cells. Their biases, which the 3x3 convolution misses
+    beyond the border, enter through channels of ones."""
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
         super().__init__()
         assert head.conv3x3 is not None
         layers: Any = rpn.upsample
         self.fine, middle, coarse = layers
-        at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)  # in the order of their concatenation
+        # in the order of their concatenation
+        at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)
         self.conv3x3 = make_conv(at_fine, _bias(head.conv3x3), padding=1)
         self.middle = make_conv(_compose(middle.weight, at_middle), None, 2, 1, transposed=True)
-        biases = torch.cat((at_coarse, at_middle), 1) * torch.cat((coarse.bias, middle.bias))[:, None, None]
+        biases = (
+            torch.cat((at_coarse, at_middle), 1)
+            * torch.cat((coarse.bias, middle.bias))[:, None, None]
+        )
         ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
-        weight = torch.cat((_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:])))
+        weight = torch.cat(
+            (_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:]))
+        )
         self.coarse = make_conv(weight, None, 4, 1, transposed=True)
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
@@ -176,11 +223,13 @@ class LinearHead(nn.Module):
 
 
 def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K H W"]:
-    """Compute a 1x1 convolution by the convolution library. On one CPU thread torch would choose a plain matrix
-    product, which takes about twice as long. Compilers and exporters do not know the library's convolution, and it
-    refuses bfloat16 on processors without AVX-512."""
+    """Compute a 1x1 convolution by the convolution library. On one CPU thread torch would choose a
+    plain matrix product, which takes about twice as long. Compilers and exporters do not know the
+    library's convolution, and it refuses bfloat16 on processors without AVX-512."""
     plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
-    plain = plain or (x.dtype == torch.bfloat16 and not torch.ops.mkldnn._is_mkldnn_bf16_supported())
+    plain = plain or (
+        x.dtype == torch.bfloat16 and not torch.ops.mkldnn._is_mkldnn_bf16_supported()
+    )
     if plain or x.device.type != "cpu":
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
     return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)  # type: ignore[arg-type]
@@ -192,16 +241,23 @@ def _bias(layer: nn.Conv2d) -> Tensor:
 
 
 def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
-    """Kernel (I, O, k + 2, k + 2) of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3, 3)."""
+    """Kernel (I, O, k + 2, k + 2) of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3,
+    3)."""
     return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
 
 def make_conv(
-    weight: Tensor, bias: Tensor | None, stride: int = 1, padding: int = 0, *, transposed: bool = False
+    weight: Tensor,
+    bias: Tensor | None,
+    stride: int = 1,
+    padding: int = 0,
+    *,
+    transposed: bool = False,
 ) -> nn.Conv2d | nn.ConvTranspose2d:
     """Build a convolution with a copy of these weights; a transposed 1x1 one is a plain one."""
     if transposed and weight.shape[2] == stride == 1:
-        weight, transposed = weight.transpose(0, 1), False
+        weight = weight.transpose(0, 1)
+        transposed = False
     inputs, outputs = weight.shape[:2] if transposed else (weight.shape[1], weight.shape[0])
     kind = nn.ConvTranspose2d if transposed else nn.Conv2d
     conv = kind(inputs, outputs, weight.shape[2], stride, padding, bias=bias is not None)
@@ -211,15 +267,17 @@ def make_conv(
     return conv
 
 
-_TAPS = (((1, 0),), ((0, 1), (2, 0)))  # kernel taps along one axis that see an even or odd place, and their offsets
+# kernel taps along one axis that see an even or odd place, and their offsets
+_TAPS = (((1, 0),), ((0, 1), (2, 0)))
 
 
 class SparseColumns(nn.Module):
     """Height fold, first convolution and ReLU on occupied columns.
 
-    The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of its map, depending on
-    whether its row and column are even or odd. Each of the nine taps serves the columns of one such kind and sends no
-    two of them to the same cell. Cells without a column hold the bias."""
+    The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of
+    its map, depending on whether its row and column are even or odd. Each of the nine taps serves
+    the columns of one such kind and sends no two of them to the same cell. Cells without a column
+    hold the bias."""
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
         super().__init__()
@@ -227,40 +285,56 @@ class SparseColumns(nn.Module):
         self.shape = fold.shape
         self.levels = nn.Parameter(fold.weight.detach() * scale)
         self.shift = nn.Parameter(shift)
-        self.taps = nn.Parameter(first.weight.detach().permute(2, 3, 1, 0).contiguous())  # 3, 3, inputs, outputs
+        # 3, 3, inputs, outputs
+        self.taps = nn.Parameter(first.weight.detach().permute(2, 3, 1, 0).contiguous())
         self.bias = nn.Parameter(_bias(first).detach().clone())
 
     def forward(
-        self, features: Float32[Tensor, "v C"], voxels: Voxels, shape: tuple[int, int, int] | None = None
+        self,
+        features: Float32[Tensor, "v C"],
+        voxels: Voxels,
+        shape: tuple[int, int, int] | None = None,
     ) -> Float[Tensor, "B K h w"]:
-        """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the network's own."""
+        """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the
+        network's own."""
         nx, ny, _ = shape = shape or self.shape
         column, key = voxelnet.columns(voxels, shape)
         start = self.shift.expand(len(key), -1)
-        x = torch.relu_(voxelnet.fold_columns(features, voxels.cells[:, 3], column, self.levels, start))
-        rows, cells = nx // 2, ny // 2
-        ix, iy = key // ny % nx, key % ny
+        x = torch.relu_(
+            voxelnet.fold_columns(features, voxels.cells[:, 3], column, self.levels, start)
+        )
+        rows = nx // 2
+        cells = ny // 2
+        ix = key // ny % nx
+        iy = key % ny
         place = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2
         out = self.bias.expand(voxels.items * rows * cells, -1).clone()
         for odd_x, odd_y in product((0, 1), (0, 1)):
             some = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
-            columns_there, at, row, cell = x[some], place[some], ix[some] // 2, iy[some] // 2
+            columns_there = x[some]
+            at = place[some]
+            row = ix[some] // 2
+            cell = iy[some] // 2
             for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y]):
-                values, there = columns_there @ self.taps[kx, ky], at + dx * cells + dy
+                values = columns_there @ self.taps[kx, ky]
+                there = at + dx * cells + dy
                 if dx or dy:
                     inside = (row + dx < rows) & (cell + dy < cells)
-                    values, there = values[inside], there[inside]
+                    values = values[inside]
+                    there = there[inside]
                 out.index_add_(0, there, values)
         return F.relu_(out).view(voxels.items, rows, cells, -1).permute(0, 3, 1, 2)
 
 
-BORDER = 2  # cells from a border within which an empty grid's response varies, after three convolutions
+BORDER = (
+    2  # cells from a border within which an empty grid's response varies, after three convolutions
+)
 SMALL = 2 * BORDER + 1  # cells along x and y of the small empty grid
 
 
 class Plane(NamedTuple):
-    """Cells of B maps (H x W cells) in one plane. A margin of one cell around each map makes every neighbour a fixed
-    step away; beyond the border is no reached cell."""
+    """Cells of B maps (H x W cells) in one plane. A margin of one cell around each map makes every
+    neighbour a fixed step away; beyond the border is no reached cell."""
 
     items: int
     nx: int
@@ -282,7 +356,8 @@ class Plane(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """Cells reached by points, ordered by level and place. differences: their values minus those of an empty grid."""
+    """Cells reached by points, ordered by level and place. differences: their values minus those of
+    an empty grid."""
 
     mask: Bool[Tensor, "D P"]
     differences: Float32[Tensor, "n C"]
@@ -291,10 +366,11 @@ class Reached(NamedTuple):
 class SparseMiddle(nn.Module):
     """Three 3D convolutions on reached cells.
 
-    A convolution is linear: its output is that of an empty grid plus that of the difference between its input and an
-    empty grid's. The difference is zero wherever no point reaches, so only rows of reached cells are kept and
-    multiplied. An empty grid's response varies only at its borders, so a small empty grid tells all of it. Channels are
-    last in memory, level by level (`channel_order`)."""
+    A convolution is linear: its output is that of an empty grid plus that of the difference between
+    its input and an empty grid's. The difference is zero wherever no point reaches, so only rows of
+    reached cells are kept and multiplied. An empty grid's response varies only at its borders, so a
+    small empty grid tells all of it. Channels are last in memory, level by level
+    (`channel_order`)."""
 
     def __init__(self, middle: MiddleLayers) -> None:
         super().__init__()
@@ -318,7 +394,9 @@ class SparseMiddle(nn.Module):
         place = plane.place(item, ix, iy)
         mask = torch.zeros(self.shape[2], plane.size, dtype=torch.bool, device=features.device)
         mask[iz, place] = True
-        reached = Reached(mask, torch.empty_like(features).index_copy_(0, numbers(mask)[iz, place], features))
+        reached = Reached(
+            mask, torch.empty_like(features).index_copy_(0, numbers(mask)[iz, place], features)
+        )
         for layer in self.layers:
             reached, values = layer(reached, plane)
         level, place = torch.nonzero(reached.mask, as_tuple=True)
@@ -333,23 +411,29 @@ class SparseConvolution(nn.Module):
     weight: Tensor  # level, input, 9 · output
     empty: Tensor  # before the ReLU
 
-    def __init__(self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int) -> None:
+    def __init__(
+        self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int
+    ) -> None:
         super().__init__()
-        self.first = [level * stride - padding for level in range(empty.shape[1])]  # the lowest input level of each
+        # the lowest input level of each
+        self.first = [level * stride - padding for level in range(empty.shape[1])]
         self.register_buffer("weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous())
         self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())
 
     def forward(self, reached: Reached, plane: Plane) -> tuple[Reached, Float32[Tensor, "m K"]]:
         """Return the cells reached afterwards, and their values."""
         levels = len(reached.mask)
-        mask = grown(torch.stack([reached.mask[max(z, 0) : z + 3].any(0) for z in self.first]), plane)
+        mask = grown(
+            torch.stack([reached.mask[max(z, 0) : z + 3].any(0) for z in self.first]), plane
+        )
         level, place = torch.nonzero(mask, as_tuple=True)
         _, ix, iy = plane.cell(place)
         empty = self.empty[level, _kind(ix, plane.nx), _kind(iy, plane.ny)]
         sums = empty.clone()
         step = torch.arange(-1, 2, dtype=torch.int32, device=place.device)
         neighbours = place.int()[:, None] + (step[:, None] * (plane.ny + 2) + step).view(-1)
-        inputs, rows = torch.split(reached.differences, reached.mask.sum(1).tolist()), mask.sum(1).tolist()
+        inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())
+        rows = mask.sum(1).tolist()
         parts = zip(self.first, torch.split(sums, rows), torch.split(neighbours, rows), strict=True)
         for z_first, here, around in parts:
             for z in range(max(z_first, 0), min(z_first + 3, levels)):
@@ -358,7 +442,9 @@ class SparseConvolution(nn.Module):
                     products = sums.new_empty(n + 1, weight.shape[1])
                     torch.mm(inputs[z], weight, out=products[:-1])
                     products[-1] = 0
-                    chosen = torch.where(reached.mask[z], 9 * numbers(reached.mask[z]), 9 * n).int()[around]
+                    chosen = torch.where(
+                        reached.mask[z], 9 * numbers(reached.mask[z]), 9 * n
+                    ).int()[around]
                     chosen += torch.arange(9, dtype=torch.int32, device=sums.device)
                     here += F.embedding_bag(chosen, products.view(9 * (n + 1), -1), mode="sum")
         values = sums.relu_()

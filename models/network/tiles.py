@@ -1,15 +1,17 @@
 """`TiledVoxelNet`: the light network on many unions of the same clouds at once.
 
-Every set of a site's sensors is such a union. A cell of a map depends on the points within some metres of it, and few
-sensors see anything there. So the maps are cut into tiles, and the part that several unions share is computed once: for
-a tile that three of eight sensors see, there are 8 values, not 255. Layer by layer:
+Every set of a site's sensors is such a union. A cell of a map depends on the points within some
+metres of it, and few sensors see anything there. So the maps are cut into tiles, and the part that
+several unions share is computed once: for a tile that three of eight sensors see, there are 8
+values, not 255. Layer by layer:
 
     seen      clouds with a point within reach of a tile; the reach grows with each convolution
-    entries   values of a tile: unions with the same seen clouds share one, and so do all that see nothing there
+    entries   values of a tile: unions with the same seen clouds share one, and so do all that see
+              nothing there
     patch     a tile of the layer before, with a border of one cell from the tiles around it
 
-A convolution of all patches gives the entries of the next layer. The maps equal those of one union after the other, to
-the rounding of float32."""
+A convolution of all patches gives the entries of the next layer. The maps equal those of one union
+after the other, to the rounding of float32."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
@@ -45,7 +47,9 @@ class PlacedClouds(NamedTuple):
         counts = torch.tensor([len(cloud) for cloud in kept], device=kept[0].device)
         cells, (nx, ny, _) = torch.cat(indices), config.grid_shape
         ix, iy, iz = cells.unbind(1)
-        _, voxel, count = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True)
+        _, voxel, count = torch.unique(
+            (iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True
+        )
         cloud = torch.repeat_interleave(number, counts)
         return PlacedClouds(torch.cat(kept), cloud, cells, voxel, count[voxel], len(clouds))
 
@@ -56,16 +60,19 @@ class PlacedClouds(NamedTuple):
     def find_crowded(
         self, unions: Bool[np.ndarray, "U C"], most: int
     ) -> tuple[Int64[np.ndarray, " U"], Int64[Tensor, " k"]]:
-        """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`. Returns the number of
-        the way each union is thinned, 0 for none, and the points left out, ascending, as that number · points + row of
-        the point."""
+        """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`.
+        Returns the number of the way each union is thinned, 0 for none, and the points left out,
+        ascending, as that number · points + row of the point."""
         rows = torch.nonzero(self.crowd > most)[:, 0]
         concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
-        thinning, dropped = np.zeros(len(alike), np.int64), [rows[:0]]
+        thinning = np.zeros(len(alike), np.int64)
+        dropped = [rows[:0]]
         for place, union in enumerate(alike):
             some = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
-            _, voxel, count = torch.unique(self.voxel[some], return_inverse=True, return_counts=True)
+            _, voxel, count = torch.unique(
+                self.voxel[some], return_inverse=True, return_counts=True
+            )
             keep = thin_voxels(voxel, (count > most)[voxel], most)
             if not keep.all():
                 thinning[place] = len(dropped)
@@ -73,48 +80,68 @@ class PlacedClouds(NamedTuple):
         return thinning[number.ravel()], torch.cat(dropped)
 
     def by_tile(self, grid: tuple[int, int], size: int, before: int) -> "PointsByTile":
-        """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the tiles before it."""
+        """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the
+        tiles before it."""
         (tx, ty), (from_x, from_y) = (self.cells[:, :2] // size).T, (self.cells[:, :2] % size).T
-        rows, keys = [], []
+        rows = []
+        keys = []
         for dx, dy in product((0, 1), (0, 1)):
-            there = ((from_x >= size - before) | (dx == 0)) & ((from_y >= size - before) | (dy == 0))
+            there = ((from_x >= size - before) | (dx == 0)) & (
+                (from_y >= size - before) | (dy == 0)
+            )
             some = torch.nonzero(there & (tx + dx < grid[0]) & (ty + dy < grid[1]))[:, 0]
             rows.append(some)
-            keys.append(((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some])
-        row, key = torch.cat(rows), torch.cat(keys)
+            keys.append(
+                ((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some]
+            )
+        row = torch.cat(rows)
+        key = torch.cat(keys)
         order = torch.argsort(key * max(len(self.points), 1) + row)
         count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
         first = np.cumsum(count) - count
         return PointsByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
 
-    def batch(self, rows: Int64[Tensor, " n"], item: Int64[Tensor, " n"], items: int, config: VoxelNetConfig) -> Voxels:
+    def batch(
+        self,
+        rows: Int64[Tensor, " n"],
+        item: Int64[Tensor, " n"],
+        items: int,
+        config: VoxelNetConfig,
+    ) -> Voxels:
         """Voxels of a batch of points and their items."""
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
         occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
-        plane, level = occupied % (nx * ny), occupied // (nx * ny)
+        plane = occupied % (nx * ny)
+        level = occupied // (nx * ny)
         cells = torch.stack((level // nz, plane // ny, plane % ny, level % nz), 1)
         return Voxels(self.points[rows], voxel, cells, items)
 
 
 class PointsByTile(NamedTuple):
-    """Rows of points in order of tile and cloud. begin, points: first place and number for each tile and cloud."""
+    """Rows of points in order of tile and cloud. begin, points: first place and number for each
+    tile and cloud."""
 
     row: Int64[Tensor, " k"]
     begin: Int64[np.ndarray, "tiles clouds"]
     points: Int64[np.ndarray, "tiles clouds"]
 
-    def rows(self, tiles: np.ndarray, union: np.ndarray) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
+    def rows(
+        self, tiles: np.ndarray, union: np.ndarray
+    ) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
         """Points of some tiles in unions, and for each the place of its tile in `tiles`."""
         count = np.where(union, self.points[tiles], 0)
         flat = count.ravel()
-        place = np.arange(flat.sum()) + np.repeat(self.begin[tiles].ravel() - np.cumsum(flat) + flat, flat)
+        place = np.arange(flat.sum()) + np.repeat(
+            self.begin[tiles].ravel() - np.cumsum(flat) + flat, flat
+        )
         item = torch.from_numpy(np.repeat(np.arange(len(tiles)), count.sum(1))).to(self.row.device)
         return self.row[torch.from_numpy(place).to(self.row.device)], item
 
 
 _Bank = Float[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
-SIZES = 20, 24, 28  # cells of the head's map along a tile; multiples of the two following strides together
+# cells of the head's map along a tile; multiples of the two following strides together
+SIZES = (20, 24, 28)
 AT_ONCE = 64  # tiles that a layer processes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
 MOST_OWN = 0.9  # share of unshared tiles above which one union after another is quicker
@@ -122,7 +149,8 @@ START_COST = 3  # unions that could be computed alone while the tiles are planne
 
 
 class Entries(NamedTuple):
-    """Distinct values of a layer's tiles. tile, union: one example of each; of: the entry of each tile in a union."""
+    """Distinct values of a layer's tiles. tile, union: one example of each; of: the entry of each
+    tile in a union."""
 
     tile: Int64[np.ndarray, " n"]
     union: Int64[np.ndarray, " n"]
@@ -134,7 +162,8 @@ class Entries(NamedTuple):
             yield first, self.tile[first : first + AT_ONCE], self.union[first : first + AT_ONCE]
 
     def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> _Bank:
-        """Collect all entries' values by a function of tiles and unions, and a last one of zeros."""
+        """Collect all entries' values by a function of tiles and unions, and a last one of
+        zeros."""
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
             part = values(tiles, union)
@@ -144,7 +173,8 @@ class Entries(NamedTuple):
 
 
 class TilePredictions(NamedTuple):
-    """Raw head maps of some entries. first: number of the first entry; corner: first cell of each in the map."""
+    """Raw head maps of some entries. first: number of the first entry; corner: first cell of each
+    in the map."""
 
     first: int
     corner: Int64[Tensor, "m 2"]
@@ -169,8 +199,10 @@ class UnionPlan(NamedTuple):
 
     def entries(self, layer: int) -> Entries:
         """Find the values that unions share in a layer's tiles."""
-        seen, unions = self.seen[layer], self.unions
-        tiles, count = len(seen), len(unions)
+        seen = self.seen[layer]
+        unions = self.unions
+        tiles = len(seen)
+        count = len(unions)
         code = np.repeat(np.arange(tiles), count)
         parts = [seen[:, -1:] * self.thinning]
         for first in range(0, unions.shape[1], 31):
@@ -184,14 +216,18 @@ class UnionPlan(NamedTuple):
 
 
 def tileable(network: SparseVoxelNet) -> bool:
-    """True for networks that this module computes: columns folded, blocks added, a head of single cells."""
+    """True for networks that this module computes: columns folded, blocks added, a head of single
+    cells."""
     join = network.rpn.join
     plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
-    return plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
+    return (
+        plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
+    )
 
 
 def choose_size(rows: int, columns: int) -> int:
-    """Return the side of the tiles that compute the fewest cells of a map, with the borders about them."""
+    """Return the side of the tiles that compute the fewest cells of a map, with the borders about
+    them."""
     return min(SIZES, key=lambda size: -(-rows // size) * -(-columns // size) * (size + 2) ** 2)
 
 
@@ -199,43 +235,59 @@ class TiledVoxelNet:
     """Network for inference on unions of clouds. See `tileable`."""
 
     def __init__(self, network: SparseVoxelNet) -> None:
-        self._network, self.config = network, network.config
+        self._network = network
+        self.config = network.config
         self._map = rows, columns = self.config.map_shape
         self.size = choose_size(rows, columns)
         self._grid = -(-rows // self.size), -(-columns // self.size)
         first, *others = network.rpn.order
         order = (first[1:], *others)
         blocks: Any = zip(network.rpn.blocks, order, strict=True)
-        self._blocks: list[list[nn.Conv2d]] = [[block[k] for k in numbers] for block, numbers in blocks]
+        self._blocks: list[list[nn.Conv2d]] = [
+            [block[k] for k in numbers] for block, numbers in blocks
+        ]
         self._strides = [2, *(conv.stride[0] for block in self._blocks for conv in block)]
         join: Any = network.rpn.join
         self._finest, *raised = join.upsample
         # A transposed convolution of kernel and stride k is a 1x1 one with outputs for k x k cells.
-        weights = (layer.weight.permute(2, 3, 1, 0).reshape(-1, layer.in_channels, 1, 1) for layer in raised)
+        weights = (
+            layer.weight.permute(2, 3, 1, 0).reshape(-1, layer.in_channels, 1, 1)
+            for layer in raised
+        )
         self._raised = [make_conv(weight, None).requires_grad_(False) for weight in weights]
 
-    def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
+    def plan(
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+    ) -> UnionPlan:
         """Plan the work for unions of clouds (m)."""
-        placed, most = PlacedClouds.of(clouds, self.config), self.config.max_points
+        placed = PlacedClouds.of(clouds, self.config)
+        most = self.config.max_points
         nx, ny, _ = self.config.grid_shape
         reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
         column = placed.cells[:, 0] * ny + placed.cells[:, 1]
         reach[placed.cloud, column] = 1
         reach[-1, column[placed.crowd > most]] = 1
-        reach, size, seen = reach.view(-1, 1, nx, ny), 2 * self.size, []
+        reach = reach.view(-1, 1, nx, ny)
+        size = 2 * self.size
+        seen = []
         for stride in self._strides:
-            reach, size = F.max_pool2d(reach, 3, stride, 1), size // stride
+            reach = F.max_pool2d(reach, 3, stride, 1)
+            size = size // stride
             by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
             seen.append(by_tile.flatten(1).T.cpu().numpy())
         return UnionPlan(placed, seen, unions, *placed.find_crowded(unions, most))
 
     def gains(self, plan: UnionPlan) -> bool:
         """Compare shared work with one union after another."""
-        return len(plan.entries(-1).tile) <= MOST_OWN * len(plan.seen[-1]) * (len(plan.unions) - START_COST)
+        return len(plan.entries(-1).tile) <= MOST_OWN * len(plan.seen[-1]) * (
+            len(plan.unions) - START_COST
+        )
 
-    def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
-        """Yield groups of unions, as large as memory allows. Each is a slice of the unions, the entries of the head's
-        tiles, and the head's maps for all of them."""
+    def __call__(
+        self, plan: UnionPlan
+    ) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
+        """Yield groups of unions, as large as memory allows. Each is a slice of the unions, the
+        entries of the head's tiles, and the head's maps for all of them."""
         count = len(plan.unions)
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MOST_ENTRIES:
             count = (count + 1) // 2
@@ -247,21 +299,27 @@ class TiledVoxelNet:
     @torch.inference_mode()
     def _maps(self, plan: UnionPlan) -> list[tuple[Tensor, Entries]]:
         """Values and entries of each block's last layer."""
-        entries, size, layer, maps = plan.entries(0), self.size, 0, []
+        entries = plan.entries(0)
+        size = self.size
+        layer = 0
+        maps = []
         bank = self._first(plan, entries)
         for block in self._blocks:
             for conv in block:
                 layer += 1
                 after = plan.entries(layer)
                 bank = self._convolve(conv, bank, entries, after, size)
-                size, entries = size // self._strides[layer], after
+                size = size // self._strides[layer]
+                entries = after
             maps.append((bank, entries))
         return maps
 
     def _first(self, plan: UnionPlan, entries: Entries) -> _Bank:
         """Run the first convolution on each entry's columns, those in and about its tile."""
-        wide = 2 * self.size + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
-        placed, middle = plan.placed, self._network.middle
+        # columns; the convolution of stride 2 looks one back, two keep it in step
+        wide = 2 * self.size + 2
+        placed = plan.placed
+        middle = self._network.middle
         by_tile = placed.by_tile(self._grid, 2 * self.size, 2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
@@ -269,27 +327,49 @@ class TiledVoxelNet:
             if len(plan.dropped):
                 thinning = torch.from_numpy(plan.thinning[union]).to(rows.device)[item]
                 own = thinning * len(placed.points) + rows
-                keep = plan.dropped[torch.searchsorted(plan.dropped, own).clamp_(max=len(plan.dropped) - 1)] != own
-                rows, item = rows[keep], item[keep]
+                keep = (
+                    plan.dropped[
+                        torch.searchsorted(plan.dropped, own).clamp_(max=len(plan.dropped) - 1)
+                    ]
+                    != own
+                )
+                rows = rows[keep]
+                item = item[keep]
             corner = 2 * self.size * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             voxels = placed.batch(rows, item, len(tiles), self.config)
             local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
-            x: Tensor = middle(self._network.features(voxels), local, (wide, wide, self.config.grid_shape[2]))
-            return self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:].to(self._finest.weight.dtype), tiles)
+            x: Tensor = middle(
+                self._network.features(voxels), local, (wide, wide, self.config.grid_shape[2])
+            )
+            return self._within(
+                x.permute(0, 2, 3, 1)[:, 1:, 1:].to(self._finest.weight.dtype), tiles
+            )
 
         return entries.bank(convolve)
 
-    def _convolve(self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int) -> _Bank:
-        sides = ((0, slice(0, 1), slice(-1, None)), (1, slice(1, -1), slice(None)), (2, slice(-1, None), slice(0, 1)))
+    def _convolve(
+        self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int
+    ) -> _Bank:
+        sides = (
+            (0, slice(0, 1), slice(-1, None)),
+            (1, slice(1, -1), slice(None)),
+            (2, slice(-1, None), slice(0, 1)),
+        )
         of = before.of.reshape(*self._grid, -1)
-        of = np.pad(of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))  # zeros beyond the map
+        # zeros beyond the map
+        of = np.pad(of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
-            patches, (x, y) = bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3]), self._corners(tiles).T
+            patches, (x, y) = (
+                bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3]),
+                self._corners(tiles).T,
+            )
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
                 rows = torch.from_numpy(of[x + dx, y + dy, union]).to(bank.device)
                 patches[:, to_x, to_y] = bank[:, from_x, from_y][rows]
-            values = torch.relu_(F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride))
+            values = torch.relu_(
+                F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride)
+            )
             return self._within(values.permute(0, 2, 3, 1), tiles)
 
         return after.bank(convolve)
@@ -298,10 +378,14 @@ class TiledVoxelNet:
     def _heads(self, maps: list[tuple[Tensor, Entries]]) -> Iterator[TilePredictions]:
         rpn = self._network.rpn
         for first, tiles, union in maps[-1][1].parts():
-            fine, *coarser = (bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps)
+            fine, *coarser = (
+                bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps
+            )
             x = _cells(self._finest, fine)
             for conv, y in zip(self._raised, coarser, strict=True):
-                side, k, width = y.shape[1], self.size // y.shape[1], x.shape[3]
+                side = y.shape[1]
+                k = self.size // y.shape[1]
+                width = x.shape[3]
                 raised = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
                 x.view(-1, side, k, side, k, width).add_(raised)
             x = _cells(rpn.outputs, torch.relu_(x)).float().permute(0, 3, 1, 2)
@@ -313,7 +397,8 @@ class TiledVoxelNet:
 
     def _within(self, x: _Bank, tiles: np.ndarray) -> _Bank:
         """Set cells beyond the map to zero, as convolutions expect."""
-        size, at = x.shape[1], torch.from_numpy(self._corners(tiles)).to(x.device)
+        size = x.shape[1]
+        at = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
             if side * self.size != cells:
                 place = at[:, axis, None] * size + torch.arange(size, device=x.device)

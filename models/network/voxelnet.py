@@ -1,9 +1,10 @@
 """VoxelNet (Zhou and Tuzel 2018; paper, section III-D).
 
-    Voxels ─▶ VoxelFeatures ─(v, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶ RegionProposal ─▶ Head ─▶ Prediction
+    Voxels ─▶ VoxelFeatures ─(v, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶ RegionProposal ─▶
+        Head ─▶ Prediction
 
-B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This is the network as it is trained;
-`models.network.sparse` computes the same in less time once it is trained."""
+B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This is the network as it
+is trained; `models.network.sparse` computes the same in less time once it is trained."""
 
 import math
 from collections import OrderedDict
@@ -20,11 +21,15 @@ from toolkit.arrays import Float, Float32, Int64
 
 
 class Prediction(NamedTuple):
-    """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then all of the next."""
+    """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then
+    all of the next."""
 
-    class_logits: Float[Tensor, "B AC H W"]  # background and vehicle (published), or one per label of the anchor
+    # background and vehicle (published), or one per label of the anchor
+    class_logits: Float[Tensor, "B AC H W"]
     residuals: Float[Tensor, "B AR H W"]  # see `models.network.grid`
-    direction_logits: Float[Tensor, "B A H W"] | None = None  # above 0: faces away from the residuals' heading
+    direction_logits: Float[Tensor, "B A H W"] | None = (
+        None  # above 0: faces away from the residuals' heading
+    )
     quality_logits: Float[Tensor, "B A H W"] | None = None  # the predicted IoU
 
 
@@ -38,7 +43,8 @@ class VoxelNet(nn.Module):
         self.middle = MiddleLayers(config) if config.middle_widths else HeightFold(config)
         self.rpn = RegionProposal(config, self.middle.width)
         self.head = Head(config, self.rpn.width)
-        self.faces = FaceNetworks() if config.faces else None  # a second stage; it takes no part in `forward`
+        # a second stage; it takes no part in `forward`
+        self.faces = FaceNetworks() if config.faces else None
 
     def forward(self, voxels: Voxels) -> Prediction:
         """Raw maps of a batch of clouds."""
@@ -47,8 +53,11 @@ class VoxelNet(nn.Module):
 
 def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n 6"]:
     """Coordinates of points and offsets from voxels' means, m."""
-    points, voxel = voxels.points, voxels.voxel
-    total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(0, voxel, points.double())
+    points = voxels.points
+    voxel = voxels.voxel
+    total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(
+        0, voxel, points.double()
+    )
     mean = (total / torch.bincount(voxel, minlength=len(total))[:, None]).float()
     offset = points - mean[voxel]
     if config.point_features == "published":
@@ -67,7 +76,10 @@ class VoxelFeatures(nn.Module):
         self.config = config
         widths = (6, *(2 * width for width in config.vfe_widths))
         sizes = zip(widths, (*config.vfe_widths, config.voxel_width), strict=True)
-        layers = ({"linear": nn.Linear(*two), "norm": nn.BatchNorm1d(two[1]), "relu": nn.ReLU()} for two in sizes)
+        layers = (
+            {"linear": nn.Linear(*two), "norm": nn.BatchNorm1d(two[1]), "relu": nn.ReLU()}
+            for two in sizes
+        )
         self.layers = nn.ModuleList(nn.Sequential(OrderedDict(layer)) for layer in layers)
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
@@ -76,23 +88,34 @@ class VoxelFeatures(nn.Module):
 
     def inputs(self, voxels: Voxels) -> tuple[Float32[Tensor, "n 6"], Int64[Tensor, " n"]]:
         """Features of the points, those that pad a voxel too, and the row of each one's voxel."""
-        x, voxel = point_features(voxels, self.config), voxels.voxel
-        if self.config.point_features == "published":  # one zero point stands for all that fill a voxel up to T
-            short = torch.nonzero(torch.bincount(voxel, minlength=len(voxels.cells)) < self.config.max_points)[:, 0]
-            x, voxel = torch.cat((x, x.new_zeros(len(short), 6))), torch.cat((voxel, short))
+        x = point_features(voxels, self.config)
+        voxel = voxels.voxel
+        if (
+            self.config.point_features == "published"
+        ):  # one zero point stands for all that fill a voxel up to T
+            short = torch.nonzero(
+                torch.bincount(voxel, minlength=len(voxels.cells)) < self.config.max_points
+            )[:, 0]
+            x = torch.cat((x, x.new_zeros(len(short), 6)))
+            voxel = torch.cat((voxel, short))
         return x, voxel
 
-    def encode(self, x: Float32[Tensor, "n 6"], voxel: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "v C"]:
+    def encode(
+        self, x: Float32[Tensor, "n 6"], voxel: Int64[Tensor, " n"], rows: int
+    ) -> Float[Tensor, "v C"]:
         """Features of `rows` voxels from those of their points."""
         *encoders, last = self.layers
         for layer in encoders:
             x = layer(x)
             greatest = maximum(x, voxel, rows)
-            x = torch.cat((x, greatest.index_select(0, voxel)), 1)  # indexing would add gradients in any order
+            # indexing would add gradients in any order
+            x = torch.cat((x, greatest.index_select(0, voxel)), 1)
         return maximum(last(x), voxel, rows)
 
 
-def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "rows C"]:
+def maximum(
+    x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int
+) -> Float[Tensor, "rows C"]:
     """Maximum of each row's entries, which are not negative."""
     return x.new_zeros(rows, x.shape[1]).scatter_reduce(0, row[:, None].expand_as(x), x, "amax")
 
@@ -104,8 +127,12 @@ class MiddleLayers(nn.Module):
         super().__init__()
         self.shape = config.grid_shape
         widths = pairwise((config.voxel_width, *config.middle_widths))
-        strides, paddings = ((2, 1, 1), (1, 1, 1), (2, 1, 1)), ((1, 1, 1), (0, 1, 1), (1, 1, 1))
-        convolutions = (nn.Conv3d(*each[0], 3, *each[1:]) for each in zip(widths, strides, paddings, strict=True))
+        strides = ((2, 1, 1), (1, 1, 1), (2, 1, 1))
+        paddings = ((1, 1, 1), (0, 1, 1), (1, 1, 1))
+        convolutions = (
+            nn.Conv3d(*each[0], 3, *each[1:])
+            for each in zip(widths, strides, paddings, strict=True)
+        )
         self.layers = nn.ModuleList(map(conv_norm_relu, convolutions))
         depth = (((self.shape[2] + 1) // 2 - 2) + 1) // 2
         if depth < 1:
@@ -125,15 +152,18 @@ class MiddleLayers(nn.Module):
 
 
 class HeightFold(nn.Module):
-    """Light middle: a sum over a column's voxels, with a linear map per height. It equals a 1x1 convolution of the grid
-    with its height folded into channels, at the cost of the occupied voxels."""
+    """Light middle: a sum over a column's voxels, with a linear map per height. It equals a 1x1
+    convolution of the grid with its height folded into channels, at the cost of the occupied
+    voxels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
         self.shape = config.grid_shape
         self.width = config.column_width
         self.weight = nn.Parameter(torch.empty(self.shape[2], config.voxel_width, self.width))
-        if not self.weight.is_meta:  # there it would import torch._dynamo, which takes seconds, and draw nothing
+        if (
+            not self.weight.is_meta
+        ):  # there it would import torch._dynamo, which takes seconds, and draw nothing
             nn.init.normal_(self.weight, std=1 / math.sqrt(config.voxel_width))
         self.norm = nn.BatchNorm1d(self.width)
 
@@ -141,9 +171,12 @@ class HeightFold(nn.Module):
         """Return the map seen from above."""
         (column, key), (nx, ny, _) = columns(voxels, self.shape), self.shape
         start = features.new_zeros(len(key), self.width)
-        x = torch.relu(self.norm(fold_columns(features, voxels.cells[:, 3], column, self.weight, start)))
+        x = torch.relu(
+            self.norm(fold_columns(features, voxels.cells[:, 3], column, self.weight, start))
+        )
         flat = x.new_zeros(voxels.items * nx * ny, self.width).index_put((key,), x)
-        return flat.view(voxels.items, nx, ny, -1).permute(0, 3, 1, 2)  # channels are last in memory
+        # channels are last in memory
+        return flat.view(voxels.items, nx, ny, -1).permute(0, 3, 1, 2)
 
 
 def fold_columns(
@@ -154,9 +187,12 @@ def fold_columns(
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
     """Add voxels, times their level's weights, to columns."""
-    if bool((level[1:] < level[:-1]).any()):  # several clouds; the voxels of one come level by level
+    if bool(
+        (level[1:] < level[:-1]).any()
+    ):  # several clouds; the voxels of one come level by level
         by_level = torch.argsort(level, stable=True)
-        features, column = features[by_level], column[by_level]
+        features = features[by_level]
+        column = column[by_level]
     groups = torch.split(features, torch.bincount(level, minlength=len(weight)).tolist())
     products = torch.cat([rows @ weights for rows, weights in zip(groups, weight, strict=True)])
     return start.index_add(0, column, products)
@@ -176,14 +212,23 @@ class RegionProposal(nn.Module):
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()
-        self.order, self.add = config.rpn_layers, config.upsample == "add"
-        widths, out, self.blocks = config.rpn_widths, config.upsample_width, nn.ModuleList()
+        self.order = config.rpn_layers
+        self.add = config.upsample == "add"
+        widths = config.rpn_widths
+        out = config.upsample_width
+        self.blocks = nn.ModuleList()
         for before, width, order in zip((inputs, *widths), widths, self.order, strict=False):
-            layers = (nn.Conv2d(width if i else before, width, 3, 1 if i else 2, 1) for i in range(max(order) + 1))
+            layers = (
+                nn.Conv2d(width if i else before, width, 3, 1 if i else 2, 1)
+                for i in range(max(order) + 1)
+            )
             self.blocks.append(nn.ModuleList(map(conv_norm_relu, layers)))
-        lateral = (1, 1, 0) if self.add else (3, 1, 1)  # kernel, stride, padding of the first block's output
+        # kernel, stride, padding of the first block's output
+        lateral = (1, 1, 0) if self.add else (3, 1, 1)
         sizes = zip(widths, (lateral, (2, 2, 0), (4, 4, 0)), strict=True)
-        self.upsample = nn.ModuleList(nn.ConvTranspose2d(width, out, *each, bias=not self.add) for width, each in sizes)
+        self.upsample = nn.ModuleList(
+            nn.ConvTranspose2d(width, out, *each, bias=not self.add) for width, each in sizes
+        )
         if self.add:
             self.norm = nn.BatchNorm2d(out)
         self.width = out if self.add else 3 * out

@@ -1,7 +1,7 @@
 """Training loop that resumes after a kill, on CPU and CUDA.
 
-Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state. The
-log is a CSV file in long format: step, epoch, name, value."""
+Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are
+the whole state. The log is a CSV file in long format: step, epoch, name, value."""
 
 import csv
 import time
@@ -49,21 +49,34 @@ class Preset:
         return self.batch // self.examples.windows
 
 
-_OBJECTS = SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0)
+_OBJECTS = SampleRecipe(
+    subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0
+)
 _PAPER = Preset(optimiser="sgd", schedule="step", loss="published", examples=_OBJECTS)
 PRESETS = {
     "fast": Preset(),
     "paper": replace(_PAPER, epochs=30.0, batch=1, learning_rate=1e-3, weight_decay=1e-4),
-    "general": Preset(examples=SampleRecipe(augmentation="scene", errors=0.4, thinned=0.3, tilted=0.3, elsewhere=0.2)),
+    "general": Preset(
+        examples=SampleRecipe(
+            augmentation="scene", errors=0.4, thinned=0.3, tilted=0.3, elsewhere=0.2
+        )
+    ),
     "varied": Preset(examples=SampleRecipe(errors=0.4, thinned=0.2, tilted=0.3, elsewhere=0.2)),
 }
 
 
-def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[str] = ("vehicle",)) -> VoxelNetConfig:
-    """Return the network that a preset trains for an area, light or published in size, with the head of its loss. The
-    light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts the
-    result on all of it."""
-    head: dict[str, Any] = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
+def make_config(
+    area: Area, preset: str, size: str = "light", classes: Sequence[str] = ("vehicle",)
+) -> VoxelNetConfig:
+    """Return the network that a preset trains for an area, light or published in size, with the
+    head of its loss. The light one knows no absolute coordinates, so it learns on a `window` of the
+    area; `models.detector.relocate` puts the result on all of it."""
+    head: dict[str, Any] = {
+        "head": "quality",
+        "anchor_z": 0.8,
+        "quality_power": 1.0,
+        "averaging": 0.75,
+    }
     if PRESETS[preset].loss == "published":
         head = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
     if tuple(classes) != ("vehicle",):
@@ -84,17 +97,27 @@ def window(area: Area, side: float = WINDOW) -> Area:
 def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
     """Raise ValueError if a preset cannot train this network."""
     if config.head != preset.loss:
-        raise ValueError(f"the {preset.loss} loss needs a network with that head, got head {config.head!r}")
+        raise ValueError(
+            f"the {preset.loss} loss needs a network with that head, got head {config.head!r}"
+        )
     if len(config.labels) > 1 and not config.kinds:
-        raise ValueError(f"several labels need anchors of their own, got {config.labels}: give kinds")
+        raise ValueError(
+            f"several labels need anchors of their own, got {config.labels}: give kinds"
+        )
     if preset.batch < 1 or not preset.epochs > 0:
-        raise ValueError(f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}")
+        raise ValueError(
+            f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}"
+        )
     if preset.batch % preset.examples.windows:
-        raise ValueError(f"windows must divide the batch, got {preset.examples.windows} for {preset.batch} examples")
+        raise ValueError(
+            f"windows must divide the batch, got {preset.examples.windows} for {preset.batch} "
+            "examples"
+        )
 
 
 def choose_area(preset: str, data: Path) -> Area:
-    """Choose a window of any place for `general`, else the area of all frames. Raises ValueError if they differ."""
+    """Choose a window of any place for `general`, else the area of all frames. Raises ValueError if
+    they differ."""
     if preset == "general":
         return ANYWHERE
     areas = {rig.area for rig in PackedFrames(data).rigs}
@@ -103,7 +126,8 @@ def choose_area(preset: str, data: Path) -> Area:
     return next(iter(areas))
 
 
-CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
+CHECKPOINT = "checkpoint.pt"
+LOG = "log.csv"
 _HEADER = "step,epoch,name,value"
 
 
@@ -118,7 +142,11 @@ def cut_log(path: Path, step: int) -> None:
     """Drop log rows after `step`, the last checkpoint."""
     if path.exists():
         split = [row.split(",") for row in path.read_text().splitlines()[1:]]
-        kept = [",".join(row) for row in split if len(row) == 4 and row[0].isdigit() and int(row[0]) <= step]
+        kept = [
+            ",".join(row)
+            for row in split
+            if len(row) == 4 and row[0].isdigit() and int(row[0]) <= step
+        ]
         write_text(path, "\n".join([_HEADER, *kept, ""]))
 
 
@@ -133,7 +161,9 @@ def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
     return found
 
 
-CYCLE, MOST_STEPS = 10_000, 1 << 40  # parts of a cycle by the clock, and steps
+# parts of a cycle by the clock, and steps
+CYCLE = 10_000
+MOST_STEPS = 1 << 40
 LOG_STEPS = 50  # steps per logged mean of the losses
 Progress = Callable[[int, int, dict[str, float]], None]  # step, number of steps, losses or figures
 Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
@@ -159,22 +189,37 @@ class TrainingState:
     scheduler: LRScheduler
     step: int = 0
     spent: float = 0.0  # s
-    recent: list[dict[str, float]] = field(default_factory=list)  # losses since the last row of the log
+    # losses since the last row of the log
+    recent: list[dict[str, float]] = field(default_factory=list)
 
     def state(self) -> dict[str, object]:
         """Return plain tensors and numbers."""
-        parts = {name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")}
-        return {**parts, "step": self.step, "spent": self.spent, "rng": torch.get_rng_state(), "recent": self.recent}
+        parts = {
+            name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")
+        }
+        return {
+            **parts,
+            "step": self.step,
+            "spent": self.spent,
+            "rng": torch.get_rng_state(),
+            "recent": self.recent,
+        }
 
     def restore(self, state: dict[str, Any], total: int) -> None:
         """Resume from a state of a run of `total` steps."""
         if type(state["step"]) is not int or not 0 <= state["step"] <= total:
-            raise ValueError(f"step must be a whole number from 0 to {total}, got {str(state['step'])[:40]}")
+            raise ValueError(
+                f"step must be a whole number from 0 to {total}, got {str(state['step'])[:40]}"
+            )
         for name in ("network", "optimiser", "scheduler"):
             getattr(self, name).load_state_dict(state[name])
         torch.set_rng_state(state["rng"].cpu())
-        self.step, self.spent = state["step"], float(state.get("spent", 0.0))
-        self.recent = [{name: float(loss) for name, loss in losses.items()} for losses in state.get("recent", [])]
+        self.step = state["step"]
+        self.spent = float(state.get("spent", 0.0))
+        self.recent = [
+            {name: float(loss) for name, loss in losses.items()}
+            for losses in state.get("recent", [])
+        ]
 
 
 def train(
@@ -190,15 +235,21 @@ def train(
 ) -> VoxelNet:
     """Train on a packed file, or resume where `checkpoint.pt` and `log.csv` in `out` are.
 
-    start: a network of the same shape, on any area, to start from instead of random weights; machine: the CPU by
-    default; validate: called with the network after each epoch, and its figures are logged; progress: called with the
-    step, the number of steps, and the losses of the step or the figures of `validate`. With `Machine.seconds` the cycle
-    of the learning rate follows the clock, which resuming sets back to the last checkpoint, and the number of steps
-    is an estimate. Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings."""
+    start: a network of the same shape, on any area, to start from instead of random weights;
+    machine: the CPU by default; validate: called with the network after each epoch, and its figures
+    are logged; progress: called with the step, the number of steps, and the losses of the step or
+    the figures of `validate`. With `Machine.seconds` the cycle of the learning rate follows the
+    clock, which resuming sets back to the last checkpoint, and the number of steps is an estimate.
+    Raises ValueError if preset and network do not fit, or if `out` holds a run with other
+    settings."""
     machine = machine or Machine()
-    device, bfloat16, seconds = machine.device, machine.bfloat16, machine.seconds
+    device = machine.device
+    bfloat16 = machine.bfloat16
+    seconds = machine.seconds
     if seconds is not None and preset.schedule != "one-cycle":
-        raise ValueError(f"seconds need a schedule of one cycle, got {preset.schedule!r}: say epochs")
+        raise ValueError(
+            f"seconds need a schedule of one cycle, got {preset.schedule!r}: say epochs"
+        )
     check_fit(config, preset)
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
@@ -206,10 +257,17 @@ def train(
     per_epoch = max(1, len(samples) // preset.readings)
     total = CYCLE if seconds else max(1, round(preset.epochs * per_epoch))
     run = _start(config, preset, total, per_epoch, device)
-    identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames), "start": ""}
+    identity = {
+        "config": config.to_dict(),
+        "preset": asdict(preset),
+        "frames": len(frames),
+        "start": "",
+    }
     identity |= {"bfloat16": True if bfloat16 and device == "cpu" else "", "seconds": seconds or ""}
     if start is not None:
-        weight_files.check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
+        weight_files.check_tensors(
+            run.network.state_dict(), start.state_dict(), "the network to start from"
+        )
         run.network.load_state_dict(start.state_dict())
         identity["start"] = weight_files.digest_tensors(start.state_dict())
     if (out / CHECKPOINT).exists():
@@ -223,7 +281,9 @@ def train(
     anchor = anchors(config).to(device)
     last = total if not seconds else MOST_STEPS if run.spent < seconds else run.step
     steps: Any = _steps(preset, len(samples), per_epoch, range(run.step, last))
-    loader = torch.utils.data.DataLoader(samples, batch_sampler=steps, collate_fn=stack, num_workers=machine.workers)
+    loader = torch.utils.data.DataLoader(
+        samples, batch_sampler=steps, collate_fn=stack, num_workers=machine.workers
+    )
     saved = time.monotonic()
     began = saved - run.spent
     for batch in loader:
@@ -239,7 +299,9 @@ def train(
         if progress:
             progress(run.step, total, losses)
         if run.step % LOG_STEPS == 0 or run.step == total:
-            means = {name: float(np.mean([losses[name] for losses in run.recent])) for name in losses}
+            means = {
+                name: float(np.mean([losses[name] for losses in run.recent])) for name in losses
+            }
             add_figures(out / LOG, run.step, run.step / per_epoch, means)
             run.recent.clear()
         end_of_epoch = run.step % per_epoch == 0 or run.step == total
@@ -256,31 +318,48 @@ def train(
     return run.network
 
 
-def _steps(preset: Preset, frames: int, per_epoch: int, steps: range) -> Iterator[list[tuple[int, int]]]:
-    """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each epoch."""
-    order, drawn = np.empty(0, int), -1
+def _steps(
+    preset: Preset, frames: int, per_epoch: int, steps: range
+) -> Iterator[list[tuple[int, int]]]:
+    """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each
+    epoch."""
+    order = np.empty(0, int)
+    drawn = -1
     for step in steps:
         epoch, place = divmod(step, per_epoch)
         if epoch != drawn:
-            order, drawn = np.random.default_rng([preset.seed, epoch]).permutation(frames), epoch
-        yield [(epoch, int(k)) for k in order[place * preset.readings : (place + 1) * preset.readings]]
+            order = np.random.default_rng([preset.seed, epoch]).permutation(frames)
+            drawn = epoch
+        yield [
+            (epoch, int(k)) for k in order[place * preset.readings : (place + 1) * preset.readings]
+        ]
 
 
-def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str) -> TrainingState:
+def _start(
+    config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str
+) -> TrainingState:
     torch.manual_seed(preset.seed)
     network = VoxelNet(config).to(device)
     if not config.middle_widths:
         network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    parameters, rate, decay = network.train().parameters(), preset.learning_rate, preset.weight_decay
+    parameters = network.train().parameters()
+    rate = preset.learning_rate
+    decay = preset.weight_decay
     optimiser: torch.optim.Optimizer = torch.optim.AdamW(parameters, rate, weight_decay=decay)
     if preset.optimiser == "sgd":
         optimiser = torch.optim.SGD(network.parameters(), rate, momentum=0.9, weight_decay=decay)
     if preset.schedule == "step":
-        return TrainingState(network, optimiser, MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1))
-    return TrainingState(network, optimiser, OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2))
+        return TrainingState(
+            network, optimiser, MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
+        )
+    return TrainingState(
+        network, optimiser, OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2)
+    )
 
 
-def _step(run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:
+def _step(
+    run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool
+) -> dict[str, float]:
     with torch.autocast(anchor.device.type, torch.bfloat16, enabled=bfloat16):
         prediction = run.network(batch.voxels)
     prediction = Prediction(*(None if m is None else m.float() for m in prediction))  # type: ignore[arg-type]

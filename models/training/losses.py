@@ -1,4 +1,5 @@
-"""Targets of the anchors and losses (Zhou and Tuzel 2018, section 2.2): the published one, and one with quality."""
+"""Targets of the anchors and losses (Zhou and Tuzel 2018, section 2.2): the published one, and one
+with quality."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -18,7 +19,9 @@ from toolkit.objects import label_index
 _Labels = Shaped[Tensor, "B H W A"]
 _Targets = Float[Tensor, "B H W A 7"]
 _Grid = Float[np.ndarray, "H W A 7"]
-NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
+NEGATIVE = 0
+POSITIVE = 1
+IGNORED = -1
 
 
 class Assignment(NamedTuple):
@@ -40,47 +43,70 @@ def assign(
 ) -> Assignment:
     """Match anchors of a grid to objects by footprint IoU, with yaws snapped to 0 or 90°.
 
-    An anchor is positive above `positive`, and so is the best anchor of each object if it reaches `best`. Up to
-    `negative` it is negative; in between it is ignored. A negative anchor inside one of the boxes `ignored` is ignored
-    too. margin: metres added to length and width of all boxes and anchors first."""
+    An anchor is positive above `positive`, and so is the best anchor of each object if it reaches
+    `best`. Up to `negative` it is negative; in between it is ignored. A negative anchor inside one
+    of the boxes `ignored` is ignored too. margin: metres added to length and width of all boxes and
+    anchors first."""
     ignored = boxes[:0] if ignored is None else ignored
     if margin:
         wider = np.array([0, 0, 0, margin, margin, 0, 0])
-        anchors, boxes, ignored = anchors + wider, boxes + wider, ignored + wider
-    overlap, owner = np.zeros(anchors.shape[:3]), np.zeros(anchors.shape[:3], np.int64)
+        anchors = anchors + wider
+        boxes = boxes + wider
+        ignored = ignored + wider
+    overlap = np.zeros(anchors.shape[:3])
+    owner = np.zeros(anchors.shape[:3], np.int64)
     forced: list[tuple[tuple[int, ...], int]] = []
     for row, box in enumerate(boxes):
         near = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
-        size, box_size = _snap_size(anchors[near]), _snap_size(box)
+        size = _snap_size(anchors[near])
+        box_size = _snap_size(box)
         gap = np.abs(anchors[near][..., :2] - box[:2])
-        shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
+        shared = (
+            np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
+        )
         iou = shared / (size.prod(-1) + box_size.prod() - shared)
         better = iou > overlap[near]
-        overlap[near][better], owner[near][better] = iou[better], row
+        overlap[near][better] = iou[better]
+        owner[near][better] = row
         if iou.size and iou.max() >= best:
             i, j, yaw = (int(at) for at in np.unravel_index(np.argmax(iou), iou.shape))
             forced.append(((near[0].start + i, near[1].start + j, yaw), row))
-    labels = np.where(overlap > positive, POSITIVE, np.where(overlap <= negative, NEGATIVE, IGNORED)).astype(np.int8)
+    labels = np.where(
+        overlap > positive, POSITIVE, np.where(overlap <= negative, NEGATIVE, IGNORED)
+    ).astype(np.int8)
     for place, row in forced:
-        labels[place], owner[place] = POSITIVE, row
+        labels[place] = POSITIVE
+        owner[place] = row
     for box in ignored:
         near = _window(anchors, box, 0.0)
-        (dx, dy), (cos, sin) = np.moveaxis(anchors[near][..., :2] - box[:2], -1, 0), (np.cos(box[6]), np.sin(box[6]))
-        within = (np.abs(dx * cos + dy * sin) <= box[3] / 2) & (np.abs(dy * cos - dx * sin) <= box[4] / 2)
+        (dx, dy), (cos, sin) = (
+            np.moveaxis(anchors[near][..., :2] - box[:2], -1, 0),
+            (np.cos(box[6]), np.sin(box[6])),
+        )
+        within = (np.abs(dx * cos + dy * sin) <= box[3] / 2) & (
+            np.abs(dy * cos - dx * sin) <= box[4] / 2
+        )
         labels[near][(labels[near] == NEGATIVE) & within] = IGNORED
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
 def assign_by_kind(
-    anchors: _Grid, kinds: Sequence[AnchorKind], boxes: BoxRows, labels: Int64[np.ndarray, " n"], asked: Mask
+    anchors: _Grid,
+    kinds: Sequence[AnchorKind],
+    boxes: BoxRows,
+    labels: Int64[np.ndarray, " n"],
+    asked: Mask,
 ) -> Assignment:
     """Match anchors to objects of their own class; owners are rows of `boxes`.
 
     asked: objects that should be found; negatives on the others of that class are ignored."""
-    parts, first = [], 0
+    parts = []
+    first = 0
     for kind in kinds:
-        last, own = first + len(kind.yaws), labels == label_index(kind.label)
-        rows, others = np.flatnonzero(own & asked), boxes[own & ~asked]
+        last = first + len(kind.yaws)
+        own = labels == label_index(kind.label)
+        rows = np.flatnonzero(own & asked)
+        others = boxes[own & ~asked]
         matching = {"positive": kind.positive, "negative": kind.negative, "margin": kind.margin}
         found = assign(anchors[:, :, first:last], boxes[rows], ignored=others, **matching)
         owner = np.where(found.labels == POSITIVE, np.append(rows, 0)[found.owner], 0)
@@ -89,11 +115,15 @@ def assign_by_kind(
     return Assignment(*(np.concatenate(column, axis=2) for column in zip(*parts, strict=True)))
 
 
-def sample(assignment: Assignment, rng: Rng, *, size: int = 256, positives: int = 128) -> Assignment:
+def sample(
+    assignment: Assignment, rng: Rng, *, size: int = 256, positives: int = 128
+) -> Assignment:
     """Keep `size` random anchors, as in the published training."""
-    flat, labels = assignment.labels.ravel(), np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
+    flat = assignment.labels.ravel()
+    labels = np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
     for kind, most in ((POSITIVE, positives), (NEGATIVE, size)):
-        rows, room = np.flatnonzero(flat == kind), min(most, size - int((labels == POSITIVE).sum()))
+        rows = np.flatnonzero(flat == kind)
+        room = min(most, size - int((labels == POSITIVE).sum()))
         labels[rows if len(rows) <= room else rng.choice(rows, room, replace=False)] = kind
     return Assignment(labels.reshape(assignment.labels.shape), assignment.owner)
 
@@ -111,14 +141,18 @@ def _snap_size(boxes: np.ndarray) -> np.ndarray:
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 
 
-def paper_loss(prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor) -> dict[str, Tensor]:
+def paper_loss(
+    prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor
+) -> dict[str, Tensor]:
     """Published loss of sampled anchors: cross-entropy, and smooth L1 (σ = 3) of residuals.
 
     labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7)."""
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
     counted = torch.nonzero(labels != IGNORED, as_tuple=True)
-    classes = F.cross_entropy(logits[counted], (labels[counted] == POSITIVE).long(), reduction="sum")
+    classes = F.cross_entropy(
+        logits[counted], (labels[counted] == POSITIVE).long(), reduction="sum"
+    )
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
     residuals = per_anchor(prediction.residuals, count)[positive]
     target = encode(boxes[positive], anchors[positive[1:]], doubled=False)
@@ -127,11 +161,15 @@ def paper_loss(prediction: Prediction, labels: _Labels, boxes: _Targets, anchors
 
 
 def quality_loss(
-    prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor, classes: Sequence[int] | None = None
+    prediction: Prediction,
+    labels: _Labels,
+    boxes: _Targets,
+    anchors: Tensor,
+    classes: Sequence[int] | None = None,
 ) -> dict[str, Tensor]:
-    """Loss of class, box, direction and predicted IoU. Focal loss (Lin et al. 2017) for the class; smooth L1 of
-    residuals and 1 - IoU for the box. A class's sums are divided by the number of its positive anchors. classes: class
-    of each anchor of a cell (None: one class)."""
+    """Loss of class, box, direction and predicted IoU. Focal loss (Lin et al. 2017) for the class;
+    smooth L1 of residuals and 1 - IoU for the box. A class's sums are divided by the number of its
+    positive anchors. classes: class of each anchor of a cell (None: one class)."""
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]
@@ -142,10 +180,16 @@ def quality_loss(
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
     number = torch.bincount(kind[positive[3]], minlength=int(kind.max()) + 1).clamp(min=1)
     share = 1 / number[kind]  # weight of one anchor of its class, per anchor of a cell
-    classes_lost = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, share * (labels != IGNORED))
-    each, anchor, wanted = share[positive[3]], anchors[positive[1:]], boxes[positive]
+    classes_lost = focal_loss(
+        maps.class_logits[..., 0], labels == POSITIVE, share * (labels != IGNORED)
+    )
+    each = share[positive[3]]
+    anchor = anchors[positive[1:]]
+    wanted = boxes[positive]
     residuals = maps.residuals[positive]
-    direction, quality = (of[..., 0][positive] for of in (maps.direction_logits, maps.quality_logits))
+    direction, quality = (
+        of[..., 0][positive] for of in (maps.direction_logits, maps.quality_logits)
+    )
     backwards = faces_back(wanted, anchor)
     overlap = nearly_aligned_iou(decode(residuals, anchor, backwards), wanted)
     box = F.smooth_l1_loss(residuals, encode(wanted, anchor), beta=0.02, reduction="none").sum(1)
@@ -159,24 +203,33 @@ def quality_loss(
     }
 
 
-def focal_loss(logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"]) -> Tensor:
-    """Sum α (1 - p)² · cross-entropy · `counted` over anchors, where p is the probability of the truth, and α is 0.25
-    for positive ones and 0.75 for others."""
+def focal_loss(
+    logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"]
+) -> Tensor:
+    """Sum α (1 - p)² · cross-entropy · `counted` over anchors, where p is the probability of the
+    truth, and α is 0.25 for positive ones and 0.75 for others."""
     signed = torch.where(positive, logits, -logits)
     weight = torch.where(positive, 0.25, 0.75) * counted
     return -(weight * torch.sigmoid(-signed) ** 2.0 * F.logsigmoid(signed)).sum()
 
 
-def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]) -> Float[Tensor, " n"]:
+def nearly_aligned_iou(
+    boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]
+) -> Float[Tensor, " n"]:
     """3D IoU of box pairs, differentiable in any overlap, and exact for equal yaws.
 
-    A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the first-order loss of two
-    rectangles turned about a common centre."""
+    A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the
+    first-order loss of two rectangles turned about a common centre."""
     cos, sin = torch.cos(wanted[:, 6]), torch.sin(wanted[:, 6])
     dx, dy, dz = (boxes - wanted)[:, :3].unbind(1)
     gap = torch.stack((dx * cos + dy * sin, dy * cos - dx * sin, dz), 1).abs()
-    size, target = boxes[:, 3:6], wanted[:, 3:6]
+    size = boxes[:, 3:6]
+    target = wanted[:, 3:6]
     turned = torch.sin(boxes[:, 6] - wanted[:, 6]).abs()[:, None] * target[:, [1, 0]] / 4
     lost = torch.cat((turned, torch.zeros_like(turned[:, :1])), 1)
-    shared = (torch.minimum(torch.minimum(size, target), (size + target) / 2 - gap) - lost).clamp(min=0).prod(1)
+    shared = (
+        (torch.minimum(torch.minimum(size, target), (size + target) / 2 - gap) - lost)
+        .clamp(min=0)
+        .prod(1)
+    )
     return shared / (size.prod(1) + target.prod(1) - shared)

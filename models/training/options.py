@@ -1,7 +1,8 @@
 """`TrainingOptions`: the one list of arguments of `coview train` and `python -m models.train`.
 
-The second runs on a machine that has no more than torch, numpy, h5py, safetensors, scipy, shapely and tqdm, so its
-parser is made here with the standard library, from the same fields and the same texts."""
+The second runs on a machine that has no more than torch, numpy, h5py, safetensors, scipy, shapely
+and tqdm, so its parser is made here with the standard library, from the same fields and the same
+texts."""
 
 import re
 from argparse import ArgumentParser, BooleanOptionalAction
@@ -13,7 +14,10 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from models.config import select_anchors
 
-SITE = "Area to train for: tjunction, roundabout, a site file, or general for any place; the data's when left out."
+SITE = (
+    "Area to train for: tjunction, roundabout, a site file, or general for any place; the data's "
+    "when left out."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,23 +27,31 @@ class TrainingOptions:
     Attributes:
         data: Packed file made by coview pack.
         out: Folder for checkpoint, log, curves and weights.safetensors.
-        start: Shipped weights (such as general, to fit it to your junction) or a file to start from.
-        preset: fast, general, varied (thinner clouds, uneven ground) or paper; general at site general, else fast.
-        classes: Classes to detect: vehicle, heavy, cyclist, pedestrian; those of --start, or vehicle, when left out.
+        start: Shipped weights (such as general, to fit it to your junction) or a file to start
+            from.
+        preset: fast, general, varied (thinner clouds, uneven ground) or paper; general at site
+            general, else fast.
+        classes: Classes to detect: vehicle, heavy, cyclist, pedestrian; those of --start, or
+            vehicle, when left out.
         faces: Classes with boxes measured by a second stage; those of --start when left out.
-        calibrate: Fit scores and thresholds on the frames of --validate; implied if --start is calibrated.
+        calibrate: Fit scores and thresholds on the frames of --validate; implied if --start is
+            calibrated.
         size: The light network, or one as wide as the published.
-        voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
+        voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the
+            roundabout).
         epochs: Passes over the data; the preset's when left out.
-        seconds: Wall time of the training (s) in place of epochs; one cycle of the learning rate ends with it.
+        seconds: Wall time of the training (s) in place of epochs; one cycle of the learning rate
+            ends with it.
         batch: Examples per step; the preset's when left out.
-        windows: Examples cut from each frame that is read; several are made in less time than as many frames.
+        windows: Examples cut from each frame that is read; several are made in less time than as
+            many frames.
         learning_rate: Highest learning rate; the preset's when left out.
         seed: Seed of weights, order, noise and augmentation.
         validate: Packed file to measure AP on after each epoch.
         validate_frames: Number of its frames to use.
         device: cpu or cuda; cuda if present when left out.
-        bfloat16: Multiply in bfloat16 on the CPU as on cuda: faster on a CPU that supports it, else slower.
+        bfloat16: Multiply in bfloat16 on the CPU as on cuda: faster on a CPU that supports it, else
+            slower.
         threads: Threads of PyTorch; fewer are faster beside other programs.
         workers: Processes that prepare examples.
         checkpoint_s: Seconds between checkpoints.
@@ -70,29 +82,49 @@ class TrainingOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        numbers = ["voxel", "epochs", "seconds", "learning_rate", "batch", "windows", "validate_frames", "threads"]
+        numbers = [
+            "voxel",
+            "epochs",
+            "seconds",
+            "learning_rate",
+            "batch",
+            "windows",
+            "validate_frames",
+            "threads",
+        ]
         for name in [*numbers, "checkpoint_s"]:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise ValueError(f"{option(name)} must be above 0, got {value}")
         if self.epochs is not None and self.seconds is not None:
-            raise ValueError("--epochs and --seconds both say when the training ends: leave one of them out")
+            raise ValueError(
+                "--epochs and --seconds both say when the training ends: leave one of them out"
+            )
         if self.seed < 0 or self.workers < 0:
-            raise ValueError(f"--seed and --workers must not be negative, got {self.seed} and {self.workers}")
+            raise ValueError(
+                f"--seed and --workers must not be negative, got {self.seed} and {self.workers}"
+            )
         known = ("vehicle",) if self.classes is None and self.start is None else self.classes
         if known is not None:
             select_anchors(known)
             if not set(self.faces or ()) <= set(known):
-                raise ValueError(f"--faces must be among --classes {' '.join(known)}, got {' '.join(self.faces or ())}")
+                raise ValueError(
+                    f"--faces must be among --classes {' '.join(known)}, got "
+                    f"{' '.join(self.faces or ())}"
+                )
         if self.calibrate and self.validate is None:
             raise ValueError("--calibrate needs frames that were not trained on: give --validate")
 
 
 def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None, TrainingOptions]:
-    """Parse site and options of a command line. Prints an error and exits with code 2 for bad arguments."""
-    parser = ArgumentParser(prog="python -m models.train", description=TrainingOptions.__doc__.partition("\n")[0])  # type: ignore[union-attr]
+    """Parse site and options of a command line. Prints an error and exits with code 2 for bad
+    arguments."""
+    parser = ArgumentParser(
+        prog="python -m models.train", description=TrainingOptions.__doc__.partition("\n")[0]
+    )  # type: ignore[union-attr]
     parser.add_argument("site", nargs="?", help=SITE)
-    texts, hints = descriptions(), get_type_hints(TrainingOptions)
+    texts = descriptions()
+    hints = get_type_hints(TrainingOptions)
     for each in fields(TrainingOptions):
         hint = hints[each.name]
         if get_origin(hint) in (Union, UnionType):
@@ -102,13 +134,19 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None,
         elif get_origin(hint) is tuple:
             settings = {"nargs": "*", "type": get_args(hint)[0]}
         else:
-            settings = {"choices": get_args(hint)} if get_origin(hint) is Literal else {"type": hint}
+            settings = (
+                {"choices": get_args(hint)} if get_origin(hint) is Literal else {"type": hint}
+            )
         if each.default is not MISSING:
             settings["default"] = each.default
-        parser.add_argument(option(each.name), help=texts[each.name], required=each.default is MISSING, **settings)
+        parser.add_argument(
+            option(each.name), help=texts[each.name], required=each.default is MISSING, **settings
+        )
     values = vars(parser.parse_args(arguments))
     site = values.pop("site")
-    values = {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+    values = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
+    }
     try:
         return site, TrainingOptions(**values)
     except ValueError as error:

@@ -1,19 +1,21 @@
 """Packed recordings in memory: the empty site once, and the differences of each frame.
 
-Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat
-arrays that need numpy and h5py alone:
+Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file;
+its layout, flat arrays that need numpy and h5py alone:
 
-    rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model), slope of the ground where
-                                it is not level; poses (s, 4, 4)
-    rigs/{r}/pixels, depth      what the sensors see of the empty site within the crop, one sensor after the other:
-                                uint32 pixel number (row · columns + column), float32 measurement (m)
+    rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model), slope
+                                of the ground if it is not level; poses (s, 4, 4)
+    rigs/{r}/pixels, depth      what the sensors see of the empty site within the crop, one sensor
+                                after the other: uint32 pixel number (row · columns + column),
+                                float32 measurement (m)
     rigs/{r}/ends               (s,) where the pixels of each sensor end
-    frames/rig, frames/ends     (t,) rig of each frame, and (t, s + 1) where the changed pixels of each sensor begin
-                                and the last ones end
+    frames/rig, frames/ends     (t,) rig of each frame, and (t, s + 1) where the changed pixels of
+                                each sensor begin and the last ones end
     pixels, steps               (p,) changed pixels, and their measurement in 1/512 m, 0 for none
     boxes, labels, box_ends     objects of all frames, and (t + 1,) where those of each frame begin
-    clouds/frames, ends, points where there are frames of recorded clouds: (f,) which, (f, s + 1) where the points of
-                                each sensor begin and the last ones end, (p, 3) the points in 1/512 m, on level ground
+    clouds/frames, ends, points where there are frames of recorded clouds: (f,) which, (f, s + 1)
+                                where the points of each sensor begin and the last ones end, (p, 3)
+                                the points in 1/512 m, on level ground
 """
 
 from collections.abc import Iterable
@@ -43,8 +45,8 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
 class PackedFrames:
-    """Packed file in memory. Points and objects of frame k are in its site's frame. Raises FileNotFoundError;
-    ValueError if the file is damaged or not a packed file."""
+    """Packed file in memory. Points and objects of frame k are in its site's frame. Raises
+    FileNotFoundError; ValueError if the file is damaged or not a packed file."""
 
     def __init__(self, path: Path | str) -> None:
         if not Path(path).is_file():
@@ -54,16 +56,25 @@ class PackedFrames:
                 if hdf5.contains(file, "coview") or hdf5.contains(file, "dslices"):
                     raise ValueError("it is a recording")
                 whole = partial(hdf5.array, file, kinds="iu")
-                self._rig_of_frame, self._ends = whole("frames/rig", axes=1), whole("frames/ends", axes=2)
-                self._pixels, self._steps = whole("pixels", axes=1), whole("steps", axes=1)
-                self._boxes, self._labels = hdf5.array(file, "boxes", axes=2), whole("labels", axes=1)
+                self._rig_of_frame = whole("frames/rig", axes=1)
+                self._ends = whole("frames/ends", axes=2)
+                self._pixels = whole("pixels", axes=1)
+                self._steps = whole("steps", axes=1)
+                self._boxes = hdf5.array(file, "boxes", axes=2)
+                self._labels = whole("labels", axes=1)
                 self._box_ends = whole("box_ends", axes=1)
                 self._places: dict[int, int] = {}  # of frames of recorded clouds
-                self._cloud_ends, self._points = np.zeros((0, 1), np.int64), np.zeros((0, 3), np.int32)
+                self._cloud_ends = np.zeros((0, 1), np.int64)
+                self._points = np.zeros((0, 3), np.int32)
                 if hdf5.contains(file, "clouds"):
-                    self._places = {int(k): place for place, k in enumerate(whole("clouds/frames", axes=1))}
-                    self._cloud_ends, self._points = whole("clouds/ends", axes=2), whole("clouds/points", axes=2)
-                self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.child_names(file, "rigs"))))
+                    self._places = {
+                        int(k): place for place, k in enumerate(whole("clouds/frames", axes=1))
+                    }
+                    self._cloud_ends = whole("clouds/ends", axes=2)
+                    self._points = whole("clouds/points", axes=2)
+                self.rigs = tuple(
+                    _read_rig(file, f"rigs/{r}") for r in range(len(hdf5.child_names(file, "rigs")))
+                )
             self._check()
         except (OSError, ValueError) as error:
             reason = f"{path} is damaged or not a packed file ({error})"
@@ -74,7 +85,11 @@ class PackedFrames:
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
         most = max((len(rig.sensors) for rig in self.rigs), default=0)
-        if len(self._ends) != frames or self._ends.shape[1] <= most or not _ascends(self._ends, len(self._pixels)):
+        if (
+            len(self._ends) != frames
+            or self._ends.shape[1] <= most
+            or not _ascends(self._ends, len(self._pixels))
+        ):
             raise ValueError("frames/ends does not cut its pixels into frames and sensors")
         if len(self._steps) != len(self._pixels):
             raise ValueError(f"it has {len(self._pixels)} pixels but {len(self._steps)} steps")
@@ -87,8 +102,13 @@ class PackedFrames:
         Objects(self._boxes, self._labels)
         if self._points.shape[1] != 3:
             raise ValueError(f"clouds/points must be x y z in each row, got {self._points.shape}")
-        if len(self._places) != len(self._cloud_ends) or any(not 0 <= k < frames for k in self._places):
-            raise ValueError(f"clouds/frames must be different numbers of its {frames} frames, as many as clouds/ends")
+        if len(self._places) != len(self._cloud_ends) or any(
+            not 0 <= k < frames for k in self._places
+        ):
+            raise ValueError(
+                f"clouds/frames must be different numbers of its {frames} frames, as many as "
+                "clouds/ends"
+            )
         most = max((len(self.rig(k).sensors) for k in self._places), default=0)
         if self._cloud_ends.shape[1] <= most or not _ascends(self._cloud_ends, len(self._points)):
             raise ValueError("clouds/ends does not cut clouds/points into frames and sensors")
@@ -107,8 +127,11 @@ class PackedFrames:
 
     def level_objects(self, k: int) -> Objects:
         """Ground truth of frame k on level ground, as `points`."""
-        objects, slope = self.objects(k), self.rig(k).slope
-        return objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
+        objects = self.objects(k)
+        slope = self.rig(k).slope
+        return (
+            objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
+        )
 
     def is_recorded(self, k: int) -> bool:
         """True for frames of recorded clouds, without an empty site."""
@@ -119,11 +142,14 @@ class PackedFrames:
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
-    def points(self, k: int, rng: Rng | None, sensors: Iterable[int] | None = None) -> list[Float32[np.ndarray, "_ 3"]]:
+    def points(
+        self, k: int, rng: Rng | None, sensors: Iterable[int] | None = None
+    ) -> list[Float32[np.ndarray, "_ 3"]]:
         """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
         rng: of fresh noise, None for none."""
-        rig, clouds = self.rig(k), []
+        rig = self.rig(k)
+        clouds = []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             if self.is_recorded(k):
                 rows = slice(*self._cloud_ends[self._places[k], s : s + 2])
@@ -138,7 +164,8 @@ class PackedFrames:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Fixed sensors, and their view of the empty site in the crop: the area up to the height above sloping ground."""
+    """Fixed sensors, and their view of the empty site in the crop: the area up to the height above
+    sloping ground."""
 
     sensors: tuple[Sensor, ...]
     area: Area
@@ -158,7 +185,8 @@ class Rig:
         """Build a rig from images of the empty site."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
-        pixels, depth = [], []
+        pixels = []
+        depth = []
         for s, image in enumerate(empty):
             seen = np.flatnonzero(image > 0).astype(np.uint32)
             seen = seen[rig.in_crop(rig.world(s, seen, image.ravel()[seen]), MARGIN)]
@@ -169,24 +197,31 @@ class Rig:
     def measure(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: Rng | None
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Noisy points in the crop, their pixels and measurements. Pixels `changed` have measured this (0: nothing),
-        the others the empty site."""
+        """Noisy points in the crop, their pixels and measurements. Pixels `changed` have measured
+        this (0: nothing), the others the empty site."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False
-        still, seen = still[self.pixels[s]], measured > 0
+        still = still[self.pixels[s]]
+        seen = measured > 0
         pixels = np.concatenate([self.pixels[s][still], changed[seen]])
         depth = np.concatenate([self.depth[s][still], measured[seen]])
         if rng is not None:
-            depth += rng.standard_normal(len(depth), dtype=np.float32) * self.sensors[s].model.deviation(depth)
+            depth += rng.standard_normal(len(depth), dtype=np.float32) * self.sensors[
+                s
+            ].model.deviation(depth)
         points = self.world(s, pixels, depth)
         kept = self.in_crop(points)
         return points[kept], pixels[kept], depth[kept]
 
-    def world(self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]) -> _Points:
+    def world(
+        self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
+    ) -> _Points:
         """Positions (site's frame) that pixels of sensor s measure."""
         sensor = self.sensors[s]
-        rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[:3, :3].T.astype(np.float32)
+        rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[
+            :3, :3
+        ].T.astype(np.float32)
         rays *= depth[:, None]
         rays += sensor.position.astype(np.float32)
         return rays
@@ -194,30 +229,56 @@ class Rig:
     def in_crop(self, points: _Points, margin: float = 0.0) -> Mask:
         """Mark points in the crop, widened by a margin (m)."""
         (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
-        inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
+        inside = (
+            (x >= xmin - margin)
+            & (x <= xmax + margin)
+            & (y >= ymin - margin)
+            & (y <= ymax + margin)
+        )
         return inside & (z > -margin) & (z < self.height + margin)
 
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
     with hdf5.reading(name):
         attributes = hdf5.read_node_attributes(file[name], name)
-    poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
-    pixels, ends = (hdf5.array(file, f"{name}/{part}", axes=1, kinds="iu") for part in ("pixels", "ends"))
+    poses = hdf5.array(file, f"{name}/poses", axes=3)
+    depth = hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
+    pixels, ends = (
+        hdf5.array(file, f"{name}/{part}", axes=1, kinds="iu") for part in ("pixels", "ends")
+    )
     try:
         models = parse_json(attributes["sensors"])
-        described = [(str(each["name"]), make_model(each["type"], each["model"])) for each in models]
+        described = [
+            (str(each["name"]), make_model(each["type"], each["model"])) for each in models
+        ]
         sensors = tuple(Sensor(*each, pose) for each, pose in zip(described, poses, strict=True))
         xmin, ymin, xmax, ymax = (float(side) for side in attributes["area"])
         height = float(attributes["height"])
         slope = check_slope(attributes.get("slope", LEVEL), "slope")
     except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
-        raise ValueError(f"{name}: its attributes do not describe sensors, area and height ({error})") from None
-    if not (np.isfinite([xmin, ymin, xmax, ymax, height]).all() and xmin < xmax and ymin < ymax and height > 0):
-        raise ValueError(f"{name}: needs an area xmin ymin xmax ymax and a height, got {attributes['area']}, {height}")
-    if not sensors or max(rows * columns for rows, columns in (s.model.shape for s in sensors)) > MOST_PIXELS:
+        raise ValueError(
+            f"{name}: its attributes do not describe sensors, area and height ({error})"
+        ) from None
+    if not (
+        np.isfinite([xmin, ymin, xmax, ymax, height]).all()
+        and xmin < xmax
+        and ymin < ymax
+        and height > 0
+    ):
+        raise ValueError(
+            f"{name}: needs an area xmin ymin xmax ymax and a height, got {attributes['area']}, "
+            f"{height}"
+        )
+    if (
+        not sensors
+        or max(rows * columns for rows, columns in (s.model.shape for s in sensors)) > MOST_PIXELS
+    ):
         raise ValueError(f"{name}: needs sensors of at most {MOST_PIXELS} pixels each")
     if len(ends) != len(sensors) or len(pixels) != len(depth) or not _ascends(ends, len(pixels)):
-        raise ValueError(f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into sensors")
+        raise ValueError(
+            f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into "
+            "sensors"
+        )
     if not np.isfinite(depth).all():
         raise ValueError(f"{name}/depth holds NaN or infinity")
     seen = tuple(np.split(pixels, ends[:-1]))
@@ -236,4 +297,7 @@ def _ascends(ends: np.ndarray, total: int) -> bool:
 def _check_pixels(pixels: np.ndarray, sensor: Sensor, name: str) -> None:
     rows, columns = sensor.model.shape
     if len(pixels) and not (pixels.min() >= 0 and pixels.max() < rows * columns):
-        raise ValueError(f"{name} must be of the {rows}×{columns} that sensor {sensor.name!r} has, got {pixels.max()}")
+        raise ValueError(
+            f"{name} must be of the {rows}×{columns} that sensor {sensor.name!r} has, got "
+            f"{pixels.max()}"
+        )

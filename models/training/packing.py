@@ -1,4 +1,5 @@
-"""Writer of packed files (`models.training.packed`). Only pixels that differ from the empty site are written."""
+"""Writer of packed files (`models.training.packed`). Only pixels that differ from the empty site
+are written."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -39,8 +40,11 @@ class Change:
 
 
 PackedRecording = tuple[Rig, Iterable[Change]]  # frames of one rig, ready to be written
-LevelSample = tuple[tuple[str, ...], tuple[np.ndarray, ...], Objects, tuple[float, float, float, float]]
-"""Names of the sensors, their points (n, 3) on level ground, labelled objects, and area: xmin ymin xmax ymax (m)."""
+LevelSample = tuple[
+    tuple[str, ...], tuple[np.ndarray, ...], Objects, tuple[float, float, float, float]
+]
+"""Names of the sensors, their points (n, 3) on level ground, labelled objects, and area: xmin ymin
+xmax ymax (m)."""
 
 
 def recording(
@@ -54,8 +58,9 @@ def recording(
 ) -> PackedRecording:
     """Return frames of fixed sensors, each read when it is written.
 
-    area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site per sensor, None to
-    take them from the frames; count: only the first frames; slope: of the ground (m per m, x and y)."""
+    area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site
+    per sensor, None to take them from the frames; count: only the first frames; slope: of the
+    ground (m per m, x and y)."""
     empty = empty_scene(frames).images if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
     chosen = range(min(len(frames), len(frames) if count is None else count))
@@ -68,12 +73,18 @@ def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedR
     return recording(dataset, site.area, site.height, count=count, slope=site.relief.slope)
 
 
-def sample_recordings(samples: Iterable[LevelSample], height: float = 4.0) -> Iterator[PackedRecording]:
-    """Yield a recording for each run of samples with the same sensors and area. They must be written in order."""
+def sample_recordings(
+    samples: Iterable[LevelSample], height: float = 4.0
+) -> Iterator[PackedRecording]:
+    """Yield a recording for each run of samples with the same sensors and area. They must be
+    written in order."""
     for (sensors, area), group in groupby(samples, key=lambda each: (each[0], each[3])):
-        nothing, still = (np.zeros(0, np.uint32),) * len(sensors), (np.zeros(0, np.float32),) * len(sensors)
+        nothing = (np.zeros(0, np.uint32),) * len(sensors)
+        still = (np.zeros(0, np.float32),) * len(sensors)
         stands = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
-        changes = (Change(nothing, nothing, objects, tuple(clouds)) for _, clouds, objects, _ in group)
+        changes = (
+            Change(nothing, nothing, objects, tuple(clouds)) for _, clouds, objects, _ in group
+        )
         yield Rig(stands, area, height, nothing, still), changes
 
 
@@ -90,25 +101,31 @@ def read_recordings(path: Path) -> list[PackedRecording]:
 
 
 def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) -> bytes:
-    """Content of the packed file of a random site, its frames, and each sensor's measurement without traffic."""
+    """Content of the packed file of a random site, its frames, and each sensor's measurement
+    without traffic."""
     site, frames, empty = drawn
     with TemporaryDirectory() as folder:
         path = Path(folder, "one.packed")
-        pack([recording(frames, site.area, site.height, empty=empty, slope=site.relief.slope)], path)
+        pack(
+            [recording(frames, site.area, site.height, empty=empty, slope=site.relief.slope)], path
+        )
         return path.read_bytes()
 
 
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
-    """Write several packed files as one, and return the number of frames. Raises ValueError without any frame."""
+    """Write several packed files as one, and return the number of frames. Raises ValueError without
+    any frame."""
     with hdf5_file(unfinished) as (file, check):
         return _write(file, (each for path in paths for each in read_recordings(path)), check)
 
 
 def change(rig: Rig, frame: Frame) -> Change:
     """Find pixels that show something in the crop that the empty site does not, or the reverse."""
-    pixels, steps = [], []
+    pixels = []
+    steps = []
     for s, measurement in enumerate(frame.images):
-        still, flat = np.zeros(measurement.size, np.float32), measurement.ravel()
+        still = np.zeros(measurement.size, np.float32)
+        flat = measurement.ravel()
         still[rig.pixels[s]] = rig.depth[s]
         places = np.flatnonzero(flat != still).astype(np.uint32)
         depth = np.where(flat[places] < FARTHEST, flat[places], np.float32(0))
@@ -120,32 +137,46 @@ def change(rig: Rig, frame: Frame) -> Change:
     return Change(tuple(pixels), tuple(steps), frame.objects)
 
 
-def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: _Progress | None = None) -> int:
-    """Write a packed file, complete or not at all, and return its number of frames. Raises ValueError without any
-    frame, OSError if the disk is full."""
+def pack(
+    recordings: Iterable[PackedRecording], out: Path, *, progress: _Progress | None = None
+) -> int:
+    """Write a packed file, complete or not at all, and return its number of frames. Raises
+    ValueError without any frame, OSError if the disk is full."""
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
         return _write(file, recordings, check, progress)
 
 
 def _write(
-    file: h5py.File, recordings: Iterable[PackedRecording], check: Callable[[], None], progress: _Progress | None = None
+    file: h5py.File,
+    recordings: Iterable[PackedRecording],
+    check: Callable[[], None],
+    progress: _Progress | None = None,
 ) -> int:
-    pixels, steps = _Column(file, "pixels", np.uint32), _Column(file, "steps", np.uint16)
-    rig_of_frame, ends, objects = list[int](), list[np.ndarray](), list[Objects]()
+    pixels = _Column(file, "pixels", np.uint32)
+    steps = _Column(file, "steps", np.uint16)
+    rig_of_frame = list[int]()
+    ends = list[np.ndarray]()
+    objects = list[Objects]()
     recorded: dict[int, tuple[np.ndarray, ...]] = {}
     file.create_group("rigs")
     for r, (rig, changes) in enumerate(recordings):
         group = file.create_group(f"rigs/{r}")
-        group.attrs["area"], group.attrs["height"] = np.array(rig.area, np.float64), rig.height
+        group.attrs["area"] = np.array(rig.area, np.float64)
+        group.attrs["height"] = rig.height
         if rig.slope != LEVEL:
             group.attrs["slope"] = np.array(rig.slope, np.float64)
-        models = [{"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)} for s in rig.sensors]
+        models = [
+            {"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)}
+            for s in rig.sensors
+        ]
         group.attrs["sensors"] = json.dumps(models)
         group["poses"] = np.stack([sensor.pose for sensor in rig.sensors])
         group["ends"] = np.cumsum([len(view) for view in rig.pixels])
         for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
             data = np.concatenate(columns)
-            group.create_dataset(name, data=data, compression="gzip" if len(data) else None, shuffle=len(data) > 0)
+            group.create_dataset(
+                name, data=data, compression="gzip" if len(data) else None, shuffle=len(data) > 0
+            )
         for found in changes:
             ends.append(np.cumsum([pixels.length, *map(len, found.pixels)]))
             for pixel, step in zip(found.pixels, found.steps, strict=True):
@@ -153,7 +184,9 @@ def _write(
                 steps.append(step)
             if found.clouds is not None:
                 metres = (np.asarray(cloud, np.float64) for cloud in found.clouds)
-                recorded[len(objects)] = tuple(np.rint(each * STEPS_PER_METRE).astype(np.int32) for each in metres)
+                recorded[len(objects)] = tuple(
+                    np.rint(each * STEPS_PER_METRE).astype(np.int32) for each in metres
+                )
             rig_of_frame.append(r)
             objects.append(found.objects)
             check()
@@ -173,8 +206,12 @@ def _write(
         starts = np.cumsum([0, *map(sum, sizes[:-1])])
         points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])
         file["clouds/frames"] = np.array(list(recorded), np.int64)
-        file["clouds/ends"] = _of_one_length([np.cumsum([at, *each]) for at, each in zip(starts, sizes, strict=True)])
-        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(points) else {}
+        file["clouds/ends"] = _of_one_length(
+            [np.cumsum([at, *each]) for at, each in zip(starts, sizes, strict=True)]
+        )
+        options = (
+            {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(points) else {}
+        )
         file.create_dataset("clouds/points", data=points, **options)
     return len(objects)
 
@@ -188,7 +225,12 @@ class _Column:
     """Growing array of a file, written by chunks."""
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
-        options = {"chunks": (_CHUNK,), "compression": "gzip", "compression_opts": 1, "shuffle": True}
+        options = {
+            "chunks": (_CHUNK,),
+            "compression": "gzip",
+            "compression_opts": 1,
+            "shuffle": True,
+        }
         self._dataset = file.create_dataset(name, (0,), dtype, maxshape=(None,), **options)
         self._pending: list[np.ndarray] = []
         self._written = self.length = 0

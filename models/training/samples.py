@@ -1,6 +1,7 @@
 """Training examples: a packed frame with fresh noise, augmented and voxelised, and its targets.
 
-Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes."""
+Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off
+zero or slopes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -43,7 +44,9 @@ def random_errors(rng: Rng) -> ErrorProfile:
     terms: tuple[ErrorTerm, ...] = (
         error_terms.Glass(share=strength(0.6, 1.0)),
         error_terms.Paint(share=strength(0.3, 0.4)),
-        error_terms.DropOut(strength(0.8, 0.06), float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0),
+        error_terms.DropOut(
+            strength(0.8, 0.06), float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0
+        ),
         error_terms.MixedPixels(share=strength(0.7, 0.3)),
         error_terms.rain(strength(0.2, 15.0)),
         error_terms.DeadRows(share=strength(0.3, 0.04)),
@@ -52,18 +55,27 @@ def random_errors(rng: Rng) -> ErrorProfile:
         error_terms.RangeBias(deviation=strength(0.3, 0.04)),
         error_terms.stereo_noise(baseline=1.0, focal=2000.0, disparity=strength(0.7, 0.2)),
         error_terms.lidar_noise(constant=0.0, proportional=strength(0.7, 0.001)),
-        error_terms.Calibration(rotation=float(np.deg2rad(strength(0.8, 0.6))), translation=strength(0.8, 0.06)),
+        error_terms.Calibration(
+            rotation=float(np.deg2rad(strength(0.8, 0.6))), translation=strength(0.8, 0.06)
+        ),
         error_terms.ClockOffset(offset=strength(0.3, 0.07)),
     )
     return ErrorProfile("random", terms)
 
 
 def with_errors(
-    frames: PackedFrames, k: int, errors: ErrorProfile, seed: int, sensors: Iterable[int] | None = None
+    frames: PackedFrames,
+    k: int,
+    errors: ErrorProfile,
+    seed: int,
+    sensors: Iterable[int] | None = None,
 ) -> list[_Points]:
-    """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level ground. Sensors
-    stand where they are believed to. Surfaces outside the crop can mix with those inside, but give no points."""
-    rig, objects, clouds = frames.rig(k), frames.objects(k), []
+    """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level
+    ground. Sensors stand where they are believed to. Surfaces outside the crop can mix with those
+    inside, but give no points."""
+    rig = frames.rig(k)
+    objects = frames.objects(k)
+    clouds = []
     velocities = _draw_velocities(objects, seed) if errors.needs_velocities else None
     pixels, steps = frames.changes(k)
     for s in range(len(rig.sensors)) if sensors is None else sensors:
@@ -77,8 +89,12 @@ def with_errors(
         truth = TrueImage(sensor, image, objects, velocities=velocities)
         reading = errors.read(truth, seed=seed, sensor=s, frame=k)
         measured = reading.measurement.ravel()
-        seen = np.flatnonzero(reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))).astype(np.uint32)
-        believed = Rig((Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ())
+        seen = np.flatnonzero(
+            reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))
+        ).astype(np.uint32)
+        believed = Rig(
+            (Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ()
+        )
         points = believed.world(0, seen, measured[seen])
         if reading.shift is not None:
             points += reading.shift.reshape(-1, 3)[seen]
@@ -90,9 +106,15 @@ _FASTEST = np.array([14.0, 7.0, 1.8, 12.0])  # m/s, of each class
 
 
 def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
-    """Velocities (m/s) along the headings; every second object stands. Packed frames know no tracks."""
-    rng, yaw = np.random.default_rng([seed, 7]), objects.boxes[:, 6]
-    speed = rng.uniform(0, 1, len(objects)) * _FASTEST[objects.labels] * (rng.random(len(objects)) < 0.5)
+    """Velocities (m/s) along the headings; every second object stands. Packed frames know no
+    tracks."""
+    rng = np.random.default_rng([seed, 7])
+    yaw = objects.boxes[:, 6]
+    speed = (
+        rng.uniform(0, 1, len(objects))
+        * _FASTEST[objects.labels]
+        * (rng.random(len(objects)) < 0.5)
+    )
     return np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), np.zeros(len(yaw))])
 
 
@@ -102,9 +124,12 @@ def thin(points: _Points, rng: Rng) -> Float32[np.ndarray, "k 3"]:
 
 
 def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
-    """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y. Boxes stay upright."""
-    lift, slope = rng.normal(0, LIFT), rng.normal(0, SLOPE, 2)
-    points, boxes = points.copy(), boxes.copy()
+    """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y. Boxes
+    stay upright."""
+    lift = rng.normal(0, LIFT)
+    slope = rng.normal(0, SLOPE, 2)
+    points = points.copy()
+    boxes = boxes.copy()
     points[:, 2] += lift + (points[:, :2] - centre) @ slope
     boxes[:, 2] += lift + (boxes[:, :2] - centre) @ slope
     return points, boxes
@@ -124,11 +149,14 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class SampleRecipe:
-    """Recipe that turns a frame into an example. A network of several classes has the thresholds of its kinds."""
+    """Recipe that turns a frame into an example. A network of several classes has the thresholds of
+    its kinds."""
 
-    subsets: float = 0.5  # share of examples seen by a random subset of the sensors, so that one network serves any set
+    # share of examples seen by a random subset of the sensors, so that one network serves any set
+    subsets: float = 0.5
     augmentation: Literal["none", "object", "scene"] = "none"
-    """object: turn and shift each object with its points (the paper's); scene: turn and mirror everything."""
+    """object: turn and shift each object with its points (the paper's); scene: turn and mirror
+    everything."""
     positive: float = 0.5  # IoU thresholds of the anchors
     negative: float = 0.35
     sampled: int = 0  # anchors in the loss, 0 for all
@@ -136,15 +164,24 @@ class SampleRecipe:
     errors: float = 0.0  # share of examples with sensor errors
     thinned: float = 0.0  # share with thinned points
     tilted: float = 0.0  # share with uneven ground
-    elsewhere: float = 0.0  # share of the windows laid anywhere in the area instead of near an object
-    windows: int = 1  # cut from each reading of a frame; reading costs three times as much as the rest
+    elsewhere: float = (
+        0.0  # share of the windows laid anywhere in the area instead of near an object
+    )
+    windows: int = (
+        1  # cut from each reading of a frame; reading costs three times as much as the rest
+    )
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
     """Samples (epoch, k) of a packed file, reproducible."""
 
-    def __init__(self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int) -> None:
-        self.frames, self.config, self.recipe, self.seed = frames, config, recipe, seed
+    def __init__(
+        self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int
+    ) -> None:
+        self.frames = frames
+        self.config = config
+        self.recipe = recipe
+        self.seed = seed
         self._anchors = anchors(config).double().numpy()
 
     def __len__(self) -> int:
@@ -152,7 +189,8 @@ class Samples(torch.utils.data.Dataset[Batch]):
 
     def __getitem__(self, epoch_and_frame: tuple[int, int]) -> Batch:
         epoch, k = epoch_and_frame
-        rng, recipe = np.random.default_rng([self.seed, epoch, k]), self.recipe
+        rng = np.random.default_rng([self.seed, epoch, k])
+        recipe = self.recipe
         points = read_points(self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors)
         return stack([self._example(k, points, rng) for _ in range(recipe.windows)])
 
@@ -161,7 +199,9 @@ class Samples(torch.utils.data.Dataset[Batch]):
         seen = count_points(points, objects.boxes) >= self.recipe.seen
         asked = inside & seen & has_centre_inside(objects.boxes, np.array(self.config.area))
         if self.config.kinds:
-            found = assign_by_kind(self._anchors, self.config.kinds, objects.boxes, objects.labels, asked)
+            found = assign_by_kind(
+                self._anchors, self.config.kinds, objects.boxes, objects.labels, asked
+            )
         else:  # a network for vehicles alone ignores heavy ones
             vehicle = objects.labels == label_index(self.config.labels[0])
             rows = np.flatnonzero(vehicle & asked)
@@ -173,22 +213,39 @@ class Samples(torch.utils.data.Dataset[Batch]):
             found = sample(found, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2)
         targets = torch.from_numpy(objects.boxes).float() if len(objects) else torch.ones(1, 7)
         voxels = voxelise(points, self.config, rng=rng)
-        return Batch(voxels, torch.from_numpy(found.labels)[None], targets[torch.from_numpy(found.owner)][None])
+        return Batch(
+            voxels,
+            torch.from_numpy(found.labels)[None],
+            targets[torch.from_numpy(found.owner)][None],
+        )
 
     def _scene(self, k: int, points: _Points, rng: Rng) -> tuple[_Points, Objects, np.ndarray]:
-        """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
+        """Points and objects of frame k in the grid's frame, and a mask of objects in the detection
+        area."""
         recipe = self.recipe
-        objects, area = self.frames.level_objects(k), np.array(self.frames.rig(k).area)
-        boxes, inside = objects.boxes.copy(), has_centre_inside(objects.boxes, area)
+        objects = self.frames.level_objects(k)
+        area = np.array(self.frames.rig(k).area)
+        boxes = objects.boxes.copy()
+        inside = has_centre_inside(objects.boxes, area)
         if recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
-        grid, classes = np.array(self.config.area), [label_index(name) for name in self.config.labels]
-        if len(classes) > 1:  # the window lies near an object of any present class, each equally often
-            classes = [int(rng.choice([label for label in classes if label in objects.labels[inside]] or classes))]
+        grid = np.array(self.config.area)
+        classes = [label_index(name) for name in self.config.labels]
+        if (
+            len(classes) > 1
+        ):  # the window lies near an object of any present class, each equally often
+            classes = [
+                int(
+                    rng.choice(
+                        [label for label in classes if label in objects.labels[inside]] or classes
+                    )
+                )
+            ]
         wanted = boxes[inside & (objects.labels == classes[0]), :2]
         if recipe.elsewhere and rng.random() < recipe.elsewhere:
             wanted = wanted[:0]
-        window, middle = grid[2:] - grid[:2], (area[:2] + area[2:]) / 2
+        window = grid[2:] - grid[:2]
+        middle = (area[:2] + area[2:]) / 2
         room = ((area[2:] - area[:2] - window) / 2).clip(0)
         near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
         centre = np.clip(near + rng.uniform(-window / 2, window / 2), middle - room, middle + room)
@@ -203,12 +260,15 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return points, Objects(boxes, objects.labels, objects.ids), inside
 
 
-def read_points(frames: PackedFrames, k: int, rng: Rng, *, subsets: float, errors: float) -> _Points:
+def read_points(
+    frames: PackedFrames, k: int, rng: Rng, *, subsets: float, errors: float
+) -> _Points:
     """Read points of frame k in the crop.
 
-    subsets: chance of a random set of sensors instead of all; errors: chance of random errors instead of the sensor
-    models' own noise."""
-    total, sensors = len(frames.rig(k).sensors), None
+    subsets: chance of a random set of sensors instead of all; errors: chance of random errors
+    instead of the sensor models' own noise."""
+    total = len(frames.rig(k).sensors)
+    sensors = None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
     if errors and rng.random() < errors and not frames.is_recorded(k):
@@ -227,16 +287,20 @@ MOST_TURN = np.deg2rad(18.0)
 
 
 def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane. An object that would
-    then touch another stays put (paper, training process)."""
-    points, boxes = points.copy(), boxes.copy()
+    """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane.
+    An object that would then touch another stays put (paper, training process)."""
+    points = points.copy()
+    boxes = boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     owned = points_in_boxes(points, boxes)
     for index in range(len(boxes)):
-        turn, move = rng.uniform(-MOST_TURN, MOST_TURN), rng.normal(0, 0.5, 2)
+        turn = rng.uniform(-MOST_TURN, MOST_TURN)
+        move = rng.normal(0, 0.5, 2)
         old = boxes[index, :2].copy()
         others = np.arange(len(boxes)) != index
-        if (np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]).any():
+        if (
+            np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]
+        ).any():
             continue
         mine = owned[:, index]
         points[mine, :2] = (points[mine, :2] - old) @ plane_rotation(turn).T + old + move
@@ -247,9 +311,11 @@ def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray
 
 def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
     """Turn the scene about `centre`, every second one mirrored."""
-    angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
+    angle = rng.uniform(-np.pi, np.pi)
+    mirror = rng.random() < 0.5
     matrix = plane_rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
-    points, boxes = points.copy(), boxes.copy()
+    points = points.copy()
+    boxes = boxes.copy()
     points[:, :2] = (points[:, :2] - centre) @ matrix.T + centre
     boxes[:, :2] = (boxes[:, :2] - centre) @ matrix.T + centre
     boxes[:, 6] = angle + (-boxes[:, 6] if mirror else boxes[:, 6])

@@ -1,7 +1,8 @@
-"""Agreement of the stages of a search or plan on one set of sensors: prediction, race, comparison and judgement.
+"""Agreement of the stages of a search or plan on one set of sensors: prediction, race, comparison
+and judgement.
 
-Each stage scores on traffic of its own, so figures differ by chance. Where they exclude each other, one stage is wrong,
-and no set is recommended."""
+Each stage scores on traffic of its own, so figures differ by chance. Where they exclude each other,
+one stage is wrong, and no set is recommended."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,7 +16,8 @@ CERTAIN_ERRORS = 6.0  # standard errors that a prediction is never off by
 
 
 class StageFigure(NamedTuple):
-    """AP of one set at one stage of planning. spread: standard error beyond that of its objects, 0 for a detector."""
+    """AP of one set at one stage of planning. spread: standard error beyond that of its objects, 0
+    for a detector."""
 
     stage: str
     ap: float
@@ -34,14 +36,19 @@ class StageFigure(NamedTuple):
 
 def check_agreement(sensors: Sequence[str], one: StageFigure, other: StageFigure) -> None:
     """Raise ValueError where two stages give one set figures that exclude each other."""
-    first, second = one.ends, other.ends
+    first = one.ends
+    second = other.ends
     if first.low <= second.high and second.low <= first.high:
         return
     said = [
-        f"AP {format_share(each.ap, each.objects)} {each.stage} ({each.objects} to find in {each.frames} frames)"
+        (
+            f"AP {format_share(each.ap, each.objects)} {each.stage} ({each.objects} to find in "
+            f"{each.frames} frames)"
+        )
         for each in (one, other)
     ]
     raise ValueError(
-        f"the stages contradict each other on the set {', '.join(sensors)}: {said[0]}, but {said[1]}. No chance "
-        "explains that, so no set is recommended: check that the detector gives the same points the same boxes"
+        f"the stages contradict each other on the set {', '.join(sensors)}: {said[0]}, but "
+        f"{said[1]}. No chance explains that, so no set is recommended: check that the detector "
+        "gives the same points the same boxes"
     )

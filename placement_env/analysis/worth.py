@@ -2,14 +2,17 @@
 
 With v a set function, such as the AP of a sensor set, N the n sensors and s = |S|:
 
-    Shapley value              φ(i)   = Σ s! (n-s-1)! / n!      [v(S+i) - v(S)]                        over S ∌ i
-    Shapley interaction index  I(i,j) = Σ s! (n-s-2)! / (n-1)!  [v(S+i+j) - v(S+i) - v(S+j) + v(S)]    over S ∌ i, j
+    Shapley value, over S ∌ i:
+        φ(i) = Σ s! (n-s-1)! / n! [v(S+i) - v(S)]
+    Shapley interaction index, over S ∌ i, j:
+        I(i,j) = Σ s! (n-s-2)! / (n-1)! [v(S+i+j) - v(S+i) - v(S+j) + v(S)]
 
-(Shapley 1953; Grabisch and Roubens 1999). The shares add up to v(N) - v(∅). `synergy` is I: above 0 two sensors are
-worth more together than apart, below 0 one makes up for the other. Both are exact from the values of all 2^n sets, or
-sampled: put the sensors in in random order; a sensor's gain averages to φ, and what two neighbours gain together
-beyond their single gains averages to I. A round of the sampling is a Williams square under a random renaming, so it is
-an unbiased sample of every φ and I, stratified by the size of S, and independent of the other rounds."""
+(Shapley 1953; Grabisch and Roubens 1999). The shares add up to v(N) - v(∅). `synergy` is I: above 0
+two sensors are worth more together than apart, below 0 one makes up for the other. Both are exact
+from the values of all 2^n sets, or sampled: put the sensors in in random order; a sensor's gain
+averages to φ, and what two neighbours gain together beyond their single gains averages to I. A
+round of the sampling is a Williams square under a random renaming, so it is an unbiased sample of
+every φ and I, stratified by the size of S, and independent of the other rounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,8 +33,8 @@ FEWEST_ROUNDS = 8
 class Worth:
     """Shapley values and synergies of n sensors, in the unit of the set function.
 
-    synergy: symmetric, 0 on the diagonal; the margins: half widths of each figure's own confidence interval, 0 if
-    exact; evaluations: number of sets scored."""
+    synergy: symmetric, 0 on the diagonal; the margins: half widths of each figure's own confidence
+    interval, 0 if exact; evaluations: number of sets scored."""
 
     shapley: Float64[np.ndarray, " n"]
     synergy: Float64[np.ndarray, "n n"]
@@ -41,21 +44,26 @@ class Worth:
 
 
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
-    """Return each sensor's exact Shapley value from the values of all 2^n sets in the order of `all_subsets`.
+    """Return each sensor's exact Shapley value from the values of all 2^n sets in the order of
+    `all_subsets`.
 
     Raises ValueError if their number is not 2^n with n <= 16, or one is not finite."""
     sets = _list_sets(values)
-    n, size = sets.shape[1], sets.sum(axis=1)
+    n = sets.shape[1]
+    size = sets.sum(axis=1)
     weight = _weights(n)
     return values * weight[size - 1] @ sets - values * weight[size] @ ~sets
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Return the exact Shapley interaction index of each pair. Values and errors are as of `shapley`."""
+    """Return the exact Shapley interaction index of each pair. Values and errors are as of
+    `shapley`."""
     sets = _list_sets(values)
-    n, size = sets.shape[1], sets.sum(axis=1)
+    n = sets.shape[1]
+    size = sets.sum(axis=1)
     weight = _weights(n - 1)
-    inside, outside = sets.astype(float), (~sets).astype(float)
+    inside = sets.astype(float)
+    outside = (~sets).astype(float)
     one = inside.T @ (outside * (values * weight[size - 1])[:, None])
     both = inside.T @ (inside * (values * weight[size - 2])[:, None])
     neither = outside.T @ (outside * (values * weight[size])[:, None])
@@ -65,32 +73,50 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
 
 
 def exact_worth(value: SetFunction, sensors: int) -> Worth:
-    """Compute each sensor's worth from the values of all 2^n sets. Raises the errors of `shapley`."""
+    """Compute each sensor's worth from the values of all 2^n sets. Raises the errors of
+    `shapley`."""
     values = np.asarray(value(all_subsets(sensors)), float)
-    return Worth(shapley(values), synergy(values), np.zeros(sensors), np.zeros((sensors, sensors)), len(values))
+    return Worth(
+        shapley(values),
+        synergy(values),
+        np.zeros(sensors),
+        np.zeros((sensors, sensors)),
+        len(values),
+    )
 
 
 def estimate_worth(
-    value: SetFunction, sensors: int, *, rounds: int = 32, confidence: float = 0.95, seed: int | Rng = 0
+    value: SetFunction,
+    sensors: int,
+    *,
+    rounds: int = 32,
+    confidence: float = 0.95,
+    seed: int | Rng = 0,
 ) -> Worth:
-    """Estimate each sensor's worth from `rounds` independent Williams squares of orders, at most 2 n² sets each.
+    """Estimate each sensor's worth from `rounds` independent Williams squares of orders, at most 2
+    n² sets each.
 
-    Margins are Student's over the rounds; they miss what no round has seen, such as a rare set of great value. Raises
-    ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1), or values that are not finite."""
+    Margins are Student's over the rounds; they miss what no round has seen, such as a rare set of
+    great value. Raises ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1),
+    or values that are not finite."""
     if rounds < FEWEST_ROUNDS or sensors < 1 or not 0 < confidence < 1:
         said = f"need at least {FEWEST_ROUNDS} rounds, 1 sensor and a confidence within (0, 1)"
         raise ValueError(f"{said}, got {rounds}, {sensors} and {confidence}")
     rng = np.random.default_rng(seed)
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
-    place, k = np.argsort(orders)[:, :, None], np.arange(sensors + 1)[:, None]
+    place = np.argsort(orders)[:, :, None]
+    k = np.arange(sensors + 1)[:, None]
     chains = place < k  # the first 0, 1 … n sensors of each order
-    swaps = (place < k[:-2]) | (place == k[1:-1])  # the first k sensors and sensor k + 2, up to n - 2
+    # the first k sensors and sensor k + 2, up to n - 2
+    swaps = (place < k[:-2]) | (place == k[1:-1])
     sets = np.concatenate([each.reshape(-1, sensors) for each in (chains, swaps)])
     packed, row = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
     values = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
     if not np.isfinite(values).all():
-        raise ValueError("values must be finite, but that of a sampled set is not: are there objects to find?")
+        raise ValueError(
+            "values must be finite, but that of a sampled set is not: are there objects to find?"
+        )
     figures = values[row.ravel()]
     chain = figures[: chains.size // sensors].reshape(rounds, sensors, sensors + 1)
     swap = figures[chains.size // sensors :].reshape(rounds, sensors, sensors - 1)
@@ -99,7 +125,8 @@ def estimate_worth(
     gains = np.zeros((rounds, sensors))
     np.add.at(gains, (at, orders), np.diff(chain) / sensors)
     together = np.zeros((rounds, sensors, sensors))
-    first, second = orders[..., :-1], orders[..., 1:]
+    first = orders[..., :-1]
+    second = orders[..., 1:]
     joint = (chain[..., 2:] - chain[..., 1:-1] - swap + chain[..., :-2]) / 2
     np.add.at(together, (at, first, second), joint)
     together += together.swapaxes(1, 2)
@@ -115,14 +142,16 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
     table = [["sensor", "Shapley", "±", *(f"with {names[j]}" for j in order)]]
     for i in order:
         pairs = ["" if i == j else f"{worth.synergy[i, j]:+z.4f}" for j in order]
-        table.append([names[i], f"{worth.shapley[i]:.4f}", f"{worth.shapley_margin[i]:.4f}", *pairs])
+        table.append(
+            [names[i], f"{worth.shapley[i]:.4f}", f"{worth.shapley_margin[i]:.4f}", *pairs]
+        )
     return align_columns(table, texts=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Failures:
-    """Values of a sensor set under every combination of k failing sensors. intact: value with no failure; lost: the
-    sensors that fail; left: value of those that remain."""
+    """Values of a sensor set under every combination of k failing sensors. intact: value with no
+    failure; lost: the sensors that fail; left: value of those that remain."""
 
     intact: float
     lost: Int64[np.ndarray, "k failing"]
@@ -145,10 +174,13 @@ class Failures:
 
 
 def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
-    """Score a set under every combination of `failing` sensors. Raises ValueError if the set has fewer."""
+    """Score a set under every combination of `failing` sensors. Raises ValueError if the set has
+    fewer."""
     members = np.flatnonzero(chosen)
     if not 1 <= failing <= len(members):
-        raise ValueError(f"from 1 to all {len(members)} sensors of the set can fail, got failing={failing}")
+        raise ValueError(
+            f"from 1 to all {len(members)} sensors of the set can fail, got failing={failing}"
+        )
     lost = np.array(list(combinations(members.tolist(), failing)))
     sets = np.repeat(chosen[None], len(lost) + 1, axis=0)
     sets[np.arange(len(lost))[:, None] + 1, lost] = False
@@ -157,32 +189,43 @@ def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int
 
 
 def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
-    """Return a line per number of failing sensors: mean and least value, and the failure that leaves the least."""
+    """Return a line per number of failing sensors: mean and least value, and the failure that
+    leaves the least."""
     table = [["failing", "intact", "mean", "worst", "without"]]
     for case in cases:
         figures = [f"{figure:.4f}" for figure in (case.intact, case.mean, case.worst)]
-        table.append([f"N-{case.lost.shape[1]}", *figures, ", ".join(names[i] for i in case.most_missed)])
+        table.append(
+            [f"N-{case.lost.shape[1]}", *figures, ", ".join(names[i] for i in case.most_missed)]
+        )
     return align_columns(table, texts=1)
 
 
 def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
     sensors = len(values).bit_length() - 1
     if len(values) != 2 ** max(sensors, 0):
-        raise ValueError(f"values must be given for all 2^n sets, the empty one first, got {len(values)} values")
+        raise ValueError(
+            f"values must be given for all 2^n sets, the empty one first, got {len(values)} values"
+        )
     sets = all_subsets(sensors)
     if not np.isfinite(values).all():
         wrong = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise ValueError(f"values must be finite, but that of set {np.flatnonzero(sets[wrong]).tolist()} is not")
+        raise ValueError(
+            f"values must be finite, but that of set {np.flatnonzero(sets[wrong]).tolist()} is not"
+        )
     return sets
 
 
 def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
-    """s! (n-s-1)! / n! for s below n, then zeros. So impossible sizes of sets, -2 and -1 among them, weigh 0."""
-    return np.array([factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)] + [0.0] * 3)
+    """s! (n-s-1)! / n! for s below n, then zeros. So impossible sizes of sets, -2 and -1 among
+    them, weigh 0."""
+    return np.array(
+        [factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)] + [0.0] * 3
+    )
 
 
 def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
-    """n orders of n sensors (Williams 1949): each takes each place once, each two are neighbours twice."""
+    """n orders of n sensors (Williams 1949): each takes each place once, each two are neighbours
+    twice."""
     place = np.arange(n)
     zigzag = np.where(place % 2, (place + 1) // 2, -(place // 2))
     return (place[:, None] + zigzag) % n

@@ -1,7 +1,8 @@
 """Catalogue of sensor models with prices, in TOML.
 
 currency = "EUR"
-pole_price = 4000          # of one ordinary mount, whose price is 1; without it prices of mounts are in the currency
+pole_price = 4000          # of one ordinary mount, whose price is 1; without it, mounts are
+                           # priced in the currency
 
 [[sensor]]
 name = "camera"            # as shown in the plan's tables
@@ -9,12 +10,14 @@ model = "DepthCamera"      # or in words: depth-camera
 price = 1500
 fov_deg = 90               # fields of the model; angles in degrees, named so
 
-[rates]                    # beside the price: cable and permit for each pole, power and upkeep for each sensor and year
+[rates]                    # in addition to prices: cable and permit for each pole, power and
+                           # upkeep for each sensor and year
 cable = 900
 power = 60
 years = 10
 
-[report]                   # head of the report: title, client, author, date, logo (a PNG or JPEG file beside this one)
+[report]                   # head of the report: title, client, author, date, logo (a PNG or JPEG
+                           # file in the same folder)
 client = "City of Elm"
 """
 
@@ -49,7 +52,8 @@ DEGREES = "_deg"
 
 @dataclass(frozen=True)
 class PricedModel:
-    """Sensor model that may be bought. name: as tables show it; price: in the catalogue's currency."""
+    """Sensor model that may be bought. name: as tables show it; price: in the catalogue's
+    currency."""
 
     name: str
     model: SensorModel
@@ -60,8 +64,9 @@ class PricedModel:
 class SensorCatalogue:
     """Models that may be bought.
 
-    pole_price: of one ordinary mount; None if mounts are priced in the currency; rates: some of `RATES`, yearly ones
-    for `years`; report: head of a report, some of title, client, author, date, logo (the picture as a data URI)."""
+    pole_price: of one ordinary mount; None if mounts are priced in the currency; rates: some of
+    `RATES`, yearly ones for `years`; report: head of a report, some of title, client, author, date,
+    logo (the picture as a data URI)."""
 
     models: tuple[PricedModel, ...]
     currency: str = ""
@@ -76,11 +81,14 @@ class SensorCatalogue:
         for each in self.models:
             if each.model == model:
                 return each.name
-        raise ValueError(f"the catalogue has no {model}: it has {', '.join(each.name for each in self.models)}")
+        raise ValueError(
+            f"the catalogue has no {model}: it has {', '.join(each.name for each in self.models)}"
+        )
 
 
 def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
-    """Load the catalogue in a TOML file. Raises OSError, and ValueError in one line that says where it is wrong."""
+    """Load the catalogue in a TOML file. Raises OSError, and ValueError in one line that says where
+    it is wrong."""
     content = read_bytes(path)
     with name_errors(path):
         document = parse_toml(content)
@@ -90,24 +98,35 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
     currency = document.get("currency", "")
     if not isinstance(currency, str):
         raise ValueError(f"{path}: currency must be a text, got {currency!r:.60}")
-    pole_price = _price(document["pole_price"], f"{path}: pole_price") if "pole_price" in document else None
+    pole_price = (
+        _price(document["pole_price"], f"{path}: pole_price") if "pole_price" in document else None
+    )
     rows = document.get("sensor")
     if not isinstance(rows, list) or not rows:
-        raise ValueError(f"{path}: sensor must be a list of at least one sensor: begin each with [[sensor]]")
+        raise ValueError(
+            f"{path}: sensor must be a list of at least one sensor: begin each with [[sensor]]"
+        )
     models = tuple(_read_sensor(row, f"{path}: sensor[{i}]") for i, row in enumerate(rows))
     for i, each in enumerate(models):
         for j, other in enumerate(models[:i]):
             if each.name == other.name:
-                raise ValueError(f"{path}: sensor[{i}].name {each.name!r} is taken by sensor[{j}]: rename one")
+                raise ValueError(
+                    f"{path}: sensor[{i}].name {each.name!r} is taken by sensor[{j}]: rename one"
+                )
             if each.model == other.model:
-                raise ValueError(f"{path}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out")
+                raise ValueError(
+                    f"{path}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out"
+                )
     rated = _table(document, path, "rates", (*RATES, "years"))
     rates = {key: _price(value, f"{path}: rates.{key}") for key, value in rated}
     years = rates.pop("years", YEARS)
     head = {key: str(value) for key, value in _table(document, path, "report", _HEAD)}
     for key, text in head.items():
         if not text.isprintable() or len(text) > _LONGEST_HEAD:
-            raise ValueError(f"{path}: report.{key} must be one line of up to {_LONGEST_HEAD} characters: shorten it")
+            raise ValueError(
+                f"{path}: report.{key} must be one line of up to {_LONGEST_HEAD} characters: "
+                "shorten it"
+            )
     if "logo" in head:
         head["logo"] = _read_logo(Path(path).parent / head["logo"], f"{path}: report.logo")
     digest = sha256(content + head.get("logo", "").encode()).hexdigest()
@@ -119,24 +138,35 @@ def _read_logo(path: Path, where: str) -> str:
     from PIL import Image
 
     if not path.is_file():
-        raise FileNotFoundError(f"{where}: no file {path}: give a PNG or JPEG file beside the catalogue")
+        raise FileNotFoundError(
+            f"{where}: no file {path}: give a PNG or JPEG file beside the catalogue"
+        )
     content = read_bytes(path)
     if len(content) > _LARGEST_LOGO:
-        raise ValueError(f"{where} must have at most {_LARGEST_LOGO // 1000} kB, got {len(content) // 1000}: shrink it")
+        raise ValueError(
+            f"{where} must have at most {_LARGEST_LOGO // 1000} kB, got {len(content) // 1000}: "
+            "shrink it"
+        )
     size: tuple[int, ...]
     try:
         with catch_warnings():
             simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(BytesIO(content), formats=("PNG", "JPEG")) as picture:
-                size, kind = picture.size, str(picture.format).lower()
+                size = picture.size
+                kind = str(picture.format).lower()
                 if max(size) <= MAX_LOGO_PX:
                     picture.load()
     except Image.DecompressionBombError:
         size = (MAX_LOGO_PX + 1,)
     except (OSError, SyntaxError, ValueError):
-        raise ValueError(f"{where}: {path.name} is no whole PNG or JPEG picture: save it again") from None
+        raise ValueError(
+            f"{where}: {path.name} is no whole PNG or JPEG picture: save it again"
+        ) from None
     if max(size) > MAX_LOGO_PX:
-        raise ValueError(f"{where} must have at most {MAX_LOGO_PX} pixels a side, got more in {path.name}: shrink it")
+        raise ValueError(
+            f"{where} must have at most {MAX_LOGO_PX} pixels a side, got more in {path.name}: "
+            "shrink it"
+        )
     return f"data:image/{kind};base64,{b64encode(content).decode()}"
 
 
@@ -145,7 +175,9 @@ def _table(
 ) -> Iterable[tuple[str, object]]:
     rows = document.get(name, {})
     if not isinstance(rows, Mapping):
-        raise ValueError(f"{path}: {name} must be a table, got {rows!r:.60}: begin it with [{name}]")
+        raise ValueError(
+            f"{path}: {name} must be a table, got {rows!r:.60}: begin it with [{name}]"
+        )
     unknown = [key for key in rows if key not in known]
     if unknown:
         raise ValueError(f"{path}: {name}.{unknown[0]} is unknown: {name} has {', '.join(known)}")
@@ -157,7 +189,9 @@ def _read_sensor(row: object, where: str) -> PricedModel:
         raise ValueError(f"{where} must be a table, got {row!r:.60}: begin it with [[sensor]]")
     for key in ("model", "price"):
         if key not in row:
-            raise ValueError(f"{where}.{key} is missing: a sensor has name, model, price and fields of its model")
+            raise ValueError(
+                f"{where}.{key} is missing: a sensor has name, model, price and fields of its model"
+            )
     name = row.get("name", row["model"])
     for key, text in (("model", row["model"]), ("name", name)):
         if not isinstance(text, str) or not text:
@@ -172,8 +206,14 @@ def _read_sensor(row: object, where: str) -> PricedModel:
         if key not in written:
             raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")
         if written[key]:
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise ValueError(f"{where}.{key} must be a finite number of degrees, got {value!r:.60}")
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not math.isfinite(value)
+            ):
+                raise ValueError(
+                    f"{where}.{key} must be a finite number of degrees, got {value!r:.60}"
+                )
             values[key.removesuffix(DEGREES)] = math.radians(values.pop(key))
     try:
         model = make_model(row["model"], values)

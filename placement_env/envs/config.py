@@ -28,10 +28,11 @@ RUN_FIELDS = {field.name for field in fields(Run)}
 class EnvConfig:
     """Configuration that all environments share. Raises ValueError where a field does not fit.
 
-    site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number of failed
-    candidates; traffics: number of independent simulations of the traffic, None to simulate anew for every episode, so
-    that nothing is learnt of single vehicles. Episodes draw one of several sites, schemes and traffics, a number from
-    (lowest, highest), and the failed candidates, by the environment's own generator; options of `reset` come first."""
+    site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number
+    of failed candidates; traffics: number of independent simulations of the traffic, None to
+    simulate anew for every episode, so that nothing is learnt of single vehicles. Episodes draw one
+    of several sites, schemes and traffics, a number from (lowest, highest), and the failed
+    candidates, by the environment's own generator; options of `reset` come first."""
 
     setting: Setting = Setting()
     run: Run = Run()
@@ -44,7 +45,9 @@ class EnvConfig:
     def __post_init__(self) -> None:
         check_whole("traffics", 1 if self.traffics is None else self.traffics, least=1)
         if self.traffics != 1 and self.setting.fidelity == "table":
-            raise ValueError("a table is of its own traffic: leave traffics out, or take another fidelity")
+            raise ValueError(
+                "a table is of its own traffic: leave traffics out, or take another fidelity"
+            )
         check_range("budget", self.budget, least=1, unit="sensor")
         check_range("failures", self.failures, least=0, unit="candidates")
         if not self.sites:
@@ -88,8 +91,8 @@ class EnvConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SubsetConfig(EnvConfig):
-    """Configuration of `coview/SensorSubset-v0`. slots: for candidates, None for as many as the largest of the sites
-    needs; objective: in place of setting, run, site and scheme."""
+    """Configuration of `coview/SensorSubset-v0`. slots: for candidates, None for as many as the
+    largest of the sites needs; objective: in place of setting, run, site and scheme."""
 
     slots: int | None = None
     objective: Objective | None = None
@@ -102,9 +105,15 @@ class SubsetConfig(EnvConfig):
         if not isinstance(self.objective, Objective):
             raise ValueError(f"objective must be an Objective, got {self.objective!r}")
         if isinstance(self.site, list | tuple) or isinstance(self.scheme, list | tuple):
-            raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
+            raise ValueError(
+                "an environment made from an objective keeps its site and scheme: make it from a "
+                "site"
+            )
         if self.setting.counted not in (VEHICLES, self.objective.classes):
-            raise ValueError("an environment made from an objective keeps its classes: give them to the objective")
+            raise ValueError(
+                "an environment made from an objective keeps its classes: give them to the "
+                "objective"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,23 +135,32 @@ class PoseConfig(EnvConfig):
 
     def __post_init__(self) -> None:
         if self.setting.fidelity == "table":
-            raise ValueError("a table knows no poses but the site's own: take fidelity surrogate, coverage or detector")
+            raise ValueError(
+                "a table knows no poses but the site's own: take fidelity surrogate, coverage or "
+                "detector"
+            )
         super().__post_init__()
         check_whole("moves", self.moves, least=1)
 
 
 def build_config(kind: type[Config], config: Config | None, given: Mapping[str, object]) -> Config:
-    """Build a configuration from another and fields by name, those of `Setting` and `Run` and `iou` of `Cases` too.
-    Raises TypeError for an unknown name and for a configuration of another kind."""
+    """Build a configuration from another and fields by name, those of `Setting` and `Run` and `iou`
+    of `Cases` too. Raises TypeError for an unknown name and for a configuration of another kind."""
     config = kind() if config is None else config
     if type(config) is not kind:
-        raise TypeError(f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as site=...")
+        raise TypeError(
+            f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as "
+            "site=..."
+        )
     known = {each.name for each in fields(kind)} | SETTING_FIELDS | RUN_FIELDS | {"iou"}
     for name in given:
         if name not in known:
             raise TypeError(_describe_unknown(name, known, kind))
     own: dict[str, Any] = dict(given)
-    asked, to_run = ({name: own.pop(name) for name in given if name in names} for names in (SETTING_FIELDS, RUN_FIELDS))
+    asked, to_run = (
+        {name: own.pop(name) for name in given if name in names}
+        for names in (SETTING_FIELDS, RUN_FIELDS)
+    )
     if "iou" in own:
         asked["cases"] = replace(asked.get("cases", config.setting.cases), iou=own.pop("iou"))
     if asked:

@@ -1,7 +1,7 @@
 """Scalar and vector environments of a task, the rules of n episodes side by side.
 
-The vector ones agree with `gymnasium.vector.SyncVectorEnv` over the scalar ones, step by step, infos and autoreset
-included.
+The vector ones agree with `gymnasium.vector.SyncVectorEnv` over the scalar ones, step by step,
+infos and autoreset included.
 
 Pictures and text summaries of a set of sensors."""
 
@@ -39,7 +39,8 @@ Picture = Shaped[np.ndarray, "height width 3"] | str
 
 
 class Task:
-    """Rules of an environment, for n episodes at once. A subclass has its configuration, scenarios and rules."""
+    """Rules of an environment, for n episodes at once. A subclass has its configuration, scenarios
+    and rules."""
 
     config_type: ClassVar[type[EnvConfig]]
     scenarios_type: ClassVar[type[EpisodeSource]]
@@ -48,19 +49,27 @@ class Task:
     observation_space: Box
     action_space: Space[Any]
 
-    def __init__(self, n: int, scenarios: EpisodeSource, *, max_steps: int | None = None, fixed: bool = False) -> None:
-        self.scenarios, self.state = scenarios, State(n, scenarios.slots, max_steps=max_steps, fixed=fixed)
+    def __init__(
+        self, n: int, scenarios: EpisodeSource, *, max_steps: int | None = None, fixed: bool = False
+    ) -> None:
+        self.scenarios = scenarios
+        self.state = State(n, scenarios.slots, max_steps=max_steps, fixed=fixed)
         size = (len(STATIC) + len(DYNAMIC)) * scenarios.slots + len(GLOBAL)
         self.observation_space = Box(-1.0, 1.0, (size,), np.float32)
 
     @classmethod
-    def build(cls, n: int, config: "EnvConfig | Task | None", given: Mapping[str, object]) -> "Task":
-        """Build n episodes of a configuration and fields by name, or of the scenarios of another task."""
+    def build(
+        cls, n: int, config: "EnvConfig | Task | None", given: Mapping[str, object]
+    ) -> "Task":
+        """Build n episodes of a configuration and fields by name, or of the scenarios of another
+        task."""
         if isinstance(config, Task):
             return type(config)(n, config.scenarios)
         return cls(n, cls.scenarios_type(build_config(cls.config_type, config, given)))
 
-    def reset(self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None) -> None:
+    def reset(
+        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None
+    ) -> None:
         """Start new episodes in some rows, one from each generator."""
         self.state.reset(rows, [self.scenarios.draw(rng, options) for rng in rngs])
 
@@ -71,8 +80,8 @@ class Task:
     def step_objectives(
         self, active: Mask, actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float32[np.ndarray, "n 3"], Mask, Mask]:
-        """Take one action in each active row: increases of AP, of -kbit per sensor and of -price (n, 3), which are 0 in
-        other rows, terminated, truncated."""
+        """Take one action in each active row: increases of AP, of -kbit per sensor and of -price
+        (n, 3), which are 0 in other rows, terminated, truncated."""
         before = self.state.objectives()
         _, terminated, truncated = self.step(active, actions)
         gains = (self.state.objectives() - before).astype(np.float32)
@@ -81,7 +90,10 @@ class Task:
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
         """Return observations and info, an array (n, ...) each."""
-        return self.state.observe(), {**self.state.info(), "action_mask": self.info_mask().astype(np.int8)}
+        return self.state.observe(), {
+            **self.state.info(),
+            "action_mask": self.info_mask().astype(np.int8),
+        }
 
     def info_mask(self) -> Bool[np.ndarray, "n entries"]:
         """Mask of legal actions in the info."""
@@ -98,16 +110,27 @@ class Task:
         return self
 
     def read_actions(self, actions: ArrayLike) -> Shaped[np.ndarray, "n ..."]:
-        """Return an action for each of n episodes. Raises ValueError for a wrong number of values, one that is not
-        finite, or not whole where choices are counted; ResetNeeded before the first reset."""
-        array, shape = np.asarray(actions), (self.running().state.n, *(self.action_space.shape or ()))
+        """Return an action for each of n episodes. Raises ValueError for a wrong number of values,
+        one that is not finite, or not whole where choices are counted; ResetNeeded before the first
+        reset."""
+        array = np.asarray(actions)
+        shape = (self.running().state.n, *(self.action_space.shape or ()))
         kind = array.dtype.kind
         if array.size != math.prod(shape) or kind not in "biuf":
-            raise ValueError(f"actions must be numbers of shape {shape}, got {array.dtype} {array.shape}")
+            raise ValueError(
+                f"actions must be numbers of shape {shape}, got {array.dtype} {array.shape}"
+            )
         if kind == "f" and not np.isfinite(array).all():
             raise ValueError(f"actions must be finite, got {array.tolist()}")
-        if kind == "f" and np.dtype(self.action_space.dtype).kind != "f" and (array != np.round(array)).any():
-            raise ValueError(f"actions must be whole numbers, one of {self.action_space} each, got {array.tolist()}")
+        if (
+            kind == "f"
+            and np.dtype(self.action_space.dtype).kind != "f"
+            and (array != np.round(array)).any()
+        ):
+            raise ValueError(
+                f"actions must be whole numbers, one of {self.action_space} each, got "
+                f"{array.tolist()}"
+            )
         return array.reshape(shape)
 
     def draw(self, row: int, mode: str) -> Picture:
@@ -125,8 +148,8 @@ def find_reward_space() -> Box:
 class PlacementEnv(gym.Env[np.ndarray, Any]):
     """One episode after another of a task. config: of the task, or its fields by name.
 
-    vector_reward: give the increases of AP, of -kbit per sensor and of -price in place of their weighed sum, in
-    `reward_space`, as mo-gymnasium takes them."""
+    vector_reward: give the increases of AP, of -kbit per sensor and of -price in place of their
+    weighed sum, in `reward_space`, as mo-gymnasium takes them."""
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task
@@ -139,21 +162,25 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         vector_reward: bool = False,
         **given: object,
     ) -> None:
-        self.task, self.render_mode = self.task_type.build(1, config, given), _check_render_mode(render_mode)
-        self.observation_space, self.action_space = self.task.observation_space, self.task.action_space
+        self.task = self.task_type.build(1, config, given)
+        self.render_mode = _check_render_mode(render_mode)
+        self.observation_space = self.task.observation_space
+        self.action_space = self.task.action_space
         self.reward_space = find_reward_space() if vector_reward else None
 
-    def reset(self, *, seed: int | None = None, options: Options | None = None) -> tuple[np.ndarray, Info]:
-        """Start an episode. options, for this episode: site, scheme, budget, failed (candidates that have failed, by
-        index or name). Raises ValueError where one does not fit."""
+    def reset(
+        self, *, seed: int | None = None, options: Options | None = None
+    ) -> tuple[np.ndarray, Info]:
+        """Start an episode. options, for this episode: site, scheme, budget, failed (candidates
+        that have failed, by index or name). Raises ValueError where one does not fit."""
         super().reset(seed=seed)
         self.task.reset(np.zeros(1, np.int64), [self.np_random], options)
         observations, info = self.task.observe()
         return observations[0], _first_info(info)
 
     def step(self, action: ArrayLike) -> tuple[np.ndarray, Any, bool, bool, Info]:
-        """Take an action; the reward is a number, or an array (3,) with `vector_reward`. Raises ValueError for an
-        invalid action, ResetNeeded before the first `reset`."""
+        """Take an action; the reward is a number, or an array (3,) with `vector_reward`. Raises
+        ValueError for an invalid action, ResetNeeded before the first `reset`."""
         step = self.task.step if self.reward_space is None else self.task.step_objectives
         rewards, terminated, truncated = step(np.ones(1, np.bool_), self.task.read_actions(action))
         observations, info = self.task.observe()
@@ -174,8 +201,10 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
 
 
 class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """n episodes of a task. An episode that has ended starts anew, without options, at the next step, whose reward is
-    0. config: of the task, or its fields by name, or the task of another environment, whose scenarios are shared;
+    """n episodes of a task. An episode that has ended starts anew, without options, at the next
+        step, whose reward is
+    0. config: of the task, or its fields by name, or the task of another environment, whose
+      scenarios are shared;
     vector_reward: as of the scalar environment."""
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
@@ -191,29 +220,37 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         **given: object,
     ) -> None:
         task = self.task = self.task_type.build(num_envs, config, given)
-        self.render_mode, self.num_envs = _check_render_mode(render_mode), task.state.n
-        self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
+        self.render_mode = _check_render_mode(render_mode)
+        self.num_envs = task.state.n
+        self.single_observation_space = task.observation_space
+        self.single_action_space = task.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.reward_space: Space[Any] | None = None
         if vector_reward:
             self.reward_space = batch_space(find_reward_space(), self.num_envs)
         self._generators = [seeding.np_random()[0] for _ in range(self.num_envs)]
-        self._ended, self._all = np.zeros(self.num_envs, np.bool_), np.ones(self.num_envs, np.bool_)
+        self._ended = np.zeros(self.num_envs, np.bool_)
+        self._all = np.ones(self.num_envs, np.bool_)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Options | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start all episodes, or those of `options["reset_mask"]`. With an int, the i-th is seeded by seed + i."""
+        """Start all episodes, or those of `options["reset_mask"]`. With an int, the i-th is seeded
+        by seed + i."""
         options = dict(options or {})
         mask = np.asarray(options.pop("reset_mask", self._all))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ValueError(f"reset_mask must be {self.num_envs} truth values, got {mask.dtype} {mask.shape}")
+            raise ValueError(
+                f"reset_mask must be {self.num_envs} truth values, got {mask.dtype} {mask.shape}"
+            )
         rows = np.flatnonzero(mask)
         seeds = [None] * self.num_envs if seed is None else seed
         seeds = [seeds + i for i in range(self.num_envs)] if isinstance(seeds, int) else seeds
         if len(seeds) != self.num_envs:
-            raise ValueError(f"there must be a seed for each of {self.num_envs} environments, got {len(seeds)}")
+            raise ValueError(
+                f"there must be a seed for each of {self.num_envs} environments, got {len(seeds)}"
+            )
         if not mask.all():
             self.task.running()
         for row in rows.tolist():
@@ -224,7 +261,9 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observations, info = self.task.observe()
         return observations, _batch_info(info, mask)
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
         """Take an action in every episode."""
         step = self.task.step if self.reward_space is None else self.task.step_objectives
         rewards, terminated, truncated = step(~self._ended, self.task.read_actions(actions))
@@ -242,7 +281,11 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def render(self) -> tuple[Picture, ...] | None:
         """Draw each episode."""
         mode = self.render_mode
-        return None if mode is None else tuple(self.task.draw(row, mode) for row in range(self.num_envs))
+        return (
+            None
+            if mode is None
+            else tuple(self.task.draw(row, mode) for row in range(self.num_envs))
+        )
 
     def _start(self, rows: np.ndarray, options: Options | None) -> None:
         self.task.reset(rows, [self._generators[row] for row in rows.tolist()], options)
@@ -250,14 +293,20 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 def _check_render_mode(render_mode: str | None) -> str | None:
     if render_mode not in (None, *RENDER_MODES):
-        raise ValueError(f"render_mode must be None or one of {', '.join(RENDER_MODES)}, got {render_mode!r}")
+        raise ValueError(
+            f"render_mode must be None or one of {', '.join(RENDER_MODES)}, got {render_mode!r}"
+        )
     return render_mode
 
 
 def _first_info(info: Info) -> Info:
     """Info of the first episode, with Python's numbers."""
     return {
-        key: _first_info(value) if isinstance(value, dict) else value.item(0) if value.ndim == 1 else value[0]
+        key: _first_info(value)
+        if isinstance(value, dict)
+        else value.item(0)
+        if value.ndim == 1
+        else value[0]
         for key, value in info.items()
     }
 
@@ -273,25 +322,35 @@ def _batch_info(info: Info, rows: np.ndarray) -> Info:
 
 MOST_VEHICLES = 300  # drawn
 MARGIN = 6.0  # m around area and sensors
-_SIDE, _HEAD, _FOOT = 6.4, 0.5, 0.42  # inches of a square picture, and of the strips above and below its map
+# inches of a square picture, and of the strips above and below its map
+_SIDE = 6.4
+_HEAD = 0.5
+_FOOT = 0.42
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
     """Draw the area from above (RGB, uint8), a square of the same size for every site.
 
-    Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is more, pale grey
-    none), places where sensors may hang, and the chosen sensors with their fields of view."""
-    sensors, site = objective.candidates.sensors, objective.site
-    places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), find_area(objective)
+    Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is
+    more, pale grey none), places where sensors may hang, and the chosen sensors with their fields
+    of view."""
+    sensors = objective.candidates.sensors
+    site = objective.site
+    places = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
+    area = find_area(objective)
     feet = np.concatenate([[area[:2], area[2:]], places])
     side = _SIDE - _HEAD - _FOOT
     low, high = feet.min(axis=0) - MARGIN, feet.max(axis=0) + MARGIN
-    middle, reach = (low + high) / 2, (high - low).max() / 2 * np.array([_SIDE / side, 1.0])
+    middle = (low + high) / 2
+    reach = (high - low).max() / 2 * np.array([_SIDE / side, 1.0])
     scale = side / (2 * reach[1])  # inches a metre
     with canvas.house_style():
         figure = canvas.blank_figure(_SIDE, _SIDE)
         axes = figure.add_axes((0, _FOOT / _SIDE, 1, side / _SIDE))
-        axes.set(xlim=(middle[0] - reach[0], middle[0] + reach[0]), ylim=(middle[1] - reach[1], middle[1] + reach[1]))
+        axes.set(
+            xlim=(middle[0] - reach[0], middle[0] + reach[0]),
+            ylim=(middle[1] - reach[1], middle[1] + reach[1]),
+        )
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         if site is not None:
@@ -304,9 +363,14 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         above.draw_sensors(axes, chosen, 72 * scale)
         towards = np.array([0.0, 1.0]) if site is None else above.north(site)
         above.draw_north(_draw_strips(figure, scale), (1.85, _FOOT / 2), towards)
-        title = f"{canvas.shorten(_name(objective), 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
+        title = (
+            f"{canvas.shorten(_name(objective), 30)}: {len(members)} "
+            f"sensor{'s' * (len(members) != 1)}"
+        )
         figure.text(0.02, 1 - 0.16 / _SIDE, title, fontsize=10, fontweight="bold", va="center")
-        figure.text(0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
+        figure.text(
+            0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center"
+        )
         return canvas.render_pixels(figure)
 
 
@@ -318,7 +382,11 @@ def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> st
     """Draw some vehicles, coloured by the members' points, and return a caption."""
     from matplotlib.collections import PolyCollection
 
-    noun = "vehicles" if objective.classes.names == VEHICLES.names else " and ".join(objective.classes.names)
+    noun = (
+        "vehicles"
+        if objective.classes.names == VEHICLES.names
+        else " and ".join(objective.classes.names)
+    )
     if objective.visibility is None or not len(objective.visibility.boxes):
         return f"no {noun}"
     boxes = objective.visibility.boxes
@@ -343,7 +411,8 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     strip.set_axis_off()
     length = above.scale_length(1.2 / scale)
     for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):
-        left, right = 0.13 + half * length * scale, 0.13 + (half + 0.5) * length * scale
+        left = 0.13 + half * length * scale
+        right = 0.13 + (half + 0.5) * length * scale
         bar = [left, right, right, left], [0.24, 0.24, 0.31, 0.31]
         strip.fill(*bar, facecolor=colour, edgecolor=canvas.INK, linewidth=0.8)
     strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
@@ -352,7 +421,13 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     for step, name in enumerate(canvas.point_names()):
         left = 3.0 + 0.42 * step
         corners = [left, left + 0.42, left + 0.42, left]
-        strip.fill(corners, [0.22, 0.22, 0.36, 0.36], facecolor=colours(step), edgecolor=canvas.INK, linewidth=0.3)
+        strip.fill(
+            corners,
+            [0.22, 0.22, 0.36, 0.36],
+            facecolor=colours(step),
+            edgecolor=canvas.INK,
+            linewidth=0.3,
+        )
         strip.text(left + 0.21, 0.18, name, fontsize=6.5, ha="center", va="top")
     return strip
 
@@ -362,7 +437,7 @@ def summary(objective: Objective, members: list[int]) -> str:
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
     return (
-        f"{_name(objective)}, {objective.scheme.name} fusion, by {score.fidelity}\n{names}\n"
-        f"AP {score.ap:.3f}, recall {score.recall:.3f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
+        f"{_name(objective)}, {objective.scheme.name} fusion, by {score.fidelity}\n{names}\nAP "
+        f"{score.ap:.3f}, recall {score.recall:.3f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
         f"{score.kbit:.1f} kbit, price {score.price:g}: reward {score.reward:.3f}\n"
     )

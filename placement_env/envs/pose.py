@@ -17,13 +17,15 @@ from placement_env.objective import Objective
 from placement_env.subsets import find_index
 from toolkit.arrays import Bool, Float64, Int64, Mask, Rng, Shaped
 
-MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
+# m up, rad of heading and of tilt, for an action of 1
+MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])
 TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Sensors on their mounts. aim: present height above the mount's foot (m), heading and tilt (rad)."""
+    """Sensors on their mounts. aim: present height above the mount's foot (m), heading and tilt
+    (rad)."""
 
     candidates: Candidates
     aim: Float64[np.ndarray, "B 3"]
@@ -32,21 +34,31 @@ class Rig:
     def of(candidates: Candidates) -> "Rig":
         """Make a rig of sensors as they stand."""
         position, heading, tilt, _, _ = poses(candidates)
-        return Rig(candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1))
+        return Rig(
+            candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1)
+        )
 
     def move(self, action: Float64[np.ndarray, "B 3"]) -> "Rig":
-        """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`, or beyond if it was."""
+        """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`, or beyond
+        if it was."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
         low = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
         high = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
         around = np.arctan2(np.sin(heading), np.cos(heading))
-        tilts = np.minimum(TILT_LIMITS[0], self.aim[:, 2]), np.maximum(TILT_LIMITS[1], self.aim[:, 2])
-        return Rig(self.candidates, np.stack([np.clip(height, low, high), around, np.clip(tilt, *tilts)], axis=1))
+        tilts = (
+            np.minimum(TILT_LIMITS[0], self.aim[:, 2]),
+            np.maximum(TILT_LIMITS[1], self.aim[:, 2]),
+        )
+        return Rig(
+            self.candidates,
+            np.stack([np.clip(height, low, high), around, np.clip(tilt, *tilts)], axis=1),
+        )
 
     def to_candidates(self) -> Candidates:
         """Return the sensors as they stand now."""
-        old, heights = self.candidates, _feet(self.candidates) + self.aim[:, 0]
+        old = self.candidates
+        heights = _feet(self.candidates) + self.aim[:, 0]
         rows = zip(old.sensors, heights, self.aim.tolist(), strict=True)
         sensors = [aim_sensor(s, np.array([*s.position[:2], z]), *aim) for s, z, (_, *aim) in rows]
         return Candidates.of_poses(sensors, old.mount, self.aim, old)
@@ -61,30 +73,39 @@ class _PoseEpisode(Episode):
 
 
 class _PoseScenarios(EpisodeSource):
-    """Sites and sensors of the episodes. Raises ValueError where a site has too few mounts or no surrogate."""
+    """Sites and sensors of the episodes. Raises ValueError where a site has too few mounts or no
+    surrogate."""
 
     def __init__(self, config: PoseConfig) -> None:
         super().__init__(config)
-        self.slots, self.moves = config.budgets[1], config.moves
+        self.slots = config.budgets[1]
+        self.moves = config.moves
         for index in range(len(self.sites)):
             mounts = len(np.unique(self.candidates(index).mount))
             if mounts < self.slots + config.failure_counts[1]:
                 raise ValueError(
-                    f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a budget of "
-                    f"{self.slots} and {config.failure_counts[1]} failures: lower them"
+                    f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a "
+                    f"budget of {self.slots} and {config.failure_counts[1]} failures: lower them"
                 )
         self.check_scorable()
         self._made: dict[tuple[int, str, int], Preparation] = {}
 
     def draw(self, rng: Rng, options: Options | None) -> _PoseEpisode:
-        """Draw sensors that have not failed, on different mounts. Raises ValueError if there are too few."""
+        """Draw sensors that have not failed, on different mounts. Raises ValueError if there are
+        too few."""
         conditions = self.draw_conditions(rng, options)
         budget = conditions.budget
         if budget > self.slots:
-            raise ValueError(f"budget must lie in 1..{self.slots}, the sensors that an action moves, got {budget}")
+            raise ValueError(
+                f"budget must lie in 1..{self.slots}, the sensors that an action moves, got "
+                f"{budget}"
+            )
         if conditions.key not in self._made:
-            setting, run = self.setting(conditions.site, conditions.scheme), self.config.run.part(conditions.traffic)
-            keep_few(self._made, conditions.key, Preparation(setting, replace(run, workers=1, ray=None)))
+            setting = self.setting(conditions.site, conditions.scheme)
+            run = self.config.run.part(conditions.traffic)
+            keep_few(
+                self._made, conditions.key, Preparation(setting, replace(run, workers=1, ray=None))
+            )
         preparation = self._made[conditions.key]
         candidates = preparation.setting.pool
         names = [sensor.name for sensor in candidates.sensors]
@@ -92,46 +113,69 @@ class _PoseScenarios(EpisodeSource):
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
         mounts = np.unique(candidates.mount[usable])
         if len(mounts) < budget:
-            raise ValueError(f"{len(mounts)} mounts have a sensor that works, too few for a budget of {budget}")
+            raise ValueError(
+                f"{len(mounts)} mounts have a sensor that works, too few for a budget of {budget}"
+            )
         chosen = [
             int(rng.choice(usable[candidates.mount[usable] == mount]))
             for mount in np.sort(rng.choice(mounts, budget, replace=False))
         ]
-        rig, slots = Rig.of(candidates.select(chosen)), np.arange(self.slots)
+        rig = Rig.of(candidates.select(chosen))
+        slots = np.arange(self.slots)
         scenario = self.scenario(preparation, rig, None)
         return _PoseEpisode(
-            scenario, budget, np.zeros(self.slots, np.bool_), slots < budget, preparation=preparation, rig=rig
+            scenario,
+            budget,
+            np.zeros(self.slots, np.bool_),
+            slots < budget,
+            preparation=preparation,
+            rig=rig,
         )
 
-    def scenario(self, preparation: Preparation, rig: Rig, before: tuple[Rig, Visibility | None] | None) -> Scenario:
-        """Score sensors as they stand. before: the rig and its view, of which what stands still is kept."""
+    def scenario(
+        self, preparation: Preparation, rig: Rig, before: tuple[Rig, Visibility | None] | None
+    ) -> Scenario:
+        """Score sensors as they stand. before: the rig and its view, of which what stands still is
+        kept."""
         candidates = rig.to_candidates()
-        still, visibility = np.zeros(len(candidates), np.bool_), None
+        still = np.zeros(len(candidates), np.bool_)
+        visibility = None
         if before is not None:
-            still, visibility = (rig.aim == before[0].aim).all(axis=1), before[1]
+            still = (rig.aim == before[0].aim).all(axis=1)
+            visibility = before[1]
         seen = _see_again(preparation, candidates, visibility, still)
-        return Scenario(Objective.of_moved(preparation, candidates, seen, self.config.setting.weights), self.slots)
+        return Scenario(
+            Objective.of_moved(preparation, candidates, seen, self.config.setting.weights),
+            self.slots,
+        )
 
 
 class _PoseTask(Task):
     """n episodes of moving sensors. Each has an objective of its own, made anew after each move."""
 
-    config_type, scenarios_type = PoseConfig, _PoseScenarios
+    config_type = PoseConfig
+    scenarios_type = _PoseScenarios
 
     def __init__(self, n: int, scenarios: _PoseScenarios) -> None:
         super().__init__(n, scenarios, max_steps=scenarios.moves, fixed=True)
         self.action_space = Box(-1.0, 1.0, (3 * scenarios.slots,), np.float32)
-        self._source, self._now = scenarios, dict[int, _PoseEpisode]()
+        self._source = scenarios
+        self._now = dict[int, _PoseEpisode]()
 
-    def reset(self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None) -> None:
+    def reset(
+        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None
+    ) -> None:
         episodes = [self._source.draw(rng, options) for rng in rngs]
         self.state.reset(rows, episodes)
         self._now.update(zip(rows.tolist(), episodes, strict=True))
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        """Move the sensors of each active row. A move that overloads a link more than before is undone."""
-        state, moves = self.state, np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
-        illegal, scenarios = np.zeros(state.n, np.bool_), dict[int, Scenario]()
+        """Move the sensors of each active row. A move that overloads a link more than before is
+        undone."""
+        state = self.state
+        moves = np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
+        illegal = np.zeros(state.n, np.bool_)
+        scenarios = dict[int, Scenario]()
         for row in np.flatnonzero(active).tolist():
             now, (objective, _) = self._now[row], state.placement(row)
             rig = now.rig.move(moves[row, : len(now.rig.aim)])
@@ -141,7 +185,8 @@ class _PoseTask(Task):
             after = scenario.objective
             illegal[row] = (~after.linked & (after.loads > objective.loads)).any()
             if not illegal[row]:
-                self._now[row], scenarios[row] = replace(now, rig=rig), scenario
+                self._now[row] = replace(now, rig=rig)
+                scenarios[row] = scenario
         state.step(active, illegal, scenarios=scenarios)
         return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
 
@@ -150,7 +195,10 @@ class _PoseTask(Task):
 
 
 def _see_again(
-    preparation: Preparation, candidates: Candidates, visibility: Visibility | None, still: Bool[np.ndarray, " C"]
+    preparation: Preparation,
+    candidates: Candidates,
+    visibility: Visibility | None,
+    still: Bool[np.ndarray, " C"],
 ) -> Visibility:
     """View of the traffic; that of candidates that stand `still` is taken from `visibility`."""
     moved = np.flatnonzero(~still)
@@ -160,7 +208,9 @@ def _see_again(
     fresh = see(preparation.traffic, there, labels=labels) if live is None else live.see(there)
     if visibility is None or len(moved) == len(still):
         return fresh
-    columns = {name: getattr(visibility, name).copy() for name in ("points", "distance", "sent", "far")}
+    columns = {
+        name: getattr(visibility, name).copy() for name in ("points", "distance", "sent", "far")
+    }
     for name, column in columns.items():
         column[moved] = getattr(fresh, name)
     return replace(visibility, **columns)
@@ -170,22 +220,28 @@ class SensorPoseEnv(PlacementEnv):
     """Turn, tilt, raise and lower sensors that hang at a junction.
 
     ## Action Space
-    `Box(-1, 1, (3 · budget,), float32)`: for each sensor how far to move: height above the foot of its mount (1 is
-    0.5 m), heading (15°, counter-clockwise) and tilt (5°, downwards). Sensors keep their mount; heights stay in the
-    mount's range, tilts in −10°..60° below the horizon. If the option `budget` is smaller, the entries of absent
+    `Box(-1, 1, (3 · budget,), float32)`: for each sensor how far to move: height above the foot of
+        its mount (1 is
+    0.5 m), heading (15°, counter-clockwise) and tilt (5°, downwards). Sensors keep their mount;
+        heights stay in the
+    mount's range, tilts in −10°..60° below the horizon. If the option `budget` is smaller, the
+        entries of absent
     sensors do nothing.
 
-    An illegal action, one that overloads a link more than before, changes nothing: the reward is 0, `info["illegal"]`
-    is True, and a move is used up. `action_masks()` tells which entries move a sensor.
+    An illegal action, one that overloads a link more than before, changes nothing: the reward is 0,
+    `info["illegal"]` is True, and a move is used up. `action_masks()` tells which entries move a
+    sensor.
 
     ## Observation Space
-    `Box(-1, 1, (14 · budget + 13,), float32)`, as of `coview/SensorSelect-v0`, a slot for each sensor.
+    `Box(-1, 1, (14 · budget + 13,), float32)`, as of `coview/SensorSelect-v0`, a slot for each
+        sensor.
 
     ## Rewards
     Increase of the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price.
 
     ## Starting State
-    Sensors drawn from the candidates that have not failed, at most one from each mount. Everything that the config
+    Sensors drawn from the candidates that have not failed, at most one from each mount. Everything
+        that the config
     leaves open (site, scheme, budget, failed candidates) is drawn first.
 
     ## Episode End
@@ -195,11 +251,16 @@ class SensorPoseEnv(PlacementEnv):
     As of `coview/SensorSelect-v0`.
 
     ## Arguments
-    config: a `placement_env.envs.config.PoseConfig`; or its fields by name, which are those of `coview/SensorSelect-v0`
-    except `actions`, `slots` and `objective`, with moves: of an episode. fidelity: surrogate, coverage or detector;
-    rendering: "auto" looks the view of a sensor that has moved up in panoramas from its mount, made when a sensor is
-    first there, and is some fifty times faster than "full", which casts every ray, as does "auto" where the range of a
-    candidate ends within the site; cache: folder that keeps panoramas. `reset` takes the options site, scheme, budget
+    config: a `placement_env.envs.config.PoseConfig`; or its fields by name, which are those of
+        `coview/SensorSelect-v0`
+    except `actions`, `slots` and `objective`, with moves: of an episode. fidelity: surrogate,
+        coverage or detector;
+    rendering: "auto" looks the view of a sensor that has moved up in panoramas from its mount, made
+        when a sensor is
+    first there, and is some fifty times faster than "full", which casts every ray, as does "auto"
+        where the range of a
+    candidate ends within the site; cache: folder that keeps panoramas. `reset` takes the options
+        site, scheme, budget
     (up to the environment's) and failed."""
 
     task_type = _PoseTask

@@ -1,5 +1,6 @@
-"""Registration of the environments once Gymnasium and `placement_env` are imported, in either order. Gymnasium itself
-imports a package named before the environment: `gymnasium.make("placement_env:coview/...")`."""
+"""Registration of the environments once Gymnasium and `placement_env` are imported, in either
+order. Gymnasium itself imports a package named before the environment:
+`gymnasium.make("placement_env:coview/...")`."""
 
 import sys
 from collections.abc import Sequence
@@ -22,7 +23,11 @@ def register() -> None:
         raise ImportError("the environments need Gymnasium: pip install coview[rl]") from None
     for name, (scalar, vector) in ENVIRONMENTS.items():
         if name not in registry:
-            register_one(name, f"placement_env.envs.{scalar}", vector_entry_point=f"placement_env.envs.{vector}")
+            register_one(
+                name,
+                f"placement_env.envs.{scalar}",
+                vector_entry_point=f"placement_env.envs.{vector}",
+            )
 
 
 def register_with_gymnasium() -> None:

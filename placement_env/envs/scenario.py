@@ -1,7 +1,8 @@
 """Scenarios, objectives as agents observe them, and episodes drawn from them.
 
-A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What
-a candidate sees is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area."""
+A scenario pads its candidates to a number of slots, so that one policy meets sites with different
+numbers of them. What a candidate sees is taken at up to `PLACES` places: vehicles of the traffic if
+known, else spots of the area."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -23,13 +24,29 @@ from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 PLACES = 512
-STATIC = ("x", "y", "z", "cos heading", "sin heading", "tilt", "field of view", "lidar", "price", "kbit", "seen")
-REACH = 30.0  # m within which a sensor sees the spots in its field of view, where no traffic is known
+STATIC = (
+    "x",
+    "y",
+    "z",
+    "cos heading",
+    "sin heading",
+    "tilt",
+    "field of view",
+    "lidar",
+    "price",
+    "kbit",
+    "seen",
+)
+REACH = (
+    30.0  # m within which a sensor sees the spots in its field of view, where no traffic is known
+)
 Options = Mapping[str, Any]  # of `reset`
 Key = TypeVar("Key")
 Made = TypeVar("Made")
 OPTIONS = ("site", "scheme", "budget", "failed")
-FIRST_TRAFFIC = 10  # part of the run whose traffic is the second of several: searches race on earlier parts
+FIRST_TRAFFIC = (
+    10  # part of the run whose traffic is the second of several: searches race on earlier parts
+)
 OTHER_TRAFFICS = 1 << 20  # to draw from where no episode is to see another's traffic
 KEPT_SCENARIOS = 64  # held in memory where episodes draw their traffic
 
@@ -37,26 +54,34 @@ KEPT_SCENARIOS = 64  # held in memory where episodes draw their traffic
 class Scenario:
     """An objective with its C candidates in `slots` slots.
 
-    width: number of candidates; usable: slots with a candidate whose link carries its data; seen: places that each
-    candidate sees, a bit each; places: their number.
+    width: number of candidates; usable: slots with a candidate whose link carries its data; seen:
+    places that each candidate sees, a bit each; places: their number.
 
-    static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the area, whose sides
-    lie at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view of a full turn; price and kbit are
-    x / (x + 1) of the price, and of the data in Mbit; seen is a share of the places. constants: last features of the
-    whole: weights, of a Mbit and of a mount, as x / (x + 1), and scheme."""
+    static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the
+    area, whose sides lie at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view
+    of a full turn; price and kbit are x / (x + 1) of the price, and of the data in Mbit; seen is a
+    share of the places. constants: last features of the whole: weights, of a Mbit and of a mount,
+    as x / (x + 1), and scheme."""
 
     def __init__(self, objective: Objective, slots: int) -> None:
-        self.objective, self.slots, self.width = objective, slots, len(objective.candidates)
+        self.objective = objective
+        self.slots = slots
+        self.width = len(objective.candidates)
         if self.width > slots:
             said = f"the environment has slots for {slots} candidates, this site has {self.width}"
             raise ValueError(f"{said}: make it with slots={self.width}")
         self.usable = np.pad(objective.linked, (0, slots - self.width))
-        seen, rows = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
+        seen = places_seen(objective)
+        rows = np.zeros((slots, PLACES), np.bool_)
         self.places = seen.shape[1]
         rows[: len(seen), : self.places] = seen
-        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(np.packbits(rows, axis=1).view(np.uint64).T)
+        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(
+            np.packbits(rows, axis=1).view(np.uint64).T
+        )
         self.static = np.zeros((len(STATIC), slots), np.float32)
-        self.static[:, : self.width] = np.clip(self._features(seen.sum(axis=1) / max(1, self.places)), -1, 1)
+        self.static[:, : self.width] = np.clip(
+            self._features(seen.sum(axis=1) / max(1, self.places)), -1, 1
+        )
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])
         scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
         self.constants = np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
@@ -65,16 +90,31 @@ class Scenario:
         position, heading, tilt, width, lidar = poses(self.objective.candidates)
         area = find_area(self.objective)
         x, y = ((position[:, :2] - (area[:2] + area[2:]) / 2) / (area[2:] - area[:2])).T
-        price, megabit = self.objective.candidates.prices, self.objective.sent / 1000
+        price = self.objective.candidates.prices
+        megabit = self.objective.sent / 1000
         aim = (np.cos(heading), np.sin(heading), tilt / (np.pi / 2), width / (2 * np.pi))
-        return np.stack([x, y, position[:, 2] / 20, *aim, lidar, price / (price + 1), megabit / (megabit + 1), seen])
+        return np.stack(
+            [
+                x,
+                y,
+                position[:, 2] / 20,
+                *aim,
+                lidar,
+                price / (price + 1),
+                megabit / (megabit + 1),
+                seen,
+            ]
+        )
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Tell which vehicles each candidate sees with enough points on them, or which spots of the area are in view."""
+    """Tell which vehicles each candidate sees with enough points on them, or which spots of the
+    area are in view."""
     if objective.visibility is not None:
         points = objective.visibility.points
-        some = np.unique(np.linspace(0, points.shape[1] - 1, PLACES).round().astype(np.int64))[: points.shape[1]]
+        some = np.unique(np.linspace(0, points.shape[1] - 1, PLACES).round().astype(np.int64))[
+            : points.shape[1]
+        ]
         return np.asarray(points[:, some] >= LEAST)
     xmin, ymin, xmax, ymax = find_area(objective)
     x, y = np.meshgrid(np.linspace(xmin, xmax, 22), np.linspace(ymin, ymax, 22))
@@ -85,15 +125,19 @@ def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
 
 
 def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
-    """Find xmin ymin xmax ymax of the detection area. It holds all mounts if the site is unknown."""
+    """Find xmin ymin xmax ymax of the detection area. It holds all mounts if the site is
+    unknown."""
     if objective.site is not None:
         return objective.site.area
     feet = np.array([mount.position[:2] for mount in objective.candidates.mounts])
     return np.concatenate([feet.min(axis=0) - 1, feet.max(axis=0) + 1])
 
 
-def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Position (C, 3), heading, tilt and horizontal field of view (rad) of each candidate, and if it is a lidar."""
+def poses(
+    candidates: Candidates,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Position (C, 3), heading, tilt and horizontal field of view (rad) of each candidate, and if
+    it is a lidar."""
     sensors = candidates.sensors
     lidar = np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_)
     width = [sensor.model.horizontal_fov for sensor in sensors]
@@ -102,7 +146,8 @@ def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """Start of an episode. failed, chosen: rows over the slots, chosen those that stand from the start."""
+    """Start of an episode. failed, chosen: rows over the slots, chosen those that stand from the
+    start."""
 
     scenario: Scenario
     budget: int
@@ -111,8 +156,8 @@ class Episode:
 
 
 class Conditions(NamedTuple):
-    """Conditions of an episode, drawn or given by options. site: its number; failed: candidates, by index or name;
-    traffic: its number, of the parts of the run."""
+    """Conditions of an episode, drawn or given by options. site: its number; failed: candidates, by
+    index or name; traffic: its number, of the parts of the run."""
 
     site: int
     scheme: Scheme
@@ -127,19 +172,22 @@ class Conditions(NamedTuple):
 
 
 class EpisodeSource:
-    """Sites of an environment, and the episodes drawn from them. sites: the first `drawn` are those of the config,
-    options may name others; slots: of every scenario."""
+    """Sites of an environment, and the episodes drawn from them. sites: the first `drawn` are those
+    of the config, options may name others; slots: of every scenario."""
 
     slots: int
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
-        self.config, self._given, self._of_all = config, list(config.sites), candidates
+        self.config = config
+        self._given = list(config.sites)
+        self._of_all = candidates
         self.sites = [_load(each) for each in self._given]
         self.drawn = len(self.sites)
         self._candidates: dict[int, Candidates] = {}
 
     def draw(self, rng: Rng, options: Options | None) -> Episode:
-        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
+        """Draw an episode with these options. Raises ValueError for an option that is unknown or
+        does not fit."""
         raise NotImplementedError
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
@@ -163,7 +211,12 @@ class EpisodeSource:
 
     def setting(self, index: int, scheme: Scheme) -> Setting:
         """Return the setting at a site with one scheme."""
-        return replace(self.config.setting, site=self.sites[index], candidates=self.candidates(index), scheme=scheme)
+        return replace(
+            self.config.setting,
+            site=self.sites[index],
+            candidates=self.candidates(index),
+            scheme=scheme,
+        )
 
     def check_scorable(self) -> None:
         """Raise ValueError if the candidates of some site cannot be scored as asked."""
@@ -172,14 +225,20 @@ class EpisodeSource:
                 Preparation(self.setting(index, scheme)).check()
 
     def draw_conditions(self, rng: Rng, options: Options | None) -> Conditions:
-        """Take site, scheme, budget and failed candidates from the options, else draw them in this order.
+        """Take site, scheme, budget and failed candidates from the options, else draw them in this
+        order.
 
-        What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
-        unknown or does not fit."""
-        options, config = _check_options(options), self.config
+        What the config does not leave open takes nothing from the generator. Raises ValueError for
+        an option that is unknown or does not fit."""
+        options = _check_options(options)
+        config = self.config
         site = self.index(options.get("site"), rng)
         schemes = config.schemes
-        scheme = options["scheme"] if "scheme" in options else schemes[_within((0, len(schemes) - 1), rng)]
+        scheme = (
+            options["scheme"]
+            if "scheme" in options
+            else schemes[_within((0, len(schemes) - 1), rng)]
+        )
         budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
         failed = options.get("failed", [])
         if "failed" not in options and config.failure_counts[1]:
@@ -188,11 +247,14 @@ class EpisodeSource:
             failed = sorted(rng.choice(count, number, replace=False).tolist())
         count = OTHER_TRAFFICS if config.traffics is None else config.traffics
         number = _within((0, count - 1), rng)
-        return Conditions(site, find_scheme(scheme), int(budget), failed, FIRST_TRAFFIC + number if number else 0)
+        return Conditions(
+            site, find_scheme(scheme), int(budget), failed, FIRST_TRAFFIC + number if number else 0
+        )
 
 
 class Scenarios(EpisodeSource):
-    """Scenarios to choose among candidates, each made when first drawn, all checked to be scorable before."""
+    """Scenarios to choose among candidates, each made when first drawn, all checked to be scorable
+    before."""
 
     def __init__(self, config: SubsetConfig) -> None:
         objective = self._objective = config.objective
@@ -202,34 +264,52 @@ class Scenarios(EpisodeSource):
         self.slots = max(map(len, whole)) if config.slots is None else config.slots
         self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
         if max(map(len, whole)) > self.slots:
-            raise ValueError(f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}")
+            raise ValueError(
+                f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}"
+            )
         if config.budgets[1] > max(map(len, whole)):
             raise ValueError(_describe_budget(config.budgets[1], max(map(len, whole))))
         if objective is None:
             self.check_scorable()
         self._made: dict[tuple[int, str, int], Scenario] = {}
-        self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
+        self._always: Episode | None = (
+            None  # if nothing is drawn, all episodes without options start alike
+        )
 
     def draw(self, rng: Rng, options: Options | None) -> Episode:
         """Draw an episode with these options."""
         if not options and self._always is not None:
             return self._always
-        objective, options = self._objective, options or {}
-        other = "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
+        objective = self._objective
+        options = options or {}
+        other = (
+            "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
+        )
         if objective and ("site" in options or other):
-            raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
+            raise ValueError(
+                "an environment made from an objective keeps its site and scheme: make it from a "
+                "site"
+            )
         conditions = self.draw_conditions(rng, options)
         if "budget" in options and conditions.budget > len(self.candidates(conditions.site)):
-            raise ValueError(_describe_budget(conditions.budget, len(self.candidates(conditions.site))))
+            raise ValueError(
+                _describe_budget(conditions.budget, len(self.candidates(conditions.site)))
+            )
         if conditions.key not in self._made:
             run = self.config.run.part(conditions.traffic)
             made = objective or Objective(self.setting(conditions.site, conditions.scheme), run)
             keep_few(self._made, conditions.key, Scenario(made, self.slots))
         scenario = self._made[conditions.key]
         shape = scenario.objective.candidates.shape
-        if self.factored and any(size > known for size, known in zip(shape, self.shape, strict=True)):
-            said = f"factored actions are for {self.shape} mounts, heights, headings, tilts and models"
-            raise ValueError(f"{said}, this site has {shape}: make the environment with all its sites")
+        if self.factored and any(
+            size > known for size, known in zip(shape, self.shape, strict=True)
+        ):
+            said = (
+                f"factored actions are for {self.shape} mounts, heights, headings, tilts and models"
+            )
+            raise ValueError(
+                f"{said}, this site has {shape}: make the environment with all its sites"
+            )
         failed = np.pad(scenario.objective.row(conditions.failed), (0, self.slots - scenario.width))
         episode = Episode(scenario, conditions.budget, failed)
         if not options and not self.config.leaves_open and self.drawn == 1:
@@ -238,7 +318,10 @@ class Scenarios(EpisodeSource):
 
 
 def _describe_budget(budget: int, count: int) -> str:
-    return f"budget must be at most the number of candidates, {count}, got {budget}: lower it, or add candidates"
+    return (
+        f"budget must be at most the number of candidates, {count}, got {budget}: lower it, or "
+        "add candidates"
+    )
 
 
 def keep_few(made: dict[Key, Made], key: Key, value: Made) -> None:
@@ -263,8 +346,11 @@ def _within(ends: tuple[int, int], rng: np.random.Generator) -> int:
 def _check_options(options: Options | None) -> Options:
     options = options or {}
     if unknown := set(options) - set(OPTIONS):
-        raise ValueError(f"options are {', '.join(OPTIONS)}, got {', '.join(map(repr, sorted(unknown)))}")
-    budget, failed = options.get("budget", 1), options.get("failed", ())
+        raise ValueError(
+            f"options are {', '.join(OPTIONS)}, got {', '.join(map(repr, sorted(unknown)))}"
+        )
+    budget = options.get("budget", 1)
+    failed = options.get("failed", ())
     if isinstance(budget, list | tuple):
         raise ValueError(f"budget of an episode must be a whole number, got {budget!r}")
     check_range("budget", budget, least=1, unit="sensor")

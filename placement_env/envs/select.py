@@ -1,4 +1,5 @@
-"""`coview/SensorSelect-v0`: place one sensor after another, or stop; `coview/SensorSubset-v0`: choose all at once."""
+"""`coview/SensorSelect-v0`: place one sensor after another, or stop; `coview/SensorSubset-v0`:
+choose all at once."""
 
 import numpy as np
 from gymnasium.spaces import Discrete, MultiBinary, MultiDiscrete
@@ -12,19 +13,25 @@ from toolkit.arrays import Bool, Float32, Int64, Mask, Shaped
 class _SelectTask(Task):
     """n episodes of choosing one candidate after another."""
 
-    config_type, scenarios_type = SelectConfig, Scenarios
+    config_type = SelectConfig
+    scenarios_type = Scenarios
 
     def __init__(self, n: int, scenarios: Scenarios) -> None:
-        self.flat, self.stop = not scenarios.factored, scenarios.slots
+        self.flat = not scenarios.factored
+        self.stop = scenarios.slots
         self.factors = (scenarios.shape[0] + 1, *scenarios.shape[1:])
         super().__init__(n, scenarios)
-        self.action_space = Discrete(self.stop + 1) if self.flat else MultiDiscrete(list(self.factors))
-        self._rows, self._always = np.arange(n), np.ones((n, 1), np.bool_)
+        self.action_space = (
+            Discrete(self.stop + 1) if self.flat else MultiDiscrete(list(self.factors))
+        )
+        self._rows = np.arange(n)
+        self._always = np.ones((n, 1), np.bool_)
         self._one_hot: dict[Scenario, np.ndarray] = {}
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         slot, stops = self._slots(actions)
-        state, acting = self.state, active & ~stops
+        state = self.state
+        acting = active & ~stops
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]
         chosen = state.chosen.copy()
         chosen[self._rows[places], slot[places]] = True
@@ -33,7 +40,8 @@ class _SelectTask(Task):
         return state.gain, terminated, active & ~terminated & (state.steps >= state.max_steps)
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell which actions are legal. Of factored ones, tell which values of each factor some legal candidate has."""
+        """Tell which actions are legal. Of factored ones, tell which values of each factor some
+        legal candidate has."""
         allowed = self.state.allowed
         if self.flat:
             return np.concatenate([allowed, self._always], axis=1)
@@ -42,7 +50,8 @@ class _SelectTask(Task):
             masks[rows] = allowed[rows].astype(np.float32) @ self._one_hot_factors(scenario) > 0
         first = np.cumsum([0, *self.factors[:-1]])
         masks[:, first[1] - 1] = True
-        masks[:, first[1:]] |= ~allowed.any(axis=1, keepdims=True)  # a factor needs a value, to stop too
+        # a factor needs a value, to stop too
+        masks[:, first[1:]] |= ~allowed.any(axis=1, keepdims=True)
         return masks
 
     def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Mask]:
@@ -63,7 +72,9 @@ class _SelectTask(Task):
     def _one_hot_factors(self, scenario: Scenario) -> Float32[np.ndarray, "slots choices"]:
         if scenario not in self._one_hot:
             factors = scenario.objective.candidates.factors
-            values = [np.arange(size) == factors[:, axis, None] for axis, size in enumerate(self.factors)]
+            values = [
+                np.arange(size) == factors[:, axis, None] for axis, size in enumerate(self.factors)
+            ]
             one_hot = np.zeros((scenario.slots, sum(self.factors)), np.float32)
             one_hot[: len(factors)] = np.concatenate(values, axis=1)
             self._one_hot[scenario] = one_hot
@@ -74,46 +85,64 @@ class SensorSelectEnv(PlacementEnv):
     """Place one sensor after another at a junction, or stop.
 
     ## Action Space
-    `Discrete(slots + 1)`: the candidate to place; the last action stops. With `actions="factored"`, for large pools,
-    `MultiDiscrete([mounts + 1, heights, headings, tilts, models])`: the factors of the candidate; the last mount stops.
+    `Discrete(slots + 1)`: the candidate to place; the last action stops. With `actions="factored"`,
+        for large pools,
+    `MultiDiscrete([mounts + 1, heights, headings, tilts, models])`: the factors of the candidate;
+        the last mount stops.
 
-    An illegal action changes nothing: the reward is 0, `info["illegal"]` is True, and a step is used up. Illegal are an
-    empty slot and a candidate that is chosen already, has failed, is on a full mount, or sends more than its link
-    carries. `info["action_mask"]` and `action_masks()` tell the legal actions; of factored actions, the values of each
-    factor that some legal candidate has, one factor after another, so a combination of them may still be illegal.
+    An illegal action changes nothing: the reward is 0, `info["illegal"]` is True, and a step is
+    used up. Illegal are an empty slot and a candidate that is chosen already, has failed, is on a
+    full mount, or sends more than its link carries. `info["action_mask"]` and `action_masks()` tell
+    the legal actions; of factored actions, the values of each factor that some legal candidate has,
+    one factor after another, so a combination of them may still be illegal.
 
     ## Observation Space
-    `Box(-1, 1, (14 · slots + 13,), float32)`. 14 features of every slot, each for all slots before the next: x, y, z,
-    cosine and sine of heading, tilt, field of view, lidar or camera, price, kbit, share of places seen, share it would
+    `Box(-1, 1, (14 · slots + 13,), float32)`. 14 features of every slot, each for all slots before
+        the next: x, y, z,
+    cosine and sine of heading, tilt, field of view, lidar or camera, price, kbit, share of places
+        seen, share it would
     add to the chosen ones', chosen, allowed (`placement_env.envs.scenario.STATIC`,
-    `placement_env.envs.state.DYNAMIC`), all relative to the area, so that a policy may go from site to site; then 13 of
-    the whole (`placement_env.envs.state.GLOBAL`): budget and steps left, AP, recall, kbit, price, share seen, weights,
+    `placement_env.envs.state.DYNAMIC`), all relative to the area, so that a policy may go from site
+        to site; then 13 of
+    the whole (`placement_env.envs.state.GLOBAL`): budget and steps left, AP, recall, kbit, price,
+        share seen, weights,
     scheme.
 
     ## Rewards
-    Increase of the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price. The rewards of an episode add
+    Increase of the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price. The rewards
+        of an episode add
     up to that of its set.
 
     ## Starting State
-    No sensors. Everything that the config leaves open (site, scheme, budget, failed candidates) is drawn.
+    No sensors. Everything that the config leaves open (site, scheme, budget, failed candidates) is
+        drawn.
 
     ## Episode End
-    Terminates when the agent stops, the budget is used up, or nothing more may be placed. Truncated after two steps for
+    Terminates when the agent stops, the budget is used up, or nothing more may be placed. Truncated
+        after two steps for
     each sensor of the budget.
 
     ## Info
-    `ap`, `recall`, `kbit` (of the set), `kbit_per_sensor`, `price`, `subset` (boolean, of the slots), `marginal_gain`,
-    `reward_terms`, `fidelity`, `cache_hit` (the set was scored in this episode already), `illegal`, `action_mask`; with
+    `ap`, `recall`, `kbit` (of the set), `kbit_per_sensor`, `price`, `subset` (boolean, of the
+        slots), `marginal_gain`,
+    `reward_terms`, `fidelity`, `cache_hit` (the set was scored in this episode already), `illegal`,
+        `action_mask`; with
     several classes also `class_ap`, the AP of each by its name.
 
     ## Arguments
-    config: a `placement_env.envs.config.SelectConfig`; or its fields by name. site, scheme: one or several; budget:
-    sensors to place; failures: candidates that have failed; traffics: number of simulations of the traffic, None for a
-    new one in every episode. Each episode draws one of several, and a number from a budget or failures given as
+    config: a `placement_env.envs.config.SelectConfig`; or its fields by name. site, scheme: one or
+        several; budget:
+    sensors to place; failures: candidates that have failed; traffics: number of simulations of the
+        traffic, None for a
+    new one in every episode. Each episode draws one of several, and a number from a budget or
+        failures given as
     (lowest, highest). actions: flat or factored; slots: for candidates, None for as many as
-    the largest of the sites needs; objective: in place of a site and all that follows; the fields of
-    `placement_env.setting.Setting` (fidelity, weights, candidates, classes, ...) and of `toolkit.runtime.run.Run`
-    (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and failed."""
+    the largest of the sites needs; objective: in place of a site and all that follows; the fields
+        of
+    `placement_env.setting.Setting` (fidelity, weights, candidates, classes, ...) and of
+        `toolkit.runtime.run.Run`
+    (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and
+        failed."""
 
     task_type = _SelectTask
 
@@ -127,7 +156,8 @@ class SensorSelectVectorEnv(PlacementVectorEnv):
 class _SubsetTask(Task):
     """n episodes of one choice each."""
 
-    config_type, scenarios_type = SubsetConfig, Scenarios
+    config_type = SubsetConfig
+    scenarios_type = Scenarios
 
     def __init__(self, n: int, scenarios: Scenarios) -> None:
         super().__init__(n, scenarios)
@@ -157,10 +187,11 @@ class SensorSubsetEnv(PlacementEnv):
     ## Action Space
     `MultiBinary(slots)`: 1 for each candidate to build.
 
-    A set that may not be built (more sensors than the budget, more on a mount than it carries, a failed one, too much
-    data for a link, a slot without a candidate) is an illegal action: nothing is built, the reward is 0,
-    `info["illegal"]` is True. `info["action_mask"]` tells the candidates that may be in a set by themselves;
-    `action_masks()` tells for each slot whether it may be 0 and whether it may be 1.
+    A set that may not be built (more sensors than the budget, more on a mount than it carries, a
+    failed one, too much data for a link, a slot without a candidate) is an illegal action: nothing
+    is built, the reward is 0, `info["illegal"]` is True. `info["action_mask"]` tells the candidates
+    that may be in a set by themselves; `action_masks()` tells for each slot whether it may be 0 and
+    whether it may be 1.
 
     ## Observation Space
     `Box(-1, 1, (14 · slots + 13,), float32)`, as of `coview/SensorSelect-v0`.
@@ -172,7 +203,8 @@ class SensorSubsetEnv(PlacementEnv):
     Terminates after one action.
 
     ## Starting State, Info, Arguments
-    As of `coview/SensorSelect-v0`; config: a `placement_env.envs.config.SubsetConfig`, without `actions`."""
+    As of `coview/SensorSelect-v0`; config: a `placement_env.envs.config.SubsetConfig`, without
+        `actions`."""
 
     task_type = _SubsetTask
 

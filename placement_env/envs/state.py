@@ -1,5 +1,5 @@
-"""State of n episodes: chosen sensors, scores and observations. The scalar environments have one row, the vector
-environments many, under the same rules in the same arrays."""
+"""State of n episodes: chosen sensors, scores and observations. The scalar environments have one
+row, the vector environments many, under the same rules in the same arrays."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -26,34 +26,50 @@ Rows = slice | Int64[np.ndarray, " m"]
 class State:
     """State of n episodes, written by its own methods alone.
 
-    chosen, failed, allowed: over the slots, allowed are the candidates that may join; scores: of the chosen sets; gain:
-    reward that the last step added; repeated: True if it needed no new score (`scores.cache_hit` tells whether a score
-    was in the objective's memory, which depends on earlier episodes; `info["cache_hit"]` must not, so it is this);
-    groups: each scenario and an index of its rows; ready: an episode has started in every row; max_steps: of an
-    episode, None for `STEPS` for each sensor of the budget; fixed: sensors are moved, none may join."""
+    chosen, failed, allowed: over the slots, allowed are the candidates that may join; scores: of
+    the chosen sets; gain: reward that the last step added; repeated: True if it needed no new score
+    (`scores.cache_hit` tells whether a score was in the objective's memory, which depends on
+    earlier episodes; `info["cache_hit"]` must not, so it is this); groups: each scenario and an
+    index of its rows; ready: an episode has started in every row; max_steps: of an episode, None
+    for `STEPS` for each sensor of the budget; fixed: sensors are moved, none may join."""
 
-    def __init__(self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False) -> None:
+    def __init__(
+        self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False
+    ) -> None:
         check_whole("num_envs", n, least=1)
-        self.n, self.slots, self.fixed, self._max_steps = n, slots, fixed, max_steps
+        self.n = n
+        self.slots = slots
+        self.fixed = fixed
+        self._max_steps = max_steps
         self.scenarios: list[Scenario | None] = [None] * n
         self.ready = False
         self.groups: list[tuple[Scenario, Rows]] = []
-        self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
-        self._fidelity, self.gain = np.full(n, None, object), np.zeros(n)
+        self._weights = np.zeros((2, n))
+        self._constants = np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
+        self._fidelity = np.full(n, None, object)
+        self.gain = np.zeros(n)
         self.chosen, self.failed, self.allowed = (np.zeros((n, slots), np.bool_) for _ in range(3))
-        self.budget, self.steps, self.max_steps = np.ones(n, np.int64), np.zeros(n, np.int64), np.ones(n, np.int64)
+        self.budget = np.ones(n, np.int64)
+        self.steps = np.zeros(n, np.int64)
+        self.max_steps = np.ones(n, np.int64)
         self.scores = Scores(*np.zeros((6, n)), np.zeros(n, np.bool_))  # type: ignore[call-arg]
-        self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.illegal = np.zeros(n, np.bool_)
+        self.repeated = np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
         """Start new episodes in some rows."""
         self.budget[rows] = [episode.budget for episode in episodes]
-        self.max_steps[rows] = STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
+        self.max_steps[rows] = (
+            STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
+        )
         self.chosen[rows] = self.illegal[rows] = self.repeated[rows] = False
-        self.steps[rows], self.gain[rows] = 0, 0.0
+        self.steps[rows] = 0
+        self.gain[rows] = 0.0
         for figure in self.scores:
             figure[rows] = 0
-        self._enter({row: episode.scenario for row, episode in zip(rows.tolist(), episodes, strict=True)})
+        self._enter(
+            {row: episode.scenario for row, episode in zip(rows.tolist(), episodes, strict=True)}
+        )
         for row, episode in zip(rows.tolist(), episodes, strict=True):
             self.failed[row] = episode.failed
             if episode.chosen is not None:
@@ -69,8 +85,10 @@ class State:
         chosen: Bool[np.ndarray, "n slots"] | None = None,
         scenarios: Mapping[int, Scenario] | None = None,
     ) -> None:
-        """Step the active episodes to these sets, or to other scenarios of some rows, unless illegal."""
-        before, changed = self.scores.reward.copy(), np.zeros(self.n, np.bool_)
+        """Step the active episodes to these sets, or to other scenarios of some rows, unless
+        illegal."""
+        before = self.scores.reward.copy()
+        changed = np.zeros(self.n, np.bool_)
         if chosen is not None:
             changed = active & (chosen != self.chosen).any(axis=1)
             self.chosen[changed] = chosen[changed]
@@ -78,7 +96,8 @@ class State:
             changed[list(scenarios)] = True
             self._enter(scenarios)
         self.steps += active
-        self.illegal, self.repeated = illegal, active & ~changed
+        self.illegal = illegal
+        self.repeated = active & ~changed
         self._score(changed.nonzero()[0])
         self.gain = np.where(active, self.scores.reward - before, 0.0)
         self._find_allowed()
@@ -87,7 +106,8 @@ class State:
         """Tell which sets are feasible, within budget, without failed sensors."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.groups:
-            inside, outside = chosen[rows, : scenario.width], chosen[rows, scenario.width :]
+            inside = chosen[rows, : scenario.width]
+            outside = chosen[rows, scenario.width :]
             fits[rows] &= scenario.objective.feasible(inside) & ~outside.any(axis=1)
         return fits
 
@@ -98,9 +118,12 @@ class State:
         return scenario.objective, np.flatnonzero(self.chosen[row]).tolist()
 
     def observe(self) -> Float32[np.ndarray, "n size"]:
-        """Return `STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in -1..1. Price and
-        budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1)."""
-        n, static, own = self.n, len(STATIC), len(STATIC) + len(DYNAMIC)
+        """Return `STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in
+        -1..1. Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x
+        + 1)."""
+        n = self.n
+        static = len(STATIC)
+        own = len(STATIC) + len(DYNAMIC)
         whole = np.empty((n, own * self.slots + len(GLOBAL)), np.float32)
         features = whole[:, : -len(GLOBAL)].reshape(n, own, self.slots)
         covered = np.empty(n)
@@ -108,15 +131,22 @@ class State:
             together, added = coverage_gain(scenario.seen, self.chosen[rows])
             places = np.float32(max(1, scenario.places))
             covered[rows] = together / places
-            features[rows, :static], features[rows, static] = scenario.static, added / places
-        features[:, -2], features[:, -1] = self.chosen, self.allowed
-        last, scores, megabit = whole[:, -len(GLOBAL) :], self.scores, self.scores.kbit_per_sensor / 1000
+            features[rows, :static] = scenario.static
+            features[rows, static] = added / places
+        features[:, -2] = self.chosen
+        features[:, -1] = self.allowed
+        last = whole[:, -len(GLOBAL) :]
+        scores = self.scores
+        megabit = self.scores.kbit_per_sensor / 1000
         last[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
         last[:, 1] = self.budget / (self.budget + 8.0)
         last[:, 2] = 1 - self.steps / self.max_steps
-        last[:, 3], last[:, 4] = scores.ap, scores.recall
-        last[:, 5], last[:, 6] = megabit / (megabit + 1), scores.price / (scores.price + 8)
-        last[:, 7], last[:, 8:] = covered, self._constants
+        last[:, 3] = scores.ap
+        last[:, 4] = scores.recall
+        last[:, 5] = megabit / (megabit + 1)
+        last[:, 6] = scores.price / (scores.price + 8)
+        last[:, 7] = covered
+        last[:, 8:] = self._constants
         return whole
 
     def objectives(self) -> Float64[np.ndarray, "n 3"]:
@@ -127,10 +157,25 @@ class State:
     def info(self) -> Info:
         """Return the info, an array (n, ...) for each key."""
         scores, (comm, price) = self.scores, self._weights
-        terms = {"ap": scores.ap.copy(), "comm": 0 - comm * scores.kbit_per_sensor, "price": 0 - price * scores.price}
-        info: Info = {key: getattr(scores, key).copy() for key in ("ap", "recall", "kbit", "kbit_per_sensor", "price")}
-        info |= {"subset": self.chosen.copy(), "marginal_gain": self.gain.copy(), "reward_terms": terms}
-        info |= {"fidelity": self._fidelity.copy(), "cache_hit": self.repeated.copy(), "illegal": self.illegal.copy()}
+        terms = {
+            "ap": scores.ap.copy(),
+            "comm": 0 - comm * scores.kbit_per_sensor,
+            "price": 0 - price * scores.price,
+        }
+        info: Info = {
+            key: getattr(scores, key).copy()
+            for key in ("ap", "recall", "kbit", "kbit_per_sensor", "price")
+        }
+        info |= {
+            "subset": self.chosen.copy(),
+            "marginal_gain": self.gain.copy(),
+            "reward_terms": terms,
+        }
+        info |= {
+            "fidelity": self._fidelity.copy(),
+            "cache_hit": self.repeated.copy(),
+            "illegal": self.illegal.copy(),
+        }
         names = self.groups[0][0].objective.classes.names if self.groups else ()
         if len(names) > 1:
             figures = np.zeros((self.n, len(names)))
@@ -150,12 +195,17 @@ class State:
                     figure[some] = value
 
     def _enter(self, scenarios: Mapping[int, Scenario]) -> None:
-        changed = {row: scenario for row, scenario in scenarios.items() if self.scenarios[row] is not scenario}
+        changed = {
+            row: scenario
+            for row, scenario in scenarios.items()
+            if self.scenarios[row] is not scenario
+        }
         if not changed:
             return
         for row, scenario in changed.items():
             objective = scenario.objective
-            self.scenarios[row], self._fidelity[row] = scenario, objective.fidelity
+            self.scenarios[row] = scenario
+            self._fidelity[row] = objective.fidelity
             self._constants[row] = scenario.constants
             self._weights[:, row] = objective.weights.comm, objective.weights.price
         members: dict[Scenario, list[int]] = {}
@@ -164,10 +214,13 @@ class State:
                 members.setdefault(entered, []).append(row)
         self.ready = None not in self.scenarios
         alone = len(members) == 1 and self.ready
-        self.groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
+        self.groups = [
+            (each, slice(None) if alone else np.array(rows)) for each, rows in members.items()
+        ]
 
     def _find_allowed(self) -> None:
-        """Find the candidates that may join. They have not failed, and have room on their mount and its link."""
+        """Find the candidates that may join. They have not failed, and have room on their mount and
+        its link."""
         if self.fixed:
             return
         allowed = ~self.failed
@@ -176,14 +229,22 @@ class State:
         self.allowed = allowed & (self.chosen.sum(axis=1) < self.budget)[:, None]
 
 
-def find_room(scenario: Scenario, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, "n slots"]:
+def find_room(
+    scenario: Scenario, chosen: Bool[np.ndarray, "n slots"]
+) -> Bool[np.ndarray, "n slots"]:
     """Tell which other candidates may join, by their links and the room on their mounts."""
-    objective, width, room = scenario.objective, scenario.width, scenario.usable & ~chosen
-    candidates, shared = objective.candidates, objective.shared_links
+    objective = scenario.objective
+    width = scenario.width
+    room = scenario.usable & ~chosen
+    candidates = objective.candidates
+    shared = objective.shared_links
     if shared is not None:
         room[:, :width] &= room_beside(candidates, chosen[:, :width], shared)
         return room
-    count, (row, slot) = np.zeros((len(chosen), len(candidates.mounts)), np.int64), chosen[:, :width].nonzero()
+    count, (row, slot) = (
+        np.zeros((len(chosen), len(candidates.mounts)), np.int64),
+        chosen[:, :width].nonzero(),
+    )
     np.add.at(count, (row, candidates.mount[slot]), 1)
     room[:, :width] &= (count < candidates.places)[:, candidates.mount]
     return room

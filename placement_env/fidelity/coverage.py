@@ -1,7 +1,8 @@
-"""`Coverage`: score sensor sets by the share of objects that enough of their sensors see well enough.
+"""`Coverage`: score sensor sets by the share of objects that enough of their sensors see well
+enough.
 
-With `views` 1 it is monotone and submodular, so greedy search is within 1 - 1/e of the best set. The AP of a detector
-is not submodular, nor is the worst of several classes."""
+With `views` 1 it is monotone and submodular, so greedy search is within 1 - 1/e of the best set.
+The AP of a detector is not submodular, nor is the worst of several classes."""
 
 import numpy as np
 
@@ -18,33 +19,45 @@ LEAST = 20.0  # points on a vehicle that make a view
 
 
 class SentData:
-    """Data sent by sets, with a box from each sensor for every object that it sees with `least` points."""
+    """Data sent by sets, with a box from each sensor for every object that it sees with `least`
+    points."""
 
     def __init__(
-        self, visibility: Visibility, scheme: Scheme | str, codec: Codec = PAPER, least: float = LEAST
+        self,
+        visibility: Visibility,
+        scheme: Scheme | str,
+        codec: Codec = PAPER,
+        least: float = LEAST,
     ) -> None:
         boxes = (visibility.points >= least).sum(axis=1).astype(np.float64)
-        self._bits, self._frames = estimate_bits(find_scheme(scheme), codec, visibility, boxes), visibility.frames
+        self._bits = estimate_bits(find_scheme(scheme), codec, visibility, boxes)
+        self._frames = visibility.frames
 
     def kbit(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """kbit of each set in a frame."""
         return np.asarray(subsets @ self._bits / (1000 * self._frames))
 
 
-def sent_per_frame(visibility: Visibility, scheme: Scheme, codec: Codec) -> Float64[np.ndarray, "C F"]:
-    """kbit of each candidate in each frame. A box is sent for each object seen with `LEAST` points."""
+def sent_per_frame(
+    visibility: Visibility, scheme: Scheme, codec: Codec
+) -> Float64[np.ndarray, "C F"]:
+    """kbit of each candidate in each frame. A box is sent for each object seen with `LEAST`
+    points."""
     boxes = np.zeros((len(visibility), visibility.frames))
     for row, points in zip(boxes, visibility.points if scheme.sends_boxes else (), strict=False):
         row += np.bincount(visibility.frame[points >= LEAST], minlength=visibility.frames)
     points = scheme.sent_points(visibility).astype(np.float64)
-    return np.asarray(scheme_codec(scheme, codec).bits(points=points, boxes=boxes) / 1000, np.float64)
+    return np.asarray(
+        scheme_codec(scheme, codec).bits(points=points, boxes=boxes) / 1000, np.float64
+    )
 
 
 class Coverage:
-    """Share of scored objects with at least `least` points from each of at least `views` sensors, as AP and recall.
+    """Share of scored objects with at least `least` points from each of at least `views` sensors,
+    as AP and recall.
 
-    The data sent is as of `SentData`. classes: of the objects that count, several combined. Raises ValueError for
-    `least` that is not positive or fewer views than 1."""
+    The data sent is as of `SentData`. classes: of the objects that count, several combined. Raises
+    ValueError for `least` that is not positive or fewer views than 1."""
 
     name = "coverage"
 
@@ -59,16 +72,22 @@ class Coverage:
         classes: Classes = VEHICLES,
     ) -> None:
         if not 0 < least < np.inf or views < 1 or views != int(views):
-            raise ValueError(f"a view needs more than 0 points and a set 1 view or more, got {least} and {views}")
+            raise ValueError(
+                f"a view needs more than 0 points and a set 1 view or more, got {least} and {views}"
+            )
         visibility = visibility.of_classes(classes.labels)
-        self.views, self.classes = views, classes
+        self.views = views
+        self.classes = classes
         self._sums = MemberSums((visibility.points >= least).astype(np.uint16))
         self._sent = SentData(visibility, scheme, codec, least)
         masks = [visibility.labels == label for label in classes.labels]
-        self._own = [(slice(None) if mask.all() else np.flatnonzero(mask), int(mask.sum())) for mask in masks]
+        self._own = [
+            (slice(None) if mask.all() else np.flatnonzero(mask), int(mask.sum())) for mask in masks
+        ]
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Share of objects covered by each set. For several classes their shares are combined; 0 without an object."""
+        """Share of objects covered by each set. For several classes their shares are combined; 0
+        without an object."""
         return self.by_class(subsets).combined(self.classes).without_nan()
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:

@@ -1,16 +1,19 @@
 """`Detected`: score sensor sets by running the detector.
 
 Each set is fused, detected in and matched against the truth. The result equals that of
-`toolkit.detection.evaluation.evaluate_recording` for the same sensors and frames, by protocol `exact`: objects centred
-outside the site's area are present but not scored. Every run of the detector and every match is kept in a `Cache` under
-all that it depends on. So a set costs detection once, for any caller and any number of frames.
+`toolkit.detection.evaluation.evaluate_recording` for the same sensors and frames, by protocol
+`exact`: objects centred outside the site's area are present but not scored. Every run of the
+detector and every match is kept in a `Cache` under all that it depends on. So a set costs detection
+once, for any caller and any number of frames.
 
 Two kinds of value are kept, of one frame each:
 
-    detections   the detector's result for the points of some sensors together, under their processing. Sensors that
-                 add no point are left out of the key; schemes and codecs with the same points share it.
-    outcome      detections of one set in one scheme with one codec, fused and matched at each IoU threshold, class by
-                 class: vehicles at those of `Detected.ious`, the others at those that `Classes.get_iou` gives"""
+    detections   the detector's result for the points of some sensors together, under their
+                 processing. Sensors that add no point are left out of the key; schemes and codecs
+                 with the same points share it.
+    outcome      detections of one set in one scheme with one codec, fused and matched at each IoU
+                 threshold, class by class: vehicles at those of `Detected.ious`, the others at
+                 those that `Classes.get_iou` gives"""
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -41,13 +44,15 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 IOUS = (0.7, 0.8, 0.9)
-FALSE_ALARM, IGNORED = -1, -2
+FALSE_ALARM = -1
+IGNORED = -2
 AT_ONCE = 500  # sets whose outcomes are held in memory
 
 
 @runtime_checkable
 class Measured(Protocol):
-    """Measurements of candidates in frames at a site, such as `placement_env.fidelity.renders.Renders`."""
+    """Measurements of candidates in frames at a site, such as
+    `placement_env.fidelity.renders.Renders`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -77,8 +82,9 @@ class MeasuredImages(Protocol):
 
 
 class Outcome(NamedTuple):
-    """Detections of one set in one frame, and bits sent by each sensor of the set. truth: at each IoU threshold the
-    index of the frame's scored object that each hit, or FALSE_ALARM or IGNORED."""
+    """Detections of one set in one frame, and bits sent by each sensor of the set. truth: at each
+    IoU threshold the index of the frame's scored object that each hit, or FALSE_ALARM or
+    IGNORED."""
 
     scores: Float64[np.ndarray, " n"]
     truth: Shaped[np.ndarray, "ious n"]
@@ -94,10 +100,10 @@ class Outcome(NamedTuple):
 class Detected:
     """AP of sensor sets by detection, which the other fidelities approximate.
 
-    memo: where detections and outcomes are kept, or the path of its file, None for this object's memory; processes:
-    that work on the frames, with the same figures; classes: of the objects that count, several combined. Raises
-    ValueError where these do not fit, for a class that the detector does not know, and for a detector without `digest`
-    with a memo that others share."""
+    memo: where detections and outcomes are kept, or the path of its file, None for this object's
+    memory; processes: that work on the frames, with the same figures; classes: of the objects that
+    count, several combined. Raises ValueError where these do not fit, for a class that the detector
+    does not know, and for a detector without `digest` with a memo that others share."""
 
     name = "detector"
 
@@ -115,29 +121,39 @@ class Detected:
     ) -> None:
         check_iou(iou)
         check_known(detector, classes.names)
-        self.classes, self.processes = classes, processes
-        self.renders, self.detector, self.iou = renders, detector, iou
-        self.scheme, self.codec = find_scheme(scheme), check_codec(codec)
+        self.classes = classes
+        self.processes = processes
+        self.renders = renders
+        self.detector = detector
+        self.iou = iou
+        self.scheme = find_scheme(scheme)
+        self.codec = check_codec(codec)
         self.frames = len(_indices(renders.frames, None))
         self.ious = tuple(sorted({*IOUS, iou}))
         self._scored: dict[int, np.ndarray] = {}
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
         if memo is not None and not hasattr(detector, "digest"):
             said = "a shared memo needs a detector that says what it depends on"
-            raise ValueError(f"{said}, {type(detector).__name__} has no property digest: add one or pass memo=None")
+            raise ValueError(
+                f"{said}, {type(detector).__name__} has no property digest: add one or pass "
+                "memo=None"
+            )
 
     def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
-        """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are matched."""
+        """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are
+        matched."""
         check_iou(iou)
         other = copy(self)
-        other.iou, other.ious = iou, tuple(sorted({*self.ious, iou, *also}))
+        other.iou = iou
+        other.ious = tuple(sorted({*self.ious, iou, *also}))
         return other
 
     def of_classes(self, classes: Classes) -> "Detected":
         """Same fidelity for other classes. Detections are shared."""
         check_known(self.detector, classes.names)
         other = copy(self)
-        other.classes, other._scored = classes, {}
+        other.classes = classes
+        other._scored = {}
         return other
 
     def __call__(self, subsets: Sets, /) -> Estimate:
@@ -145,7 +161,8 @@ class Detected:
         return self.estimates(subsets)[self.iou]
 
     def partial(self, subsets: Sets, frames: int | Sequence[int]) -> Estimate:
-        """Figures of each set over some first frames, or those given. Adding frames costs only the added ones."""
+        """Figures of each set over some first frames, or those given. Adding frames costs only the
+        added ones."""
         return self.estimates(subsets, frames)[self.iou]
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
@@ -153,25 +170,38 @@ class Detected:
         return self.class_estimates(subsets)[self.iou]
 
     def estimates(
-        self, subsets: Sets, frames: int | Sequence[int] | None = None, progress: Callable[[int], None] | None = None
+        self,
+        subsets: Sets,
+        frames: int | Sequence[int] | None = None,
+        progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each of `ious`. progress: called with the frames done, of those not scored yet."""
+        """Figures of each set at each of `ious`. progress: called with the frames done, of those
+        not scored yet."""
         by_class = self.class_estimates(subsets, frames, progress)
         return {iou: each.combined(self.classes) for iou, each in by_class.items()}
 
     def class_estimates(
-        self, subsets: Sets, frames: int | Sequence[int] | None = None, progress: Callable[[int], None] | None = None
+        self,
+        subsets: Sets,
+        frames: int | Sequence[int] | None = None,
+        progress: Callable[[int], None] | None = None,
     ) -> dict[float, ClassEstimates]:
         """Figures like those of `estimates`, class by class."""
-        sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
-        to_find = [int(sum(self.to_find(k, label).sum() for k in chosen_frames)) for label in self.classes.labels]
+        sets = self._sets(subsets)
+        chosen_frames = _indices(self.frames, frames)
+        to_find = [
+            int(sum(self.to_find(k, label).sum() for k in chosen_frames))
+            for label in self.classes.labels
+        ]
         figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
         for first in range(0, len(sets), AT_ONCE):
             some = sets[first : first + AT_ONCE]
             outcomes = self.outcomes(dict.fromkeys(some), chosen_frames, progress)
             for row, chosen in enumerate(some, first):
                 for c, label in enumerate(self.classes.labels):
-                    figures[row, c] = _figures([each.of_class(label) for each in outcomes[chosen]], to_find[c])
+                    figures[row, c] = _figures(
+                        [each.of_class(label) for each in outcomes[chosen]], to_find[c]
+                    )
         ap, recall, kbit = np.moveaxis(figures, -1, 0).copy()
         return {
             iou: ClassEstimates(ap[:, :, i].copy(), recall[:, :, i].copy(), kbit[:, 0, i].copy())
@@ -189,22 +219,34 @@ class Detected:
         return np.concatenate(masks, axis=1)
 
     def outcomes(
-        self, sets: Iterable[tuple[int, ...]], frames: Sequence[int], progress: Callable[[int], None] | None = None
+        self,
+        sets: Iterable[tuple[int, ...]],
+        frames: Sequence[int],
+        progress: Callable[[int], None] | None = None,
     ) -> dict[tuple[int, ...], list[Outcome]]:
         """Outcome of each set in each frame, computed once."""
         kept: dict[tuple[int, ...], list[Outcome | None]] = {}
         for chosen in sets:
             found = self.memo.get([self._outcome_key(chosen, k) for k in frames])
             kept[chosen] = [None if arrays is None else Outcome(*arrays) for arrays in found]
-        missing = ((place, k, [c for c, row in kept.items() if row[place] is None]) for place, k in enumerate(frames))
+        missing = (
+            (place, k, [c for c, row in kept.items() if row[place] is None])
+            for place, k in enumerate(frames)
+        )
         tasks = [task for task in missing if task[2]]
         work = self.processes.map(partial(_score, self), tasks, progress=progress)
         for (place, k, lacking), (outcomes, detections) in zip(tasks, work, strict=True):
-            values = {self._outcome_key(c, k): cast(Arrays, o) for c, o in zip(lacking, outcomes, strict=True)}
+            values = {
+                self._outcome_key(c, k): cast(Arrays, o)
+                for c, o in zip(lacking, outcomes, strict=True)
+            }
             self.memo.put(detections | values)
             for chosen, outcome in zip(lacking, outcomes, strict=True):
                 kept[chosen][place] = outcome
-        return {chosen: [outcome for outcome in row if outcome is not None] for chosen, row in kept.items()}
+        return {
+            chosen: [outcome for outcome in row if outcome is not None]
+            for chosen, row in kept.items()
+        }
 
     def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
         """Detections of a set in frame k, as in `Outcome`."""
@@ -215,22 +257,32 @@ class Detected:
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
         """Matched detections of a set in frame k."""
-        objects, counted = self.renders.objects(k), self.scored(k)
-        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # index among the scored; the last stands for no truth
+        objects = self.renders.objects(k)
+        counted = self.scored(k)
+        # index among the scored; the last stands for no truth
+        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)
         truth = np.full((len(self.ious), len(fused.detections)), IGNORED, np.int16)
         for label, ious in self.thresholds:
-            for row, matched in enumerate(matches(fused.detections, objects, ious, label=label, counted=counted)):
+            for row, matched in enumerate(
+                matches(fused.detections, objects, ious, label=label, counted=counted)
+            ):
                 truth[row] = np.where(matched.ignored, truth[row], place[matched.truth])
-        return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
+        return Outcome(
+            fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8)
+        )
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: object) -> bytes:
         """Cache key of a frame's value for some sensors."""
-        return make_key(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
+        return make_key(
+            kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more
+        )
 
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
         """Mask of the objects of frame k to be found."""
         if k not in self._scored:
-            self._scored[k] = scored(self.renders.objects(k), self.renders.site, self.classes.labels)
+            self._scored[k] = scored(
+                self.renders.objects(k), self.renders.site, self.classes.labels
+            )
         return self._scored[k]
 
     def to_find(self, k: int, label: int) -> Bool[np.ndarray, " objects"]:
@@ -238,25 +290,39 @@ class Detected:
         return self.scored(k) & (self.renders.objects(k).labels == label)
 
     def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
-        return self.key(k, "outcome", chosen, self.scheme.digest, self.codec.digest, self.thresholds)
+        return self.key(
+            k, "outcome", chosen, self.scheme.digest, self.codec.digest, self.thresholds
+        )
 
     @property
     def thresholds(self) -> list[tuple[int, list[float]]]:
         """IoU thresholds at which outcomes are matched, class after class."""
         of = self.classes.get_iou
-        return [(label, [of(LABELS[label], iou) for iou in self.ious]) for label in self.classes.labels]
+        return [
+            (label, [of(LABELS[label], iou) for iou in self.ious]) for label in self.classes.labels
+        ]
 
     def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
         if subsets.shape[1] != len(self.renders.sensors):
-            raise ValueError(f"sets must be rows of {len(self.renders.sensors)} candidates, got {subsets.shape}")
+            raise ValueError(
+                f"sets must be rows of {len(self.renders.sensors)} candidates, got {subsets.shape}"
+            )
         return [tuple(np.flatnonzero(row).tolist()) for row in subsets]
 
     @cached_property
     def _depends_on(self) -> str:
         """Digest of everything that all values depend on."""
-        parts = [self.renders.digest, getattr(self.detector, "digest", ""), self.renders.site.hybrid_radius]
-        within = getattr(self.detector, "detector", self.detector)  # for a detector that knows its background
-        code = code_digest(__name__, *(each.__module__ for each in (self.detector, within, self.scheme, self.codec)))
+        parts = [
+            self.renders.digest,
+            getattr(self.detector, "digest", ""),
+            self.renders.site.hybrid_radius,
+        ]
+        # for a detector that knows its background
+        within = getattr(self.detector, "detector", self.detector)
+        code = code_digest(
+            __name__,
+            *(each.__module__ for each in (self.detector, within, self.scheme, self.codec)),
+        )
         return make_key(*parts, code).hex()
 
     @cached_property
@@ -264,7 +330,9 @@ class Detected:
         return [make_key(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
 
 
-def _score(rules: Detected, task: tuple[int, int, list[tuple[int, ...]]]) -> tuple[list[Outcome], dict[bytes, Arrays]]:
+def _score(
+    rules: Detected, task: tuple[int, int, list[tuple[int, ...]]]
+) -> tuple[list[Outcome], dict[bytes, Arrays]]:
     """Outcomes and new detections of some sets in one frame."""
     if not rules.processes.alone and "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)  # each core already has a process
@@ -275,13 +343,20 @@ def _score(rules: Detected, task: tuple[int, int, list[tuple[int, ...]]]) -> tup
 
 
 class _FrameDetections:
-    """Joint detections of sensor sets in one frame. Those that were not kept are gathered in `new`."""
+    """Joint detections of sensor sets in one frame. Those that were not kept are gathered in
+    `new`."""
 
     def __init__(self, rules: Detected, k: int) -> None:
-        self._rules, self._k, self._site = rules, k, rules.renders.site
+        self._rules = rules
+        self._k = k
+        self._site = rules.renders.site
         self._detected: dict[bytes, Detections] = {}
-        self._asked: dict[bytes, list[Cloud]] | None = None  # for the next round, of `fuse_together`
-        self._fused: dict[tuple[int, ...], Fused] = {(): Fused(Detections.empty(), np.zeros(0, np.int64))}
+        self._asked: dict[bytes, list[Cloud]] | None = (
+            None  # for the next round, of `fuse_together`
+        )
+        self._fused: dict[tuple[int, ...], Fused] = {
+            (): Fused(Detections.empty(), np.zeros(0, np.int64))
+        }
         self.new: dict[bytes, Arrays] = {}
         renders = rules.renders
         images = renders if isinstance(renders, MeasuredImages) else None
@@ -291,7 +366,9 @@ class _FrameDetections:
             measure=partial(renders.clouds, k),
             run=self._detections,
             codec=rules.codec,
-            images=Images(number=k) if images is None else Images(partial(images.captured, k), images.scene, number=k),
+            images=Images(number=k)
+            if images is None
+            else Images(partial(images.captured, k), images.scene, number=k),
         )
 
     def fused(self, chosen: tuple[int, ...]) -> Fused:
@@ -300,8 +377,9 @@ class _FrameDetections:
         return self._fused[chosen]
 
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
-        """Fuse sets with shared batches of detections, for a detector that gains from many clouds at once. Each set
-        advances until it needs an unknown detection; all of these are then made together."""
+        """Fuse sets with shared batches of detections, for a detector that gains from many clouds
+        at once. Each set advances until it needs an unknown detection; all of these are then made
+        together."""
         waiting = [chosen for chosen in sets if chosen]
         while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
             asked = self._asked = {}
@@ -325,7 +403,9 @@ class _FrameDetections:
 
     def _detections(self, clouds: Sequence[Cloud]) -> Detections:
         adding = [cloud for cloud in clouds if len(cloud.points)]
-        key = self._rules.key(self._k, "detections", [c.sensor for c in adding], [c.history for c in adding])
+        key = self._rules.key(
+            self._k, "detections", [c.sensor for c in adding], [c.history for c in adding]
+        )
         if key not in self._detected:
             if (kept := self._rules.memo.get([key])[0]) is not None:
                 self._detected[key] = Detections(*kept)
@@ -333,7 +413,9 @@ class _FrameDetections:
                 self._asked[key] = adding
                 raise _Unknown
             else:
-                self._keep(key, detect_on_ground(self._rules.detector, together(adding), self._site))
+                self._keep(
+                    key, detect_on_ground(self._rules.detector, together(adding), self._site)
+                )
         return self._detected[key]
 
     def _keep(self, key: bytes, found: Detections) -> None:
@@ -346,14 +428,20 @@ class _Unknown(Exception):
 
 
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
-    """AP, recall and kbit of one set at each IoU threshold, pooled as in `toolkit.detection.metrics.evaluate`."""
+    """AP, recall and kbit of one set at each IoU threshold, pooled as in
+    `toolkit.detection.metrics.evaluate`."""
     scores = np.concatenate([each.scores for each in outcomes])
     truth = np.concatenate([each.truth for each in outcomes], axis=1)
     kbit = float(np.mean([each.bits.sum() for each in outcomes])) / 1000
     figures = []
     for row in truth:
-        counts, hits = row != IGNORED, row >= 0
-        ap = average_precision(precision_recall(scores[counts], hits[counts], to_find)) if to_find else np.nan
+        counts = row != IGNORED
+        hits = row >= 0
+        ap = (
+            average_precision(precision_recall(scores[counts], hits[counts], to_find))
+            if to_find
+            else np.nan
+        )
         figures.append((ap, int(hits.sum()) / to_find if to_find else np.nan, kbit))
     return np.array(figures)
 

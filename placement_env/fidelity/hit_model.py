@@ -1,25 +1,32 @@
-"""`HitModel`: the probability that a detector finds an object, given the points on it; a few numbers, kept as JSON.
+"""`HitModel`: the probability that a detector finds an object, given the points on it; a few
+numbers, kept as JSON.
 
-An object has heading ψ, N_i points from sensor i of a set, and distance d_i in metres. Its hit probability is
+An object has heading ψ, N_i points from sensor i of a set, and distance d_i in metres. Its hit
+probability is
 
-    p = ceiling · (V / 16 m³) ^ -bulk · sigmoid(intercept + density · e) · min(1, r / floor)        0 without any point
-    e = log(1 + Σ n_i ^ norm) / norm           n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
+    p = ceiling · (V / 16 m³) ^ -bulk · sigmoid(intercept + density · e) · min(1, r / floor)
+    e = log(1 + Σ n_i ^ norm) / norm
+    n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
+    p = 0 without any point
     r = (Σ N_i ^ norm) ^ (1 / norm)
 
-A point from farther away stands for more of the object: with reach 2, n is the visible share of it. At 45° to the axes
-of the world, along which a network's anchors lie, an object needs exp(oblique) times the points: a network that has
-seen few vehicles turn finds those less surely.
+A point from farther away stands for more of the object: with reach 2, n is the visible share of it.
+At 45° to the axes of the world, along which a network's anchors lie, an object needs exp(oblique)
+times the points: a network that has seen few vehicles turn finds those less surely.
 
-With norm 1 all points count together. With less, points from many sensors count more than as many from one, which is
-the gain of spatial diversity: early fusion, where a set detects by its combined density. The greater the norm, the more
-the best sensor alone decides: late fusion. Hybrid fusion has one more sensor, which holds the far points of all.
+With norm 1 all points count together. With less, points from many sensors count more than as many
+from one, which is the gain of spatial diversity: early fusion, where a set detects by its combined
+density. The greater the norm, the more the best sensor alone decides: late fusion. Hybrid fusion
+has one more sensor, which holds the far points of all.
 
-Few points remain few, however dense they are for their distance: below `floor` points of the set a hit becomes
-proportionally less likely; 0 means no such floor. A box of more than 16 m³ (V is its volume, 16 m³ for a smaller one),
-a long van rather than a car, is found less surely whatever its points.
+Few points remain few, however dense they are for their distance: below `floor` points of the set a
+hit becomes proportionally less likely; 0 means no such floor. A box of more than 16 m³ (V is its
+volume, 16 m³ for a smaller one), a long van rather than a car, is found less surely whatever its
+points.
 
-The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`). This makes the paper's
-analysis of density and spatial diversity predictive (its sections on sensor sets and on diversity gain)."""
+The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`). This
+makes the paper's analysis of density and spatial diversity predictive (its sections on sensor sets
+and on diversity gain)."""
 
 import json
 import math
@@ -51,7 +58,17 @@ RANGES = {
     "bulk": (0.0, 5.0),
     "error": (0.0, 2.0),
 }
-NUMBERS = ("intercept", "density", "ceiling", "norm", "false_alarms", "reach", "oblique", "floor", "bulk")
+NUMBERS = (
+    "intercept",
+    "density",
+    "ceiling",
+    "norm",
+    "false_alarms",
+    "reach",
+    "oblique",
+    "floor",
+    "bulk",
+)
 BULKY = 16.0  # m³
 LITTLE = 0.05  # share of the view that may lie outside the domain without a warning
 BEYOND = 1.1  # factor on a range before it counts as exceeded
@@ -60,7 +77,8 @@ OPTIONAL = {"label", "floor", "bulk", "domain", "resampled", "error"}  # older f
 
 @dataclass(frozen=True)
 class HitDomain:
-    """Range of data (99 % quantiles, m) that a hit model was fitted to. Raises ValueError unless positive."""
+    """Range of data (99 % quantiles, m) that a hit model was fitted to. Raises ValueError unless
+    positive."""
 
     farthest: float
     most_points: float
@@ -72,14 +90,21 @@ class HitDomain:
     def __post_init__(self) -> None:
         for name in ("farthest", "most_points", "sites", "objects", "sets"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not 0 < value < float("inf")
+            ):
                 raise ValueError(f"{name} must be a number above 0, got {value!r}")
         if isinstance(self.sensors, str) or not all(isinstance(name, str) for name in self.sensors):
             raise ValueError(f"sensors must be names of sensor models, got {self.sensors!r}")
         object.__setattr__(self, "sensors", tuple(self.sensors))
 
     def outside(
-        self, points: Float32[np.ndarray, "C O"], distance: Float32[np.ndarray, "C O"], sensors: Iterable[str] = ()
+        self,
+        points: Float32[np.ndarray, "C O"],
+        distance: Float32[np.ndarray, "C O"],
+        sensors: Iterable[str] = (),
     ) -> tuple[str, ...]:
         """Sentences on how a question differs; empty if not. sensors: kinds of models."""
         said = []
@@ -91,10 +116,15 @@ class HitDomain:
             share = float((figure[seen] > BEYOND * most).mean()) if seen.any() else 0.0
             if share > LITTLE:
                 beyond = words.format(most)
-                said.append(f"{share:.0%} of what the candidates see {beyond} what the surrogate was fitted to")
+                said.append(
+                    f"{share:.0%} of what the candidates see {beyond} what the surrogate was "
+                    "fitted to"
+                )
         unlike = sorted(set(sensors) - set(self.sensors))
         if unlike:
-            said.append(f"the surrogate was fitted to {', '.join(self.sensors)}, not to {', '.join(unlike)}")
+            said.append(
+                f"the surrogate was fitted to {', '.join(self.sensors)}, not to {', '.join(unlike)}"
+            )
         return tuple(said)
 
 
@@ -102,11 +132,12 @@ class HitDomain:
 class HitModel:
     """Numbers of the formula above, for one scheme (its name), IoU threshold and class of objects.
 
-    false_alarms: number of false alarms that outrank a hit, for each object that is less surely found and not hit;
-    source: the fitted data in words; domain: in figures, None where unknown; resampled: `NUMBERS` of fits to resamples
-    of the same data, which show the uncertainty of the fit; error: root mean square of the error of APs predicted by
-    these fits at sites that they were made without, per √(AP (1 - AP)); 0 where unknown. Raises ValueError where one
-    is out of range."""
+    false_alarms: number of false alarms that outrank a hit, for each object that is less surely
+    found and not hit; source: the fitted data in words; domain: in figures, None where unknown;
+    resampled: `NUMBERS` of fits to resamples of the same data, which show the uncertainty of the
+    fit; error: root mean square of the error of APs predicted by these fits at sites that they were
+    made without, per √(AP (1 - AP)); 0 where unknown. Raises ValueError where one is out of
+    range."""
 
     scheme: str
     iou: float
@@ -128,7 +159,11 @@ class HitModel:
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not lowest <= value <= highest:
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not lowest <= value <= highest
+            ):
                 raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {value!r}")
         check_choice("label", self.label, LABELS)
         if not self.scheme or not isinstance(self.scheme, str):
@@ -139,14 +174,16 @@ class HitModel:
     @cached_property
     def resamples(self) -> "tuple[HitModel, ...]":
         """The models of the resamples."""
-        rows: list[dict[str, Any]] = [dict(zip(NUMBERS, row, strict=True)) for row in self.resampled]
+        rows: list[dict[str, Any]] = [
+            dict(zip(NUMBERS, row, strict=True)) for row in self.resampled
+        ]
         return tuple(replace(self, resampled=(), **row) for row in rows)
 
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows. raw: Σ N_i ^ norm, for the
-        floor; None for enough points to meet it."""
+        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows. raw: Σ
+        N_i ^ norm, for the floor; None for enough points to meet it."""
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
@@ -166,8 +203,11 @@ class HitModel:
         return np.asarray((np.maximum(volume, BULKY) / BULKY) ** -self.bulk)
 
 
-def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) -> tuple[HitModel, ...]:
-    """Models of a file for schemes with these names. Raises FileNotFoundError; ValueError for another kind of file."""
+def load_models(
+    path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)
+) -> tuple[HitModel, ...]:
+    """Models of a file for schemes with these names. Raises FileNotFoundError; ValueError for
+    another kind of file."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with coview surrogate")
@@ -182,20 +222,26 @@ def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) 
 
 def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     """Write models as JSON, completely or not."""
-    write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
+    write_text(
+        path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n"
+    )
 
 
 def shipped_model(
     scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
 ) -> HitModel:
-    """Shipped model of a shipped detector, or of the general one. Raises ValueError for an unknown choice."""
+    """Shipped model of a shipped detector, or of the general one. Raises ValueError for an unknown
+    choice."""
     own = FOLDER / f"{detector}.json"
     models = load_models(own if own.is_file() else FOLDER / "general.json")
     return chosen_model(models, scheme, iou, label, source=detector)
 
 
-def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str) -> HitModel:
-    """Model for a scheme, IoU threshold and class. Raises ValueError where `source` has none, and lists the choices."""
+def chosen_model(
+    models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str
+) -> HitModel:
+    """Model for a scheme, IoU threshold and class. Raises ValueError where `source` has none, and
+    lists the choices."""
     models = list(models)
     for model in models:
         if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):
@@ -203,7 +249,10 @@ def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str
     of = {name: "" if name == LABELS[VEHICLE] else f" of {name}" for name in LABELS}
     there = ", ".join(f"{model.scheme} at {model.iou:g}{of[model.label]}" for model in models)
     said = f"no surrogate of {source} for {scheme} at IoU {iou:g}{of[label]}: choose among {there}"
-    raise ValueError(f"{said}; fidelity detector or coverage takes any, and coview surrogate fits one to a detector")
+    raise ValueError(
+        f"{said}; fidelity detector or coverage takes any, and coview surrogate fits one to a "
+        "detector"
+    )
 
 
 def _model(given: object, schemes: Collection[str]) -> HitModel:
@@ -212,28 +261,41 @@ def _model(given: object, schemes: Collection[str]) -> HitModel:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {given!s:.80}")
     if given["scheme"] not in schemes or not isinstance(given["source"], str):
         raise ValueError(
-            f"scheme must be one of {', '.join(schemes)} and source a text, got {given['scheme']!r} and "
-            f"{given['source']!r}: for a scheme of your own, pass schemes="
+            f"scheme must be one of {', '.join(schemes)} and source a text, got "
+            f"{given['scheme']!r} and {given['source']!r}: for a scheme of your own, pass "
+            "schemes="
         )
     try:
         rows = [tuple(float(number) for number in each) for each in given.get("resampled", [])]
         domain = None if given.get("domain") is None else HitDomain(**given["domain"])
     except TypeError as error:
-        raise ValueError(f"resampled must be lists of numbers and domain a table of numbers, got {error}") from None
-    rows = [(*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows]  # there was no bulk
+        raise ValueError(
+            f"resampled must be lists of numbers and domain a table of numbers, got {error}"
+        ) from None
+    # there was no bulk
+    rows = [(*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows]
     model = HitModel(**given | {"domain": domain, "resampled": tuple(rows)})
     _ = model.resamples  # in their ranges, too
     return model
 
 
 def build_domain(
-    points: list[Float[np.ndarray, "_ _"]], distance: list[Float[np.ndarray, "_ _"]], sensors: Iterable[str], sets: int
+    points: list[Float[np.ndarray, "_ _"]],
+    distance: list[Float[np.ndarray, "_ _"]],
+    sensors: Iterable[str],
+    sets: int,
 ) -> HitDomain:
     """Domain of the data that sensors of several sites saw."""
     seen = np.concatenate([each[each > 0].ravel() for each in points])
     away = np.concatenate([d[n > 0].ravel() for n, d in zip(points, distance, strict=True)])
     if not len(seen):
-        raise ValueError("no sensor has a point on any object, so there is nothing to fit: take more frames or poses")
-    most, farthest = float(np.quantile(seen, 0.99)), float(np.quantile(away, 0.99))
+        raise ValueError(
+            "no sensor has a point on any object, so there is nothing to fit: take more frames "
+            "or poses"
+        )
+    most = float(np.quantile(seen, 0.99))
+    farthest = float(np.quantile(away, 0.99))
     objects = sum(each.shape[1] for each in points)
-    return HitDomain(round(farthest, 1), round(most, 1), tuple(sorted(set(sensors))), len(points), objects, sets)
+    return HitDomain(
+        round(farthest, 1), round(most, 1), tuple(sorted(set(sensors))), len(points), objects, sets
+    )

@@ -1,9 +1,11 @@
-"""View of sensors on every frame, ray by ray. Each silhouette is cast once, and once while a vehicle stands still.
+"""View of sensors on every frame, ray by ray. Each silhouette is cast once, and once while a
+vehicle stands still.
 
 Silhouettes: pixels of many sensors that meet an object, from one cast of rays.
 
-As in `toolkit.rendering.renderer`, only the rays in the window of a body's box are cast. Here the windows of all
-sensors go into one call, and rays that end before they can reach the box are left out."""
+As in `toolkit.rendering.renderer`, only the rays in the window of a body's box are cast. Here the
+windows of all sensors go into one call, and rays that end before they can reach the box are left
+out."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -24,7 +26,8 @@ BOXES_TOGETHER = 512  # boxes whose windows are found together
 
 
 class Silhouette(NamedTuple):
-    """Pixels that meet an object in front of the static scene: numbers, sensors, depth (m), world points."""
+    """Pixels that meet an object in front of the static scene: numbers, sensors, depth (m), world
+    points."""
 
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
@@ -42,11 +45,12 @@ class Windows(NamedTuple):
 class SensorRays:
     """Rays of sensors, and their lengths at the empty site.
 
-    rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) measurements of the empty site (m, 0 for none);
-    first: (S + 1,) where the pixels of each sensor begin."""
+    rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) measurements of the empty
+    site (m, 0 for none); first: (S + 1,) where the pixels of each sensor begin."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        self.sensors, self._renderer = tuple(sensors), renderer
+        self.sensors = tuple(sensors)
+        self._renderer = renderer
         images = renderer.looking(sensors).background
         self.still = np.concatenate([image.ravel() for image in images])
         self.first = np.cumsum([0, *(image.size for image in images)])
@@ -54,7 +58,9 @@ class SensorRays:
         rays = (sensor.model.rays().reshape(-1, 3) for sensor in sensors)
         self.rays = np.concatenate([each @ turn for each, turn in zip(rays, turns, strict=True)])
         self._poses = np.array([sensor.pose for sensor in sensors])
-        most = np.repeat([sensor.model.max_range for sensor in sensors], np.diff(self.first)).astype(np.float32)
+        most = np.repeat(
+            [sensor.model.max_range for sensor in sensors], np.diff(self.first)
+        ).astype(np.float32)
         self._reach = np.where(self.still > 0, self.still, most)
         self._columns = np.array([sensor.model.shape[1] for sensor in sensors])
         models: dict[SensorModel, list[int]] = {}
@@ -65,13 +71,17 @@ class SensorRays:
     def windows(self, bodies: Int64[np.ndarray, " n"], boxes: BoxRows) -> list[Windows]:
         """Windows of bodies of the renderer in their boxes."""
         each: list[Windows] = []
-        rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]
+        rotations = self._poses[:, :3, :3]
+        positions = self._poses[:, None, :3, 3]
         for first in range(0, len(boxes), BOXES_TOGETHER):
             some = slice(first, first + BOXES_TOGETHER)
-            in_sensor = (self._renderer.outer_corners(bodies[some], boxes[some])[:, None] - positions) @ rotations
+            in_sensor = (
+                self._renderer.outer_corners(bodies[some], boxes[some])[:, None] - positions
+            ) @ rotations
             count = len(in_sensor)
             least = np.zeros((count, len(self.sensors)), np.float32)
-            found, owners = [], []
+            found = []
+            owners = []
             for model, alike in self._alike:
                 corners = in_sensor[:, alike].reshape(-1, 8, 3)
                 least[:, alike] = nearest(model, corners).reshape(count, -1)
@@ -80,18 +90,26 @@ class SensorRays:
                 windowed[:, 0] = alike[which]
                 found.append(windowed)
                 owners.append(owner)
-            owner, rows = np.concatenate(owners), np.concatenate(found)
+            owner = np.concatenate(owners)
+            rows = np.concatenate(found)
             order = np.argsort(owner, kind="stable")
             ends = np.searchsorted(owner[order], np.arange(1, count))
-            each += [Windows(*pair) for pair in zip(np.split(rows[order], ends), least, strict=True)]
+            each += [
+                Windows(*pair) for pair in zip(np.split(rows[order], ends), least, strict=True)
+            ]
         return each
 
-    def silhouette(self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None) -> Silhouette:
-        """Silhouette of a body of the renderer in its box, alone on the site. windows: of that box, if known."""
+    def silhouette(
+        self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None
+    ) -> Silhouette:
+        """Silhouette of a body of the renderer in its box, alone on the site. windows: of that box,
+        if known."""
         (there,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
         pixels, sensors = self._in_windows(there)
         if not len(pixels):
-            return Silhouette(pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32))
+            return Silhouette(
+                pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
+            )
         body_from_world = self._renderer.body_from_world(box)
         turn = body_from_world[:3, :3].T.astype(np.float32)
         starts = ((self._poses[:, :3, 3] - box[:3]) @ body_from_world[:3, :3].T).astype(np.float32)
@@ -101,7 +119,9 @@ class SensorRays:
         lines[:, :3] += starts.take(sensors, axis=0)
         depth = self._renderer.cast_body(body, lines) + np.float32(NEAR)
         met = np.flatnonzero(depth < self._reach.take(pixels))
-        pixels, sensors, depth = pixels[met], sensors[met], depth[met]
+        pixels = pixels[met]
+        sensors = sensors[met]
+        depth = depth[met]
         points = self.rays.take(pixels, axis=0) * depth[:, None]
         points += self._poses[:, :3, 3].astype(np.float32).take(sensors, axis=0)
         return Silhouette(pixels, sensors, depth, points)
@@ -114,9 +134,11 @@ class SensorRays:
         sensor, left, width = (np.repeat(each, rows) for each in (sensor, left, right - left))
         row = counting(rows) + np.repeat(top, rows)
         begin = self.first[sensor] + row * self._columns[sensor] + left
-        pixels, sensors = counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
+        pixels = counting(width) + np.repeat(begin, width)
+        sensors = np.repeat(sensor, width)
         reached = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
-        pixels, sensors = pixels[reached], sensors[reached]
+        pixels = pixels[reached]
+        sensors = sensors[reached]
         if not once_each:  # a lidar's windows may meet beyond its seam
             pixels, once = np.unique(pixels, return_index=True)
             sensors = sensors[once]
@@ -124,7 +146,8 @@ class SensorRays:
 
 
 class Seen(NamedTuple):
-    """Points on the scored objects of all frames, points in the crop per frame, and the far ones; see `Visibility`."""
+    """Points on the scored objects of all frames, points in the crop per frame, and the far ones;
+    see `Visibility`."""
 
     points: Float32[np.ndarray, "S O"]
     sent: Float32[np.ndarray, "S F"]
@@ -132,7 +155,8 @@ class Seen(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """Pixels of one silhouette: whether each counts, and the points it adds to those sent and far (or hides, < 0)."""
+    """Pixels of one silhouette: whether each counts, and the points it adds to those sent and far
+    (or hides, < 0)."""
 
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
@@ -143,22 +167,35 @@ class _Part(NamedTuple):
 
 
 def look_at(
-    traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor], labels: Sequence[int] = (VEHICLE,)
+    traffic: Traffic,
+    renderer: Renderer,
+    sensors: Sequence[Sensor],
+    labels: Sequence[int] = (VEHICLE,),
 ) -> Seen:
-    """View of the sensors on all frames. renderer: of the traffic's site and bodies; labels: of the scored objects."""
+    """View of the sensors on all frames. renderer: of the traffic's site and bodies; labels: of the
+    scored objects."""
     scene = _Scene(traffic.site, renderer, sensors)
     frames = [
-        [((body, box.tobytes()), body, box) for body, box in zip(each.bodies.tolist(), each.objects.boxes, strict=True)]
+        [
+            ((body, box.tobytes()), body, box)
+            for body, box in zip(each.bodies.tolist(), each.objects.boxes, strict=True)
+        ]
         for each in traffic.snapshots
     ]
     different = {key: (body, box) for frame in frames for key, body, box in frame}
     bodies = np.array([body for body, _ in different.values()], np.int64)
     boxes = np.array([box for _, box in different.values()]).reshape(-1, 7)
-    windows = dict(zip(different, scene.views.windows(bodies, boxes), strict=True))  # one for what stands still
-    points, sent, far = [np.zeros((len(sensors), 0))], [], []
+    # one for what stands still
+    windows = dict(zip(different, scene.views.windows(bodies, boxes), strict=True))
+    points = [np.zeros((len(sensors), 0))]
+    sent = []
+    far = []
     parts: dict[tuple[int, bytes], _Part] = {}
     for snapshot, frame in zip(traffic.snapshots, frames, strict=True):
-        parts = {key: parts[key] if key in parts else scene.part(body, box, windows[key]) for key, body, box in frame}
+        parts = {
+            key: parts[key] if key in parts else scene.part(body, box, windows[key])
+            for key, body, box in frame
+        }
         on_objects, more_sent, more_far = scene.compose([parts[key] for key, _, _ in frame])
         points.append(on_objects[:, scored(snapshot.objects, traffic.site, labels)])
         sent.append(scene.sent + more_sent)
@@ -171,7 +208,8 @@ class _Scene:
     """Sensors of a block at the empty site."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        self._site, self._crop = site, Crop.of(site)
+        self._site = site
+        self._crop = Crop.of(site)
         views = self.views = SensorRays(renderer, sensors)
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]
@@ -179,13 +217,17 @@ class _Scene:
         self._model = np.array([self._models.index(model) for model in models])
         which = np.repeat(np.arange(len(sensors)), np.diff(views.first))
         self._still_sent, self._still_far = np.zeros((2, len(views.still)), np.float32)
-        for s, image in enumerate(map(slice, views.first[:-1], views.first[1:])):  # one at a time, to spare memory
+        for s, image in enumerate(
+            map(slice, views.first[:-1], views.first[1:])
+        ):  # one at a time, to spare memory
             pixels = np.flatnonzero(views.still[image] > 0) + views.first[s]
             points = views.rays[pixels] * views.still[pixels, None] + self._positions[s]
             self._still_sent[pixels], self._still_far[pixels] = self._worth(
                 points, views.rays[pixels], views.still[pixels], which[pixels]
             )
-        self.sent, self.far = (np.bincount(which, each, len(sensors)) for each in (self._still_sent, self._still_far))
+        self.sent, self.far = (
+            np.bincount(which, each, len(sensors)) for each in (self._still_sent, self._still_far)
+        )
         self._front = np.full(len(views.still), np.inf, np.float32)
         self._owner = np.zeros(len(views.still), np.int32)
 
@@ -195,16 +237,19 @@ class _Scene:
             return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), depth, depth)
         sent, far = self._worth(points, self.views.rays.take(pixels, axis=0), depth, sensors)
         counted = self._crop.holds(points)
-        more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)
+        more_sent = sent - self._still_sent.take(pixels)
+        more_far = far - self._still_far.take(pixels)
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
 
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (S, n) on each object, and the sums that all objects add to each sensor's points sent and far. The
-        nearest hit counts; of equally near ones the first object's."""
+        """Points (S, n) on each object, and the sums that all objects add to each sensor's points
+        sent and far. The nearest hit counts; of equally near ones the first object's."""
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)
-        pixels, sensors, depth, counted, sent, far = (np.concatenate(each) for each in zip(*parts, strict=True))
+        pixels, sensors, depth, counted, sent, far = (
+            np.concatenate(each) for each in zip(*parts, strict=True)
+        )
         objects = np.repeat(np.arange(len(parts)), [len(part.pixels) for part in parts])
         np.minimum.at(self._front, pixels, depth)
         hits = np.flatnonzero(depth == self._front.take(pixels))
@@ -213,7 +258,9 @@ class _Scene:
         hits = hits[self._owner.take(pixels[hits]) == hits]
         cells = (sensors * len(parts) + objects)[hits[counted[hits]]]
         on_objects = np.bincount(cells, minlength=count * len(parts)).reshape(count, len(parts))
-        more_sent, more_far = (np.bincount(sensors[hits], each[hits], count) for each in (sent, far))
+        more_sent, more_far = (
+            np.bincount(sensors[hits], each[hits], count) for each in (sent, far)
+        )
         return on_objects, more_sent, more_far
 
     def _worth(
@@ -221,7 +268,8 @@ class _Scene:
     ) -> tuple[np.ndarray, np.ndarray]:
         deviation: np.ndarray | np.float32 = self._models[0].deviation(depth)
         if len(self._models) > 1:
-            which, deviation = self._model.take(sensors), np.empty(len(depth), np.float32)
+            which = self._model.take(sensors)
+            deviation = np.empty(len(depth), np.float32)
             for k in np.flatnonzero(np.bincount(which)):
                 own = which == k
                 deviation[own] = self._models[k].deviation(depth[own])
@@ -235,11 +283,14 @@ def worth(
     positions: Float32[np.ndarray, "n 2"],
     site: Site,
 ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-    """Chance of each point to be sent and far, given the deviation (`spread`) of its height and its sensor's place."""
+    """Chance of each point to be sent and far, given the deviation (`spread`) of its height and its
+    sensor's place."""
     above = level_rows(points, site.relief.slope)
-    within, z = is_inside(above, site.area, site.height, -np.inf), above[:, 2]
+    within = is_inside(above, site.area, site.height, -np.inf)
+    z = above[:, 2]
     x = np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8)
     # the standard normal distribution function, within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26)
     lifted = 0.5 * (1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x)))
-    sent, offset = within * lifted, points[:, :2] - positions
+    sent = within * lifted
+    offset = points[:, :2] - positions
     return sent, sent * (np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2)

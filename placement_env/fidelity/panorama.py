@@ -1,16 +1,18 @@
-"""`Surround`: the view from one place in some frames, its strips in order of azimuth, for one sensor after another.
+"""`Surround`: the view from one place in some frames, its strips in order of azimuth, for one
+sensor after another.
 
 `RayTable`: number of rays in rectangles of azimuth and elevation, for a sensor model at a tilt.
 
-Counts of rays up to a place of a fine grid are summed over both angles once (Crow 1984, a summed-area table). A
-rectangle then costs four of these sums, however many rays it holds. Azimuth is measured from the sensor's heading. A
-sensor tilted slightly more than a table is looked up in that table, with the rectangles turned by the difference.
+Counts of rays up to a place of a fine grid are summed over both angles once (Crow 1984, a
+summed-area table). A rectangle then costs four of these sums, however many rays it holds. Azimuth
+is measured from the sensor's heading. A sensor tilted slightly more than a table is looked up in
+that table, with the rectangles turned by the difference.
 
 `LiveView`: immediate views of moving sensors.
 
-Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made at every half metre
-of a mount's height when one of its sensors is first requested. Between two of these heights the view is interpolated;
-heading and tilt are looked up."""
+Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made
+at every half metre of a mount's height when one of its sensors is first requested. Between two of
+these heights the view is interpolated; heading and tilt are looked up."""
 
 import time
 from collections import OrderedDict
@@ -32,7 +34,14 @@ from toolkit.geometry import pose
 from toolkit.objects import VEHICLE
 from toolkit.points import Crop, has_centre_inside
 from toolkit.rendering.renderer import Moment, Renderer
-from toolkit.rendering.strips import BEYOND, WITHIN, Counted, Strips, SuccessiveStrips, concatenate_strips
+from toolkit.rendering.strips import (
+    BEYOND,
+    WITHIN,
+    Counted,
+    Strips,
+    SuccessiveStrips,
+    concatenate_strips,
+)
 from toolkit.runtime.cache import Cache, code_digest, make_key, recall
 from toolkit.sensors.sensor import NEAR, Sensor, SensorModel
 from toolkit.sites.site import Mount, Site
@@ -43,10 +52,13 @@ ELEVATIONS = 3600  # places of elevation from straight down to straight up
 TABLE_TILTS = float(np.deg2rad(1.0))  # rad between the tilts of tables
 MOST_TABLE_BYTES = 220_000_000  # of the tables kept at a time, 3 to 12 MB each
 CELL_COLUMNS = 240  # columns of cells over all directions, for the standing scene
-CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])  # finest towards the horizon
+# finest towards the horizon
+CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])
 CELL_ROWS = len(CELL_EDGES) - 1
 
-PI, PER_TURN, PER_STEEP = (np.float32(each) for each in (np.pi, AZIMUTHS / (2 * np.pi), ELEVATIONS / np.pi))
+PI, PER_TURN, PER_STEEP = (
+    np.float32(each) for each in (np.pi, AZIMUTHS / (2 * np.pi), ELEVATIONS / np.pi)
+)
 
 Angles = Float[np.ndarray, " n"]
 Counts = Shaped[np.ndarray, " m"]  # of rays
@@ -78,17 +90,20 @@ class Aim(NamedTuple):
 
 
 def compute_aim(sensor: Sensor) -> Aim:
-    """Aim of a sensor; one that looks straight down or up takes its heading from the top of its image."""
+    """Aim of a sensor; one that looks straight down or up takes its heading from the top of its
+    image."""
     turn = sensor.world_SE3_body[:3, :3]
     tilt = float(np.arctan2(-turn[2, 0], np.hypot(turn[0, 0], turn[1, 0])))
     if np.hypot(turn[0, 0], turn[1, 0]) < 1e-6:
         return Aim(float(np.arctan2(-turn[0, 1], turn[1, 1])), tilt, 0.0)
-    return Aim(float(np.arctan2(turn[1, 0], turn[0, 0])), tilt, float(np.arctan2(turn[2, 1], turn[2, 2])))
+    return Aim(
+        float(np.arctan2(turn[1, 0], turn[0, 0])), tilt, float(np.arctan2(turn[2, 1], turn[2, 2]))
+    )
 
 
 class Lookup(NamedTuple):
-    """Table of a sensor, and its aim there. tilt, roll: of the table (rad); heading: places of azimuth; more: places of
-    elevation by which the sensor is tilted more than the table."""
+    """Table of a sensor, and its aim there. tilt, roll: of the table (rad); heading: places of
+    azimuth; more: places of elevation by which the sensor is tilted more than the table."""
 
     model: SensorModel
     tilt: float
@@ -102,7 +117,8 @@ class Lookup(NamedTuple):
         aim = compute_aim(sensor)
         tilt = round(aim.tilt / TABLE_TILTS) * TABLE_TILTS
         more = aim.tilt - tilt if abs(aim.tilt - tilt) >= 1e-6 else 0.0
-        turned, further = np.float32(aim.heading) * PER_TURN, np.float32(more) * PER_STEEP
+        turned = np.float32(aim.heading) * PER_TURN
+        further = np.float32(more) * PER_STEEP
         return Lookup(sensor.model, tilt, round(aim.roll, 4) + 0.0, turned, further)
 
     @property
@@ -114,24 +130,30 @@ class Lookup(NamedTuple):
 class RayTable:
     """Rays of a model, tilted and rolled (rad).
 
-    first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
-    rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each;
-    nbytes: of memory."""
+    first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells,
+    cell_rays: cells with rays (column after column, azimuth from the heading), for uses that need
+    no fine grid, and number of rays in each; nbytes: of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
         x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
-        azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+        azimuth = np.arctan2(y, x)
+        elevation = np.arctan2(z, np.hypot(x, y))
         column = np.floor((azimuth + np.pi) * (AZIMUTHS / (2 * np.pi))).astype(np.int64) % AZIMUTHS
-        row = np.clip(np.floor((elevation + np.pi / 2) * (ELEVATIONS / np.pi)), 0, ELEVATIONS - 1).astype(np.int64)
-        self.first_column, self.first_row = int(column.min()), int(row.min())
+        row = np.clip(
+            np.floor((elevation + np.pi / 2) * (ELEVATIONS / np.pi)), 0, ELEVATIONS - 1
+        ).astype(np.int64)
+        self.first_column = int(column.min())
+        self.first_row = int(row.min())
         shape = int(column.max()) - self.first_column + 1, int(row.max()) - self.first_row + 1
         self.columns = shape[0]
         kind = np.uint32 if len(column) >> 16 else np.uint16
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
         place = (column - self.first_column + 1) * (shape[1] + 1) + row - self.first_row + 1
         np.add.at(self._sums.ravel(), place, kind(1))
-        for before, after in pairwise(self._sums):  # row by row, as accumulate along this axis is five times slower
+        for before, after in pairwise(
+            self._sums
+        ):  # row by row, as accumulate along this axis is five times slower
             np.add(before, after, out=after)
         np.add.accumulate(self._sums, axis=1, out=self._sums)
         column, row = find_cells(azimuth, elevation)
@@ -143,17 +165,21 @@ class RayTable:
     def counts(
         self, rectangles: "Rectangles", heading: np.float32, more: np.float32
     ) -> tuple[Int64[np.ndarray, " m"], Counts]:
-        """Rectangles that hold rays, and their number. heading, more: of the sensor, as of `Lookup`."""
+        """Rectangles that hold rays, and their number. heading, more: of the sensor, as of
+        `Lookup`."""
         left, right, low, high = rectangles.list_places(heading, more)
         begin = np.rint(left).astype(np.int32)
         width = np.rint(right).astype(np.int32) - begin
         begin %= AZIMUTHS
         begin -= self.first_column
         low, up = (np.rint(each).astype(np.int32) - self.first_row for each in (low, high))
-        most, upmost = self._sums.shape[0] - 1, self._sums.shape[1] - 1
+        most = self._sums.shape[0] - 1
+        upmost = self._sums.shape[1] - 1
         reached = (begin < most) & (begin + width > 0) | (begin + width > AZIMUTHS)
         some = np.flatnonzero(reached & (up > 0) & (low < upmost))
-        begin, low, up = begin.take(some), np.maximum(low.take(some), 0), np.minimum(up.take(some), upmost)
+        begin = begin.take(some)
+        low = np.maximum(low.take(some), 0)
+        up = np.minimum(up.take(some), upmost)
         end = begin + width.take(some)
         counts = self._within(np.maximum(begin, 0), np.minimum(end, most), low, up)
         beyond = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
@@ -163,9 +189,13 @@ class RayTable:
         held = np.flatnonzero(counts)
         return some[held], counts[held]
 
-    def _within(self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray) -> Counts:
-        flat, across = self._sums.ravel(), self._sums.shape[1]
-        begin, end = np.minimum(begin, end) * across, end * across
+    def _within(
+        self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray
+    ) -> Counts:
+        flat = self._sums.ravel()
+        across = self._sums.shape[1]
+        begin = np.minimum(begin, end) * across
+        end = end * across
         counts: Counts = flat.take(end + up) - flat.take(end + low)
         counts -= flat.take(begin + up) - flat.take(begin + low)
         return counts
@@ -176,7 +206,8 @@ _LOCK = Lock()
 
 
 def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
-    """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_TABLE_BYTES` hold it."""
+    """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_TABLE_BYTES`
+    hold it."""
     key = model, tilt, roll
     with _LOCK:
         table: RayTable = _TABLES.get(key) or RayTable(*key)
@@ -185,11 +216,13 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
 
 
 def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around: float) -> bool:
-    """Make one of the tables that lack between two tilts (rad), the nearest to `around` first. False where none lacks,
-    or memory is full."""
+    """Make one of the tables that lack between two tilts (rad), the nearest to `around` first.
+    False where none lacks, or memory is full."""
     steps = range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1)
     for step in sorted(steps, key=lambda each: abs(each - around / TABLE_TILTS)):
-        if (key := (model, step * TABLE_TILTS, 0.0)) not in _TABLES and _TABLES.nbytes < 0.85 * MOST_TABLE_BYTES:
+        if (
+            key := (model, step * TABLE_TILTS, 0.0)
+        ) not in _TABLES and _TABLES.nbytes < 0.85 * MOST_TABLE_BYTES:
             ray_table(*key)
             return True
     return False
@@ -198,8 +231,9 @@ def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around:
 class Rectangles(NamedTuple):
     """Rectangles of azimuth and elevation of the world.
 
-    left, right: in places of azimuth, right up to a turn farther; low, high: in places of elevation; cos, sin: of the
-    azimuth of the middle; tan: of its elevation, but no steeper than 3."""
+    left, right: in places of azimuth, right up to a turn farther; low, high: in places of
+    elevation; cos, sin: of the azimuth of the middle; tan: of its elevation, but no steeper than
+    3."""
 
     left: Float32[np.ndarray, " n"]
     right: Float32[np.ndarray, " n"]
@@ -210,16 +244,21 @@ class Rectangles(NamedTuple):
     tan: Float32[np.ndarray, " n"]
 
     @staticmethod
-    def of(left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> "Rectangles":
+    def of(
+        left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray
+    ) -> "Rectangles":
         """Build from angles (n,) (rad, float32)."""
-        middle, tan = (left + right) / 2, np.clip(np.tan((bottom + top) / 2), -3, 3)
+        middle = (left + right) / 2
+        tan = np.clip(np.tan((bottom + top) / 2), -3, 3)
         azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
         elevations = (bottom + PI / 2) * PER_STEEP, (top + PI / 2) * PER_STEEP
         return Rectangles(*azimuths, *elevations, np.cos(middle), np.sin(middle), tan)
 
     def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
-        """Left, right, low and high from the heading on, to first order in the extra tilt of the middle."""
-        left, right = self.left - heading, self.right - heading
+        """Left, right, low and high from the heading on, to first order in the extra tilt of the
+        middle."""
+        left = self.left - heading
+        right = self.right - heading
         if not more:
             return left, right, self.low, self.high
         angle = heading / PER_TURN
@@ -229,10 +268,16 @@ class Rectangles(NamedTuple):
         return left + aside, right + aside, self.low + up, self.high + up
 
 
-def find_cells(azimuth: Angles, elevation: Angles) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
+def find_cells(
+    azimuth: Angles, elevation: Angles
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
     """Column and row of the cells of directions."""
-    column = np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi))).astype(np.int64) % CELL_COLUMNS
-    return column, np.clip(np.searchsorted(CELL_EDGES, elevation, side="right") - 1, 0, CELL_ROWS - 1)
+    column = (
+        np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi))).astype(np.int64) % CELL_COLUMNS
+    )
+    return column, np.clip(
+        np.searchsorted(CELL_EDGES, elevation, side="right") - 1, 0, CELL_ROWS - 1
+    )
 
 
 def cell_elevations() -> Float64[np.ndarray, " rows"]:
@@ -246,8 +291,9 @@ CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
 
 
 class ScoredItems(NamedTuple):
-    """Scored objects among all of some frames. place: of each object its index among the scored ones, or their number
-    if not scored; frame: of each object; items, frames: numbers of scored objects and frames."""
+    """Scored objects among all of some frames. place: of each object its index among the scored
+    ones, or their number if not scored; frame: of each object; items, frames: numbers of scored
+    objects and frames."""
 
     place: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
@@ -260,15 +306,21 @@ class ScoredItems(NamedTuple):
         masks = [scored(each.objects, traffic.site, labels) for each in snapshots]
         counts = np.concatenate([np.zeros(0, np.bool_), *masks])
         frame = np.repeat(np.arange(len(masks)), list(map(len, masks)))
-        return ScoredItems(np.where(counts, np.cumsum(counts) - 1, counts.sum()), frame, int(counts.sum()), len(masks))
+        return ScoredItems(
+            np.where(counts, np.cumsum(counts) - 1, counts.sum()),
+            frame,
+            int(counts.sum()),
+            len(masks),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Surround:
     """Strips of one place, ready for lookup.
 
-    item: of each strip among the scored ones, or the number of these; frame: of each; widest: of all strips (places);
-    gains: by model, of a ray in each strip over the background: points sent, and far ones; stills: background by model.
+    item: of each strip among the scored ones, or the number of these; frame: of each; widest: of
+    all strips (places); gains: by model, of a ray in each strip over the background: points sent,
+    and far ones; stills: background by model.
     """
 
     scored: ScoredItems
@@ -284,33 +336,51 @@ class Surround:
 
     @staticmethod
     def of(strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]") -> "Surround":
-        """Surround of the strips of one place. stills: standing scene seen from there, by sensor model."""
+        """Surround of the strips of one place. stills: standing scene seen from there, by sensor
+        model."""
         rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
         turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
-        rectangles = rectangles._replace(left=rectangles.left - turns, right=rectangles.right - turns)
+        rectangles = rectangles._replace(
+            left=rectangles.left - turns, right=rectangles.right - turns
+        )
         order = np.argsort(rectangles.left, kind="stable")
         rectangles = Rectangles(*(each[order] for each in rectangles))
         strips = Strips(*(each[order] for each in strips))
-        counts, far = strips.shows >= WITHIN, strips.shows == BEYOND
+        counts = strips.shows >= WITHIN
+        far = strips.shows == BEYOND
         gains = {}
         for model, still in stills.items():
-            behind = still.behind((strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2)
+            behind = still.behind(
+                (strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2
+            )
             gains[model] = (counts - behind[0], far - behind[1])
         most = float((rectangles.right - rectangles.left).max(initial=0))
-        item, frame = np.where(counts, scored.place[strips.item], scored.items), scored.frame[strips.item]
-        return Surround(scored, rectangles, item.astype(np.int32), frame.astype(np.int32), most, gains, stills)
+        item = np.where(counts, scored.place[strips.item], scored.items)
+        frame = scored.frame[strips.item]
+        return Surround(
+            scored, rectangles, item.astype(np.int32), frame.astype(np.int32), most, gains, stills
+        )
 
     @cached_property
     def nbytes(self) -> int:
         """Memory of the arrays."""
         pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
-        return sum(each.nbytes for each in (*self.rectangles, self.item, self.frame, *sum(pairs, ())))
+        return sum(
+            each.nbytes for each in (*self.rectangles, self.item, self.frame, *sum(pairs, ()))
+        )
 
     def seen(
         self, lookup: Lookup
-    ) -> tuple[Float64[np.ndarray, " items"], Float64[np.ndarray, " frames"], Float64[np.ndarray, " frames"]]:
-        """Points of a sensor on each scored object, points sent in each frame, and the far ones among them."""
-        table, items, frames = lookup.table, self.scored.items + 1, self.scored.frames
+    ) -> tuple[
+        Float64[np.ndarray, " items"],
+        Float64[np.ndarray, " frames"],
+        Float64[np.ndarray, " frames"],
+    ]:
+        """Points of a sensor on each scored object, points sent in each frame, and the far ones
+        among them."""
+        table = lookup.table
+        items = self.scored.items + 1
+        frames = self.scored.frames
         points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
         sent, far = (np.full(frames, each) for each in self.stills[lookup.model].alone(lookup))
         for part in self._ahead(table, float(lookup.heading)):
@@ -330,17 +400,26 @@ class Surround:
             return [slice(0, len(self.item))]
         first = (table.first_column + heading - before) % AZIMUTHS
         ends = [(first, first + length), (0.0, first + length - AZIMUTHS)]
-        return [slice(*np.searchsorted(self.rectangles.left, end).tolist()) for end in ends if end[1] > end[0]]
+        return [
+            slice(*np.searchsorted(self.rectangles.left, end).tolist())
+            for end in ends
+            if end[1] > end[0]
+        ]
 
 
 def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> SuccessiveStrips:
     """Finder of strips seen from places."""
-    return SuccessiveStrips(build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius))
+    return SuccessiveStrips(
+        build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius)
+    )
 
 
-def place_strips(successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int) -> list[Strips]:
+def place_strips(
+    successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
+) -> list[Strips]:
     """Strips of each place in some frames."""
-    parts, first = [], 0
+    parts = []
+    first = 0
     for k in frames:
         fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
         strips = successive.of(build_moment(traffic, k), fine)
@@ -366,14 +445,20 @@ class Still:
     far: UInt8[np.ndarray, " cells"]
 
     @staticmethod
-    def of(renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel) -> "Still":
-        """Chances seen from a viewpoint, with a model's noise. The noise is the same everywhere in its image."""
-        rays, mean = _directions(), _mean_length(model)
-        images, place = np.zeros((2, len(rays)), np.uint8), viewpoint.astype(np.float32)
+    def of(
+        renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel
+    ) -> "Still":
+        """Chances seen from a viewpoint, with a model's noise. The noise is the same everywhere in
+        its image."""
+        rays = _directions()
+        mean = _mean_length(model)
+        images = np.zeros((2, len(rays)), np.uint8)
+        place = viewpoint.astype(np.float32)
         lines = np.concatenate([place + np.float32(NEAR) * rays, rays], axis=1)
         length = renderer.cast_still(lines) + np.float32(NEAR)
         some = np.flatnonzero(length < model.max_range)
-        length, toward = length[some], rays[some]
+        length = length[some]
+        toward = rays[some]
         spread = (mean * np.abs(toward[:, 2]) * model.deviation(length / mean)).astype(np.float32)
         points = toward * length[:, None] + place
         chances = worth(points, spread, np.broadcast_to(place[:2], (len(some), 2)), site)
@@ -385,7 +470,10 @@ class Still:
         table = lookup.table
         columns = round(float(lookup.heading) * CELL_COLUMNS / AZIMUTHS) % CELL_COLUMNS
         cell = table.cells + columns * CELL_ROWS
-        each = (float(table.cell_rays @ image.take(cell, mode="wrap")) for image in (self.sent, self.far))
+        each = (
+            float(table.cell_rays @ image.take(cell, mode="wrap"))
+            for image in (self.sent, self.far)
+        )
         sent, far = (rays / float(CHANCE_STEPS) for rays in each)
         return sent, far
 
@@ -428,25 +516,35 @@ def _never() -> bool:
 
 
 class LiveView:
-    """Look at traffic from mounts, with sensors that measure all of the detection area (`seeing.choose_quick`).
+    """Look at traffic from mounts, with sensors that measure all of the detection area
+    (`seeing.choose_quick`).
 
-    A copy, also one that is pickled, keeps the panoramas and goes on without the original: nobody waits for it.
+    A copy, also one that is pickled, keeps the panoramas and goes on without the original: nobody
+    waits for it.
 
-    labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
-    processes, None for this object's memory."""
+    labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared
+    with other processes, None for this object's memory."""
 
-    def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
-        self.traffic, self._cache = traffic, cache
+    def __init__(
+        self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None
+    ) -> None:
+        self.traffic = traffic
+        self._cache = cache
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
-        self._kept, self._most = Bounded(), MOST_BYTES  # surrounds by place
+        # surrounds by place
+        self._kept = Bounded()
+        self._most = MOST_BYTES
         self._stand_alone()
 
     def _stand_alone(self) -> None:
         """Begin without threads that cast, wait or are waited for."""
         self.casting = Lock()  # held while rays are cast: others may look at what is there
-        self._queue: list[None] = []  # one for each thread that waits to cast; a list, as threads may change it
-        self.hold: Callable[[], bool] = _never  # asked before each frame of a panorama: true to wait
+        # one for each thread that waits to cast; a list, as threads may change it
+        self._queue: list[None] = []
+        self.hold: Callable[[], bool] = (
+            _never  # asked before each frame of a panorama: true to wait
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         with self.casting:  # no panorama is added meanwhile
@@ -462,12 +560,15 @@ class LiveView:
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
         """View of candidates. The first from a mount makes panoramas of all its heights.
 
-        reach: "own" makes one at each sensor's own height alone; "nearest" takes the next within `CLOSE` where those
-        of its own height and of the half metres below and above are unknown, else makes one at the nearest half metre.
+        reach: "own" makes one at each sensor's own height alone; "nearest" takes the next within
+        `CLOSE` where those of its own height and of the half metres below and above are unknown,
+        else makes one at the nearest half metre.
         """
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
-        shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
+        shares = [
+            _between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)
+        ]
         if reach != "mount":
             own = [[(_place(*sensor.position.tolist()), 1.0)] for sensor in sensors]
             for s, sensor in enumerate(sensors):
@@ -475,20 +576,36 @@ class LiveView:
                     shares[s] = own[s]
                 elif not self._knows(shares[s], sensor.model):
                     x, y, z = own[s][0][0]
-                    near = [place for place in list(self._kept) if place[:2] == (x, y) and abs(place[2] - z) <= CLOSE]
+                    near = [
+                        place
+                        for place in list(self._kept)
+                        if place[:2] == (x, y) and abs(place[2] - z) <= CLOSE
+                    ]
                     near = [place for place in near if self._knows([(place, 1.0)], sensor.model)]
                     half = max(shares[s], key=lambda each: each[1])[0]
-                    shares[s] = [(min(near, key=lambda place: abs(place[2] - z), default=half), 1.0)]
-        wanted = [(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each]
-        surrounds = self._prepare(wanted, {sensor.model for sensor in sensors}, whole=reach == "mount")
+                    shares[s] = [
+                        (min(near, key=lambda place: abs(place[2] - z), default=half), 1.0)
+                    ]
+        wanted = [
+            (place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each
+        ]
+        surrounds = self._prepare(
+            wanted, {sensor.model for sensor in sensors}, whole=reach == "mount"
+        )
         points = np.zeros((len(sensors), self._scored.items))
         sent, far = np.zeros((2, len(sensors), self._scored.frames))
         for s, sensor in enumerate(sensors):
             lookup = Lookup.of(sensor)
             for place, share in shares[s]:
-                for total, figures in zip((points, sent, far), surrounds[place].seen(lookup), strict=True):
+                for total, figures in zip(
+                    (points, sent, far), surrounds[place].seen(lookup), strict=True
+                ):
                     total[s] += share * figures
-        seen = {"points": points.astype(np.float32), "sent": sent.astype(np.float32), "far": far.astype(np.float32)}
+        seen = {
+            "points": points.astype(np.float32),
+            "sent": sent.astype(np.float32),
+            "far": far.astype(np.float32),
+        }
         return replace(self._unseen, distance=distances(sensors, self._unseen.boxes), **seen)
 
     def knows(self, sensor: Sensor) -> bool:
@@ -507,11 +624,16 @@ class LiveView:
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
 
-    def _prepare(self, wanted: _Wanted, models: set[SensorModel], *, whole: bool) -> dict[Place, Surround]:
+    def _prepare(
+        self, wanted: _Wanted, models: set[SensorModel], *, whole: bool
+    ) -> dict[Place, Surround]:
         """Views from places, made where they lack."""
         asked = dict.fromkeys(place for place, _ in wanted)
-        found = {place: self._kept[place] for place in asked if place in self._kept}  # held, whatever is dropped
-        if len(found) == len(asked) and all(models <= each.stills.keys() for each in found.values()):
+        # held, whatever is dropped
+        found = {place: self._kept[place] for place in asked if place in self._kept}
+        if len(found) == len(asked) and all(
+            models <= each.stills.keys() for each in found.values()
+        ):
             return found
         self._queue.append(None)
         with self.casting:
@@ -525,13 +647,21 @@ class LiveView:
                 time.sleep(0.001)
             yield k
 
-    def _make(self, wanted: _Wanted, models: set[SensorModel], *, whole: bool) -> dict[Place, Surround]:
+    def _make(
+        self, wanted: _Wanted, models: set[SensorModel], *, whole: bool
+    ) -> dict[Place, Surround]:
 
         def lacks(place: Place) -> bool:
             return place not in self._kept or not models <= self._kept[place].stills.keys()
 
-        asked, renderer = dict.fromkeys(place for place, _ in wanted), build_renderer(self.traffic)
-        more = {each for place, mount in wanted if whole and lacks(place) for each in _places(place, mount)}
+        asked = dict.fromkeys(place for place, _ in wanted)
+        renderer = build_renderer(self.traffic)
+        more = {
+            each
+            for place, mount in wanted
+            if whole and lacks(place)
+            for each in _places(place, mount)
+        }
         places = sorted(filter(lacks, {*asked, *more}))
         for place, strips in zip(places, self._panoramas(places), strict=True):
             stills = dict(self._kept[place].stills) if place in self._kept else {}
@@ -550,7 +680,10 @@ class LiveView:
 
         keys = [b"" for _ in places]  # which take long, so they are made for a cache alone
         if self._cache is not None:
-            keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
+            keys = [
+                make_key("panorama", code_digest(__name__), self.traffic.digest(), place)
+                for place in places
+            ]
         return [Strips(*arrays) for arrays in recall(self._cache, keys, make)]
 
 

@@ -1,4 +1,5 @@
-"""`PointCount`: score sensor sets by the points that they have on the objects, up to as many as a tight box needs."""
+"""`PointCount`: score sensor sets by the points that they have on the objects, up to as many as a
+tight box needs."""
 
 import math
 
@@ -15,20 +16,27 @@ ENOUGH_POINTS = 299.0  # on an object, beyond which more points add nothing
 
 
 class PointCount:
-    """Mean of min(log(1 + points), log(1 + `ENOUGH_POINTS`)) over the objects, as a share of its greatest value.
+    """Mean of min(log(1 + points), log(1 + `ENOUGH_POINTS`)) over the objects, as a share of its
+    greatest value.
 
-    It is monotone and submodular. kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as AP."""
+    It is monotone and submodular. kbit is as in `placement_env.fidelity.coverage`, recall is the
+    same figure as AP."""
 
     name = "point count"
 
-    def __init__(self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER) -> None:
+    def __init__(
+        self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER
+    ) -> None:
         self._sums = MemberSums(visibility.points.astype(np.float32))
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Return the score of each set, from 0 for nothing seen to 1."""
-        score, objects = np.zeros(len(subsets)), self._sums.rows.shape[1]
+        score = np.zeros(len(subsets))
+        objects = self._sums.rows.shape[1]
         for block, points in self._sums.blocks(subsets):
             logarithm = np.log1p(np.minimum(points, ENOUGH_POINTS))
-            score[block] = logarithm.sum(axis=1, dtype=np.float64) / (max(1, objects) * math.log1p(ENOUGH_POINTS))
+            score[block] = logarithm.sum(axis=1, dtype=np.float64) / (
+                max(1, objects) * math.log1p(ENOUGH_POINTS)
+            )
         return Estimate(score, score.copy(), self._sent.kbit(subsets))

@@ -1,5 +1,6 @@
-"""`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed.
-`CasesFidelity` combines those of single cases into one, see `placement_env.cases`."""
+"""`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share,
+made when needed. `CasesFidelity` combines those of single cases into one, see
+`placement_env.cases`."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,14 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import Table, TableFidelity, hash_site, load_table
 from placement_env.fidelity.traffic import FRAMES, Traffic, scored, simulate_traffic
 from placement_env.fidelity.visibility import Visibility, of_frames
-from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity, FidelityName
+from placement_env.protocol import (
+    ByClass,
+    ByFrames,
+    ClassEstimates,
+    Estimate,
+    Fidelity,
+    FidelityName,
+)
 from placement_env.setting import Rendering, Setting
 from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Int64
@@ -48,10 +56,13 @@ class ProfileFidelities:
 
 
 class CasesFidelity:
-    """Score sets over all cases; kbit are those of the intact set, by the error profile of least AP, or means."""
+    """Score sets over all cases; kbit are those of the intact set, by the error profile of least
+    AP, or means."""
 
     def __init__(self, profiles: Sequence[ProfileFidelities], cases: Cases) -> None:
-        self._profiles, self.cases, self._first = tuple(profiles), cases, profiles[0].whole
+        self._profiles = tuple(profiles)
+        self.cases = cases
+        self._first = profiles[0].whole
         self.detector = getattr(self._first, "detector", None)
 
     @property
@@ -69,17 +80,23 @@ class CasesFidelity:
         return self._reduce(subsets, lambda fidelity, rows: fidelity(rows))
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Figures of each set for each class. The worst failure or level of one class need not be that of another; the
-        worst error profile is that of all classes together."""
-        found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
-        return ClassEstimates(*self._over_profiles(found, [each.combined(self.classes).ap for each in found]))
+        """Figures of each set for each class. The worst failure or level of one class need not be
+        that of another; the worst error profile is that of all classes together."""
+        found = self._at_profiles(
+            subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows)
+        )
+        return ClassEstimates(
+            *self._over_profiles(found, [each.combined(self.classes).ap for each in found])
+        )
 
     def at_each(self, subsets: Sets) -> dict[str, Estimate]:
         """Figures of each set at each error profile, by its name."""
         found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
         return dict(zip(self.cases.names, found, strict=True))
 
-    def _reduce(self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]) -> Estimate:
+    def _reduce(
+        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
+    ) -> Estimate:
         found = self._at_profiles(subsets, score)
         return Estimate(*self._over_profiles(found, [each.ap for each in found]))
 
@@ -87,7 +104,10 @@ class CasesFidelity:
         """Figures over the error profiles, weighed by set."""
         shares = self.cases.shares(np.stack(ap))  # (profile, set)
         figures = [np.stack(each) for each in zip(*found, strict=True)]
-        return [(shares.reshape(*shares.shape, *[1] * (each.ndim - 2)) * each).sum(axis=0) for each in figures]
+        return [
+            (shares.reshape(*shares.shape, *[1] * (each.ndim - 2)) * each).sum(axis=0)
+            for each in figures
+        ]
 
     def _at_profiles(
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
@@ -97,10 +117,16 @@ class CasesFidelity:
         for profile in self._profiles:
             scored = [[score(fidelity, rows) for fidelity in level] for level in profile.levels]
             ap, recall = (
-                self.cases.at_profiles(np.array([[[e[figure] for e in level] for level in scored]]), owners)[0]
+                self.cases.at_profiles(
+                    np.array([[[e[figure] for e in level] for level in scored]]), owners
+                )[0]
                 for figure in (0, 1)
             )
-            intact = scored[0][0] if profile.whole is profile.levels[0][0] else score(profile.whole, subsets)
+            intact = (
+                scored[0][0]
+                if profile.whole is profile.levels[0][0]
+                else score(profile.whole, subsets)
+            )
             found.append(type(intact)(ap, recall, intact.kbit[: len(subsets)]))
         return found
 
@@ -115,7 +141,9 @@ class CasesByFrames(CasesFidelity):
 
     def partial(self, subsets: Sets, frames: Sequence[int]) -> Estimate:
         """Figures of each set over these frames."""
-        return self._reduce(subsets, lambda fidelity, rows: cast(ByFrames, fidelity).partial(rows, frames))
+        return self._reduce(
+            subsets, lambda fidelity, rows: cast(ByFrames, fidelity).partial(rows, frames)
+        )
 
 
 def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
@@ -135,8 +163,8 @@ _DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the s
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """Shared parts of a setting's fidelities. stride: step between the frames that count; compares: sets are compared,
-    which is left to `quick_detector`."""
+    """Shared parts of a setting's fidelities. stride: step between the frames that count; compares:
+    sets are compared, which is left to `quick_detector`."""
 
     setting: Setting
     run: Run = Run()
@@ -151,11 +179,15 @@ class Preparation:
     @cached_property
     def traffic(self) -> Traffic:
         """Simulated frames."""
-        return simulate_traffic(self.setting.place, self.run.frames_or(FRAMES), self.run.seed).every(self.stride)
+        return simulate_traffic(
+            self.setting.place, self.run.frames_or(FRAMES), self.run.seed
+        ).every(self.stride)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level of traffic. The level is the number of road users of any class in the site's area."""
-        snapshots, everyone = self.traffic.snapshots, range(len(LABELS))
+        """Frames of each level of traffic. The level is the number of road users of any class in
+        the site's area."""
+        snapshots = self.traffic.snapshots
+        everyone = range(len(LABELS))
         there = [scored(each.objects, self.setting.place, everyone).sum() for each in snapshots]
         return Cases(levels=levels).split(np.array(there, np.int64))
 
@@ -168,12 +200,19 @@ class Preparation:
     @property
     def plain(self) -> "Preparation":
         """Same parts for intact sets in undivided traffic."""
-        return replace(self, setting=replace(self.setting, cases=replace(self.setting.cases, failing=0, levels=1)))
+        return replace(
+            self,
+            setting=replace(self.setting, cases=replace(self.setting.cases, failing=0, levels=1)),
+        )
 
     def count_at_levels(self) -> dict[str, int]:
         """Objects that count at each level of traffic, by its name."""
-        names, frame = LEVEL_NAMES[self.setting.cases.levels], self.visibility.frame
-        return {name: int(np.isin(frame, part).sum()) for name, part in zip(names, self.levels, strict=False)}
+        names = LEVEL_NAMES[self.setting.cases.levels]
+        frame = self.visibility.frame
+        return {
+            name: int(np.isin(frame, part).sum())
+            for name, part in zip(names, self.levels, strict=False)
+        }
 
     @cached_property
     def visibility(self) -> Visibility:
@@ -182,17 +221,20 @@ class Preparation:
 
         setting = self.setting
         labels = setting.counted.labels
-        return see(self.traffic, setting.pool, labels=labels, run=self.run, rendering=setting.rendering)
+        return see(
+            self.traffic, setting.pool, labels=labels, run=self.run, rendering=setting.rendering
+        )
 
     @cached_property
     def live(self) -> "LiveView | None":
-        """View of moving sensors, from panoramas of the mounts. None where rays must be cast: where the setting's
-        `rendering` is "full", or the range of a candidate ends within the site."""
+        """View of moving sensors, from panoramas of the mounts. None where rays must be cast: where
+        the setting's `rendering` is "full", or the range of a candidate ends within the site."""
         from placement_env.fidelity.panorama import LiveView
         from placement_env.fidelity.seeing import choose_quick
 
         asked = self.setting.rendering
-        rendering: Rendering = "panorama" if asked == "auto" else asked  # sensors that move come back
+        # sensors that move come back
+        rendering: Rendering = "panorama" if asked == "auto" else asked
         if not choose_quick(self.setting.pool.sensors, self.traffic, rendering).all():
             return None
         return LiveView(self.traffic, self.setting.counted.labels, self.run.memo)
@@ -228,7 +270,8 @@ class Preparation:
         return other
 
     def take_traffic(self, other: "Preparation") -> None:
-        """Use the traffic of another preparation of this site, and its live view where the same classes count."""
+        """Use the traffic of another preparation of this site, and its live view where the same
+        classes count."""
         vars(self)["traffic"] = other.traffic
         if self.setting.counted.labels == other.setting.counted.labels:
             vars(self)["live"] = other.live
@@ -239,43 +282,59 @@ class Preparation:
         _check_levels(self.setting, _checked_name(self.setting, None))
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
-        """Fidelity of that name, or the setting's own, over its cases. Raises ValueError for unknown cases."""
-        name, cases = _checked_name(self.setting, name), self.setting.cases
+        """Fidelity of that name, or the setting's own, over its cases. Raises ValueError for
+        unknown cases."""
+        name = _checked_name(self.setting, name)
+        cases = self.setting.cases
         _check_levels(self.setting, name)
         profiles = []
         for errors in cases.profiles:
             whole = self.at_thresholds(name, errors)
             levels: tuple[tuple[Fidelity, ...], ...] = (whole,)
             if cases.levels > 1:
-                parts = [self.at(self.setting.pool, of_frames(self.visibility, part)) for part in self.levels]
+                parts = [
+                    self.at(self.setting.pool, of_frames(self.visibility, part))
+                    for part in self.levels
+                ]
                 levels = tuple(part.at_thresholds(name, errors) for part in parts)
             profiles.append(ProfileFidelities(whole[0], levels))
         return over_cases(profiles, cases)
 
     def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
         """Separate fidelity of that name at each IoU threshold."""
-        setting, ious = self.setting, self.setting.cases.ious
-        scheme, codec, classes = setting.fusion, setting.codec, setting.counted
+        setting = self.setting
+        ious = self.setting.cases.ious
+        scheme = setting.fusion
+        codec = setting.codec
+        classes = setting.counted
         if name == "detector":
             detected = self.detected(errors)
             return tuple(detected.at(iou, ious) for iou in ious)
         if name == "coverage":
             return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
         if name == "table":
-            return tuple(TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious)
-        radius, made = setting.place.hybrid_radius, []
+            return tuple(
+                TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious
+            )
+        radius = setting.place.hybrid_radius
+        made = []
         for iou in ious:
             if iou not in self._hit_models:
                 self._hit_models[iou] = surrogate_models(setting, iou, self.network)
             models = self._hit_models[iou]
-            made.append(Surrogate(self.visibility, scheme, models, radius=radius, codec=codec, classes=classes))
+            made.append(
+                Surrogate(
+                    self.visibility, scheme, models, radius=radius, codec=codec, classes=classes
+                )
+            )
         return tuple(made)
 
     def detected(self, errors: ErrorProfile) -> Detected:
         """Detector's fidelity at one error profile and IoU threshold."""
         from placement_env.fidelity.renders import Renders
 
-        setting, run = self.setting, self.run
+        setting = self.setting
+        run = self.run
         return Detected(
             Renders(self.traffic, setting.pool, run.memo, errors=errors),
             self.detector,
@@ -289,24 +348,32 @@ class Preparation:
 
     @cached_property
     def _table(self) -> Table:
-        site, path = self.setting.place, self.setting.table
+        site = self.setting.place
+        path = self.setting.table
         table = load_table(site.name if path is None else path)
-        origin, place = table.origin, hash_site(site, self.setting.pool.sensors)
+        origin = table.origin
+        place = hash_site(site, self.setting.pool.sensors)
         if (origin.place, origin.hybrid_radius) != (place, site.hybrid_radius):
             raise ValueError(
-                f"the table of {site.name!r} is of its own {len(origin.sensors)} sensors where they hang, not of "
-                "these candidates or this version of the site: say another --fidelity, or run coview table"
+                f"the table of {site.name!r} is of its own {len(origin.sensors)} sensors where "
+                "they hang, not of these candidates or this version of the site: say another "
+                "--fidelity, or run coview table"
             )
         return table
 
 
 def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> None:
-    """Raise ValueError where no table, surrogate or detector scores the candidates. Nothing is rendered."""
+    """Raise ValueError where no table, surrogate or detector scores the candidates. Nothing is
+    rendered."""
     name = _checked_name(setting, fidelity)
-    for path, own, what in ((setting.surrogate, "surrogate", "file of surrogates"), (setting.table, "table", "table")):
+    for path, own, what in (
+        (setting.surrogate, "surrogate", "file of surrogates"),
+        (setting.table, "table", "table"),
+    ):
         if path is not None and name != own:
             raise ValueError(f"a {what} is for fidelity {own}, got {name!r}: leave one of them out")
-    sensors, classes = setting.pool.sensors, setting.counted
+    sensors = setting.pool.sensors
+    classes = setting.counted
     if name == "surrogate":
         for iou in setting.cases.ious:
             surrogate_models(setting, iou, find_network(setting.place, sensors))
@@ -317,14 +384,21 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
     elif name == "detector" and classes.names != VEHICLES.names:
         from models.detector import load_detector
 
-        check_known(load_detector(find_network(setting.place, sensors), area=setting.place.area), classes.names)
+        check_known(
+            load_detector(find_network(setting.place, sensors), area=setting.place.area),
+            classes.names,
+        )
 
 
 def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
-    """Name of a fidelity, None for the setting's own. Raises ValueError for errors that it does not know."""
+    """Name of a fidelity, None for the setting's own. Raises ValueError for errors that it does not
+    know."""
     if name is None and not isinstance(setting.fidelity, str):
-        raise ValueError(f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name")
-    name, cases = name or cast(FidelityName, setting.fidelity), setting.cases
+        raise ValueError(
+            f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name"
+        )
+    name = name or cast(FidelityName, setting.fidelity)
+    cases = setting.cases
     if name != "detector" and not cases.noise_only:
         said = f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}"
         raise ValueError(f"{said}: say --fidelity detector")
@@ -333,22 +407,33 @@ def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
 
 def _check_levels(setting: Setting, name: FidelityName) -> None:
     if setting.cases.levels > 1 and name not in BY_LEVELS:
-        raise ValueError(f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {name!r}")
+        raise ValueError(
+            f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {name!r}"
+        )
 
 
 def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
-    """Hit model of each class, of the setting's file or shipped. Raises ValueError, FileNotFoundError if missing."""
-    classes, scheme, path = setting.counted, setting.fusion, setting.surrogate
+    """Hit model of each class, of the setting's file or shipped. Raises ValueError,
+    FileNotFoundError if missing."""
+    classes = setting.counted
+    scheme = setting.fusion
+    path = setting.surrogate
     wanted = [(name, classes.get_iou(name, iou)) for name in classes.names]
     if path is None:
-        return tuple(shipped_model(surrogate_name(scheme), at, network, label=name) for name, at in wanted)
+        return tuple(
+            shipped_model(surrogate_name(scheme), at, network, label=name) for name, at in wanted
+        )
     models = load_models(path, schemes=(*SCHEMES, scheme.name))
-    return tuple(chosen_model(models, surrogate_name(scheme), at, name, source=str(path)) for name, at in wanted)
+    return tuple(
+        chosen_model(models, surrogate_name(scheme), at, name, source=str(path))
+        for name, at in wanted
+    )
 
 
 def load_shipped_detector(network: str, site: Site) -> Detector:
-    """Shipped network as it detects at a site, made once for all preparations. The general one was not trained there
-    and would take some hedge for a vehicle in every frame, so it gets the empty site."""
+    """Shipped network as it detects at a site, made once for all preparations. The general one was
+    not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
+    site."""
     from models.detector import load_detector
 
     key = network, format_site(site)
@@ -361,6 +446,7 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
 
 
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
-    """Name of the shipped network for these sensors. It is the site's, trained with its own sensors, or `GENERAL`."""
+    """Name of the shipped network for these sensors. It is the site's, trained with its own
+    sensors, or `GENERAL`."""
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
     return site.name if own else GENERAL

@@ -1,8 +1,9 @@
 """`Renders`: the cloud of each candidate in each frame, rendered on first use and kept packed.
 
-Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of sensors measures the same
-in any order, pool or process. Errors beyond the sensors' own noise need whole images, packed separately, since they
-look at neighbouring pixels and may carry points into the crop."""
+Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of
+sensors measures the same in any order, pool or process. Errors beyond the sensors' own noise need
+whole images, packed separately, since they look at neighbouring pixels and may carry points into
+the crop."""
 
 import hashlib
 import json
@@ -32,16 +33,18 @@ from toolkit.sites.files import format_site
 from toolkit.traffic.spawner import LIFE
 
 IN_MEMORY = 2048  # parts held in memory when a cache keeps them
-RENDER_PARTS = 2 * LIFE  # of the frames, rendered separately: a race looks at one frame of every block of so many first
+# of the frames, rendered separately: a race looks at one frame of every block of so many first
+RENDER_PARTS = 2 * LIFE
 
 
 class Renders:
     """Measurements of candidates in traffic.
 
-    cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
-    no noise; errors: of the sensors, drawn from that seed when a cloud is requested; redrawn: anew for each block of
-    `LIFE` frames, as if the sensors were mounted again, so that figures over all frames are means over many mountings;
-    else once for all frames. Pickles exclude rendered data."""
+    cache: where renders are kept and shared with other processes, None for this object's memory;
+    noise_seed: None for no noise; errors: of the sensors, drawn from that seed when a cloud is
+    requested; redrawn: anew for each block of `LIFE` frames, as if the sensors were mounted again,
+    so that figures over all frames are means over many mountings; else once for all frames. Pickles
+    exclude rendered data."""
 
     def __init__(
         self,
@@ -55,27 +58,36 @@ class Renders:
     ) -> None:
         check_drawn(errors, noise_seed)
         self.redrawn = redrawn
-        self.traffic, self.site, self.sensors = traffic, traffic.site, candidates.sensors
+        self.traffic = traffic
+        self.site = traffic.site
+        self.sensors = candidates.sensors
         self.frames = len(traffic)
         self._arguments = (traffic, candidates, cache)
-        self._cache, self._noise_seed, self.errors = cache, noise_seed, errors
+        self._cache = cache
+        self._noise_seed = noise_seed
+        self.errors = errors
         self._whole = not only_own_noise(errors)
         self._packed: dict[tuple[int, int], _Packed] = {}
         self._rigs: dict[int, Rig] = {}
         self._scenes: dict[int, EmptyScene] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
-        made = partial(Renders, noise_seed=self._noise_seed, errors=self.errors, redrawn=self.redrawn)
+        made = partial(
+            Renders, noise_seed=self._noise_seed, errors=self.errors, redrawn=self.redrawn
+        )
         return made, self._arguments
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 over everything behind clouds except the sensor."""
         parts = [_code(self.sensors), self.traffic.digest(), self._noise_seed]
-        return make_key(*parts, *_beyond_noise(self.errors), *(() if self.redrawn else ("once",))).hex()
+        return make_key(
+            *parts, *_beyond_noise(self.errors), *(() if self.redrawn else ("once",))
+        ).hex()
 
     def draw_once(self, seed: int, chosen: Sequence[int], frames: int) -> "Renders":
-        """Measurements of some candidates in the first frames, with errors drawn once for all of them."""
+        """Measurements of some candidates in the first frames, with errors drawn once for all of
+        them."""
         traffic, candidates, cache = self._arguments
         fewer = replace(traffic, snapshots=traffic.snapshots[:frames])
         some = candidates.select(np.asarray(chosen))
@@ -83,20 +95,30 @@ class Renders:
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k, world frame."""
-        return frame_points(self._reading(k, c), area=self.site)[0] if self._whole else self._measure(k, c)[0]
+        return (
+            frame_points(self._reading(k, c), area=self.site)[0]
+            if self._whole
+            else self._measure(k, c)[0]
+        )
 
     def captured(self, k: int, c: int) -> Captured:
-        """Image behind these points. It shows the crop, or everything where errors need whole images."""
+        """Image behind these points. It shows the crop, or everything where errors need whole
+        images."""
         if self._whole:
             return Captured(self._reading(k, c), 0, self.site)
-        sensor, snapshot, (_, pixels, depth) = self.sensors[c], self.traffic.snapshots[k], self._measure(k, c)
+        sensor, snapshot, (_, pixels, depth) = (
+            self.sensors[c],
+            self.traffic.snapshots[k],
+            self._measure(k, c),
+        )
         image = np.zeros(sensor.model.shape, np.float32)
         image.ravel()[pixels] = depth
         frame = Frame((sensor,), (image,), snapshot.objects, snapshot.time, k)
         return Captured(frame, 0, self.site, kept=pixels.astype(np.int64))
 
     def scene(self, c: int) -> EmptyScene:
-        """Empty scene of candidate c. It is rendered, or learnt from its frames where it has errors."""
+        """Empty scene of candidate c. It is rendered, or learnt from its frames where it has
+        errors."""
         if c not in self._scenes:
             if self._whole:
                 learner = SceneLearner(self.sensors[c])
@@ -113,22 +135,31 @@ class Renders:
 
     def _measure(self, k: int, c: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points in the crop, with noise, their pixels and measurements."""
-        packed, rng = self._of_candidate(c, k), None
+        packed = self._of_candidate(c, k)
+        rng = None
         if self._noise_seed is not None:
             rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
         return self._rig(c).measure(0, *packed.frame(k), rng)
 
     def _reading(self, k: int, c: int) -> Frame:
         """Whole image of candidate c in frame k, with errors."""
-        snapshots, sensor, packed = self.traffic.snapshots, self.sensors[c], self._of_candidate(c, k)
-        now, speed, image = snapshots[k], None, _still(self._rig(c))
+        snapshots = self.traffic.snapshots
+        sensor = self.sensors[c]
+        packed = self._of_candidate(c, k)
+        now = snapshots[k]
+        speed = None
+        image = _still(self._rig(c))
         if self.errors.needs_velocities:
             around = [snapshots[other] for other in (k - 1, k + 1) if 0 <= other < len(snapshots)]
-            speed = velocities(now.objects, now.time, [(each.objects, each.time) for each in around])
+            speed = velocities(
+                now.objects, now.time, [(each.objects, each.time) for each in around]
+            )
         pixels, depth = packed.frame(k)
         image.ravel()[pixels] = depth
         frame = Frame((sensor,), (image,), now.objects, now.time, k)
-        seed = block_seed(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
+        seed = (
+            block_seed(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
+        )
         return with_errors(frame, self.errors, seed, velocities=speed, numbers=[_seed(sensor)])
 
     def _of_candidate(self, c: int, k: int) -> "_Packed":
@@ -148,14 +179,21 @@ class Renders:
     def _rig(self, c: int) -> Rig:
         """A candidate and its view of the empty site, as far as that is packed."""
         if c not in self._rigs:
-            (arrays,) = recall(self._cache, [self._key(c, "empty")], lambda _: [self._render_empty(c)])
-            area, height, slope = tuple(self.site.area.tolist()), self.site.height, self.site.relief.slope
+            (arrays,) = recall(
+                self._cache, [self._key(c, "empty")], lambda _: [self._render_empty(c)]
+            )
+            area = tuple(self.site.area.tolist())
+            height = self.site.height
+            slope = self.site.relief.slope
             self._rigs[c] = Rig((self.sensors[c],), area, height, (arrays[0],), (arrays[1],), slope)
         return self._rigs[c]
 
     def _key(self, c: int, part: int | str) -> bytes:
-        sensor, kind = self.sensors[c], "whole render" if self._whole else "render"
-        return make_key(kind, _code([sensor]), self.traffic.digest(), sensor.digest, part, RENDER_PARTS)
+        sensor = self.sensors[c]
+        kind = "whole render" if self._whole else "render"
+        return make_key(
+            kind, _code([sensor]), self.traffic.digest(), sensor.digest, part, RENDER_PARTS
+        )
 
     def _render_empty(self, c: int) -> Arrays:
         """Pixels and measurements of the empty site."""
@@ -164,14 +202,18 @@ class Renders:
             still = renderer.background[0].ravel().astype(np.float32)
             seen = np.flatnonzero(still > 0).astype(np.uint32)
             return seen, still[seen]
-        area, height, slope = self.site.area, self.site.height, self.site.relief.slope
+        area = self.site.area
+        height = self.site.height
+        slope = self.site.relief.slope
         rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
         return rig.pixels[0], rig.depth[0]
 
     def _render(self, c: int, part: int) -> Arrays:
         """Fields of `_Packed` of a part."""
-        renderer, changes = build_renderer(self.traffic).looking([self.sensors[c]]), []
-        still, rig = renderer.background[0].ravel().astype(np.float32), self._rig(c)
+        renderer = build_renderer(self.traffic).looking([self.sensors[c]])
+        changes = []
+        still = renderer.background[0].ravel().astype(np.float32)
+        rig = self._rig(c)
         for snapshot in self.traffic.snapshots[part::RENDER_PARTS]:
             images = renderer.render(snapshot).measurements
             if self._whole:
@@ -187,18 +229,31 @@ class Recorded:
     """Measurements of a recording."""
 
     def __init__(
-        self, recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS
+        self,
+        recording: CoopDataset,
+        noise_seed: int | None = 0,
+        *,
+        errors: ErrorProfile = PAPER_ERRORS,
     ) -> None:
         check_drawn(errors, noise_seed)
-        self.recording, self.site, self.sensors = recording, recording.site, recording.sensors
-        self.frames, self._noise_seed, self.errors = len(recording), noise_seed, errors
+        self.recording = recording
+        self.site = recording.site
+        self.sensors = recording.sensors
+        self.frames = len(recording)
+        self._noise_seed = noise_seed
+        self.errors = errors
         self._last: Frame | None = None
         self.scene = Scenes(ReadRecording(recording, Reads(errors, noise_seed)))
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 over everything behind clouds except the sensor."""
-        parts = [_code(self.sensors), self._noise_seed, format_site(self.site), *_beyond_noise(self.errors)]
+        parts = [
+            _code(self.sensors),
+            self._noise_seed,
+            format_site(self.site),
+            *_beyond_noise(self.errors),
+        ]
         sha = hashlib.sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:
             return hashlib.file_digest(file, lambda: sha).hexdigest()
@@ -217,13 +272,16 @@ class Recorded:
 
     def _frame(self, k: int) -> Frame:
         if self._last is None or self._last.index != k:
-            self._last = read_frame(self.recording, k, errors=self.errors, noise_seed=self._noise_seed)
+            self._last = read_frame(
+                self.recording, k, errors=self.errors, noise_seed=self._noise_seed
+            )
         return self._last
 
 
 @dataclass(frozen=True, eq=False)
 class _Packed:
-    """Packed part of a candidate's frames: pixels unlike the rig's, their steps (0: none), and ends of each frame."""
+    """Packed part of a candidate's frames: pixels unlike the rig's, their steps (0: none), and ends
+    of each frame."""
 
     pixels: Shaped[np.ndarray, " p"]
     steps: Shaped[np.ndarray, " p"]
@@ -243,11 +301,14 @@ def _still(rig: Rig) -> ImageRanges:
 
 
 def _find_changes(still: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels and steps of a whole view. Surfaces beyond the range of the steps that come and go count as nothing."""
+    """Pixels and steps of a whole view. Surfaces beyond the range of the steps that come and go
+    count as nothing."""
     pixels = np.flatnonzero(image != still).astype(np.uint32)
     depth = image[pixels]
     near = (depth > 0) & (depth < FARTHEST)
-    return pixels, np.where(near, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16)
+    return pixels, np.where(near, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(
+        np.uint16
+    )
 
 
 def _beyond_noise(errors: ErrorProfile) -> list[str]:
@@ -261,6 +322,7 @@ def _code(sensors: Sequence[Sensor]) -> str:
 
 
 def _seed(sensor: Sensor) -> int:
-    """Seed of a sensor's noise. It is not `Sensor.digest`, since published figures were measured with this noise."""
+    """Seed of a sensor's noise. It is not `Sensor.digest`, since published figures were measured
+    with this noise."""
     described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
     return int.from_bytes(hashlib.sha256(described.encode()).digest()[:8], "big")

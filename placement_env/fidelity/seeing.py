@@ -1,4 +1,5 @@
-"""`see`: visibility of traffic from candidates. It uses rays or panoramas, whichever is quicker and accurate enough."""
+"""`see`: visibility of traffic from candidates. It uses rays or panoramas, whichever is quicker and
+accurate enough."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +12,14 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_choice
 from placement_env.fidelity.occlusion import Seen, look_at
-from placement_env.fidelity.panorama import Lookup, ScoredItems, Still, Surround, place_strips, successive_strips
+from placement_env.fidelity.panorama import (
+    Lookup,
+    ScoredItems,
+    Still,
+    Surround,
+    place_strips,
+    successive_strips,
+)
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
 from placement_env.setting import Rendering
@@ -39,16 +47,18 @@ def see(
 ) -> Visibility:
     """View of the candidates on the traffic.
 
-    rendering: "full" casts every ray of every candidate. "panorama" looks once from each place and counts the rays of
-    all its sensors in that view; this is much faster where many candidates share a place, and nearly always agrees
-    within 3 % or 8 points of an object. "auto" uses panoramas where places have at least four candidates on average, as
-    in a pool. A candidate whose range ends within the site is always rendered in full. labels: classes (numbers) of the
-    objects that count; run: its cache keeps the finished blocks of candidates, so an interrupted run resumes there.
-    Raises ValueError without candidates and for an unknown rendering."""
+    rendering: "full" casts every ray of every candidate. "panorama" looks once from each place and
+    counts the rays of all its sensors in that view; this is much faster where many candidates share
+    a place, and nearly always agrees within 3 % or 8 points of an object. "auto" uses panoramas
+    where places have at least four candidates on average, as in a pool. A candidate whose range
+    ends within the site is always rendered in full. labels: classes (numbers) of the objects that
+    count; run: its cache keeps the finished blocks of candidates, so an interrupted run resumes
+    there. Raises ValueError without candidates and for an unknown rendering."""
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
     check_choice("rendering", rendering, get_args(Rendering))
-    labels, sensors = tuple(sorted(labels)), candidates.sensors
+    labels = tuple(sorted(labels))
+    sensors = candidates.sensors
     quick = choose_quick(sensors, traffic, rendering)
     whole = Visibility.unseen(traffic, sensors, labels)
     for look, some in ((look_round, quick), (look_in_full, ~quick)):
@@ -58,11 +68,14 @@ def see(
     return whole
 
 
-def choose_quick(sensors: Sequence[Sensor], traffic: Traffic, rendering: Rendering) -> Bool[np.ndarray, " S"]:
+def choose_quick(
+    sensors: Sequence[Sensor], traffic: Traffic, rendering: Rendering
+) -> Bool[np.ndarray, " S"]:
     """Mask of sensors to see in panoramas.
 
-    "auto" takes panoramas where many sensors share their places, as in a pool. Only far-sighted sensors are seen so,
-    those that measure the whole detection area: panoramas have no limited range."""
+    "auto" takes panoramas where many sensors share their places, as in a pool. Only far-sighted
+    sensors are seen so, those that measure the whole detection area: panoramas have no limited
+    range."""
     places = {sensor.position.round(6).tobytes() for sensor in sensors}
     if rendering == "full" or (rendering == "auto" and len(sensors) < SHARED * len(places)):
         return np.zeros(len(sensors), np.bool_)
@@ -70,36 +83,50 @@ def choose_quick(sensors: Sequence[Sensor], traffic: Traffic, rendering: Renderi
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
     across = np.linalg.norm(positions[:, None, :2] - corners, axis=2).max(axis=1)
-    ends = np.concatenate([snapshot.objects.boxes[:, 2] for snapshot in traffic.snapshots] or [np.zeros(0)])
+    ends = np.concatenate(
+        [snapshot.objects.boxes[:, 2] for snapshot in traffic.snapshots] or [np.zeros(0)]
+    )
     low, high = ends.min(initial=0) - 10, max(ends.max(initial=0) + 10, traffic.site.height)
     up = np.maximum(np.abs(positions[:, 2] - low), np.abs(positions[:, 2] - high))
     return np.hypot(across, up) < [sensor.model.max_range for sensor in sensors]
 
 
-def look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
-    """View of sensors on all frames, ray by ray, in blocks of at most `BLOCK_PIXELS` pixels, or one sensor."""
-    blocks, first, pixels = list[Block](), 0, 0
+def look_in_full(
+    traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()
+) -> Seen:
+    """View of sensors on all frames, ray by ray, in blocks of at most `BLOCK_PIXELS` pixels, or one
+    sensor."""
+    blocks = list[Block]()
+    first = 0
+    pixels = 0
     for c, sensor in enumerate(sensors):
         size = math.prod(sensor.model.shape)
         if pixels and pixels + size > BLOCK_PIXELS:
             blocks.append((first, c))
-            first, pixels = c, 0
+            first = c
+            pixels = 0
         pixels += size
     blocks.append((first, len(sensors)))
     seen = _FullLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(sensors))
     return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
-def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
-    """View of far-sighted sensors on all frames, from panoramas: each place is rendered once for all sensors there."""
-    blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
+def look_round(
+    traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()
+) -> Seen:
+    """View of far-sighted sensors on all frames, from panoramas: each place is rendered once for
+    all sensors there."""
+    blocks = [
+        (k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)
+    ]
     seen = _RoundLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(traffic))
     return Seen(*(np.concatenate(parts, axis=1) for parts in zip(*seen, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """View of traffic from sensors, block by block. Each worker gets a copy, without what it has computed."""
+    """View of traffic from sensors, block by block. Each worker gets a copy, without what it has
+    computed."""
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]
@@ -107,8 +134,13 @@ class _Look:
 
     def see(self, blocks: Sequence[Block], run: Run, total: int) -> list[Seen]:
         """Views of each block, from the run's cache or computed now. total: last index of all."""
-        tell, seen = run.stage("poses rendered", len(self.sensors)), []
-        found = recall(run.memo, [*map(self.key, blocks)], lambda some: run.map(self, [blocks[k] for k in some]))
+        tell = run.stage("poses rendered", len(self.sensors))
+        seen = []
+        found = recall(
+            run.memo,
+            [*map(self.key, blocks)],
+            lambda some: run.map(self, [blocks[k] for k in some]),
+        )
         for block, arrays in zip(blocks, found, strict=True):
             seen.append(Seen(*arrays))
             if tell:
@@ -133,10 +165,14 @@ class _FullLook(_Look):
     """View of all frames from blocks of sensors."""
 
     def __call__(self, block: Block) -> Seen:
-        return look_at(self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels)
+        return look_at(
+            self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels
+        )
 
     def key(self, block: Block) -> bytes:
-        return make_key("seen", self.traffic.digest(), *self._depends_on(self.sensors[slice(*block)]))
+        return make_key(
+            "seen", self.traffic.digest(), *self._depends_on(self.sensors[slice(*block)])
+        )
 
 
 class _RoundLook(_Look):
@@ -145,8 +181,15 @@ class _RoundLook(_Look):
     def __call__(self, block: Block) -> Seen:
         scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
         places, viewpoint = self._places
-        seen = Seen(*(np.zeros((len(self.sensors), size), np.float32) for size in (scored.items, *[scored.frames] * 2)))
-        for v, strips in enumerate(place_strips(self._strips, self.traffic, range(*block), len(places))):
+        seen = Seen(
+            *(
+                np.zeros((len(self.sensors), size), np.float32)
+                for size in (scored.items, *[scored.frames] * 2)
+            )
+        )
+        for v, strips in enumerate(
+            place_strips(self._strips, self.traffic, range(*block), len(places))
+        ):
             surround = Surround.of(strips, scored, self._stills[v])
             for s in np.flatnonzero(viewpoint == v).tolist():
                 for whole, row in zip(seen, surround.seen(self._lookups[s]), strict=True):
@@ -154,7 +197,9 @@ class _RoundLook(_Look):
         return seen
 
     def key(self, block: Block) -> bytes:
-        return make_key("panoramas", self.traffic.part(*block).digest(), self._depends_on(self.sensors))
+        return make_key(
+            "panoramas", self.traffic.part(*block).digest(), self._depends_on(self.sensors)
+        )
 
     @cached_property
     def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:
@@ -173,11 +218,14 @@ class _RoundLook(_Look):
 
     @cached_property
     def _stills(self) -> list[dict[SensorModel, Still]]:
-        """Standing scene seen from each place by its sensors' models, looked at once for all traffic of the site."""
+        """Standing scene seen from each place by its sensors' models, looked at once for all
+        traffic of the site."""
         site = self.traffic.site
         known = _known_stills(format_site(site))
         stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
-        for v, model in {(v, each.model) for v, each in zip(self._places[1].tolist(), self.sensors, strict=True)}:
+        for v, model in {
+            (v, each.model) for v, each in zip(self._places[1].tolist(), self.sensors, strict=True)
+        }:
             key = self._places[0][v].tobytes(), model
             if key not in known:
                 known[key] = Still.of(build_renderer(self.traffic), site, self._places[0][v], model)
@@ -187,5 +235,6 @@ class _RoundLook(_Look):
 
 @lru_cache(maxsize=1)
 def _known_stills(site: str) -> dict[tuple[bytes, SensorModel], Still]:
-    """Standing scenes that were looked at, by place and model, of a site known by the text of its file."""
+    """Standing scenes that were looked at, by place and model, of a site known by the text of its
+    file."""
     return {}

@@ -1,8 +1,9 @@
 """`Surrogate`: AP of sensor sets predicted from the points that their sensors have on each object.
 
-A `HitModel` gives each object's probability p of being hit. Objects are ranked by it, as by a detector's scores. Down
-to the i-th of them, T_i = p_1 + ... + p_i hits are expected and λ (i - T_i) false alarms, λ being the model's
-`false_alarms`. The area under that expected precision-recall curve of O objects is
+A `HitModel` gives each object's probability p of being hit. Objects are ranked by it, as by a
+detector's scores. Down to the i-th of them, T_i = p_1 + ... + p_i hits are expected and λ (i - T_i)
+false alarms, λ being the model's `false_alarms`. The area under that expected precision-recall
+curve of O objects is
 
     AP = 1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)),      recall = T_O / O"""
 
@@ -26,15 +27,17 @@ from toolkit.detection.schemes import find_scheme
 from toolkit.sites.site import HYBRID_RADIUS
 
 MOST_POINTS = 1e5  # points on an object: powers and their sums fit float32
-SMALL_PRODUCT = 1 << 18  # multiplications that BLAS does in one thread: waiting for a busy core takes far longer
+# multiplications that BLAS does in one thread: waiting for a busy core takes far longer
+SMALL_PRODUCT = 1 << 18
 
 
 class Surrogate:
     """Sets of the candidates of `visibility`, scored by a model of each class.
 
-    model: of vehicles, or one of each class, None for the shipped ones of `scheme` at the IoU threshold of the class;
-    radius: the site's hybrid radius (m); codec: of the data sent; classes: of the objects that count, several combined.
-    Raises ValueError where a model is of another scheme or missing."""
+    model: of vehicles, or one of each class, None for the shipped ones of `scheme` at the IoU
+    threshold of the class; radius: the site's hybrid radius (m); codec: of the data sent; classes:
+    of the objects that count, several combined. Raises ValueError where a model is of another
+    scheme or missing."""
 
     name = "surrogate"
 
@@ -49,17 +52,28 @@ class Surrogate:
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
-        scheme, self.classes = find_scheme(scheme), classes
+        scheme = find_scheme(scheme)
+        self.classes = classes
         visibility = visibility.of_classes(classes.labels)
         if model is None:
             name_of = surrogate_name(scheme)
-            model = [shipped_model(name_of, classes.get_iou(name, iou), label=name) for name in classes.names]
-        by_label = {each.label: each for each in ([model] if isinstance(model, HitModel) else model)}
+            model = [
+                shipped_model(name_of, classes.get_iou(name, iou), label=name)
+                for name in classes.names
+            ]
+        by_label = {
+            each.label: each for each in ([model] if isinstance(model, HitModel) else model)
+        }
         for each in by_label.values():
             if each.scheme not in (scheme.name, surrogate_name(scheme)):
-                raise ValueError(f"the model is for {each.scheme} fusion, not for {scheme.name}: pass one fitted to it")
+                raise ValueError(
+                    f"the model is for {each.scheme} fusion, not for {scheme.name}: pass one "
+                    "fitted to it"
+                )
         if missing := [name for name in classes.names if name not in by_label]:
-            raise ValueError(f"there is no model of {', '.join(missing)}: pass one fitted to each class")
+            raise ValueError(
+                f"there is no model of {', '.join(missing)}: pass one fitted to each class"
+            )
         self.models = tuple(by_label[name] for name in classes.names)
         self._parts = [
             _Part(Evidence(visibility.of_classes([label]), scheme, radius), of_class)
@@ -77,19 +91,30 @@ class Surrogate:
         return ClassEstimates(ap, recall, self._sent.kbit(subsets))
 
     def hits(self, subset: Bool[np.ndarray, " C"]) -> list[Float64[np.ndarray, " _"]]:
-        """Probability that a set hits each object, by class, in the order of the class's objects."""
-        return [part.probability(part.sums(subset[None]))[0].astype(np.float64) for part in self._parts]
+        """Probability that a set hits each object, by class, in the order of the class's
+        objects."""
+        return [
+            part.probability(part.sums(subset[None]))[0].astype(np.float64) for part in self._parts
+        ]
 
-    def evidence(self) -> list[tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"], HitModel, float]]:
+    def evidence(
+        self,
+    ) -> list[tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"], HitModel, float]]:
         """Evidence n ^ norm of each candidate and object, by class.
 
-        It comes with the factor of an object's size on its hit probability, the model of the class, and its weight
-        among classes. Raises ValueError where the centre's data make it no sum over sensors."""
+        It comes with the factor of an object's size on its hit probability, the model of the class,
+        and its weight among classes. Raises ValueError where the centre's data make it no sum over
+        sensors."""
         there = np.array([part.objects > 0 for part in self._parts])
         weights = np.where(there, self.classes.weights, 0.0)
         shares = weights / max(float(weights.sum()), 1e-300)
         return [
-            (part.powers(), part.model.of_size(part.evidence.visibility.boxes), part.model, float(share))
+            (
+                part.powers(),
+                part.model.of_size(part.evidence.visibility.boxes),
+                part.model,
+                float(share),
+            )
             for part, share in zip(self._parts, shares, strict=True)
             if part.objects
         ]
@@ -98,18 +123,23 @@ class Surrogate:
         """Same surrogate over some of the frames, ascending; kbit stay those of all."""
         other = copy(self)
         seen = [(part, of_frames(part.evidence.visibility, frames)) for part in self._parts]
-        other._parts = [_Part(replace(part.evidence, visibility=some), part.model) for part, some in seen]
+        other._parts = [
+            _Part(replace(part.evidence, visibility=some), part.model) for part, some in seen
+        ]
         return other
 
     def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """Standard error of each set's AP: of the fit, from its resamples, and against the detector, the greatest of a
-        class; NaN where a model knows neither."""
+        """Standard error of each set's AP: of the fit, from its resamples, and against the
+        detector, the greatest of a class; NaN where a model knows neither."""
         if any(len(model.resampled) < 2 and not model.error for model in self.models):
             return np.full(len(subsets), np.nan)
-        count, fit = min(len(model.resampled) for model in self.models), np.zeros(len(subsets))
+        count = min(len(model.resampled) for model in self.models)
+        fit = np.zeros(len(subsets))
         if count > 1:
             figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
-            fit = np.nan_to_num(np.std([self.classes.combined(each) for each in figures], axis=0, ddof=1))
+            fit = np.nan_to_num(
+                np.std([self.classes.combined(each) for each in figures], axis=0, ddof=1)
+            )
         ap = self.by_class(subsets).ap
         errors = np.sqrt(ap * (1 - ap)) * [model.error for model in self.models]
         return np.hypot(fit, np.nan_to_num(errors).max(axis=1))
@@ -120,7 +150,9 @@ class Surrogate:
         for part in self._parts:
             if part.model.domain is not None:
                 seen = part.evidence.visibility
-                said |= dict.fromkeys(part.model.domain.outside(seen.points, seen.distance, sensors))
+                said |= dict.fromkeys(
+                    part.model.domain.outside(seen.points, seen.distance, sensors)
+                )
         return tuple(said)
 
 
@@ -128,14 +160,17 @@ class _Part:
     """Objects of one class, and their model."""
 
     def __init__(self, evidence: "Evidence", model: HitModel) -> None:
-        self.evidence, self.model = evidence, model
+        self.evidence = evidence
+        self.model = model
         self.sums = MemberSums(evidence.rows(model))
         self._of_size = model.of_size(evidence.visibility.boxes).astype(np.float32)
         self.objects = evidence.visibility.points.shape[1]
 
     def powers(self) -> Float32[np.ndarray, "C O"]:
         if self.sums.rows.shape[1] != self.objects * (2 if self.model.floor > 0 else 1):
-            raise ValueError("in hybrid fusion evidence is no sum over sensors: say --scheme early or late")
+            raise ValueError(
+                "in hybrid fusion evidence is no sum over sensors: say --scheme early or late"
+            )
         return self.sums.rows[:, : self.objects].copy()
 
     def expected(self, subsets: Sets) -> Float64[np.ndarray, "2 n"]:
@@ -153,23 +188,31 @@ class _Part:
             figures[:, block] = compute_expected_ap(probability, self.model.false_alarms)
         return figures
 
-    def resampled(self, subsets: Bool[np.ndarray, "n C"], count: int) -> Float64[np.ndarray, "count n"]:
+    def resampled(
+        self, subsets: Bool[np.ndarray, "n C"], count: int
+    ) -> Float64[np.ndarray, "count n"]:
         """AP of each set by the first resamples of the fit, NaN without an object."""
         if not self.objects:
             return np.full((count, len(subsets)), np.nan)
-        models, seen = self.model.resamples[:count], self.evidence
+        models = self.model.resamples[:count]
+        seen = self.evidence
         rows = [seen.rows(model) for model in models]
         sums = MemberSums(np.concatenate(rows, axis=1))(subsets)
         parts = np.split(sums, np.cumsum([each.shape[1] for each in rows])[:-1], axis=1)
         probability = np.stack(
             [
-                model.probability(*seen.joined(part, model)) * model.of_size(seen.visibility.boxes).astype(np.float32)
+                model.probability(*seen.joined(part, model))
+                * model.of_size(seen.visibility.boxes).astype(np.float32)
                 for model, part in zip(models, parts, strict=True)
             ]
         )
         probability.sort(axis=2)
-        alarms = np.repeat([model.false_alarms for model in models], len(subsets)).astype(np.float32)
-        ap, _ = compute_expected_ap(probability[:, :, ::-1].reshape(len(alarms), -1), alarms[:, None])
+        alarms = np.repeat([model.false_alarms for model in models], len(subsets)).astype(
+            np.float32
+        )
+        ap, _ = compute_expected_ap(
+            probability[:, :, ::-1].reshape(len(alarms), -1), alarms[:, None]
+        )
         return ap.reshape(count, -1)
 
     def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n O"]:
@@ -199,16 +242,21 @@ def resample_ap(
     draws: Float32[np.ndarray, "n B"],
     block: Int64[np.ndarray, " O"],
 ) -> Float64[np.ndarray, " n"]:
-    """AP by the formula above where the objects of each block occur as often as it is drawn; NaN without any."""
+    """AP by the formula above where the objects of each block occur as often as it is drawn; NaN
+    without any."""
     order = np.argsort(-probability, kind="stable")
-    own = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)  # objects of each block
+    # objects of each block
+    own = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)
     some = own * probability[order].astype(np.float32)
-    hits, found = np.cumsum(some, axis=1), np.cumsum(some + np.float32(false_alarms) * (own - some), axis=1)
-    area, at_once = np.zeros(len(draws), np.float32), max(1, SMALL_PRODUCT // max(own.size, 1))
+    hits = np.cumsum(some, axis=1)
+    found = np.cumsum(some + np.float32(false_alarms) * (own - some), axis=1)
+    area = np.zeros(len(draws), np.float32)
+    at_once = max(1, SMALL_PRODUCT // max(own.size, 1))
     for first in range(0, len(draws), at_once):
         part = draws[first : first + at_once]
         precision = part @ hits
-        precision /= np.maximum(part @ found, np.finfo(np.float32).tiny)  # 0 where nothing is found yet
+        # 0 where nothing is found yet
+        precision /= np.maximum(part @ found, np.finfo(np.float32).tiny)
         area[first : first + at_once] = ((precision @ some.T) * part).sum(axis=1)
     whole = draws @ own.sum(axis=1)
     return np.divide(area, whole, out=np.full(len(area), np.nan), where=whole > 0, dtype=np.float64)
@@ -218,9 +266,9 @@ def resample_ap(
 class Evidence:
     """Evidence of each candidate on each object, which adds up over the members of a set.
 
-    radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the model's Σ n_i ^ norm and,
-    where it has a floor, Σ N_i ^ norm. Where points reach the centre beside boxes, it counts as one more sensor that
-    holds them all."""
+    radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the model's Σ
+    n_i ^ norm and, where it has a floor, Σ N_i ^ norm. Where points reach the centre beside boxes,
+    it counts as one more sensor that holds them all."""
 
     visibility: Visibility
     scheme: Scheme
@@ -237,7 +285,8 @@ class Evidence:
         return np.maximum(seen.distance, 1) / 20, np.abs(np.sin(2 * seen.boxes[:, 6]))
 
     def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
-        """Evidence n ^ norm, beside it n where the centre gets the points, then both of N where there is a floor."""
+        """Evidence n ^ norm, beside it n where the centre gets the points, then both of N where
+        there is a floor."""
         points: np.ndarray = self.visibility.points.astype(dtype)
         away, aside = self._place
         raw = self._columns(points, model) if model.floor > 0 else []
@@ -253,13 +302,16 @@ class Evidence:
     def joined(
         self, sums: Float[np.ndarray, "n w"], model: HitModel
     ) -> tuple[Float[np.ndarray, "n O"], Float[np.ndarray, "n O"] | None]:
-        """Σ n_i ^ norm, and Σ N_i ^ norm where the model has a floor, from the sums of the members' rows."""
+        """Σ n_i ^ norm, and Σ N_i ^ norm where the model has a floor, from the sums of the members'
+        rows."""
         if model.floor > 0:
             dense, raw = np.split(sums, 2, axis=1)
             return self._with_centre(dense, model), self._with_centre(raw, model)
         return self._with_centre(sums, model), None
 
-    def _with_centre(self, sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:
+    def _with_centre(
+        self, sums: Float[np.ndarray, "n w"], model: HitModel
+    ) -> Float[np.ndarray, "n O"]:
         if self._pooled is None:
             return sums
         near, centre = np.split(sums, 2, axis=1)

@@ -1,7 +1,8 @@
-"""`Table`: the AP of every set of a site's sensors, measured once for each scheme and IoU threshold with a detector.
+"""`Table`: the AP of every set of a site's sensors, measured once for each scheme and IoU threshold
+with a detector.
 
-The row number is a bit mask: sensor c belongs to the sets whose number has bit c. The tables of the built-in sites,
-with the shipped detectors, are in `exact/`; `make_table` makes them again."""
+The row number is a bit mask: sensor c belongs to the sets whose number has bit c. The tables of the
+built-in sites, with the shipped detectors, are in `exact/`; `make_table` makes them again."""
 
 import json
 from collections.abc import Sequence
@@ -39,9 +40,9 @@ _no_more = partial(np.zeros, (0, 0, 0, 0))  # of classes beside the first
 class Origin:
     """Origin of a table.
 
-    place: digest of site and sensors (`hash_site`); frames, objects: numbers of these; recording, detector: digests;
-    seed: of the noise; hybrid_radius: m; errors: name of the sensors' error profile; ious: for each class the IoU
-    threshold that replaces each of `IOUS`."""
+    place: digest of site and sensors (`hash_site`); frames, objects: numbers of these; recording,
+    detector: digests; seed: of the noise; hybrid_radius: m; errors: name of the sensors' error
+    profile; ious: for each class the IoU threshold that replaces each of `IOUS`."""
 
     site: str
     sensors: tuple[str, ...]
@@ -59,16 +60,20 @@ class Origin:
 
     def __post_init__(self) -> None:
         if len(self.ious) != len(self.classes) or any(len(each) != len(IOUS) for each in self.ious):
-            raise ValueError(f"there must be {len(IOUS)} IoU thresholds of each of {self.classes}, got {self.ious}")
+            raise ValueError(
+                f"there must be {len(IOUS)} IoU thresholds of each of {self.classes}, got "
+                f"{self.ious}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`).
+    """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of
+    `IOUS`).
 
-    kbit: total of a set in a frame by the paper's codec. `ap` and `recall` are of the first class, more_ap and
-    more_recall of the others, NaN throughout for a class without an object. Raises ValueError where the shapes do not
-    fit, and for figures that cannot be."""
+    kbit: total of a set in a frame by the paper's codec. `ap` and `recall` are of the first class,
+    more_ap and more_recall of the others, NaN throughout for a class without an object. Raises
+    ValueError where the shapes do not fit, and for figures that cannot be."""
 
     origin: Origin
     ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
@@ -80,33 +85,55 @@ class Table:
     def __post_init__(self) -> None:
         shape = (1 << len(self.origin.sensors), len(PAPER_SCHEMES), len(IOUS))
         if not self.ap.shape == self.recall.shape == shape or self.kbit.shape != shape[:2]:
-            raise ValueError(f"a table of {len(self.origin.sensors)} sensors must be {shape}, got {self.ap.shape}")
+            raise ValueError(
+                f"a table of {len(self.origin.sensors)} sensors must be {shape}, got "
+                f"{self.ap.shape}"
+            )
         others = len(self.origin.classes) - 1
         if others and not self.more_ap.shape == self.more_recall.shape == (others, *shape):
-            raise ValueError(f"a table of {self.origin.classes} needs {(others, *shape)}, got {self.more_ap.shape}")
+            raise ValueError(
+                f"a table of {self.origin.classes} needs {(others, *shape)}, got "
+                f"{self.more_ap.shape}"
+            )
         for shares in (self.ap, self.recall, *self.more_ap, *self.more_recall):
             wrong = shares[~((shares >= 0) & (shares <= 1))]
             if len(wrong) and not np.isnan(shares).all():
                 raise ValueError(f"AP and recall must lie in 0..1, got {wrong[0]:g}")
         most = MOST_KBIT * len(self.origin.sensors)
         if not ((self.kbit >= 0) & (self.kbit <= most)).all():
-            raise ValueError(f"kbit must lie in 0..{most:g}, got {self.kbit.min():g} to {self.kbit.max():g}")
+            raise ValueError(
+                f"kbit must lie in 0..{most:g}, got {self.kbit.min():g} to {self.kbit.max():g}"
+            )
 
     def column(
         self, scheme: Scheme | str, name: str, iou: float
-    ) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
-        """AP, recall and kbit of all sets for a class, scheme and IoU. Raises ValueError for one not measured."""
+    ) -> tuple[
+        Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]
+    ]:
+        """AP, recall and kbit of all sets for a class, scheme and IoU. Raises ValueError for one
+        not measured."""
         if name not in self.origin.classes:
             said = f"this table holds {', '.join(self.origin.classes)}, not {name}"
-            raise ValueError(f"{said}: make one with coview table --classes, or say --fidelity detector")
-        place, scheme = self.origin.classes.index(name), find_scheme(scheme)
-        ap, recall = (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
+            raise ValueError(
+                f"{said}: make one with coview table --classes, or say --fidelity detector"
+            )
+        place = self.origin.classes.index(name)
+        scheme = find_scheme(scheme)
+        ap, recall = (
+            (self.more_ap[place - 1], self.more_recall[place - 1])
+            if place
+            else (self.ap, self.recall)
+        )
         at = self.origin.ious[place]
         if iou not in at or scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
             of = "" if name == LABELS[VEHICLE] else f" of {name}"
-            said = f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(at))}{of}"
+            said = (
+                f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU "
+                f"{tuple(dict.fromkeys(at))}{of}"
+            )
             raise ValueError(f"{said}, got {scheme.name!r} and {iou}: say --fidelity detector")
-        number, row = PAPER_SCHEMES.index(scheme.name), at.index(iou)
+        number = PAPER_SCHEMES.index(scheme.name)
+        row = at.index(iou)
         return ap[:, number, row], recall[:, number, row], self.kbit[:, number]
 
     @property
@@ -117,13 +144,16 @@ class Table:
     def row(self, subsets: Sets) -> Int64[np.ndarray, " n"]:
         """Row of each set."""
         if subsets.shape[1] != len(self.origin.sensors):
-            raise ValueError(f"sets must be rows of {len(self.origin.sensors)} sensors, got {subsets.shape}")
+            raise ValueError(
+                f"sets must be rows of {len(self.origin.sensors)} sensors, got {subsets.shape}"
+            )
         return subsets @ (1 << np.arange(subsets.shape[1]))
 
 
 class TableFidelity:
-    """Score sets by looking them up, as exactly as by detection, at no cost. classes: that count, several combined.
-    Raises ValueError for a scheme, IoU threshold, class or codec that the table lacks."""
+    """Score sets by looking them up, as exactly as by detection, at no cost. classes: that count,
+    several combined. Raises ValueError for a scheme, IoU threshold, class or codec that the table
+    lacks."""
 
     name = "table"
 
@@ -136,11 +166,14 @@ class TableFidelity:
         *,
         classes: Classes = VEHICLES,
     ) -> None:
-        self.table, self.classes = table, classes
+        self.table = table
+        self.classes = classes
         columns = [table.column(scheme, name, classes.get_iou(name, iou)) for name in classes.names]
         self._ap, self._recall, (self._kbit, *_) = zip(*columns, strict=True)
         if codec != PAPER:
-            raise ValueError(f"tables hold kbit of the paper's codec, got {codec}: say --fidelity detector")
+            raise ValueError(
+                f"tables hold kbit of the paper's codec, got {codec}: say --fidelity detector"
+            )
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Figures of each set, of several classes combined."""
@@ -152,7 +185,9 @@ class TableFidelity:
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Figures of each set for each class."""
         rows = self.table.row(subsets)
-        ap, recall = (np.stack([column[rows] for column in of], axis=1) for of in (self._ap, self._recall))
+        ap, recall = (
+            np.stack([column[rows] for column in of], axis=1) for of in (self._ap, self._recall)
+        )
         return ClassEstimates(ap, recall, self._kbit[rows])
 
 
@@ -164,9 +199,15 @@ class Best(NamedTuple):
 
 
 def best_sets(
-    table: Table, scheme: Scheme | str = "early", iou: float = 0.7, top: int = 3, *, classes: Classes = VEHICLES
+    table: Table,
+    scheme: Scheme | str = "early",
+    iou: float = 0.7,
+    top: int = 3,
+    *,
+    classes: Classes = VEHICLES,
 ) -> dict[int, list[Best]]:
-    """Best sets of each number of sensors, best first, as the paper's table lists them: all sensors come first."""
+    """Best sets of each number of sensors, best first, as the paper's table lists them: all sensors
+    come first."""
     subsets = table.subsets
     ap = TableFidelity(table, scheme, iou, classes=classes)(subsets).ap
     sizes = subsets.sum(axis=1)
@@ -174,7 +215,9 @@ def best_sets(
     for size in range(len(table.origin.sensors), 0, -1):
         rows = np.flatnonzero(sizes == size)
         best = rows[np.argsort(-ap[rows], kind="stable")][:top]
-        found[size] = [Best(tuple(np.flatnonzero(subsets[row]).tolist()), float(ap[row])) for row in best]
+        found[size] = [
+            Best(tuple(np.flatnonzero(subsets[row]).tolist()), float(ap[row])) for row in best
+        ]
     return found
 
 
@@ -191,13 +234,17 @@ def make_table(
 ) -> Table:
     """Score every sensor set by detection, in each scheme and for each class, and write the table.
 
-    frames: number of first frames to use; seed: of their noise, written down. Detections are kept beside `out` until
-    the table is complete, so a killed run resumes with the same table."""
-    out, subsets, count = Path(out), all_subsets(len(renders.sensors)), len(range(renders.frames)[:frames])
+    frames: number of first frames to use; seed: of their noise, written down. Detections are kept
+    beside `out` until the table is complete, so a killed run resumes with the same table."""
+    out = Path(out)
+    subsets = all_subsets(len(renders.sensors))
+    count = len(range(renders.frames)[:frames])
     memo = Cache(out.with_name(out.name + ".detections"))
     columns: list[list[ClassEstimates]] = []
     for done, scheme in enumerate(PAPER_SCHEMES):
-        detected = Detected(renders, detector, scheme, memo=memo, processes=processes, classes=classes)
+        detected = Detected(
+            renders, detector, scheme, memo=memo, processes=processes, classes=classes
+        )
         report = processes.stage("frames scored", len(PAPER_SCHEMES) * count, before=done * count)
         columns.append(list(detected.class_estimates(subsets, frames, report).values()))
     origin = Origin(
@@ -216,7 +263,9 @@ def make_table(
         ious=tuple(tuple(classes.get_iou(name, iou) for iou in IOUS) for name in classes.names),
     )
     ap, recall = (  # class, set, scheme, IoU
-        np.transpose([[getattr(each, name) for each in column] for column in columns], (3, 2, 0, 1)).copy()
+        np.transpose(
+            [[getattr(each, name) for each in column] for column in columns], (3, 2, 0, 1)
+        ).copy()
         for name in ("ap", "recall")
     )
     kbit = np.stack([column[0].kbit for column in columns], axis=1)
@@ -227,28 +276,45 @@ def make_table(
 
 
 def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
-    """SHA-256 over a site and its sensors. A table applies to no others. The hybrid radius is stored beside it."""
-    mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
+    """SHA-256 over a site and its sensors. A table applies to no others. The hybrid radius is
+    stored beside it."""
+    mounted = [
+        (type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist())
+        for s in sensors
+    ]
     return make_key(format_site(site, without=["hybrid_radius"]), mounted).hex()
 
 
 def save_table(table: Table, path: str | Path) -> None:
     """Write a table as a .npz file, completely or not."""
     origin = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
-    more = {"more_ap": table.more_ap, "more_recall": table.more_recall} if len(table.origin.classes) > 1 else {}
-    write_arrays(path, {"ap": table.ap, "recall": table.recall, "kbit": table.kbit, **more, "origin": origin})
+    more = (
+        {"more_ap": table.more_ap, "more_recall": table.more_recall}
+        if len(table.origin.classes) > 1
+        else {}
+    )
+    write_arrays(
+        path, {"ap": table.ap, "recall": table.recall, "kbit": table.kbit, **more, "origin": origin}
+    )
 
 
 def load_table(name: str | Path) -> Table:
-    """Table of a built-in site (its name) or a .npz file. Raises FileNotFoundError, ValueError for a damaged file."""
+    """Table of a built-in site (its name) or a .npz file. Raises FileNotFoundError, ValueError for
+    a damaged file."""
     path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
     if not path.is_file():
         shipped = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.npz"))) or "none yet"
-        raise FileNotFoundError(f"no table {str(name)!r}; shipped: {shipped}; make one with coview table")
+        raise FileNotFoundError(
+            f"no table {str(name)!r}; shipped: {shipped}; make one with coview table"
+        )
     arrays = read_arrays(path)
-    if odd := [key for key, column in arrays.items() if key != "origin" and column.dtype.kind != "f"]:
+    if odd := [
+        key for key, column in arrays.items() if key != "origin" and column.dtype.kind != "f"
+    ]:
         found = f"{odd[0]} must hold real numbers, got {arrays[odd[0]].dtype}"
-        raise ValueError(f"{path} is no table of sensor sets ({found}): make it again with coview table")
+        raise ValueError(
+            f"{path} is no table of sensor sets ({found}): make it again with coview table"
+        )
     try:
         values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
         # a table without a radius was made when only the built-in sites had one of their own
@@ -256,6 +322,11 @@ def load_table(name: str | Path) -> Table:
         usual = load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
         values = {"hybrid_radius": usual, "classes": VEHICLES.names, "ious": [IOUS], **values}
         values |= {name: tuple(values[name]) for name in ("sensors", "classes")}
-        return Table(Origin(**values | {"ious": tuple(tuple(map(float, each)) for each in values["ious"])}), **arrays)
+        return Table(
+            Origin(**values | {"ious": tuple(tuple(map(float, each)) for each in values["ious"])}),
+            **arrays,
+        )
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with coview table") from None
+        raise ValueError(
+            f"{path} is no table of sensor sets ({error}): make it again with coview table"
+        ) from None

@@ -52,7 +52,8 @@ class Traffic:
         return other
 
     def digest(self) -> str:
-        """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might see is equal."""
+        """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might
+        see is equal."""
         return self._digest
 
     @cached_property
@@ -60,7 +61,9 @@ class Traffic:
         """SHA-256 over site and bodies."""
         sha = sha256(format_site(self.site).encode())
         for body in self.bodies:
-            sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
+            sha.update(
+                repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode()
+            )
             sha.update(b"" if body.truth is None else repr(body.truth).encode())
             sha.update(body.vertices.tobytes() + body.triangles.tobytes())
         return sha.digest()
@@ -70,7 +73,9 @@ class Traffic:
         sha = sha256(self._scene)
         for snapshot in self.snapshots:
             objects = snapshot.objects
-            sha.update(repr((len(objects), snapshot.bodies.tolist(), objects.labels.tolist())).encode())
+            sha.update(
+                repr((len(objects), snapshot.bodies.tolist(), objects.labels.tolist())).encode()
+            )
             sha.update(objects.boxes.tobytes())
         return sha.hexdigest()
 
@@ -78,9 +83,9 @@ class Traffic:
 def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic:
     """Frames of simulated traffic, all bodies drawn afresh, the same for the same seed.
 
-    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that length,
-    which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
-    `toolkit.traffic.snapshots.simulate`."""
+    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks
+    of that length, which a van parked there throughout would bias unnoticed. Raises ValueError for
+    fewer frames than one, and errors of `toolkit.traffic.snapshots.simulate`."""
     check_whole("frames", frames, least=1)
     key = format_site(site), frames, seed
     if key not in _KEPT:
@@ -101,5 +106,6 @@ def build_renderer(traffic: Traffic) -> "Renderer":
 
 
 def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Mask:
-    """Mask of the objects of some classes (numbers) centred in the area, as in `toolkit.detection.evaluation`."""
+    """Mask of the objects of some classes (numbers) centred in the area, as in
+    `toolkit.detection.evaluation`."""
     return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)

@@ -1,10 +1,10 @@
 """`Visibility`: points of candidates on objects, and points sent.
 
 Only scored objects count. Points on an object are noise-free: those that lie on it and in the crop.
-`toolkit.boxes.count_points` counts the same in the cropped cloud, with two exceptions: ground that relief lifts into
-the foot of a box, which is no part of the object, and points on the very faces of the box, where rounding decides.
-Points sent are their expectation under noise, which lifts half of the points on even ground above z = 0 and so into the
-crop."""
+`toolkit.boxes.count_points` counts the same in the cropped cloud, with two exceptions: ground that
+relief lifts into the foot of a box, which is no part of the object, and points on the very faces of
+the box, where rounding decides. Points sent are their expectation under noise, which lifts half of
+the points on even ground above z = 0 and so into the crop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -28,10 +28,11 @@ if TYPE_CHECKING:
 class Visibility:
     """View of C candidates on the O scored objects.
 
-    The objects (of some classes, centred in the area) are those of F frames, frame after frame. points: on each object
-    inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal, m, seen or not; frame: of
-    each object, ascending; boxes: of the objects; sent: expected points in the crop of each frame; far: those of them
-    horizontally beyond the radius of hybrid fusion; labels: class of each object, all vehicles if not given."""
+    The objects (of some classes, centred in the area) are those of F frames, frame after frame.
+    points: on each object inside the crop, noise-free; distance: from the sensor to the object's
+    centre, horizontal, m, seen or not; frame: of each object, ascending; boxes: of the objects;
+    sent: expected points in the crop of each frame; far: those of them horizontally beyond the
+    radius of hybrid fusion; labels: class of each object, all vehicles if not given."""
 
     points: Float32[np.ndarray, "C O"]
     distance: Float32[np.ndarray, "C O"]
@@ -63,14 +64,21 @@ class Visibility:
     @staticmethod
     def unseen(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int]) -> "Visibility":
         """Objects of some classes in traffic, all unseen."""
-        objects = [each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots]
+        objects = [
+            each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots
+        ]
         nothing = np.zeros((2, len(sensors), len(objects)), np.float32)
-        return _join(sensors, objects, [np.zeros((len(sensors), len(each))) for each in objects], *nothing)
+        return _join(
+            sensors, objects, [np.zeros((len(sensors), len(each))) for each in objects], *nothing
+        )
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Visibility":
         """View of some of the candidates, in the order given."""
         chosen = np.asarray(indices, np.int64)
-        return replace(self, **{name: getattr(self, name)[chosen] for name in ("points", "distance", "sent", "far")})
+        return replace(
+            self,
+            **{name: getattr(self, name)[chosen] for name in ("points", "distance", "sent", "far")},
+        )
 
     def of_classes(self, labels: Sequence[int]) -> "Visibility":
         """View on the objects of some classes (numbers)."""
@@ -79,7 +87,11 @@ class Visibility:
 
     def _with_objects(self, own: Bool[np.ndarray, " O"]) -> "Visibility":
         per_pair = {name: getattr(self, name)[:, own] for name in ("points", "distance")}
-        return replace(self, **per_pair, **{name: getattr(self, name)[own] for name in ("frame", "boxes", "labels")})
+        return replace(
+            self,
+            **per_pair,
+            **{name: getattr(self, name)[own] for name in ("frame", "boxes", "labels")},
+        )
 
     def save(self, path: str | Path) -> None:
         """Write a file, completely or not. `load` reads it."""
@@ -87,10 +99,18 @@ class Visibility:
 
     @staticmethod
     def load(path: str | Path) -> "Visibility":
-        """Read a file that `save` wrote. Raises FileNotFoundError; ValueError for a damaged or foreign file."""
-        arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
-        if arrays.keys() not in (names, names - {"labels"}):  # older files lack labels: only vehicles counted
-            raise ValueError(f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: see save")
+        """Read a file that `save` wrote. Raises FileNotFoundError; ValueError for a damaged or
+        foreign file."""
+        arrays = read_arrays(path)
+        names = {field.name for field in fields(Visibility)}
+        if arrays.keys() not in (
+            names,
+            names - {"labels"},
+        ):  # older files lack labels: only vehicles counted
+            raise ValueError(
+                f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: "
+                "see save"
+            )
         return Visibility(**arrays)
 
     @staticmethod
@@ -101,22 +121,36 @@ class Visibility:
         noise_seed: int | None = 0,
         labels: Sequence[int] = (VEHICLE,),
     ) -> "Visibility":
-        """View of a recording's sensors on its objects of some classes, counted in the clouds of the first `frames`.
-        Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are."""
+        """View of a recording's sensors on its objects of some classes, counted in the clouds of
+        the first `frames`. Points sent are counted with the noise that
+        `toolkit.detection.evaluation` adds, None for none, as kbit are."""
         from toolkit.datasets.recordings import with_errors
 
-        site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
-        points, sent, far, objects = [], [], [], []
+        site = recording.site
+        count = min(len(recording), len(recording) if frames is None else frames)
+        points = []
+        sent = []
+        far = []
+        objects = []
         for k in range(count):
             frame = recording[k]
             objects.append(frame.objects[scored(frame.objects, site, labels)])
             clouds = frame_points(frame, area=site)
-            points.append(np.array([count_on_ground(cloud, objects[-1].boxes, site) for cloud in clouds]))
-            clouds = frame_points(frame if noise_seed is None else with_errors(frame, "paper", noise_seed), area=site)
+            points.append(
+                np.array([count_on_ground(cloud, objects[-1].boxes, site) for cloud in clouds])
+            )
+            clouds = frame_points(
+                frame if noise_seed is None else with_errors(frame, "paper", noise_seed), area=site
+            )
             sent.append([len(cloud) for cloud in clouds])
-            beyond = (is_beyond(*pair, site.hybrid_radius) for pair in zip(clouds, recording.sensors, strict=True))
+            beyond = (
+                is_beyond(*pair, site.hybrid_radius)
+                for pair in zip(clouds, recording.sensors, strict=True)
+            )
             far.append([mask.sum() for mask in beyond])
-        sent_each, far_each = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
+        sent_each, far_each = (
+            np.array(each, np.float32).reshape(count, -1).T for each in (sent, far)
+        )
         return _join(recording.sensors, objects, points, sent_each, far_each)
 
 
@@ -128,7 +162,11 @@ def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibi
 
 
 def _join(
-    sensors: Sequence[Sensor], objects: list[Objects], points: list[np.ndarray], sent: np.ndarray, far: np.ndarray
+    sensors: Sequence[Sensor],
+    objects: list[Objects],
+    points: list[np.ndarray],
+    sent: np.ndarray,
+    far: np.ndarray,
 ) -> Visibility:
     """View of sensors on the objects of each frame, in frames one after the other."""
     on_objects = np.concatenate([np.zeros((len(sensors), 0)), *points], axis=1).astype(np.float32)
@@ -138,7 +176,9 @@ def _join(
     return Visibility(on_objects, distances(sensors, boxes), frame, boxes, sent, far, kinds)
 
 
-def distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
+def distances(
+    sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]
+) -> Float32[np.ndarray, "C O"]:
     """Horizontal distance (m) from sensors to box centres."""
     positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
     return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)

@@ -1,9 +1,10 @@
 """Files for spreadsheets, GIS tools and coview itself. The same set gives the same bytes.
 
-schedule.csv has a line per sensor (RFC 4180, UTF-8); an apostrophe stands before all that a spreadsheet would read as
-a formula, also where it separates cells by semicolons. plan.geojson is in longitude and latitude (RFC 7946), or in the
-site's metres if it has no geographic reference. Its layers are area, sensor, visible, blind and mount: the unused
-poles, which coview reads back as poles. site.json is the site with the sensors, in the format for `coview simulate`."""
+schedule.csv has a line per sensor (RFC 4180, UTF-8); an apostrophe stands before all that a
+spreadsheet would read as a formula, also where it separates cells by semicolons. plan.geojson is in
+longitude and latitude (RFC 7946), or in the site's metres if it has no geographic reference. Its
+layers are area, sensor, visible, blind and mount: the unused poles, which coview reads back as
+poles. site.json is the site with the sensors, in the format for `coview simulate`."""
 
 import csv
 import io
@@ -21,12 +22,17 @@ from toolkit.sites.files import save_site
 from toolkit.sites.georeference import feature, feature_collection, mount_feature
 from toolkit.sites.site import Mount, Site
 
-SCHEDULE, MAP, SITE = "schedule.csv", "plan.geojson", "site.json"
+SCHEDULE = "schedule.csv"
+MAP = "plan.geojson"
+SITE = "site.json"
 EXCHANGE_FILES = (SCHEDULE, MAP, SITE)
 FORMULA = re.compile(  # where a spreadsheet may begin a cell that it computes
     r"""(^|;|(?<!^)[\t\r\n])(?=["'\s]*[=+\-@\uff1d\uff0b\uff0d\uff20]|^[\t\r\n])"""
 )
-IN_METRES = "the site has no geographic reference: coordinates are metres of the site frame, not longitude and latitude"
+IN_METRES = (
+    "the site has no geographic reference: coordinates are metres of the site frame, not "
+    "longitude and latitude"
+)
 
 
 def write_exchange(
@@ -40,14 +46,21 @@ def write_exchange(
 ) -> None:
     """Write `EXCHANGE_FILES` into a folder.
 
-    The folder may be that of `toolkit.runtime.files.writing_together`. site: with the sensors; ground: that they see,
-    in their order; unused: poles without a sensor; currency: of prices, "" for units of one ordinary pole. Raises
-    ValueError if site, sensors and ground do not belong to one set."""
+    The folder may be that of `toolkit.runtime.files.writing_together`. site: with the sensors;
+    ground: that they see, in their order; unused: poles without a sensor; currency: of prices, ""
+    for units of one ordinary pole. Raises ValueError if site, sensors and ground do not belong to
+    one set."""
     names = [sensor.name for sensor in sensors]
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted or len(ground.seen) != len(names):
-        said = f"the site must have the planned sensors and the ground a layer for each, got {mounted} at the site"
-        raise ValueError(f"{said}, {names} planned and {len(ground.seen)} layers: use mounted_site and visible_ground")
+        said = (
+            "the site must have the planned sensors and the ground a layer for each, got "
+            f"{mounted} at the site"
+        )
+        raise ValueError(
+            f"{said}, {names} planned and {len(ground.seen)} layers: use mounted_site and "
+            "visible_ground"
+        )
     folder = Path(folder)
     write_text(folder / SCHEDULE, schedule_csv(sensors, currency))
     write_text(folder / MAP, plan_geojson(site, sensors, ground, unused=unused))
@@ -55,7 +68,18 @@ def write_exchange(
 
 
 COLUMNS = (
-    *("pole", "sensor", "x_m", "y_m", "z_m", "longitude", "latitude", "height_m", "bearing_deg", "tilt_deg"),
+    *(
+        "pole",
+        "sensor",
+        "x_m",
+        "y_m",
+        "z_m",
+        "longitude",
+        "latitude",
+        "height_m",
+        "bearing_deg",
+        "tilt_deg",
+    ),
     *("model", "model_price", "pole_price", "price_unit"),
     *("kbit_per_frame", "peak_kbit_per_frame", "link_kbit_per_frame"),
 )
@@ -64,11 +88,13 @@ PROPERTIES = (  # of a sensor on the map
     *("name", "pole", "model", "height", "z", "bearing_deg", "tilt_deg"),
     *("model_price", "pole_price", "kbit", "peak_kbit", "capacity_kbit"),
 )
-DIGITS = {"height": 3, "z": 3, "tilt_deg": 1, "kbit": 1, "peak_kbit": 1}  # after the points of these
+# after the points of these
+DIGITS = {"height": 3, "z": 3, "tilt_deg": 1, "kbit": 1, "peak_kbit": 1}
 
 
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
-    """Mounting schedule, one line per sensor. Lengths are in m (site frame), angles in degrees, kbit per frame."""
+    """Mounting schedule, one line per sensor. Lengths are in m (site frame), angles in degrees,
+    kbit per frame."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(COLUMNS)
@@ -76,7 +102,10 @@ def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
         row = (
             *(safe_cell(name) for name in (sensor.pole, sensor.name)),
             *(_fixed(length, 3) for length in (sensor.x, sensor.y, sensor.z)),
-            *("" if angle is None else f"{angle:.8f}" for angle in (sensor.longitude, sensor.latitude)),
+            *(
+                "" if angle is None else f"{angle:.8f}"
+                for angle in (sensor.longitude, sensor.latitude)
+            ),
             *(_fixed(sensor.height, 3), _fixed(_bearing(sensor), 1), _fixed(sensor.tilt_deg, 1)),
             *(safe_cell(sensor.model), f"{sensor.model_price:.10g}", f"{sensor.pole_price:.10g}"),
             safe_cell(currency or "ordinary poles"),
@@ -99,21 +128,35 @@ def _bearing(sensor: PlannedSensor) -> float:
     return round(sensor.bearing_deg, 1) % 360.0
 
 
-def plan_geojson(site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()) -> str:
+def plan_geojson(
+    site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()
+) -> str:
     """Sensors, their ground, blind spots and unused poles as layers for GIS tools."""
-    note: dict[str, object] = {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
+    note: dict[str, object] = (
+        {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
+    )
     layers = [feature(site, shapely.box(*site.area), layer="area", name=site.name)]
     for sensor in sensors:
         properties = {name: getattr(sensor, name) for name in PROPERTIES}
-        properties |= {name: round(properties[name], digits) + 0.0 for name, digits in DIGITS.items()}
+        properties |= {
+            name: round(properties[name], digits) + 0.0 for name, digits in DIGITS.items()
+        }
         properties["bearing_deg"] = _bearing(sensor)
-        layers.append(feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties))
-    names, square = [sensor.name for sensor in sensors], ground.cell**2
+        layers.append(
+            feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties)
+        )
+    names = [sensor.name for sensor in sensors]
+    square = ground.cell**2
     dark = ground.open_ground & ~np.any(ground.seen, axis=0)
     seen = zip(names, ground.seen & ground.open_ground, visible_polygons(ground), strict=True)
     areas = [("visible", *each) for each in seen]
-    for layer, name, cells, polygons in (*areas, ("blind", "seen by no sensor", dark, blind_polygons(ground))):
+    for layer, name, cells, polygons in (
+        *areas,
+        ("blind", "seen by no sensor", dark, blind_polygons(ground)),
+    ):
         size = round(float(cells.sum()) * square, 1)
-        layers.append(feature(site, shapely.MultiPolygon(polygons), layer=layer, name=name, m2=size))
+        layers.append(
+            feature(site, shapely.MultiPolygon(polygons), layer=layer, name=name, m2=size)
+        )
     layers += [mount_feature(site, mount, used=False) for mount in unused]
     return feature_collection(layers, name=f"{site.name} plan", **note)

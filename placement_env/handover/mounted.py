@@ -1,4 +1,5 @@
-"""A chosen set as it is mounted: its site, and each sensor for its installer, with links and materials."""
+"""A chosen set as it is mounted: its site, and each sensor for its installer, with links and
+materials."""
 
 import math
 import re
@@ -19,7 +20,8 @@ from toolkit.sites.georeference import bearing_deg, longitude_latitude
 from toolkit.sites.site import Mount, Site
 
 RATE = 10.0  # frames a second over a link
-POSE_NAME = re.compile(r"_\d+(\.\d+)?m_h-?\d+(\.\d+)?_t-?\d+(\.\d+)?_\w+")  # in a pool's candidate, after its pole
+# in a pool's candidate, after its pole
+POSE_NAME = re.compile(r"_\d+(\.\d+)?m_h-?\d+(\.\d+)?_t-?\d+(\.\d+)?_\w+")
 LETTERED = re.compile(r" [a-z]{1,2}$")
 SAME_SPOT = 0.1  # m between the feet of mounts that count as one
 MBIT = 1000.0  # kbit
@@ -31,10 +33,11 @@ Chosen = Sequence[int] | Int64[np.ndarray, " k"]
 class PlannedSensor:
     """One sensor of a chosen set, as installers need it.
 
-    x, y, z: position (m, site frame); longitude, latitude: degrees, None without a geographic reference; height: above
-    the foot of its pole (m); bearing_deg: compass bearing of the optical axis, clockwise from north (+y of the site's
-    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: its link's;
-    load_kbit: what it takes of the link (`placement_env.links`)."""
+    x, y, z: position (m, site frame); longitude, latitude: degrees, None without a geographic
+    reference; height: above the foot of its pole (m); bearing_deg: compass bearing of the optical
+    axis, clockwise from north (+y of the site's map); tilt_deg: below the horizon; kbit, peak_kbit:
+    mean and maximum per frame; capacity_kbit: its link's; load_kbit: what it takes of the link
+    (`placement_env.links`)."""
 
     name: str
     pole: str
@@ -59,8 +62,8 @@ class PlannedSensor:
 class LinkLoad:
     """Load of one pole's link at `RATE` frames a second, and its capacity.
 
-    mbit_s, peak_mbit_s, load_mbit_s: mean, largest frame, and what counts against the capacity, with its `share`:
-    see `placement_env.links`."""
+    mbit_s, peak_mbit_s, load_mbit_s: mean, largest frame, and what counts against the capacity,
+    with its `share`: see `placement_env.links`."""
 
     pole: str
     mbit_s: float
@@ -81,13 +84,22 @@ class MaterialItem:
     price: float
 
 
-def mounted_site(site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> Site:
-    """Return `site` with only the chosen sensors, and their mounts if it lacks them. chosen: indices of candidates;
-    moved: the same sensors, in that order, as placed by a search of continuous poses."""
+def mounted_site(
+    site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()
+) -> Site:
+    """Return `site` with only the chosen sensors, and their mounts if it lacks them. chosen:
+    indices of candidates; moved: the same sensors, in that order, as placed by a search of
+    continuous poses."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     feet = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
-    new = {m.name: m for m in mounts if not (np.hypot(*(feet - m.position[:2]).T) <= SAME_SPOT).any()}
-    return replace(site, sensors=sensors, mounts=(*(m for m in site.mounts if m.name not in new), *new.values()))
+    new = {
+        m.name: m for m in mounts if not (np.hypot(*(feet - m.position[:2]).T) <= SAME_SPOT).any()
+    }
+    return replace(
+        site,
+        sensors=sensors,
+        mounts=(*(m for m in site.mounts if m.name not in new), *new.values()),
+    )
 
 
 def format_sensors(
@@ -102,17 +114,22 @@ def format_sensors(
 ) -> tuple[PlannedSensor, ...]:
     """Describe each sensor of a set for its installer, in the order of the set.
 
-    chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each sensor, per frame;
-    catalogue: with names of models, None for their usual names; link_share: part of the frames, for loads. A mount is
-    paid for with the first sensor on it. Raises ValueError if their numbers differ; ImportError if the site's map
-    needs pyproj."""
+    chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each
+    sensor, per frame; catalogue: with names of models, None for their usual names; link_share: part
+    of the frames, for loads. A mount is paid for with the first sensor on it. Raises ValueError if
+    their numbers differ; ImportError if the site's map needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
-        raise ValueError(f"kbit must hold a row for each of {len(sensors)} sensors, got {len(kbit)}")
-    degrees = longitude_latitude(site, np.array([sensor.position for sensor in sensors]).reshape(-1, 3)[:, :2])
+        raise ValueError(
+            f"kbit must hold a row for each of {len(sensors)} sensors, got {len(kbit)}"
+        )
+    degrees = longitude_latitude(
+        site, np.array([sensor.position for sensor in sensors]).reshape(-1, 3)[:, :2]
+    )
     places = [(None, None)] * len(sensors) if degrees is None else degrees.tolist()
     headings, tilts = aims(sensors)
-    prices, mean_kbit = candidates.model_prices[np.asarray(chosen, np.int64)], kbit.mean(axis=1)
+    prices = candidates.model_prices[np.asarray(chosen, np.int64)]
+    mean_kbit = kbit.mean(axis=1)
     loads = link_load(kbit, link_share)
     return tuple(
         PlannedSensor(
@@ -124,9 +141,13 @@ def format_sensors(
             height=float(sensor.position[2] - mount.position[2]),
             bearing_deg=bearing_deg(site, float(headings[i])),
             tilt_deg=round(float(np.rad2deg(tilts[i])), 9) + 0.0,
-            model=name_in_words(type(sensor.model).__name__) if catalogue is None else catalogue.get_name(sensor.model),
+            model=name_in_words(type(sensor.model).__name__)
+            if catalogue is None
+            else catalogue.get_name(sensor.model),
             model_price=float(prices[i]),
-            pole_price=0.0 if mount.name in {before.name for before in mounts[:i]} else float(mount.price),
+            pole_price=0.0
+            if mount.name in {before.name for before in mounts[:i]}
+            else float(mount.price),
             kbit=float(mean_kbit[i]),
             peak_kbit=float(kbit[i].max()),
             capacity_kbit=float(mount.capacity),
@@ -151,7 +172,9 @@ def is_named_by_pole(name: str, pole: str) -> bool:
     return name == plain or name.startswith(f"{plain} ")
 
 
-def unused_mounts(candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> tuple[Mount, ...]:
+def unused_mounts(
+    candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()
+) -> tuple[Mount, ...]:
     """Mounts of candidates that carry no sensor of the set."""
     used = {mount.name for mount in _sensors(candidates, chosen, moved)[1]}
     return tuple(mount for mount in candidates.mounts if mount.name not in used)
@@ -163,38 +186,53 @@ def _sensors(
     """Sensors of the set, their file names and mounts."""
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
-        raise ValueError(f"moved must hold the {len(members)} chosen sensors, got {len(moved)}: pass one for each")
+        raise ValueError(
+            f"moved must hold the {len(members)} chosen sensors, got {len(moved)}: pass one for "
+            "each"
+        )
     sensors = [candidates.sensors[member] for member in members]
     mounts = [candidates.mounts[mount] for mount in candidates.mount[members]]
     if len(moved):
         feet = np.array([mount.position[:2] for mount in candidates.mounts])
-        mounts = [candidates.mounts[np.hypot(*(feet - each.position[:2]).T).argmin()] for each in moved]
+        mounts = [
+            candidates.mounts[np.hypot(*(feet - each.position[:2]).T).argmin()] for each in moved
+        ]
         stayed = {sensor.digest: sensor.name for sensor in sensors}
         sensors = []
         for sensor, mount in zip(moved, mounts, strict=True):
             (heading,), (tilt,) = np.rad2deg(aims([sensor])).round(1) + 0.0
             pose = f"{sensor.position[2] - mount.position[2]:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}"
-            name = stayed.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"  # as in a pool
+            # as in a pool
+            name = stayed.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"
             sensors.append(replace(sensor, name=name))
     poles = [mount.name for mount in candidates.mounts]
-    names = name_by_poles([sensor.name for sensor in sensors], [mount.name for mount in mounts], poles)
-    return tuple(replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)), tuple(mounts)
+    names = name_by_poles(
+        [sensor.name for sensor in sensors], [mount.name for mount in mounts], poles
+    )
+    return tuple(
+        replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)
+    ), tuple(mounts)
 
 
-def name_by_poles(names: Sequence[str], poles: Sequence[str], known: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names that the sensors of a set have everywhere: their poles', with a, b, ... where several share one.
+def name_by_poles(
+    names: Sequence[str], poles: Sequence[str], known: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the names that the sensors of a set have everywhere: their poles', with a, b, ...
+    where several share one.
 
-    names: as the sensors have them; poles: each sensor's; known: names of all poles. Only names of poses in a pool
-    (post07_6.0m_h90_t15_camera) and names of poles are replaced: d0 of a site stays. Names hold - for /, as a
-    recording's groups are named by them.
+    names: as the sensors have them; poles: each sensor's; known: names of all poles. Only names of
+    poses in a pool (post07_6.0m_h90_t15_camera) and names of poles are replaced: d0 of a site
+    stays. Names hold - for /, as a recording's groups are named by them.
 
     >>> name_by_poles(["P1_6.0m_h0_t5_camera", "P1_6.0m_h90_t5_camera", "d4"], ["P1", "P1", "P2"])
     ('P1 a', 'P1 b', 'd4')
     """
-    letters, plain = Counter[str](), [name_sensor(name) for name in names]
+    letters = Counter[str]()
+    plain = [name_sensor(name) for name in names]
     bases = {name_sensor(pole) for pole in (*known, *poles)}
     by_pole = [
-        POSE_NAME.fullmatch(name.removeprefix(name_sensor(pole))) is not None or LETTERED.sub("", name) in bases
+        POSE_NAME.fullmatch(name.removeprefix(name_sensor(pole))) is not None
+        or LETTERED.sub("", name) in bases
         for name, pole in zip(plain, poles, strict=True)
     ]
     several = Counter(pole for pole, replaced in zip(poles, by_pole, strict=True) if replaced)
@@ -214,21 +252,27 @@ def _letter(number: int) -> str:
     return (_letter(more) if more else "") + ascii_lowercase[last]
 
 
-def build_load(pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool) -> LinkLoad:
+def build_load(
+    pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool
+) -> LinkLoad:
     """Load of one link from its amounts (Mbit/s). limited: as of `link_loads`."""
     fits = load <= max_load(capacity) or not limited
     return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
-    """Load of each pole's link. Sensors that share one add up, peaks too. limited: whether the scheme sends points;
-    only points count against the capacity."""
+    """Load of each pole's link. Sensors that share one add up, peaks too. limited: whether the
+    scheme sends points; only points count against the capacity."""
     loads = []
     for pole in dict.fromkeys(sensor.pole for sensor in sensors):
         here = [sensor for sensor in sensors if sensor.pole == pole]
         names = ("kbit", "peak_kbit", "load_kbit")
-        mean, peak, load = (sum(getattr(sensor, name) for sensor in here) * RATE / MBIT for name in names)
-        loads.append(build_load(pole, mean, peak, load, here[0].capacity_kbit * RATE / MBIT, limited=limited))
+        mean, peak, load = (
+            sum(getattr(sensor, name) for sensor in here) * RATE / MBIT for name in names
+        )
+        loads.append(
+            build_load(pole, mean, peak, load, here[0].capacity_kbit * RATE / MBIT, limited=limited)
+        )
     return tuple(loads)
 
 
@@ -237,17 +281,24 @@ def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SH
     narrow = [load for load in loads if not load.fits]
     if not narrow:
         return ""
-    needs = [f"{load.pole} needs {load.load_mbit_s:.2f} of {load.capacity_mbit_s:.2f} Mbit/s" for load in narrow]
+    needs = [
+        f"{load.pole} needs {load.load_mbit_s:.2f} of {load.capacity_mbit_s:.2f} Mbit/s"
+        for load in narrow
+    ]
     needed_kbit = math.ceil(max(load.load_mbit_s for load in narrow) * MBIT / RATE)
     links = "The link is too narrow" if len(narrow) == 1 else f"{len(narrow)} links are too narrow"
     return (
-        f"{links} for {describe_share(link_share)}: {', '.join(needs)}; plan with links of {needed_kbit} kbit per "
-        "frame (--capacity), allow each sensor less (--max-kbit), or send less (--scheme foreground or late)."
+        f"{links} for {describe_share(link_share)}: {', '.join(needs)}; plan with links of "
+        f"{needed_kbit} kbit per frame (--capacity), allow each sensor less (--max-kbit), or send "
+        "less (--scheme foreground or late)."
     )
 
 
-def bill_of_rates(sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None) -> tuple[MaterialItem, ...]:
-    """List what the rates of a catalogue add to the price of the sensors and their poles, over the years it names."""
+def bill_of_rates(
+    sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None
+) -> tuple[MaterialItem, ...]:
+    """List what the rates of a catalogue add to the price of the sensors and their poles, over the
+    years it names."""
     if catalogue is None:
         return ()
     count = {"pole": len({sensor.pole for sensor in sensors}), "sensor": len(sensors)}
@@ -263,7 +314,21 @@ def bill_of_rates(sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue |
 def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem, ...]:
     """List sensors by model, then poles by price."""
     models = Counter((sensor.model, sensor.model_price) for sensor in sensors)
-    paid = [{sensor.pole for sensor in sensors[:i]} for i in range(len(sensors))]  # with the first sensor on each
-    poles = Counter(s.pole_price for s, old in zip(sensors, paid, strict=True) if s.pole_price or s.pole not in old)
-    bought = [MaterialItem(model, count, price, count * price) for (model, price), count in sorted(models.items())]
-    return (*bought, *(MaterialItem("pole", count, price, count * price) for price, count in sorted(poles.items())))
+    # with the first sensor on each
+    paid = [{sensor.pole for sensor in sensors[:i]} for i in range(len(sensors))]
+    poles = Counter(
+        s.pole_price
+        for s, old in zip(sensors, paid, strict=True)
+        if s.pole_price or s.pole not in old
+    )
+    bought = [
+        MaterialItem(model, count, price, count * price)
+        for (model, price), count in sorted(models.items())
+    ]
+    return (
+        *bought,
+        *(
+            MaterialItem("pole", count, price, count * price)
+            for price, count in sorted(poles.items())
+        ),
+    )

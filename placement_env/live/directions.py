@@ -1,7 +1,8 @@
-"""Directions as people type them: compass bearings, or headings by name, and tilts below the horizon, in degrees.
+"""Directions as people type them: compass bearings, or headings by name, and tilts below the
+horizon, in degrees.
 
-Schedules and pages print tenths of a degree and centimetres. A number that is typed as it was printed means the present
-one in full, so a row of the schedule changes nothing."""
+Schedules and pages print tenths of a degree and centimetres. A number that is typed as it was
+printed means the present one in full, so a row of the schedule changes nothing."""
 
 import math
 
@@ -10,7 +11,9 @@ from toolkit.sites.georeference import bearing_deg, heading_from_bearing
 from toolkit.sites.site import Mount, Site
 
 MAX_TURN_DEG = 360.0
-PRINTED_ANGLE_DEG, PRINTED_HEIGHT_M = 0.1, 0.01  # last places that are printed
+# last places that are printed
+PRINTED_ANGLE_DEG = 0.1
+PRINTED_HEIGHT_M = 0.01
 HEADING_PREFIX = "heading="  # before a number that is no bearing
 SLACK = 1e-6
 
@@ -18,19 +21,23 @@ SLACK = 1e-6
 def parse_heading(site: Site, text: str, present: float | None = None) -> float:
     """Return the heading (rad, counter-clockwise from the site's +x) of a direction in degrees.
 
-    text: "315" is a compass bearing, "heading=135" a heading; present: heading (rad) that stays if it is printed so.
-    Raises ValueError for another text, and beyond a full turn.
+    text: "315" is a compass bearing, "heading=135" a heading; present: heading (rad) that stays if
+    it is printed so. Raises ValueError for another text, and beyond a full turn.
 
     >>> from toolkit.sites.files import load_site
     >>> site = load_site("roundabout")
-    >>> parse_heading(site, "90"), parse_heading(site, "heading=0"), parse_heading(site, "90.0", 0.0001)
-    (0.0, 0.0, 0.0001)
+    >>> parse_heading(site, "90"), parse_heading(site, "heading=0")
+    (0.0, 0.0)
+    >>> parse_heading(site, "90.0", present=0.0001)
+    0.0001
     """
     named = text.startswith(HEADING_PREFIX)
     degrees = _parse_degrees(text.removeprefix(HEADING_PREFIX))
     if degrees is None or abs(degrees) > MAX_TURN_DEG:
         rule = "a bearing must be degrees clockwise from north, from 0 to 360, such as 315"
-        raise ValueError(f"{rule}, got {text!r:.40}: a heading from +x is written {HEADING_PREFIX}135")
+        raise ValueError(
+            f"{rule}, got {text!r:.40}: a heading from +x is written {HEADING_PREFIX}135"
+        )
     heading = math.radians(degrees) if named else heading_from_bearing(site, degrees)
     if present is not None and abs(_turn_between(heading, present)) <= _half(PRINTED_ANGLE_DEG):
         return present
@@ -38,19 +45,21 @@ def parse_heading(site: Site, text: str, present: float | None = None) -> float:
 
 
 def parse_tilt(degrees: float, present: float | None = None) -> float:
-    """Return a tilt (rad below the horizon). present: tilt that stays if it is printed so. Raises ValueError for a tilt
-    that no sensor may have."""
+    """Return a tilt (rad below the horizon). present: tilt that stays if it is printed so. Raises
+    ValueError for a tilt that no sensor may have."""
     low, high = (math.degrees(limit) for limit in TILT_SPAN)
     if present is not None and abs(degrees - math.degrees(present)) <= _half(PRINTED_ANGLE_DEG):
         return present
     if not low - SLACK <= degrees <= high + SLACK:
-        raise ValueError(f"a tilt must be {low:.0f} to {high:.0f} degrees below the horizon, got {degrees:g}")
+        raise ValueError(
+            f"a tilt must be {low:.0f} to {high:.0f} degrees below the horizon, got {degrees:g}"
+        )
     return math.radians(degrees)
 
 
 def parse_height(mount: Mount, height: float, present: float | None = None) -> float:
-    """Return a height above the foot of a pole (m). present: height that stays if it is printed so. Raises ValueError
-    beyond the heights of the pole."""
+    """Return a height above the foot of a pole (m). present: height that stays if it is printed so.
+    Raises ValueError beyond the heights of the pole."""
     if present is not None and abs(height - present) <= _half(PRINTED_HEIGHT_M):
         return present
     if not mount.min_height - SLACK <= height <= mount.max_height + SLACK:

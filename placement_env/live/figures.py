@@ -1,8 +1,10 @@
-"""`LiveAnswer`: figures of a variant on the planner's frames, by the surrogate, each with its interval.
+"""`LiveAnswer`: figures of a variant on the planner's frames, by the surrogate, each with its
+interval.
 
-The intervals are of `placement_env.analysis.intervals`, over the same draws for every variant, so that what a move
-changed has an interval of its own. That of an AP takes in the surrogate's own error too. They are given down to
-`LEAST_BLOCKS` blocks of frames, fewer than a judged set needs: see `docs/how-to/live.md` for how often they hold."""
+The intervals are of `placement_env.analysis.intervals`, over the same draws for every variant, so
+that what a move changed has an interval of its own. That of an AP takes in the surrogate's own
+error too. They are given down to `LEAST_BLOCKS` blocks of frames, fewer than a judged set needs:
+see `docs/how-to/live.md` for how often they hold."""
 
 import math
 from dataclasses import asdict, dataclass, field, replace
@@ -39,8 +41,8 @@ SURE = 0.5  # hit probability from which a road user counts as found in the scen
 
 @dataclass(frozen=True)
 class FoundShare:
-    """AP (None for a group without its own) and share found of a class or approach, N objects. low, high: of the AP,
-    else of the share."""
+    """AP (None for a group without its own) and share found of a class or approach, N objects. low,
+    high: of the AP, else of the share."""
 
     name: str
     ap: float | None
@@ -54,12 +56,14 @@ class FoundShare:
 class LiveAnswer:
     """Figures of a variant.
 
-    ap, low, high: predicted AP and its 95 % interval, over frames and the error of the prediction; spread: standard
-    error of the prediction, NaN where unknown; kbit: all sensors' per frame; price, budget: in `currency`, "" for
-    ordinary poles; worst, worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of
-    traffic; change, change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users
-    without a point on them, their number and which; probability: that each is found; problems: sentences on what cannot
-    be built so; coarse: a view was taken from half metres of height, or these are the first few frames."""
+    ap, low, high: predicted AP and its 95 % interval, over frames and the error of the prediction;
+    spread: standard error of the prediction, NaN where unknown; kbit: all sensors' per frame;
+    price, budget: in `currency`, "" for ordinary poles; worst, worst_low, worst_high: AP left after
+    the worst single failure, of `worst_sensor`; levels: of traffic; change, change_low,
+    change_high: AP since the answer before, on the same frames; unseen, hidden: road users without
+    a point on them, their number and which; probability: that each is found; problems: sentences on
+    what cannot be built so; coarse: a view was taken from half metres of height, or these are the
+    first few frames."""
 
     what: str
     sensors: int
@@ -88,9 +92,15 @@ class LiveAnswer:
     budget: float = math.inf
     problems: tuple[str, ...] = ()
     coarse: bool = False
-    resamples: Float64[np.ndarray, " resamples"] = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
-    probability: Float64[np.ndarray, " O"] = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
-    hidden: Bool[np.ndarray, " O"] = field(default_factory=lambda: np.zeros(0, np.bool_), repr=False, compare=False)
+    resamples: Float64[np.ndarray, " resamples"] = field(
+        default_factory=lambda: np.zeros(0), repr=False, compare=False
+    )
+    probability: Float64[np.ndarray, " O"] = field(
+        default_factory=lambda: np.zeros(0), repr=False, compare=False
+    )
+    hidden: Bool[np.ndarray, " O"] = field(
+        default_factory=lambda: np.zeros(0, np.bool_), repr=False, compare=False
+    )
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""
@@ -103,13 +113,16 @@ class LiveAnswer:
         if before is None:
             return replace(self, what=what, change=0.0, change_low=0.0, change_high=0.0)
         change = self.ap - before.ap
-        ends = percentiles(self.resamples - before.resamples, count_blocks(self.frames), fewest=LEAST_BLOCKS)
+        ends = percentiles(
+            self.resamples - before.resamples, count_blocks(self.frames), fewest=LEAST_BLOCKS
+        )
         low, high = min(ends.low, change), max(ends.high, change)
         return replace(self, what=what, change=change, change_low=low, change_high=high)
 
 
 def widen(figure: float, ends: Interval, spread: float) -> Interval:
-    """Interval of a predicted share, from the ends over frames and its standard error; those ends where it is NaN."""
+    """Interval of a predicted share, from the ends over frames and its standard error; those ends
+    where it is NaN."""
     if math.isnan(ends.low):
         return ends
     margin = NORMAL_ENDS * (0.0 if math.isnan(spread) else spread)
@@ -121,7 +134,8 @@ class Meter:
     """Figures of variants in the traffic of a preparation."""
 
     def __init__(self, preparation: Preparation, currency: str) -> None:
-        self.preparation, self._currency = preparation, currency
+        self.preparation = preparation
+        self._currency = currency
         self.blocks = count_blocks(preparation.frames)
         self._draws = block_draws(self.blocks, block=1).astype(np.float32)
 
@@ -130,26 +144,36 @@ class Meter:
         made = self.preparation
         return Objective.of_moved(made, candidates, visibility, made.setting.weights)
 
-    def judge(self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]) -> tuple[float, int]:
+    def judge(
+        self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]
+    ) -> tuple[float, int]:
         """AP and number of problems alone, which take a tenth of the time."""
         objective = self.objective(candidates, seen)
         return float(objective.scores(standing[None]).ap[0]), len(_list_problems(objective))
 
-    def measure(self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]) -> LiveAnswer:
+    def measure(
+        self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]
+    ) -> LiveAnswer:
         """Figures of all sensors, of which some have failed. Its change is 0."""
         objective = self.objective(candidates, seen)
-        whole, members = standing[None], np.flatnonzero(standing)
+        whole = standing[None]
+        members = np.flatnonzero(standing)
         left = np.repeat(whole, len(members), axis=0)
         left[np.arange(len(members)), members] = False
         scores = objective.scores(np.concatenate([whole, left]))
         lost = int(scores.ap[1:].argmin()) if len(members) else -1
         surrogate = cast(Surrogate, objective.scored_by)
-        worst, least, spread, left_spread = 0.0, standing, 0.0, 0.0
+        worst = 0.0
+        least = standing
+        spread = 0.0
+        left_spread = 0.0
         if len(members):
-            worst, least = float(scores.ap[1:][lost]), left[lost]
+            worst = float(scores.ap[1:][lost])
+            least = left[lost]
             spread, left_spread = surrogate.spread(np.stack([standing, least])).tolist()
         classes, resamples, probability = self._by_class(surrogate, standing, seen, spread)
-        ap, objects = float(scores.ap[0]), len(probability)
+        ap = float(scores.ap[0])
+        objects = len(probability)
         own = {"blocks": self.blocks, "objects": objects, "fewest": LEAST_BLOCKS}
         ends = widen(ap, figure_interval(ap, resamples, **own), spread)
         left_draws = self._resample(surrogate, least)[0]
@@ -194,20 +218,34 @@ class Meter:
     @cached_property
     def unseen(self) -> Visibility:
         """The road users that count, seen by no sensor."""
-        return Visibility.unseen(self.preparation.traffic, (), self.preparation.setting.counted.labels)
+        return Visibility.unseen(
+            self.preparation.traffic, (), self.preparation.setting.counted.labels
+        )
 
     def _by_class(
-        self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"], seen: Visibility, spread: float
-    ) -> tuple[tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]]:
-        """Each class, resampled AP of all, and the hit probability of each object. spread: the prediction's."""
+        self,
+        surrogate: Surrogate,
+        standing: Bool[np.ndarray, " C"],
+        seen: Visibility,
+        spread: float,
+    ) -> tuple[
+        tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]
+    ]:
+        """Each class, resampled AP of all, and the hit probability of each object. spread: the
+        prediction's."""
         resamples, drawn = self._resample(surrogate, standing)
-        probability, rows = np.zeros(len(seen.boxes)), []
+        probability = np.zeros(len(seen.boxes))
+        rows = []
         aps = surrogate.by_class(standing[None]).ap[0].tolist()
-        for k, (name, hits) in enumerate(zip(surrogate.classes.names, surrogate.hits(standing), strict=True)):
+        for k, (name, hits) in enumerate(
+            zip(surrogate.classes.names, surrogate.hits(standing), strict=True)
+        ):
             probability[seen.labels == surrogate.classes.labels[k]] = hits
             ends = Interval(np.nan, np.nan)
             if len(hits):
-                frames = figure_interval(aps[k], drawn[k], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS)
+                frames = figure_interval(
+                    aps[k], drawn[k], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS
+                )
                 ends = widen(aps[k], frames, spread)
             recall = float(hits.mean()) if len(hits) else np.nan
             rows.append(FoundShare(name, aps[k], recall, *ends, len(hits)))
@@ -217,26 +255,39 @@ class Meter:
         self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"]
     ) -> tuple[Float64[np.ndarray, " resamples"], list[Float64[np.ndarray, " resamples"]]]:
         """AP of all and of each class over the draws of frames."""
-        labels, hits = surrogate.classes.labels, surrogate.hits(standing)
+        labels = surrogate.classes.labels
+        hits = surrogate.hits(standing)
         drawn = [
-            resample_ap(each, model.false_alarms, self._draws, self._block[self.unseen.labels == label])
+            resample_ap(
+                each, model.false_alarms, self._draws, self._block[self.unseen.labels == label]
+            )
             for label, model, each in zip(labels, surrogate.models, hits, strict=True)
         ]
         return surrogate.classes.combined(np.stack(drawn, axis=1)), drawn
 
     def _by_group(
-        self, names: tuple[str, ...], place: Int64[np.ndarray, " O"], probability: Float64[np.ndarray, " O"]
+        self,
+        names: tuple[str, ...],
+        place: Int64[np.ndarray, " O"],
+        probability: Float64[np.ndarray, " O"],
     ) -> tuple[FoundShare, ...]:
         """Share found of each group of objects. place: group of each."""
-        cell, rows = place * self.blocks + self._block, []
+        cell = place * self.blocks + self._block
+        rows = []
         counts, sums = (
-            np.bincount(cell, each, len(names) * self.blocks).reshape(len(names), -1) for each in (None, probability)
+            np.bincount(cell, each, len(names) * self.blocks).reshape(len(names), -1)
+            for each in (None, probability)
         )
         for k in np.flatnonzero(counts.any(axis=1)).tolist():
-            objects, whole = int(counts[k].sum()), self._draws @ counts[k]
-            shares = np.divide(self._draws @ sums[k], whole, out=np.full(len(whole), np.nan), where=whole > 0)
+            objects = int(counts[k].sum())
+            whole = self._draws @ counts[k]
+            shares = np.divide(
+                self._draws @ sums[k], whole, out=np.full(len(whole), np.nan), where=whole > 0
+            )
             recall = float(sums[k].sum() / objects)
-            ends = figure_interval(recall, shares, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS)
+            ends = figure_interval(
+                recall, shares, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS
+            )
             rows.append(FoundShare(names[k], None, recall, *ends, objects))
         return tuple(rows)
 
@@ -252,13 +303,19 @@ class Meter:
             level[part] = k
         return LEVEL_NAMES[LEVELS], level[self.unseen.frame]
 
-    def _loads(self, candidates: Candidates, seen: Visibility, standing: np.ndarray) -> tuple[LinkLoad, ...]:
-        setting, loads = self.preparation.setting, []
+    def _loads(
+        self, candidates: Candidates, seen: Visibility, standing: np.ndarray
+    ) -> tuple[LinkLoad, ...]:
+        setting = self.preparation.setting
+        loads = []
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * standing[:, None] * RATE / MBIT
         for mount in np.unique(candidates.mount).tolist():
-            rows, pole = kbit[candidates.mount == mount], candidates.mounts[mount]
-            mean, peak = float(rows.mean(axis=1).sum()), float(rows.max(axis=1, initial=0).sum())
-            load, capacity = float(link_load(rows, setting.link_share).sum()), pole.capacity * RATE / MBIT
+            rows = kbit[candidates.mount == mount]
+            pole = candidates.mounts[mount]
+            mean = float(rows.mean(axis=1).sum())
+            peak = float(rows.max(axis=1, initial=0).sum())
+            load = float(link_load(rows, setting.link_share).sum())
+            capacity = pole.capacity * RATE / MBIT
             limited = setting.fusion.sends_points
             loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
         return tuple(loads)
@@ -266,16 +323,27 @@ class Meter:
 
 def _list_problems(objective: Objective) -> tuple[str, ...]:
     """Sentences on what keeps all candidates from being built together."""
-    candidates, every = objective.candidates, np.ones((1, len(objective.candidates)), np.bool_)
-    said = [f"{name} sends more than its link carries" for name in np.array(objective.names)[~objective.linked]]
-    per_mount, price = candidates.per_mount(every)[0], float(objective.price(every)[0])
-    crowded = [m.name for m, count in zip(candidates.mounts, per_mount, strict=True) if count > m.max_sensors]
+    candidates = objective.candidates
+    every = np.ones((1, len(objective.candidates)), np.bool_)
+    said = [
+        f"{name} sends more than its link carries"
+        for name in np.array(objective.names)[~objective.linked]
+    ]
+    per_mount = candidates.per_mount(every)[0]
+    price = float(objective.price(every)[0])
+    crowded = [
+        m.name
+        for m, count in zip(candidates.mounts, per_mount, strict=True)
+        if count > m.max_sensors
+    ]
     said += [f"{name} carries more sensors than it may" for name in crowded]
     if (loads := objective.shared_links) is not None:
         sums = candidates.per_mount(every, loads)[0]
         mounts = zip(candidates.mounts, sums, per_mount, strict=True)
         narrow = [m.name for m, load, count in mounts if count > 1 and load > max_load(m.capacity)]
-        said += [f"the sensors on {name} together send more than its link carries" for name in narrow]
+        said += [
+            f"the sensors on {name} together send more than its link carries" for name in narrow
+        ]
     if not objective.affordable(np.array([price]))[0]:
         said.append(f"it costs {price:g}, more than {objective.most_price:g}")
     return tuple(said)

@@ -1,4 +1,5 @@
-"""`GroundPicture`: a picture of one's own under the scene, such as an aerial photo or a plan, placed by two points."""
+"""`GroundPicture`: a picture of one's own under the scene, such as an aerial photo or a plan,
+placed by two points."""
 
 import re
 from collections.abc import Sequence
@@ -15,16 +16,20 @@ from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.runtime.files import write_bytes
 from toolkit.runtime.json_object import JsonObject
 
-MOST_PICTURE_BYTES, MOST_PIXELS = 40_000_000, 60_000_000  # of a picture as it comes
+# of a picture as it comes
+MOST_PICTURE_BYTES = 40_000_000
+MOST_PIXELS = 60_000_000
 SHOWN_PIXELS = 1600  # along its longer side, as it is kept
 NEAREST = 0.5  # m between the two points
-MIN_SCALE_M, MAX_SCALE_M = 1e-6, 1e5  # width of a pixel
+# width of a pixel
+MIN_SCALE_M = 1e-6
+MAX_SCALE_M = 1e5
 
 
 @dataclass(frozen=True)
 class GroundPicture:
-    """Picture that is kept beside the project. name: as it came; width, height: px; x, y: of its middle (m); scale: m
-    per px; turn: rad counter-clockwise."""
+    """Picture that is kept beside the project. name: as it came; width, height: px; x, y: of its
+    middle (m); scale: m per px; turn: rad counter-clockwise."""
 
     name: str
     file: str
@@ -44,20 +49,27 @@ class GroundPicture:
             picture.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M)
         picture.number("scale", MIN_SCALE_M, MAX_SCALE_M)
         if not re.fullmatch(r"picture-[0-9a-f]{12}\.jpg", picture.get("file", str)):
-            raise ValueError(f"picture.file must be picture- and twelve digits and .jpg, got {self.file!r:.60}")
+            raise ValueError(
+                f"picture.file must be picture- and twelve digits and .jpg, got {self.file!r:.60}"
+            )
 
     def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> "GroundPicture":
         """Scale, turn and shift it by two points.
 
-        spots: where they lie now (m); given: x, y, x, y of where they belong, or their distance alone, about the first
-        of them. Raises ValueError for points that are closer than `NEAREST`, and for other numbers."""
+        spots: where they lie now (m); given: x, y, x, y of where they belong, or their distance
+        alone, about the first of them. Raises ValueError for points that are closer than `NEAREST`,
+        and for other numbers."""
         (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
         if len(given) == 1:
             far = start + given[0] * (end - start) / max(abs(end - start), 1e-9)
             given = start.real, start.imag, far.real, far.imag
         if len(given) != 4 or not np.isfinite(given).all():
-            raise ValueError(f"two points need x y x y or their distance (m), got {' '.join(map(str, given))!r:.60}")
-        first, last = complex(*given[:2]), complex(*given[2:])
+            raise ValueError(
+                "two points need x y x y or their distance (m), got "
+                f"{' '.join(map(str, given))!r:.60}"
+            )
+        first = complex(*given[:2])
+        last = complex(*given[2:])
         if min(abs(end - start), abs(last - first)) < NEAREST:
             raise ValueError(f"the two points must be {NEAREST:g} m apart or more: choose others")
         ratio = (last - first) / (end - start)
@@ -70,13 +82,18 @@ class GroundPicture:
         return _decode((folder / self.file).read_bytes(), self.name)
 
 
-def keep_picture(name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]) -> GroundPicture:
-    """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first. Raises ValueError for a long name, a
-    damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`."""
+def keep_picture(
+    name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]
+) -> GroundPicture:
+    """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first. Raises ValueError
+    for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or
+    `MOST_PIXELS`."""
     check_name(name)
     if len(content) > MOST_PICTURE_BYTES:
         most = f"{MOST_PICTURE_BYTES // 10**6} MB"
-        raise ValueError(f"a picture must have at most {most}, got {len(content) / 1e6:.0f}: shrink it")
+        raise ValueError(
+            f"a picture must have at most {most}, got {len(content) / 1e6:.0f}: shrink it"
+        )
     from PIL import Image
 
     shown = Image.fromarray(_decode(content, name))
@@ -100,4 +117,6 @@ def _decode(content: bytes, name: str) -> UInt8[np.ndarray, "height width 3"]:
             return np.asarray(picture.convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         most = f"{MOST_PIXELS // 10**6} million pixels"
-        raise ValueError(f"{name} is no whole PNG or JPEG picture of up to {most}: save it again") from None
+        raise ValueError(
+            f"{name} is no whole PNG or JPEG picture of up to {most}: save it again"
+        ) from None

@@ -1,9 +1,10 @@
-"""Project file of a live planner: variants and steps, saved as they are made, by one writer, whole or not at all.
+"""Project file of a live planner: variants and steps, saved as they are made, by one writer, whole
+or not at all.
 
-{"coview_live": 1, "site": NAME, "site_sha256": ..., "current": NAME, "variants": {NAME: VARIANT}, "past": [[NAME,
-VARIANT], ...], "question": {...}, "picture": {...}}, each variant as `Variant.as_dict` gives it, the question as
-`LivePlanner.question`, the picture as the fields of `GroundPicture`, or null. The state before the last save is kept
-beside it."""
+{"coview_live": 1, "site": NAME, "site_sha256": ..., "current": NAME, "variants": {NAME: VARIANT},
+"past": [[NAME, VARIANT], ...], "question": {...}, "picture": {...}}, each variant as
+`Variant.as_dict` gives it, the question as `LivePlanner.question`, the picture as the fields of
+`GroundPicture`, or null. The state before the last save is kept beside it."""
 
 import json
 import math
@@ -35,19 +36,23 @@ BEFORE = ".last-good"  # ending of the state before the last save
 
 
 class ProjectFile:
-    """Keep a planner's work in a file, from where it goes on. last_good: from the state before the last save. Raises
-    ValueError for a damaged file, one of another site, and while another process writes it; OSError where it cannot be
-    written."""
+    """Keep a planner's work in a file, from where it goes on. last_good: from the state before the
+    last save. Raises ValueError for a damaged file, one of another site, and while another process
+    writes it; OSError where it cannot be written."""
 
     def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
-        self.path, self.planner = path, planner
+        self.path = path
+        self.planner = planner
         self._site = sha256(format_site(planner.yard.site).encode()).hexdigest()
         path.parent.mkdir(parents=True, exist_ok=True)
         held = take(path.with_name(f".{path.name}.lock"))
         if held is None:
-            raise ValueError(f"{path} is open in another coview live: close that, or give another --project")
+            raise ValueError(
+                f"{path} is open in another coview live: close that, or give another --project"
+            )
         self._held: int | None = held
-        self._saved, self._when = "", 0.0
+        self._saved = ""
+        self._when = 0.0
         try:
             source = self.before if last_good else path
             if last_good or path.exists():
@@ -64,7 +69,8 @@ class ProjectFile:
         return self.path.with_name(f"{self.path.name}{BEFORE}")
 
     def save(self, dragging: bool = False) -> None:
-        """Write the state, unless it is written already. dragging: no more often than every `PAUSE`."""
+        """Write the state, unless it is written already. dragging: no more often than every
+        `PAUSE`."""
         if self._held is None or (dragging and time.monotonic() - self._when < PAUSE):
             return
         text = self._format()
@@ -76,7 +82,8 @@ class ProjectFile:
             os.link(self.path, spare)
             spare.replace(self.before)
         write_text(self.path, text)
-        self._saved, self._when = text, time.monotonic()
+        self._saved = text
+        self._when = time.monotonic()
 
     def close(self) -> None:
         """Let others write the file."""
@@ -87,11 +94,22 @@ class ProjectFile:
     def _format(self) -> str:
         planner = self.planner
         picture = None if planner.picture is None else asdict(planner.picture)
-        known = {"coview_live": PROJECT_VERSION, "site": planner.yard.site.name, "site_sha256": self._site}
+        known = {
+            "coview_live": PROJECT_VERSION,
+            "site": planner.yard.site.name,
+            "site_sha256": self._site,
+        }
         known |= {"current": planner.current, "question": planner.question, "picture": picture}
-        variants = ", ".join(f"{json.dumps(name)}: {_format(each)}" for name, each in planner.variants.items())
-        past = ", ".join(f"[{json.dumps(name)}, {_format(each)}]" for name, each in planner.past[-SAVED_STEPS:])
-        return f'{json.dumps(known, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": [{past}]}}'
+        variants = ", ".join(
+            f"{json.dumps(name)}: {_format(each)}" for name, each in planner.variants.items()
+        )
+        past = ", ".join(
+            f"[{json.dumps(name)}, {_format(each)}]" for name, each in planner.past[-SAVED_STEPS:]
+        )
+        return (
+            f'{json.dumps(known, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": '
+            f"[{past}]}}"
+        )
 
     def _load(self, path: Path) -> None:
         found = None
@@ -102,7 +120,11 @@ class ProjectFile:
         except FileNotFoundError:
             raise ValueError(f"there is no {path}: start without --last-good") from None
         except ValueError as error:
-            other = " coview live with --last-good goes on from the state before" if self.before.is_file() else ""
+            other = (
+                " coview live with --last-good goes on from the state before"
+                if self.before.is_file()
+                else ""
+            )
             spare = other if path == self.path else ""
             raise ValueError(f"{error};{spare or ' give another --project'}") from None
 
@@ -111,11 +133,16 @@ class ProjectFile:
         if project.value.get("coview_live") != PROJECT_VERSION:
             raise ValueError(f"a project needs coview_live: {PROJECT_VERSION}")
         if project.value.get("site_sha256") != self._site:
-            raise ValueError(f"it is of another site, or another version of {project.value.get('site')!r:.60}")
-        variants, past = project.node("variants"), project.get("past", list)
+            raise ValueError(
+                f"it is of another site, or another version of {project.value.get('site')!r:.60}"
+            )
+        variants = project.node("variants")
+        past = project.get("past", list)
         if not 0 < len(variants.value) <= MOST_VARIANTS:
             raise ValueError(f"it needs 1 to {MOST_VARIANTS} variants, and past steps")
-        named = {check_name(name): Variant.of_dict(each, name) for name, each in variants.value.items()}
+        named = {
+            check_name(name): Variant.of_dict(each, name) for name, each in variants.value.items()
+        }
         steps = [self._read_step(step, number) for number, step in enumerate(past)][-SAVED_STEPS:]
         self.planner.restore(named, project.get("current", str), steps)
         laid = project.value.get("picture")
@@ -162,43 +189,60 @@ def _format(variant: Variant) -> str:
 
 
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
-    """Write site.json, a map and a schedule of the variant that is shown; return their paths. Raises ValueError without
-    a sensor and for a folder with a site or plan that no export wrote, OSError where it cannot be written."""
-    variant, site = planner.variant, planner.yard.site
+    """Write site.json, a map and a schedule of the variant that is shown; return their paths.
+    Raises ValueError without a sensor and for a folder with a site or plan that no export wrote,
+    OSError where it cannot be written."""
+    variant = planner.variant
+    site = planner.yard.site
     if not variant.sensors:
         raise ValueError("there is no sensor to export: add one")
     _check_export(folder)
-    candidates, members = planner.yard.candidates(variant), range(len(variant.sensors))
+    candidates = planner.yard.candidates(variant)
+    members = range(len(variant.sensors))
     planner.finish()
-    kbit = sent_per_frame(planner.look(candidates)[0], planner.setting.fusion, planner.setting.codec)
+    kbit = sent_per_frame(
+        planner.look(candidates)[0], planner.setting.fusion, planner.setting.codec
+    )
     mounted = mounted_site(site, candidates, members)
     sensors = format_sensors(site, candidates, members, kbit=kbit, catalogue=planner.catalogue)
-    ground, unused = visible_ground(mounted, mounted.sensors), unused_mounts(candidates, members)
+    ground = visible_ground(mounted, mounted.sensors)
+    unused = unused_mounts(candidates, members)
     with writing_together(folder) as unfinished:
-        write_exchange(unfinished, mounted, sensors, ground, unused=unused, currency=planner.currency)
+        write_exchange(
+            unfinished, mounted, sensors, ground, unused=unused, currency=planner.currency
+        )
     return [folder / name for name in EXCHANGE_FILES]
 
 
 def _check_export(folder: Path) -> None:
     """Raise ValueError where an export would replace the files of a plan, or somebody's site."""
     if (folder / CONTENT).exists():
-        raise ValueError(f"{folder} is the folder of a plan, which an export would change: start with another --out")
+        raise ValueError(
+            f"{folder} is the folder of a plan, which an export would change: start with another "
+            "--out"
+        )
     if (folder / SITE).exists() and not (folder / SCHEDULE).exists():
         made = f"{folder} holds a {SITE} that no export wrote"
         raise ValueError(f"{made}: rename it, or start with another --out")
 
 
 def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
-    """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths.
+    """Judge the sensors of the variant that is shown on fresh traffic, and write the full report;
+    return its paths.
 
-    The traffic is the plan's if there is one. It takes minutes. Raises ValueError without a sensor, OSError if
-    the folder cannot be written."""
+    The traffic is the plan's if there is one. It takes minutes. Raises ValueError without a sensor,
+    OSError if the folder cannot be written."""
     from placement_env.report.planning.planning import plan, write_plan
     from placement_env.report.planning.question import Question
 
     candidates = planner.yard.candidates(planner.variant)
     mounted = mounted_site(planner.yard.site, candidates, range(len(candidates)))
-    given, poles = planner.sold, tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))
-    setting = replace(planner.asked, site=mounted, candidates=replace(given, candidates=candidates), keep=poles)
-    run = replace(planner.preparation.run, frames=None if planner.plan is None else planner.plan.given_frames)
+    given = planner.sold
+    poles = tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))
+    setting = replace(
+        planner.asked, site=mounted, candidates=replace(given, candidates=candidates), keep=poles
+    )
+    run = replace(
+        planner.preparation.run, frames=None if planner.plan is None else planner.plan.given_frames
+    )
     return write_plan(plan(Question(setting, run, sensors=len(candidates))), folder)

@@ -1,4 +1,5 @@
-"""`SeenMap`: share of the time that each half metre of ground is seen, past the site and through its traffic."""
+"""`SeenMap`: share of the time that each half metre of ground is seen, past the site and through
+its traffic."""
 
 from collections.abc import Iterable
 from contextlib import nullcontext
@@ -22,8 +23,9 @@ KEPT_BYTES = 20_000_000  # of places of sensors in memory, 8 a cell
 
 @dataclass(frozen=True, eq=False)
 class SeenMap:
-    """Cells of the detection area. x, y: centres of columns and rows (m); share: of the frames in which some sensor
-    sees the cell at `height` (m), NaN where nothing can be seen, as in buildings; frames: their number."""
+    """Cells of the detection area. x, y: centres of columns and rows (m); share: of the frames in
+    which some sensor sees the cell at `height` (m), NaN where nothing can be seen, as in buildings;
+    frames: their number."""
 
     x: Float64[np.ndarray, " nx"]
     y: Float64[np.ndarray, " ny"]
@@ -36,7 +38,8 @@ class SeenMaps:
     """Maps of sensors at a site with traffic. What is in sight of a place is worked out once."""
 
     def __init__(self, preparation: Preparation, height: float) -> None:
-        self._preparation, self.height = preparation, height
+        self._preparation = preparation
+        self.height = height
         self._x, self._y, targets, self._open = lay_grid(preparation.setting.place, CELL, height)
         self._targets = targets[self._open]
         count = min(MAP_FRAMES, preparation.frames)
@@ -60,9 +63,12 @@ class SeenMaps:
         key = place.round(3).tobytes()
         bits: Shaped[np.ndarray, " cells"] | None = self._kept.get(key)
         if bits is None:
-            live, traffic = self._preparation.live, self._preparation.traffic
+            live = self._preparation.live
+            traffic = self._preparation.traffic
             with live.casting if live is not None else nullcontext():
-                ways = np.concatenate([np.broadcast_to(place, self._targets.shape), self._targets - place], axis=1)
+                ways = np.concatenate(
+                    [np.broadcast_to(place, self._targets.shape), self._targets - place], axis=1
+                )
                 lines = ways.astype(np.float32)
                 free = np.flatnonzero(~build_renderer(traffic).still_hides(lines))
                 bits = np.zeros(len(lines), np.uint64)

@@ -1,4 +1,5 @@
-"""`StockViews`: what the poses of the stock see, pole by pole, so that the best of them can be suggested at once."""
+"""`StockViews`: what the poses of the stock see, pole by pole, so that the best of them can be
+suggested at once."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -16,18 +17,22 @@ VIEW_COLUMNS = ("points", "distance", "sent", "far")
 
 
 def join_views(unseen: Visibility, rows: Sequence[tuple[np.ndarray, ...]]) -> Visibility:
-    """View of sensors from a row of points, distance, sent and far of each. unseen: the objects, without a sensor."""
+    """View of sensors from a row of points, distance, sent and far of each. unseen: the objects,
+    without a sensor."""
     if not rows:
         return unseen
-    return replace(unseen, **dict(zip(VIEW_COLUMNS, map(np.stack, zip(*rows, strict=True)), strict=True)))
+    return replace(
+        unseen, **dict(zip(VIEW_COLUMNS, map(np.stack, zip(*rows, strict=True)), strict=True))
+    )
 
 
 class StockViews:
-    """Views of the poses of a stock from panoramas, at one height of every pole first, those in the middle of the area
-    before others. known: number of poses."""
+    """Views of the poses of a stock from panoramas, at one height of every pole first, those in the
+    middle of the area before others. known: number of poses."""
 
     def __init__(self, preparation: Preparation) -> None:
-        self._preparation, self._stock = preparation, preparation.setting.pool
+        self._preparation = preparation
+        self._stock = preparation.setting.pool
         self._rows: list[tuple[Int64[np.ndarray, " k"], Visibility]] = []
         self.known = 0
         heights = self._stock.factors[:, 1]
@@ -46,7 +51,8 @@ class StockViews:
             self._first.setdefault(int(self._stock.mount[key]), key)
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "_rows": list(self._rows), "_waiting": dict(self._waiting)}  # threads change both
+        # threads change both
+        return {**self.__dict__, "_rows": list(self._rows), "_waiting": dict(self._waiting)}
 
     def look_further(self) -> bool:
         """View of the poses at one more height of a pole; False where all are known."""
@@ -54,17 +60,22 @@ class StockViews:
         return key is not None and self._look(key)
 
     def at_least_coarse(self, patience: float, free: Bool[np.ndarray, " M"]) -> bool:
-        """View of the poses at one height of every free pole; True where `patience` (s) ended before all were seen."""
+        """View of the poses at one height of every free pole; True where `patience` (s) ended
+        before all were seen."""
         end = time.monotonic() + patience
-        for key in [key for mount, key in self._first.items() if free[mount] and key in self._waiting]:
+        for key in [
+            key for mount, key in self._first.items() if free[mount] and key in self._waiting
+        ]:
             if self._look(key) and time.monotonic() > end:
                 return True
             time.sleep(0.001)  # for those who wait to cast rays
         return False
 
     def _look(self, key: int) -> bool:
-        """View of the poses of a key, once; several threads may ask. False where none is looked up in panoramas."""
-        live, group = self._preparation.live, self._waiting.get(key)
+        """View of the poses of a key, once; several threads may ask. False where none is looked up
+        in panoramas."""
+        live = self._preparation.live
+        group = self._waiting.get(key)
         if live is not None and group is not None:
             seen = live.see(self._stock.select(group), reach="own")
             if self._waiting.pop(key, None) is not None:
@@ -79,23 +90,32 @@ class StockViews:
         standing: Bool[np.ndarray, " B"],
         objective: Callable[[Candidates, Visibility], Objective],
     ) -> list[int]:
-        """Known poses that may join a set, the best first. base, seen: of the set; standing: not failed."""
+        """Known poses that may join a set, the best first. base, seen: of the set; standing: not
+        failed."""
         rows = list(self._rows)
         if not rows:
             return []
-        known, count = np.concatenate([group for group, _ in rows]), len(base)
+        known = np.concatenate([group for group, _ in rows])
+        count = len(base)
         columns = {
-            name: np.concatenate([getattr(seen, name), *(getattr(v, name) for _, v in rows)]) for name in VIEW_COLUMNS
+            name: np.concatenate([getattr(seen, name), *(getattr(v, name) for _, v in rows)])
+            for name in VIEW_COLUMNS
         }
         stock = self._stock.select(known)
         names = {sensor.name for sensor in base.sensors}
-        sensors = [replace(s, name=f"{s.name} of the stock") if s.name in names else s for s in stock.sensors]
+        sensors = [
+            replace(s, name=f"{s.name} of the stock") if s.name in names else s
+            for s in stock.sensors
+        ]
         aim = np.zeros((count + len(known), 3))
         mount = np.concatenate([base.mount, stock.mount])
-        every = Candidates.of_poses([*base.sensors, *sensors], mount, aim, replace(self._stock, mounts=base.mounts))
+        every = Candidates.of_poses(
+            [*base.sensors, *sensors], mount, aim, replace(self._stock, mounts=base.mounts)
+        )
         scored = objective(every, replace(seen, **columns))
         sets = np.zeros((len(known), len(every)), np.bool_)
-        sets[:, :count], sets[np.arange(len(known)), count + np.arange(len(known))] = True, True
+        sets[:, :count] = True
+        sets[np.arange(len(known)), count + np.arange(len(known))] = True
         fits = scored.feasible(sets)
         sets[:, :count] = standing
         reward = np.where(fits, scored.scores(sets).reward, -np.inf)

@@ -1,4 +1,5 @@
-"""`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may stand."""
+"""`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may
+stand."""
 
 import math
 from collections import Counter, defaultdict
@@ -26,7 +27,9 @@ PASSABLE = ("kerb", "island")  # solids that a pole may stand on
 KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
 FARTHEST = 100.0  # m between a pole and the detection area
 LONGEST_NAME = 60
-MAX_VARIANT_SENSORS, MAX_VARIANT_POLES = 1000, 1000  # in a variant
+# in a variant
+MAX_VARIANT_SENSORS = 1000
+MAX_VARIANT_POLES = 1000
 MAX_TURN_RAD = 1000.0
 SLACK_M = 1e-6
 MAX_FOOT_GAP_M = 20.0  # between the foot of a pole and the ground
@@ -37,7 +40,8 @@ Corners = tuple[tuple[float, float], ...]  # of an area: x and y (m) of each
 
 @dataclass(frozen=True)
 class LiveSensor:
-    """Sensor on a pole. model: name in the stock; x, y: m; height: above the foot (m); heading, tilt: rad.
+    """Sensor on a pole. model: name in the stock; x, y: m; height: above the foot (m); heading,
+    tilt: rad.
 
     locked: not to be moved; failed: bought and mounted, but it sees and sends nothing."""
 
@@ -55,7 +59,8 @@ class LiveSensor:
 
 @dataclass(frozen=True)
 class Variant:
-    """Sensors, poles of one's own beside those of the stock, and areas where no pole may be used."""
+    """Sensors, poles of one's own beside those of the stock, and areas where no pole may be
+    used."""
 
     sensors: tuple[LiveSensor, ...] = ()
     poles: tuple[Mount, ...] = ()
@@ -71,17 +76,25 @@ class Variant:
 
     def with_sensor(self, sensor: LiveSensor) -> "Variant":
         """Return the variant with a sensor in place of the one of its name."""
-        return replace(self, sensors=tuple(sensor if each.name == sensor.name else each for each in self.sensors))
+        return replace(
+            self,
+            sensors=tuple(sensor if each.name == sensor.name else each for each in self.sensors),
+        )
 
     def as_dict(self) -> dict[str, object]:
         """Return what JSON keeps."""
         poles = [{**vars(pole), "position": pole.position.tolist()} for pole in self.poles]
         areas = [np.array(corners).tolist() for corners in self.keep_out]
-        return {"sensors": [{**vars(sensor)} for sensor in self.sensors], "poles": poles, "keep_out": areas}
+        return {
+            "sensors": [{**vars(sensor)} for sensor in self.sensors],
+            "poles": poles,
+            "keep_out": areas,
+        }
 
     @staticmethod
     def of_dict(found: object, where: str = "") -> "Variant":
-        """Read what `as_dict` gave. where: its path in a file. Raises ValueError that names what does not fit."""
+        """Read what `as_dict` gave. where: its path in a file. Raises ValueError that names what
+        does not fit."""
         variant = JsonObject(found, where)
         variant.check_keys(("sensors", "poles", "keep_out"))
         sensors = tuple(_read_sensor(row) for row in variant.nodes("sensors", MAX_VARIANT_SENSORS))
@@ -94,7 +107,9 @@ class Variant:
 def _read_sensor(row: JsonObject) -> LiveSensor:
     row.check_keys([field.name for field in fields(LiveSensor)])
     members: dict[str, Any] = {key: row.get(key, str) for key in ("name", "model", "mount")}
-    members |= {key: row.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M) for key in ("x", "y", "height")}
+    members |= {
+        key: row.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M) for key in ("x", "y", "height")
+    }
     members |= {key: row.number(key, -MAX_TURN_RAD, MAX_TURN_RAD) for key in ("heading", "tilt")}
     members |= {key: row.get(key, bool) for key in ("locked", "failed") if key in row.value}
     with name_errors(row.path):
@@ -104,7 +119,8 @@ def _read_sensor(row: JsonObject) -> LiveSensor:
 
 def _read_pole(row: JsonObject) -> Mount:
     row.check_keys([field.name for field in fields(Mount)])
-    position, name = np.array(row.numbers("position", 3)), row.get("name", str)
+    position = np.array(row.numbers("position", 3))
+    name = row.get("name", str)
     texts = {key: row.get(key, str) for key in ("origin",) if key in row.value}
     plain = ("min_height", "max_height", "price", "capacity", "max_sensors")
     numbers: dict[str, Any] = {key: row.number(key) for key in plain if key in row.value}
@@ -115,12 +131,15 @@ def _read_pole(row: JsonObject) -> Mount:
 def check_name(name: str) -> str:
     """Return a name. Raises ValueError unless it is one line of up to `LONGEST_NAME` characters."""
     if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
-        raise ValueError(f"a name must be one line of 1 to {LONGEST_NAME} characters, got {name!r:.70}")
+        raise ValueError(
+            f"a name must be one line of 1 to {LONGEST_NAME} characters, got {name!r:.70}"
+        )
     return name
 
 
 def check_area(corners: Iterable[Iterable[float]]) -> Corners:
-    """Return the corners of an area. Raises ValueError unless they are three or more around a plain shape."""
+    """Return the corners of an area. Raises ValueError unless they are three or more around a plain
+    shape."""
     rule = "an area needs three corners or more (x, y), and no edge may cross another"
     try:
         rows = tuple((float(x), float(y)) for x, y in corners)
@@ -146,7 +165,11 @@ class Yard:
         found: dict[str, SensorModel] = {}
         for model in self.stock.axes.models:
             plain = name_in_words(type(model).__name__)
-            found[plain if plain not in found else f"{plain} {1 + sum(n.startswith(plain) for n in found)}"] = model
+            found[
+                plain
+                if plain not in found
+                else f"{plain} {1 + sum(n.startswith(plain) for n in found)}"
+            ] = model
         return found
 
     @cached_property
@@ -158,7 +181,9 @@ class Yard:
         """Return a pole of the stock or of one's own. Raises ValueError for an unknown one."""
         every = self.mounts | {pole.name: pole for pole in variant.poles}
         if name not in every:
-            raise ValueError(f"there is no pole {name!r}: {', '.join(list(every)[:8])} and others are there")
+            raise ValueError(
+                f"there is no pole {name!r}: {', '.join(list(every)[:8])} and others are there"
+            )
         return every[name]
 
     def name_model(self, model: SensorModel) -> str:
@@ -169,10 +194,16 @@ class Yard:
         raise ValueError(f"the stock has no {model}: it has {', '.join(self.models)}")
 
     @staticmethod
-    def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> "Yard":
-        """Yard of a stock, with the poles and models of sensors that hang already; these models are paid; a pole may
-        carry as many as hang there."""
-        sensors, axes = list(sensors), stock.axes
+    def of(
+        site: Site,
+        stock: Candidates,
+        sensors: Iterable[Sensor],
+        keep_out: Iterable[shapely.Geometry],
+    ) -> "Yard":
+        """Yard of a stock, with the poles and models of sensors that hang already; these models are
+        paid; a pole may carry as many as hang there."""
+        sensors = list(sensors)
+        axes = stock.axes
         mounts = list(stock.mounts)
         for mount in site.mounts:
             carries = any(np.hypot(*(s.position[:2] - mount.position[:2])) <= SNAP for s in sensors)
@@ -183,40 +214,52 @@ class Yard:
         axes = Axes(axes.heights, axes.headings, axes.tilts, (*axes.models, *more), prices)
         yard = Yard(site, replace(stock, axes=axes, mounts=tuple(mounts)), tuple(keep_out))
         here = Counter(each.mount for each in yard.place(sensors).sensors)
-        mounts = [replace(mount, max_sensors=max(mount.max_sensors, here[mount.name])) for mount in mounts]
+        mounts = [
+            replace(mount, max_sensors=max(mount.max_sensors, here[mount.name])) for mount in mounts
+        ]
         return replace(yard, stock=replace(yard.stock, mounts=tuple(mounts)))
 
     def place(self, sensors: Iterable[Sensor]) -> Variant:
         """Variant of sensors as they hang, each on the nearest pole, or one of its own."""
-        variant, axes = Variant(), self.stock.axes
+        variant = Variant()
+        axes = self.stock.axes
         for sensor in sensors:
             (x, y, z), ((heading,), (tilt,)) = sensor.position.tolist(), aims([sensor])
             mount, variant = self._mount_near(variant, (x, y), SNAP)
             height = _find_step(axes.heights, z - float(mount.position[2]))
-            aim = _find_step(axes.headings, float(heading), math.tau), _find_step(axes.tilts, float(tilt))
+            aim = (
+                _find_step(axes.headings, float(heading), math.tau),
+                _find_step(axes.tilts, float(tilt)),
+            )
             name = free_name(variant, sensor.name)
             made = LiveSensor(name, self.name_model(sensor.model), mount.name, x, y, height, *aim)
             variant = replace(variant, sensors=(*variant.sensors, made))
         return variant
 
-    def _mount_near(self, variant: Variant, spot: tuple[float, float], within: float) -> tuple[Mount, Variant]:
+    def _mount_near(
+        self, variant: Variant, spot: tuple[float, float], within: float
+    ) -> tuple[Mount, Variant]:
         every = [*self.stock.mounts, *variant.poles]
         away = [float(np.hypot(*(mount.position[:2] - spot))) for mount in every]
         nearest = every[int(np.argmin(away))]
         if min(away) <= within:
             return nearest, variant
         foot = np.array([*spot, float(self.site.ground(np.array(spot)))])
-        name, number = "own pole 1", 1
+        name = "own pole 1"
+        number = 1
         while name in {mount.name for mount in every}:
-            name, number = f"own pole {number + 1}", number + 1
+            name = f"own pole {number + 1}"
+            number = number + 1
         price = max(mount.price for mount in self.stock.mounts)
         pole = replace(nearest, name=name, position=foot, price=price, origin="drawn")
         return pole, replace(variant, poles=(*variant.poles, pole))
 
     def stand(self, variant: Variant, where: Where) -> tuple[Mount, Variant]:
-        """Pole of a name, or near a place (`SNAP`), else a new one there. Raises ValueError where none may stand."""
+        """Pole of a name, or near a place (`SNAP`), else a new one there. Raises ValueError where
+        none may stand."""
         if isinstance(where, str):
-            mount, after = self.find_mount(variant, where), variant
+            mount = self.find_mount(variant, where)
+            after = variant
         else:
             spot = float(where[0]), float(where[1])
             mount, after = self._mount_near(variant, spot, SNAP)
@@ -229,7 +272,9 @@ class Yard:
     def bars(self, variant: Variant, mount: Mount) -> bool:
         """True for a pole in a keep-out area of the variant."""
         point = shapely.Point(mount.position[:2])
-        return any(shapely.Polygon(corners).distance(point) < KERB_GAP for corners in variant.keep_out)
+        return any(
+            shapely.Polygon(corners).distance(point) < KERB_GAP for corners in variant.keep_out
+        )
 
     def refuse(self, spot: tuple[float, float]) -> str:
         """Say why no pole may stand at a place, "" where one may."""
@@ -244,7 +289,11 @@ class Yard:
 
     @cached_property
     def _barred(self) -> dict[str, shapely.Geometry]:
-        solid = [shapely.Polygon(each.footprint) for each in self.site.solids if each.kind not in PASSABLE]
+        solid = [
+            shapely.Polygon(each.footprint)
+            for each in self.site.solids
+            if each.kind not in PASSABLE
+        ]
         lanes = [shapely.Polygon(lane) for lane in self.site.lanes]
         areas = {"it is on a lane": lanes, "something stands there": solid, KEPT_OUT: self.keep_out}
         found = {said: shapely.union_all(list(each)) for said, each in areas.items() if len(each)}
@@ -257,7 +306,9 @@ class Yard:
         mounts = (*self.stock.mounts, *variant.poles)
         index = {mount.name: k for k, mount in enumerate(mounts)}
         sensors = [self.build_sensor(variant, each) for each in variant.sensors]
-        aim = np.array([(each.height, each.heading, each.tilt) for each in variant.sensors]).reshape(-1, 3)
+        aim = np.array(
+            [(each.height, each.heading, each.tilt) for each in variant.sensors]
+        ).reshape(-1, 3)
         rows = np.array([index[each.mount] for each in variant.sensors], np.int64)
         stock = replace(self.stock, mounts=mounts) if variant.poles else self.stock
         return Candidates.of_poses(sensors, rows, aim, stock)
@@ -268,20 +319,25 @@ class Yard:
         return _hang(sensor, self.models[sensor.model], foot)
 
     def check(self, variant: Variant) -> Variant:
-        """Return a variant. Raises ValueError for an unknown model or pole, names that are there twice, a sensor that
-        is not on its pole or beyond its heights, and a pole that is not at the site."""
+        """Return a variant. Raises ValueError for an unknown model or pole, names that are there
+        twice, a sensor that is not on its pole or beyond its heights, and a pole that is not at the
+        site."""
         names = [sensor.name for sensor in variant.sensors]
         if len(set(names)) < len(names):
             raise ValueError(f"names of sensors must differ, got {', '.join(names)[:80]}")
         poles = [pole.name for pole in variant.poles]
         if len(set(poles)) < len(poles) or not self.mounts.keys().isdisjoint(poles):
-            raise ValueError(f"names of poles must differ, also from the site's, got {', '.join(poles)[:80]}")
+            raise ValueError(
+                f"names of poles must differ, also from the site's, got {', '.join(poles)[:80]}"
+            )
         for pole in variant.poles:
             self._check_pole(pole)
         for sensor in variant.sensors:
             mount = self.find_mount(variant, sensor.mount)
             if sensor.model not in self.models:
-                raise ValueError(f"there is no model {sensor.model!r}: the stock has {', '.join(self.models)}")
+                raise ValueError(
+                    f"there is no model {sensor.model!r}: the stock has {', '.join(self.models)}"
+                )
             self._check_place(sensor, mount)
         return variant
 
@@ -295,21 +351,31 @@ class Yard:
         foot = float(self.site.ground(place))
         if abs(pole.position[2] - foot) > MAX_FOOT_GAP_M:
             raise ValueError(
-                f"{pole.name} has its foot at z = {pole.position[2]:g} m, but the ground is at {foot:.1f} m"
+                f"{pole.name} has its foot at z = {pole.position[2]:g} m, but the ground is at "
+                f"{foot:.1f} m"
             )
 
     def _check_place(self, sensor: LiveSensor, mount: Mount) -> None:
         away = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
         if away > SNAP:
-            said = f"{sensor.name} hangs {away:.6g} m from its pole {mount.name}, more than {SNAP:g} m"
+            said = (
+                f"{sensor.name} hangs {away:.6g} m from its pole {mount.name}, more than {SNAP:g} m"
+            )
             raise ValueError(f"{said}: give it the place of its pole, or carry it to another one")
         usual = mount.min_height, mount.max_height
-        low, high = (pick(pick(usual), *self._heights.get(mount.name, usual)) for pick in (min, max))
+        low, high = (
+            pick(pick(usual), *self._heights.get(mount.name, usual)) for pick in (min, max)
+        )
         if not low - SLACK_M <= sensor.height <= high + SLACK_M:
-            said = f"{sensor.name} hangs {sensor.height:.6g} m up, but {mount.name} takes {low:g} to {high:g} m"
+            said = (
+                f"{sensor.name} hangs {sensor.height:.6g} m up, but {mount.name} takes {low:g} to "
+                f"{high:g} m"
+            )
             raise ValueError(f"{said}: give another height")
         if not abs(sensor.tilt) <= np.pi / 2 + SLACK_M:
-            raise ValueError(f"{sensor.name} is tilted by {np.rad2deg(sensor.tilt):.4g} degrees, more than 90")
+            raise ValueError(
+                f"{sensor.name} is tilted by {np.rad2deg(sensor.tilt):.4g} degrees, more than 90"
+            )
 
     @cached_property
     def _present(self) -> list[np.ndarray]:
@@ -328,7 +394,8 @@ class Yard:
 def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = math.inf) -> float:
     """Return the step of the stock that a value is, but for rounding, else the value.
 
-    A sensor that was written to a file and read again is then the candidate that it was, with the same noise."""
+    A sensor that was written to a file and read again is then the candidate that it was, with the
+    same noise."""
     gaps = np.abs([math.remainder(step - value, period) for step in steps.tolist()])
     return float(steps[gaps.argmin()]) if len(gaps) and gaps.min() < SLACK_M else value
 
@@ -336,19 +403,26 @@ def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = m
 @lru_cache(maxsize=64)
 def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
     plain = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
-    return aim_sensor(plain, np.array([sensor.x, sensor.y, foot + sensor.height]), sensor.heading, sensor.tilt)
+    return aim_sensor(
+        plain, np.array([sensor.x, sensor.y, foot + sensor.height]), sensor.heading, sensor.tilt
+    )
 
 
 def name_on_pole(variant: Variant, pole: str) -> str:
     """Name of one more sensor on a pole: the pole's, with b, c, ... where another sensor has it."""
-    names, plain = {sensor.name for sensor in variant.sensors}, name_sensor(pole)[:LONGEST_NAME]
+    names = {sensor.name for sensor in variant.sensors}
+    plain = name_sensor(pole)[:LONGEST_NAME]
     lettered = (f"{plain} {letter}" for letter in ascii_lowercase[1:])
-    return next((name for name in (plain, *lettered) if name not in names), free_name(variant, plain))
+    return next(
+        (name for name in (plain, *lettered) if name not in names), free_name(variant, plain)
+    )
 
 
 def free_name(variant: Variant, wanted: str) -> str:
     """Name that no sensor has yet."""
-    names, name, number = {sensor.name for sensor in variant.sensors}, wanted[:LONGEST_NAME], 1
+    names = {sensor.name for sensor in variant.sensors}
+    name = wanted[:LONGEST_NAME]
+    number = 1
     while name in names:
         number += 1
         name = f"{wanted.rstrip('0123456789').rstrip() or wanted} {number}"

@@ -1,8 +1,10 @@
-"""Contents of a plan: plain figures, names and sentences, from which plan.json, pages and drawings are made.
+"""Contents of a plan: plain figures, names and sentences, from which plan.json, pages and drawings
+are made.
 
-Nothing in it depends on the clock, so the same question has the same plan, byte for byte. kbit are per frame, 1 kbit =
-1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
-by the detector on traffic that no search saw. An undefined figure is None."""
+Nothing in it depends on the clock, so the same question has the same plan, byte for byte. kbit are
+per frame, 1 kbit = 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU
+unless a field says otherwise, always by the detector on traffic that no search saw. An undefined
+figure is None."""
 
 import math
 import re
@@ -33,9 +35,9 @@ TEXTS: dict[str, Any] = read_own_table(__file__, "texts.toml")
 class Judgement:
     """The detector's result for one sensor set.
 
-    low, high: interval of the AP from a bootstrap over blocks of frames, NaN for few of them; vehicles, frames: to be
-    detected, in how many frames; kind: of the objects, "vehicle", or "object" if several classes count, whose AP and
-    recall are combined."""
+    low, high: interval of the AP from a bootstrap over blocks of frames, NaN for few of them;
+    vehicles, frames: to be detected, in how many frames; kind: of the objects, "vehicle", or
+    "object" if several classes count, whose AP and recall are combined."""
 
     ap: float
     low: float
@@ -53,7 +55,8 @@ class Judgement:
 
     @property
     def known(self) -> bool:
-        """True if there are frames enough for an interval, so that this AP may be compared with others."""
+        """True if there are frames enough for an interval, so that this AP may be compared with
+        others."""
         return not math.isnan(self.low)
 
     def format_ap(self) -> str:
@@ -66,7 +69,8 @@ class Judgement:
 
 
 def overlap(one: Judgement, other: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap. Both must be `known`: without an interval nothing is compared."""
+    """Return whether the intervals of two AP overlap. Both must be `known`: without an interval
+    nothing is compared."""
     return not (one.low > other.high or other.low > one.high)
 
 
@@ -74,11 +78,13 @@ def overlap(one: Judgement, other: Judgement) -> bool:
 class PlanOption:
     """A sensor set that was considered.
 
-    sensors: names of candidates; poles: their mounts; predicted: AP by the fidelity of the searches; judged: intact,
-    None if not judged; searches: those that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. Three results are None unless
-    the plan asks for them: left: with failed sensors, over the levels of traffic if there are several; over_levels:
-    intact, over the levels; over_errors: over the error profiles, with failures and levels. All other figures are at
-    the first profile. fits_links: whether the links carry what is sent in the frames that it was judged on."""
+    sensors: names of candidates; poles: their mounts; predicted: AP by the fidelity of the
+    searches; judged: intact, None if not judged; searches: those that found it; mean_ap: over IoU
+    0.7, 0.8 and 0.9. Three results are None unless the plan asks for them: left: with failed
+    sensors, over the levels of traffic if there are several; over_levels: intact, over the levels;
+    over_errors: over the error profiles, with failures and levels. All other figures are at the
+    first profile. fits_links: whether the links carry what is sent in the frames that it was judged
+    on."""
 
     sensors: tuple[str, ...]
     price: float
@@ -102,7 +108,8 @@ class PlanOption:
 
 @dataclass(frozen=True)
 class BreakdownRow:
-    """The chosen set in one group: zone, range, approach, level or error profile. judged: None without vehicles."""
+    """The chosen set in one group: zone, range, approach, level or error profile. judged: None
+    without vehicles."""
 
     name: str
     judged: Judgement | None
@@ -111,7 +118,8 @@ class BreakdownRow:
 
 @dataclass(frozen=True)
 class DrawingResult:
-    """Result at one drawing of what no map knows. judged: the chosen set; poles: of the set chosen at it alone."""
+    """Result at one drawing of what no map knows. judged: the chosen set; poles: of the set chosen
+    at it alone."""
 
     judged: Judgement
     poles: tuple[str, ...]
@@ -129,7 +137,8 @@ class ClassSeen:
 
 @dataclass(frozen=True)
 class ClassAP:
-    """Result of the chosen set for one class. weight: 0 if it does not count; iou: at which a detection counts."""
+    """Result of the chosen set for one class. weight: 0 if it does not count; iou: at which a
+    detection counts."""
 
     label: str
     weight: float
@@ -139,7 +148,8 @@ class ClassAP:
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme. as_good: it cannot be told from the plan's own scheme."""
+    """The chosen set under one fusion scheme. as_good: it cannot be told from the plan's own
+    scheme."""
 
     scheme: str
     iou: IoUs
@@ -150,8 +160,9 @@ class SchemeFigures:
 
 @dataclass(frozen=True)
 class DrawnErrors:
-    """AP of the chosen set at one error profile whose errors are drawn several times, each for all frames. aps: of each
-    draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw."""
+    """AP of the chosen set at one error profile whose errors are drawn several times, each for all
+    frames. aps: of each draw; mean: of these; tenth: AP below which one draw in ten falls; frames:
+    of each draw."""
 
     profile: str
     aps: tuple[float, ...]
@@ -188,7 +199,8 @@ class BuildStep:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer in one sentence. met: the requirement, None without one; reasons: sentences on why not."""
+    """The answer in one sentence. met: the requirement, None without one; reasons: sentences on why
+    not."""
 
     met: bool | None
     sentence: str
@@ -199,16 +211,18 @@ class Verdict:
 class Plan(Displayed):
     """A deployment plan.
 
-    question: every option, in words or numbers; detector: in words; iou: at which a detection counts, several for their
-    mean; currency: of all prices, "" for units of one ordinary pole; chosen: None if no set may be built; best: the set
-    that is best where price does not count; near_optimal: other sets that cannot be told from it on the same frames,
-    cheap ones first; confidence: with which the race of its size ended; front: sets that no other beats in AP, kbit
-    per sensor and price at once, by price; by_draw: at each error profile with errors; by_drawing: at
-    each of several drawings of the site, on the traffic of the comparison; running: what the catalogue's rates add to
-    the price; poles_unused: names; origins: number of things at the site by origin ("mapped", "surveyed", "drawn") and
-    kind; head: title, client, date and author, those that the catalogue gives; blind_streets: m² of lanes that no
-    sensor sees, by street; stock: poles, models and prices that sets were chosen from, as `format_stock` gives them;
-    assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions."""
+    question: every option, in words or numbers; detector: in words; iou: at which a detection
+    counts, several for their mean; currency: of all prices, "" for units of one ordinary pole;
+    chosen: None if no set may be built; best: the set that is best where price does not count;
+    near_optimal: other sets that cannot be told from it on the same frames, cheap ones first;
+    confidence: with which the race of its size ended; front: sets that no other beats in AP, kbit
+    per sensor and price at once, by price; by_draw: at each error profile with errors; by_drawing:
+    at each of several drawings of the site, on the traffic of the comparison; running: what the
+    catalogue's rates add to the price; poles_unused: names; origins: number of things at the site
+    by origin ("mapped", "surveyed", "drawn") and kind; head: title, client, date and author, those
+    that the catalogue gives; blind_streets: m² of lanes that no sensor sees, by street; stock:
+    poles, models and prices that sets were chosen from, as `format_stock` gives them; assumptions,
+    unknown: sentences; provenance: digests of all inputs, seeds, versions."""
 
     question: dict[str, object]
     site: str
@@ -270,13 +284,18 @@ class Plan(Displayed):
     def _list_sensors(self) -> Table:
         names = ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit")
         prices = [sensor.model_price + sensor.pole_price for sensor in self.sensors]
-        return {name: [getattr(sensor, name) for sensor in self.sensors] for name in names} | {"price": prices}
+        return {name: [getattr(sensor, name) for sensor in self.sensors] for name in names} | {
+            "price": prices
+        }
 
     def _list_options(self) -> Table:
         plain = ("poles", "price", "kbit", "predicted")
         judged = [option.counted for option in self.considered]
         table = {name: [getattr(option, name) for option in self.considered] for name in plain}
-        figures = {name: [getattr(each, name, None) for each in judged] for name in ("ap", "low", "high", "recall")}
+        figures = {
+            name: [getattr(each, name, None) for each in judged]
+            for name in ("ap", "low", "high", "recall")
+        }
         return table | figures | {"sensors": [option.sensors for option in self.considered]}
 
     def as_dict(self) -> dict[str, object]:
@@ -287,8 +306,8 @@ class Plan(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """One frame for pictures. clouds: points of each sensor; *_hit, *_ignored: truths and detections that hit, and
-    those that do not count."""
+    """One frame for pictures. clouds: points of each sensor; *_hit, *_ignored: truths and
+    detections that hit, and those that do not count."""
 
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
     truth: Objects
@@ -301,8 +320,8 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Planned(Displayed):
-    """A plan with the inputs of its pages and maps. site: with the chosen sensors mounted; candidates: None without
-    any; ground, moments: None and empty if no set may be built."""
+    """A plan with the inputs of its pages and maps. site: with the chosen sensors mounted;
+    candidates: None without any; ground, moments: None and empty if no set may be built."""
 
     plan: Plan
     site: Site
@@ -312,7 +331,9 @@ class Planned(Displayed):
 
     def _card(self) -> Card:
         drawn = self.plan.chosen is not None
-        return replace(self.plan._card(), drawing="placement_env.report.maps:draw_planned" if drawn else "")
+        return replace(
+            self.plan._card(), drawing="placement_env.report.maps:draw_planned" if drawn else ""
+        )
 
 
 def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
@@ -320,21 +341,28 @@ def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
     if isinstance(value, str):
         return change(value)
     if isinstance(value, Mapping):
-        return {replace_texts(key, change): replace_texts(each, change) for key, each in value.items()}
+        return {
+            replace_texts(key, change): replace_texts(each, change) for key, each in value.items()
+        }
     if isinstance(value, tuple | list):
         changed_rows = (replace_texts(each, change) for each in value)
         return list(changed_rows) if isinstance(value, list) else tuple(changed_rows)
     if is_dataclass(value) and not isinstance(value, type):
-        changed = {each.name: replace_texts(getattr(value, each.name), change) for each in fields(value)}
+        changed = {
+            each.name: replace_texts(getattr(value, each.name), change) for each in fields(value)
+        }
         return replace(value, **changed)
     return value
 
 
 def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
-    """Return a plan with sensors renamed in all its texts. names: new ones by old ones, which are whole words there."""
+    """Return a plan with sensors renamed in all its texts. names: new ones by old ones, which are
+    whole words there."""
     if not names:
         return plan
     longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
     words = re.compile(rf"(?<![\w-])(?:{longest_first})(?!\w)")
-    renamed: Plan = replace_texts(plan, lambda text: names.get(text) or words.sub(lambda word: names[word[0]], text))
+    renamed: Plan = replace_texts(
+        plan, lambda text: names.get(text) or words.sub(lambda word: names[word[0]], text)
+    )
     return renamed

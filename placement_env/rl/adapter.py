@@ -1,6 +1,7 @@
 """Adapter that lets Stable-Baselines3 train on the native vector environments.
 
-vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64) MaskablePPO("MlpPolicy", as_sb3(vector)).learn(10_000)
+vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64) MaskablePPO("MlpPolicy",
+as_sb3(vector)).learn(10_000)
 
 All other environments are stepped one by one."""
 
@@ -20,50 +21,70 @@ from placement_env.envs.select import SensorSelectEnv, SensorSubsetEnv
 from placement_env.envs.state import GLOBAL, Info
 from toolkit.arrays import Float32, Rng
 
-X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come next
+# y and sine come next
+X = STATIC.index("x")
+HEADING = STATIC.index("cos heading")
 
 
 def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> "SB3VecEnv":
-    """Adapt a vector environment of `gymnasium.make_vec("coview/...")`. Raises ValueError for any other."""
+    """Adapt a vector environment of `gymnasium.make_vec("coview/...")`. Raises ValueError for any
+    other."""
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
-        raise ValueError(f"as_sb3 takes coview's native vector environments, got {vector}: take DummyVecEnv for others")
+        raise ValueError(
+            f"as_sb3 takes coview's native vector environments, got {vector}: take DummyVecEnv "
+            "for others"
+        )
     return SB3VecEnv(native, augment=augment)
 
 
-def vectorize(first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment: bool = False) -> VecEnv:
-    """Step n episodes of an environment and others like it together; coview's own share its scenarios. Raises
-    ValueError for `augment`, see `SB3VecEnv`, with any other environment."""
-    ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
+def vectorize(
+    first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment: bool = False
+) -> VecEnv:
+    """Step n episodes of an environment and others like it together; coview's own share its
+    scenarios. Raises ValueError for `augment`, see `SB3VecEnv`, with any other environment."""
+    # neither wrapped nor inherited from
+    ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)
     if ours and isinstance(first, PlacementEnv):
         return SB3VecEnv(PlacementVectorEnv(n, first.task), augment=augment)
     if augment:
-        raise ValueError(f"only junctions of our own environments can be augmented, got {first}: leave augment out")
+        raise ValueError(
+            f"only junctions of our own environments can be augmented, got {first}: leave augment "
+            "out"
+        )
     return DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (n - 1)])
 
 
 class SB3VecEnv(VecEnv):
-    """A native vector environment for Stable-Baselines3, in which an ended episode restarts within the step.
+    """A native vector environment for Stable-Baselines3, in which an ended episode restarts within
+    the step.
 
-    Infos are empty until an episode ends; then they hold its return `r` and length `l` (`episode`), its final set
-    (`subset`), `TimeLimit.truncated` and `terminal_observation`. augment: each episode's junction is rotated by a
-    multiple of 90° and mirrored at random, as seen by agents."""
+    Infos are empty until an episode ends; then they hold its return `r` and length `l` (`episode`),
+    its final set (`subset`), `TimeLimit.truncated` and `terminal_observation`. augment: each
+    episode's junction is rotated by a multiple of 90° and mirrored at random, as seen by agents."""
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
-        self.vector, self._augment = vector, augment
-        super().__init__(vector.num_envs, vector.single_observation_space, vector.single_action_space)
-        self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
+        self.vector = vector
+        self._augment = augment
+        super().__init__(
+            vector.num_envs, vector.single_observation_space, vector.single_action_space
+        )
+        self._returns = np.zeros(self.num_envs)
+        self._lengths = np.zeros(self.num_envs, np.int64)
         self._rotations = np.zeros((self.num_envs, 2, 2), np.float32)
 
     def reset(self) -> np.ndarray:
         """Start all episodes, with the seeds of `seed` and the options of `set_options`."""
-        seeds, options = list(self._seeds), list(self._options)
+        seeds = list(self._seeds)
+        options = list(self._options)
         self._rng = np.random.default_rng(seeds[0])
         observations, _ = self.vector.reset(seed=seeds, options=options[0])
         for row in (row for row in range(self.num_envs) if options[row] != options[0]):
             mask = np.arange(self.num_envs) == row
             again = [seed if mask[i] else None for i, seed in enumerate(seeds)]
-            observations, _ = self.vector.reset(seed=again, options={**options[row], "reset_mask": mask})
+            observations, _ = self.vector.reset(
+                seed=again, options={**options[row], "reset_mask": mask}
+            )
         self._reset_seeds()
         self._reset_options()
         self._start(np.ones(self.num_envs, np.bool_))
@@ -94,7 +115,8 @@ class SB3VecEnv(VecEnv):
         return observations, rewards, ended, infos
 
     def _start(self, rows: np.ndarray) -> None:
-        self._returns[rows], self._lengths[rows] = 0.0, 0
+        self._returns[rows] = 0.0
+        self._lengths[rows] = 0
         if self._augment:
             self._rotations[rows] = rotations(self._rng, int(rows.sum()))
 
@@ -124,7 +146,11 @@ class SB3VecEnv(VecEnv):
         setattr(self.vector, attr_name, value)
 
     def env_method(
-        self, method_name: str, *method_args: object, indices: VecEnvIndices = None, **method_kwargs: object
+        self,
+        method_name: str,
+        *method_args: object,
+        indices: VecEnvIndices = None,
+        **method_kwargs: object,
     ) -> list[Any]:
         """Result of a method such as `action_masks`, for each episode asked for."""
         answers = getattr(self.vector, method_name)(*method_args, **method_kwargs)

@@ -1,8 +1,9 @@
 """Training of policies that place sensors.
 
-MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others, in rounds of some
-updates. Each round starts from reset environments and generators seeded by the run's seed and its number, so a training
-that is killed and called again ends with the same weights. Checkpoints hold tensors and numbers only."""
+MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others,
+in rounds of some updates. Each round starts from reset environments and generators seeded by the
+run's seed and its number, so a training that is killed and called again ends with the same weights.
+Checkpoints hold tensors and numbers only."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -32,16 +33,20 @@ CHECKPOINT = "policy.pt"
 DEFAULT_STEPS = 50_000  # that `search` trains for where no limit is given
 EPISODES = 20  # of the trained policy, after that
 UPDATES = 4  # of a round
-ROUNDS_KEPT = 1000  # of which a search knows what it met until then; a policy is kept far more often
+ROUNDS_KEPT = (
+    1000  # of which a search knows what it met until then; a policy is kept far more often
+)
 
 
 @dataclass(frozen=True)
 class Learning:
-    """Settings of a training, those of PPO (Schulman et al. 2017). Episodes are short, so nothing is discounted.
+    """Settings of a training, those of PPO (Schulman et al. 2017). Episodes are short, so nothing
+    is discounted.
 
-    envs: stepped side by side; rollout: steps of each between updates; width: of the two hidden layers, or of
-    `policy_network` if candidates are chosen one after another; augment: junctions are rotated and mirrored at random
-    in every episode, so that a policy for several memorises less of them (coview's own environments only)."""
+    envs: stepped side by side; rollout: steps of each between updates; width: of the two hidden
+    layers, or of `policy_network` if candidates are chosen one after another; augment: junctions
+    are rotated and mirrored at random in every episode, so that a policy for several memorises less
+    of them (coview's own environments only)."""
 
     envs: int = 16
     rollout: int = 16
@@ -52,7 +57,8 @@ class Learning:
     discount: float = 1.0
     width: int = 32
     augment: bool = False
-    checkpoint_s: float = field(default=60.0, repr=False, compare=False)  # seconds between checkpoints
+    # seconds between checkpoints
+    checkpoint_s: float = field(default=60.0, repr=False, compare=False)
 
 
 PLAIN = Learning()
@@ -69,14 +75,19 @@ def search(
     learning: Learning = EXPLORING,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Best set that MaskablePPO meets, trained at this objective alone, or in `EPISODES` episodes after that.
+    """Best set that MaskablePPO meets, trained at this objective alone, or in `EPISODES` episodes
+    after that.
 
-    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint: keeps the policy, and
-    the best set up to each round."""
+    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint:
+    keeps the policy, and the best set up to each round."""
     if objective.setting.keep:
-        raise ValueError("a policy does not know poles that must carry a sensor: say --method portfolio or swap")
+        raise ValueError(
+            "a policy does not know poles that must carry a sensor: say --method portfolio or swap"
+        )
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
-    limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
+    limits = Limits(seconds, evaluations)
+    best = 0.0
+    chosen = np.zeros(len(objective.candidates), np.bool_)
 
     def make_env() -> SensorSelectEnv:
         return SensorSelectEnv(objective=objective, budget=budget)
@@ -86,7 +97,8 @@ def search(
         limits.count += len(infos)
         for info in infos:
             if "episode" in info and info["episode"]["r"] > best:
-                best, chosen = info["episode"]["r"], info["subset"]
+                best = info["episode"]["r"]
+                chosen = info["subset"]
                 limits.record(best)
 
     with TemporaryDirectory() as own:
@@ -94,16 +106,33 @@ def search(
         rounds = [] if (kept := checkpoint.load()) is None else kept["rounds"]
         if (before := restore_rounds(folder, rounds)) is not None:
             limits.resume(before["limits"])
-            best, chosen = float(before["best"]), objective.row(before["chosen"])
+            best = float(before["best"])
+            chosen = objective.row(before["chosen"])
 
         def note(done: int, _: float) -> None:
-            rounds.append([done, {"limits": limits.state(), "best": best, "chosen": np.flatnonzero(chosen).tolist()}])
+            rounds.append(
+                [
+                    done,
+                    {
+                        "limits": limits.state(),
+                        "best": best,
+                        "chosen": np.flatnonzero(chosen).tolist(),
+                    },
+                ]
+            )
             checkpoint.save({"rounds": rounds[-ROUNDS_KEPT:]})
 
         left = None if seconds is None else max(0.0, seconds - limits.elapsed)
         often = replace(learning, checkpoint_s=checkpoint.every)
         policy = train_policy(
-            make_env, folder, steps=steps, seconds=left, seed=seed, learning=often, watch=watch, progress=note
+            make_env,
+            folder,
+            steps=steps,
+            seconds=left,
+            seed=seed,
+            learning=often,
+            watch=watch,
+            progress=note,
         )
     rolled_out = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
     limits.count += rolled_out.evaluations
@@ -113,7 +142,9 @@ def search(
     certificate = Certificate("none", best_score.reward, note=words)
     origin = objective.describe_origin(best_score.subset)
     history = limits.history(best_score.reward)
-    return Result("policy", best_score, history, certificate, limits.count, limits.elapsed, origin=origin)
+    return Result(
+        "policy", best_score, history, certificate, limits.count, limits.elapsed, origin=origin
+    )
 
 
 def train_policy(
@@ -127,11 +158,13 @@ def train_policy(
     progress: Callable[[int, float], None] | None = None,
     watch: Watch | None = None,
 ) -> "OnPolicyAlgorithm":
-    """Train until `steps` environment steps are done in all, or `seconds` in this call, in whole rounds.
+    """Train until `steps` environment steps are done in all, or `seconds` in this call, in whole
+    rounds.
 
-    `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with the steps done and
-    the mean return of the last 100 episodes, NaN before the first; watch: called with the infos of each step. Raises
-    ValueError without a limit and if `out` holds another training, ImportError without the libraries."""
+    `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with
+    the steps done and the mean return of the last 100 episodes, NaN before the first; watch: called
+    with the infos of each step. Raises ValueError without a limit and if `out` holds another
+    training, ImportError without the libraries."""
     from models.weight_files import read_checkpoint, save_atomically
 
     if steps is None and seconds is None:
@@ -151,7 +184,9 @@ def train_policy(
 
     def save() -> None:
         parts: dict[str, Any] = {"policy": model.policy, "optimiser": model.policy.optimizer}
-        state = {"steps": model.num_timesteps} | {name: part.state_dict() for name, part in parts.items()}
+        state = {"steps": model.num_timesteps} | {
+            name: part.state_dict() for name, part in parts.items()
+        }
         save_atomically(out / CHECKPOINT, {**identity, **state})
 
     began = saved = time.monotonic()
@@ -174,7 +209,8 @@ def train_policy(
 
 
 def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
-    """State of a search up to the round of the kept policy, which is removed without one; later rounds are dropped."""
+    """State of a search up to the round of the kept policy, which is removed without one; later
+    rounds are dropped."""
     from models.weight_files import read_checkpoint
 
     path = folder / CHECKPOINT
@@ -188,12 +224,19 @@ def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
 
 
 def rollout(
-    policy: "OnPolicyAlgorithm", env: AnyEnv, *, episodes: int = 1, seed: int = 0, options: Info | None = None
+    policy: "OnPolicyAlgorithm",
+    env: AnyEnv,
+    *,
+    episodes: int = 1,
+    seed: int = 0,
+    options: Info | None = None,
 ) -> Result:
-    """Best set that a policy meets in some episodes from the same reset, the first with the likeliest actions."""
+    """Best set that a policy meets in some episodes from the same reset, the first with the
+    likeliest actions."""
     import torch
 
-    limits, masked = Limits(None, None), _has_masks(env)
+    limits = Limits(None, None)
+    masked = _has_masks(env)
     torch.manual_seed(seed)
     best: Score | None = None
     sensors: tuple[Sensor, ...] = ()
@@ -216,21 +259,33 @@ def rollout(
     if best is None:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     known = Certificate("none", best.reward, note="a policy promises nothing")
-    return Result("policy", best, limits.history(best.reward), known, limits.count, limits.elapsed, sensors=sensors)
+    return Result(
+        "policy",
+        best,
+        limits.history(best.reward),
+        known,
+        limits.count,
+        limits.elapsed,
+        sensors=sensors,
+    )
 
 
 def _score(info: Info) -> Score:
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
     members = np.flatnonzero(subset) if subset.dtype == bool else subset
-    figures: dict[str, Any] = {n: float(info[n]) for n in ("ap", "recall", "kbit_per_sensor", "kbit", "price")}
+    figures: dict[str, Any] = {
+        n: float(info[n]) for n in ("ap", "recall", "kbit_per_sensor", "kbit", "price")
+    }
     figures |= {"fidelity": str(info["fidelity"]), "cache_hit": bool(info["cache_hit"])}
     return Score(tuple(members.tolist()), reward=sum(terms.values()), terms=terms, **figures)
 
 
 def _has_masks(env: AnyEnv) -> bool:
     """True where the environment has action masks that MaskablePPO takes."""
-    discrete = isinstance(env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary)
+    discrete = isinstance(
+        env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary
+    )
     return discrete and env.has_wrapper_attr("action_masks")
 
 
@@ -243,13 +298,17 @@ def _model(
         from stable_baselines3 import PPO
         from stable_baselines3.common.logger import Logger
     except ImportError as error:
-        raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
+        raise ImportError(
+            "policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]"
+        ) from error
     from placement_env.rl.adapter import vectorize
     from placement_env.rl.policy_network import CandidatePolicy
 
     first = make_env()
     algorithm: Any = MaskablePPO if _has_masks(first) else PPO
-    one_by_one = isinstance(first.unwrapped, SensorSelectEnv) and isinstance(first.action_space, gym.spaces.Discrete)
+    one_by_one = isinstance(first.unwrapped, SensorSelectEnv) and isinstance(
+        first.action_space, gym.spaces.Discrete
+    )
     model: OnPolicyAlgorithm = algorithm(
         CandidatePolicy if one_by_one else "MlpPolicy",
         vectorize(first, make_env, learning.envs, augment=learning.augment),

@@ -1,4 +1,5 @@
-"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or those of a curve."""
+"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or those
+of a curve."""
 
 import csv
 import io
@@ -28,19 +29,36 @@ from toolkit.sites.files import save_site
 from toolkit.sites.georeference import longitude_latitude
 from toolkit.sites.site import Site
 
-ORIGIN, PICTURE = "search.json", "site.png"
+ORIGIN = "search.json"
+PICTURE = "site.png"
 ANSWER_FILES = (*EXCHANGE_FILES, PICTURE, ORIGIN)
-CURVE_ORIGIN, CURVE_TABLE, CURVE_PICTURE = "curve.json", "curve.csv", "curve.png"
+CURVE_ORIGIN = "curve.json"
+CURVE_TABLE = "curve.csv"
+CURVE_PICTURE = "curve.png"
 CURVE_TABLES = (CURVE_ORIGIN, CURVE_TABLE, CURVE_PICTURE)
-CURVE_HEIGHT, CURVE_HEAD = 4.0, 0.7  # inches, and those above the axes
+# inches, and those above the axes
+CURVE_HEIGHT = 4.0
+CURVE_HEAD = 0.7
 CURVE_COLUMNS = (
-    *("sensors", "money", "price", "price_unit", "ap", "low", "high", "predicted", "confidence", "kbit_per_frame"),
+    *(
+        "sensors",
+        "money",
+        "price",
+        "price_unit",
+        "ap",
+        "low",
+        "high",
+        "predicted",
+        "confidence",
+        "kbit_per_frame",
+    ),
     *("pays", "searches", "set", "site"),
 )
 
 
 def check_georeference(site: Site) -> None:
-    """Check the site's georeference before hours of search. Raises what `longitude_latitude` raises for the site."""
+    """Check the site's georeference before hours of search. Raises what `longitude_latitude` raises
+    for the site."""
     longitude_latitude(site, np.zeros((1, 2)))
 
 
@@ -53,25 +71,39 @@ def answer_files(order: SearchOrder) -> tuple[str, ...]:
 
 
 def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
-    """Write all of an answer's files into a folder, or none. Return a line that names them. Raises ValueError where no
-    sensor is to be built, or the objective has no site."""
+    """Write all of an answer's files into a folder, or none. Return a line that names them. Raises
+    ValueError where no sensor is to be built, or the objective has no site."""
     if not answer.met or answer.objective.site is None:
-        raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
-    objective, members, plain = answer.objective, answer.chosen, answer.objective.setting.place
+        raise ValueError(
+            "only a set of sensors at a site can be handed over, and this is an empty set or has "
+            "no site"
+        )
+    objective = answer.objective
+    members = answer.chosen
+    plain = answer.objective.setting.place
     candidates = objective.candidates
     summary = json.dumps(answer.summary, indent=1, allow_nan=False, ensure_ascii=False)
     if order.curve:
         with writing_together(Path(folder)) as unfinished:
             write_text(unfinished / CURVE_ORIGIN, summary + "\n")
-            write_text(unfinished / CURVE_TABLE, curve_csv(objective, answer.points, order.currency))
-            draw_curve(answer.points, unfinished / CURVE_PICTURE, judge=order.judge, currency=order.currency)
+            write_text(
+                unfinished / CURVE_TABLE, curve_csv(objective, answer.points, order.currency)
+            )
+            draw_curve(
+                answer.points,
+                unfinished / CURVE_PICTURE,
+                judge=order.judge,
+                currency=order.currency,
+            )
             for n, point in enumerate(answer.points):
                 save_site(mounted_site(plain, candidates, point.subset), unfinished / _site_file(n))
         return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
     moved = () if answer.result is None else answer.result.sensors
-    site, kbit = mounted_site(plain, candidates, members, moved), kbit_per_frame(objective, members, moved)
+    site = mounted_site(plain, candidates, members, moved)
+    kbit = kbit_per_frame(objective, members, moved)
     sensors = format_sensors(plain, candidates, members, moved, kbit=kbit)
-    ground, unused = visible_ground(site, site.sensors), unused_mounts(candidates, members, moved)
+    ground = visible_ground(site, site.sensors)
+    unused = unused_mounts(candidates, members, moved)
     with writing_together(Path(folder)) as unfinished:
         write_exchange(unfinished, site, sensors, ground, unused=unused)
         draw_site(site, unfinished / PICTURE)
@@ -82,13 +114,20 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
 def kbit_per_frame(
     objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> Float64[np.ndarray, "sensors frames"]:
-    """kbit that each sensor of a set sends per frame of the objective's traffic. moved: new poses of the sensors. Where
-    the scheme sends boxes, a sensor is assumed to send one for each object that it sees with `LEAST` points."""
+    """kbit that each sensor of a set sends per frame of the objective's traffic. moved: new poses
+    of the sensors. Where the scheme sends boxes, a sensor is assumed to send one for each object
+    that it sees with `LEAST` points."""
     made = objective.preparation
     if made is None:
-        raise ValueError("kbit of each frame are known of an objective made from a site: Objective(site)")
+        raise ValueError(
+            "kbit of each frame are known of an objective made from a site: Objective(site)"
+        )
     if moved:
-        visibility = see(made.traffic, as_candidates(moved, objective.candidates), labels=made.setting.counted.labels)
+        visibility = see(
+            made.traffic,
+            as_candidates(moved, objective.candidates),
+            labels=made.setting.counted.labels,
+        )
     else:
         known = made.visibility if objective.visibility is None else objective.visibility
         visibility = known.select(members)
@@ -96,8 +135,9 @@ def kbit_per_frame(
 
 
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
-    """Table with one line per set; `money` is empty where the curve is over numbers of sensors. `CURVE_COLUMNS` are
-    followed by AP, low and high at each error profile, where there are several."""
+    """Table with one line per set; `money` is empty where the curve is over numbers of sensors.
+    `CURVE_COLUMNS` are followed by AP, low and high at each error profile, where there are
+    several."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     profiles = [each.name for each in points[0].by_errors] if points else []
@@ -112,7 +152,17 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
         ends = (figure for each in point.by_errors for figure in (each.ap, each.low, each.high))
         own = ("" if math.isnan(figure) else f"{figure:.6f}" for figure in ends)
         said = ("" if math.isnan(figure) else f"{figure:.6f}" for figure in figures)
-        row = (point.sensors, money, *price, *said, f"{point.kbit:.1f}", *found, members, _site_file(n), *own)
+        row = (
+            point.sensors,
+            money,
+            *price,
+            *said,
+            f"{point.kbit:.1f}",
+            *found,
+            members,
+            _site_file(n),
+            *own,
+        )
         writer.writerow(row)
     return text.getvalue()
 
@@ -121,9 +171,11 @@ def _site_file(n: int) -> str:
     return f"site_{n + 1}.json"
 
 
-def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = "") -> None:
-    """Write the picture as PNG or SVG, by suffix. judge: fidelity that measured the AP. The line goes through the sets
-    that pay; other sets are hollow, and crosses show predictions."""
+def draw_curve(
+    points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = ""
+) -> None:
+    """Write the picture as PNG or SVG, by suffix. judge: fidelity that measured the AP. The line
+    goes through the sets that pay; other sets are hollow, and crosses show predictions."""
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
@@ -137,14 +189,26 @@ def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, cur
         pays = sorted((x, point.ap) for x, point in zip(places, points, strict=True) if point.pays)
         axes.step([x for x, _ in pays], [ap for _, ap in pays], where="post", color=BAR, zorder=2)
         for x, point in zip(places, points, strict=True):
-            axes.plot([x, x], [point.low, point.high], "_-", color=INK, linewidth=1.3, markersize=7, zorder=3)
+            axes.plot(
+                [x, x],
+                [point.low, point.high],
+                "_-",
+                color=INK,
+                linewidth=1.3,
+                markersize=7,
+                zorder=3,
+            )
             axes.plot(x, point.predicted, "x", color=INK, markersize=5, zorder=3.5)
             face = BAR if point.pays else "white"
-            axes.plot(x, point.ap, "o", markerfacecolor=face, markeredgecolor=INK, markersize=7, zorder=4)
+            axes.plot(
+                x, point.ap, "o", markerfacecolor=face, markeredgecolor=INK, markersize=7, zorder=4
+            )
         axes.grid()
         if not by_money:
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        label = f"price ({canvas.shorten(currency, 12) or 'ordinary poles'})" if by_money else "sensors"
+        label = (
+            f"price ({canvas.shorten(currency, 12) or 'ordinary poles'})" if by_money else "sensors"
+        )
         axes.set(xlim=canvas.pad_limits(places), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         marks = [
             Line2D([], [], color=INK, marker=marker, markerfacecolor=face, linestyle="none")

@@ -1,8 +1,9 @@
 """States of unfinished searches, kept in a folder, from which a killed search resumes.
 
-A state is one file for each part of a search: JSON values and arrays, signed over them, the question and the code with
-the folder's secret, replaced whole. A damaged or forged state, or one of another question or other code, is ignored:
-that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache."""
+A state is one file for each part of a search: JSON values and arrays, signed over them, the
+question and the code with the folder's secret, replaced whole. A damaged or forged state, or one of
+another question or other code, is ignored: that part of the search starts anew. Other slow results
+(visibility, renders, detections) are in the cache."""
 
 import json
 import shutil
@@ -26,22 +27,35 @@ KeptState = dict[str, Any]  # values of JSON, and arrays
 
 
 class Checkpoint:
-    """State of one part of a search. folder: None to keep nothing; depends_on: question and code; every: s apart."""
+    """State of one part of a search. folder: None to keep nothing; depends_on: question and code;
+    every: s apart."""
 
     def __init__(
-        self, folder: Path | None, *, depends_on: bytes = b"", part: str = "search", every: float = EVERY_S
+        self,
+        folder: Path | None,
+        *,
+        depends_on: bytes = b"",
+        part: str = "search",
+        every: float = EVERY_S,
     ) -> None:
-        self.folder, self._depends_on, self._part, self.every = folder, depends_on, part, every
+        self.folder = folder
+        self._depends_on = depends_on
+        self._part = part
+        self.every = every
         self._path = (folder or Path()) / f"{part}{STATE}"
         self._saved = time.monotonic()
 
     @cached_property
     def _key(self) -> bytes:
-        return make_key(self._depends_on.hex(), self._part) + read_secret(self._path.with_name(f"secret{STATE}"))
+        return make_key(self._depends_on.hex(), self._part) + read_secret(
+            self._path.with_name(f"secret{STATE}")
+        )
 
     def part(self, name: str) -> "Checkpoint":
         """Checkpoint of a search within this one."""
-        return Checkpoint(self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every)
+        return Checkpoint(
+            self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every
+        )
 
     def place(self, name: str) -> Path | None:
         """Folder for this part's own files. None where nothing is kept."""
@@ -86,8 +100,8 @@ def unfinished(
 ) -> Iterator[Checkpoint]:
     """Checkpoint of a search in a folder of its own, which is removed when the block ends normally.
 
-    code: module of the search. Raises FileExistsError where the folder holds an unfinished search of another question
-    and may not be overwritten, and where another process is working in it."""
+    code: module of the search. Raises FileExistsError where the folder holds an unfinished search
+    of another question and may not be overwritten, and where another process is working in it."""
     shards = find_unfinished(folder, question)
     with shards.lock():
         shards.open(overwrite)

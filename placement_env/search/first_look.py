@@ -1,9 +1,10 @@
 """First look: all candidates on a few frames, for a first answer and to narrow a large pool.
 
-Memory and time of a search grow with the square of the candidates. So of more than `MAX_POSES` poses only some go on.
-Poles are thinned first, before anything is rendered: in each square of a grid the pole nearest to the area's middle
-goes on, in squares so large that at most `MAX_POLES` are left. Then the poses go on that see most at the first look:
-the best few of each pole, then the best of all. Poles that must carry a sensor stay."""
+Memory and time of a search grow with the square of the candidates. So of more than `MAX_POSES`
+poses only some go on. Poles are thinned first, before anything is rendered: in each square of a
+grid the pole nearest to the area's middle goes on, in squares so large that at most `MAX_POLES` are
+left. Then the poses go on that see most at the first look: the best few of each pole, then the best
+of all. Poles that must carry a sensor stay."""
 
 import math
 from dataclasses import replace
@@ -36,7 +37,8 @@ def prepare_first_look(setting: Setting, run: Run, stride: int = 1) -> Preparati
 
 
 def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray, " n"] | None:
-    """Return the candidates of a large pool that are searched, ascending; None for all of a smaller one."""
+    """Return the candidates of a large pool that are searched, ascending; None for all of a smaller
+    one."""
     pool = setting.pool
     if len(pool) <= MAX_POSES:
         return None
@@ -51,7 +53,8 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     feet = np.array([mount.position[:2] for mount in pool.mounts])
     xmin, ymin, xmax, ymax = setting.place.area
     far = np.hypot(*(feet - [(xmin + xmax) / 2, (ymin + ymax) / 2]).T)
-    used, kept = np.unique(pool.mount), pool.find_mounts(setting.keep)
+    used = np.unique(pool.mount)
+    kept = pool.find_mounts(setting.keep)
     order = used[np.lexsort((far[used], ~np.isin(used, kept)))]
     side = MIN_SPACING_M
     while len(order) > MAX_POLES:
@@ -65,11 +68,14 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
 
 def _choose_seeing(few: Preparation) -> Int64[np.ndarray, " n"] | None:
     """Return the candidates that see most at the first look, ascending; None for all."""
-    pool, setting = few.setting.pool, few.setting
+    pool = few.setting.pool
+    setting = few.setting
     if len(pool) <= MAX_POSES:
         return None
     points = PointCount(few.visibility, setting.fusion, codec=setting.codec)
-    alone = replace(setting, candidates=pool, fidelity=points, surrogate=None, table=None, detector=None)
+    alone = replace(
+        setting, candidates=pool, fidelity=points, surrogate=None, table=None, detector=None
+    )
     objective = Objective(alone, few.run, visibility=few.visibility)
     allowed = objective.allowed([])
     if not allowed.any():
@@ -80,7 +86,12 @@ def _choose_seeing(few: Preparation) -> Int64[np.ndarray, " n"] | None:
 
 def _score_alone(few: Preparation) -> Float64[np.ndarray, " C"]:
     """Score of each candidate alone, as of `PointCount`, row by row to save memory."""
-    return np.array([np.log1p(np.minimum(row, ENOUGH_POINTS)).sum(dtype=np.float64) for row in few.visibility.points])
+    return np.array(
+        [
+            np.log1p(np.minimum(row, ENOUGH_POINTS)).sum(dtype=np.float64)
+            for row in few.visibility.points
+        ]
+    )
 
 
 def _choose_poses(
@@ -103,9 +114,10 @@ def _choose_poses(
 
 def describe_narrowing(pool: Candidates, chosen: Int64[np.ndarray, " n"]) -> str:
     """Sentence on how many poses of a large pool are searched."""
-    poles, poses = describe_count(len(np.unique(pool.mount)), "pole"), describe_count(len(pool), "pose")
+    poles = describe_count(len(np.unique(pool.mount)), "pole")
+    poses = describe_count(len(pool), "pose")
     used = describe_count(len(np.unique(pool.mount[chosen])), "pole")
     return (
-        f"{poles} with {poses} are too many to search: the {len(chosen):,} poses on {used} go on that see most in the "
-        f"first {LOOK_FRAMES} frames."
+        f"{poles} with {poses} are too many to search: the {len(chosen):,} poses on {used} go on "
+        f"that see most in the first {LOOK_FRAMES} frames."
     )

@@ -14,7 +14,8 @@ from placement_env.search.result import Result
 
 @dataclass(frozen=True)
 class Method:
-    """Place of a search. needs: package; extra: that installs it; resumes: whether it takes a checkpoint."""
+    """Place of a search. needs: package; extra: that installs it; resumes: whether it takes a
+    checkpoint."""
 
     module: str
     function: str = "search"
@@ -36,8 +37,10 @@ METHODS: dict[str, Method] = {
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma", resumes=True),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl", resumes=True),
 }
-RENDERED = ("cpsat", "cmaes", "portfolio", "hits", "cheapest")  # they need visibility, which a table lacks
-ONE_COUNTED = ("cmaes", "hits", "cheapest")  # they handle one IoU threshold, and failures by themselves
+# they need visibility, which a table lacks
+RENDERED = ("cpsat", "cmaes", "portfolio", "hits", "cheapest")
+# they handle one IoU threshold, and failures by themselves
+ONE_COUNTED = ("cmaes", "hits", "cheapest")
 
 
 def load_search(method: str) -> Callable[..., Result]:
@@ -47,14 +50,24 @@ def load_search(method: str) -> Callable[..., Result]:
 
 
 def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
-    """Default search method. Greedy is used where an answer is verified, or scoring a set takes a detector."""
+    """Default search method. Greedy is used where an answer is verified, or scoring a set takes a
+    detector."""
     if at_least:
         return "cheapest"
-    return "exhaustive" if fidelity == "table" else "greedy" if verify or fidelity == "detector" else "portfolio"
+    return (
+        "exhaustive"
+        if fidelity == "table"
+        else "greedy"
+        if verify or fidelity == "detector"
+        else "portfolio"
+    )
 
 
-def check_search(method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None) -> None:
-    """Raise ValueError where a method cannot search these candidates, ImportError where its package is missing."""
+def check_search(
+    method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None
+) -> None:
+    """Raise ValueError where a method cannot search these candidates, ImportError where its package
+    is missing."""
     check_choice("method", method, METHODS)
     needs = METHODS[method]
     if needs.needs and not find_spec(needs.needs):
@@ -63,9 +76,15 @@ def check_search(method: str, fidelity: str, candidates: Candidates, cases: Case
         said = f"method exhaustive takes at most {LARGEST} candidates, got {len(candidates)}"
         raise ValueError(f"{said}: say --method greedy or swap")
     if method == "raced" and fidelity != "detector":
-        raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method greedy")
+        raise ValueError(
+            f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method "
+            "greedy"
+        )
     if method in ONE_COUNTED and cases is not None and not cases.plain:
-        raise ValueError(f"method {method} knows one IoU threshold and no failures: say --method portfolio or swap")
+        raise ValueError(
+            f"method {method} knows one IoU threshold and no failures: say --method portfolio or "
+            "swap"
+        )
     if method in RENDERED and fidelity == "table":
         said = f"method {method} asks what candidates see, which a table does not know"
         raise ValueError(f"{said}: say --fidelity coverage")

@@ -50,13 +50,15 @@ Summary = dict[str, Any]  # JSON values
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchOrder:
-    """Specification of a search. Raises ValueError and ImportError, before anything is rendered, where it does not fit.
+    """Specification of a search. Raises ValueError and ImportError, before anything is rendered,
+    where it does not fit.
 
-    setting: the question, with the errors of the detecting fidelities; method: of `placement_env.search.methods`;
-    budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence, contenders: of a
-    portfolio's race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to
-    the budget, or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of
-    one ordinary pole; tell: takes a line with a first answer."""
+    setting: the question, with the errors of the detecting fidelities; method: of
+    `placement_env.search.methods`; budget: most sensors; verify: fidelity that scores an answer and
+    its neighbours; judge, confidence, contenders: of a portfolio's race and assessment; demand: of
+    the cheapest set; curve: the best set of every number of sensors up to the budget, or for every
+    amount of money where it is limited, by a portfolio; currency: of prices, "" for those of one
+    ordinary pole; tell: takes a line with a first answer."""
 
     setting: Setting
     run: Run = Run()
@@ -78,12 +80,19 @@ class SearchOrder:
         check_search(self.method, self.fidelity, setting.pool, setting.cases)
         setting.check_budget(self.budget)
         if setting.keep and self.method == "ppo":
-            raise ValueError("method ppo does not know poles that must carry a sensor: say --method portfolio or swap")
+            raise ValueError(
+                "method ppo does not know poles that must carry a sensor: say --method portfolio "
+                "or swap"
+            )
         if self.fidelity == "table" and setting.codec != PAPER:
-            raise ValueError(f"tables hold kbit of the paper's codec, got {setting.codec}: say --codec paper")
+            raise ValueError(
+                f"tables hold kbit of the paper's codec, got {setting.codec}: say --codec paper"
+            )
         for path, own in ((setting.surrogate, "surrogate"), (setting.table, "table")):
             if path is not None and own != self.fidelity:
-                raise ValueError(f"this file is for fidelity {own}, got {self.fidelity!r}: leave one of them out")
+                raise ValueError(
+                    f"this file is for fidelity {own}, got {self.fidelity!r}: leave one of them out"
+                )
         check_scorable(self.searched)
         if self.verify is not None:
             check_scorable(setting.with_fidelity(self.verify))
@@ -94,29 +103,49 @@ class SearchOrder:
     def fidelity(self) -> FidelityName:
         """Fidelity that is searched."""
         if not isinstance(self.setting.fidelity, str):
-            raise ValueError(f"a search is ordered by the name of a fidelity, got {self.setting.fidelity!r}")
+            raise ValueError(
+                f"a search is ordered by the name of a fidelity, got {self.setting.fidelity!r}"
+            )
         return self.setting.fidelity
 
     @property
     def searched(self) -> Setting:
-        """Setting of the search itself. A fidelity that does not detect knows no errors but the sensors' own noise."""
+        """Setting of the search itself. A fidelity that does not detect knows no errors but the
+        sensors' own noise."""
         return self.setting.with_fidelity(self.fidelity)
 
     @property
     def detects(self) -> bool:
         """True where the detector scores anything."""
-        return "detector" in (self.fidelity, self.verify, self.judge if self.method == PORTFOLIO else None)
+        return "detector" in (
+            self.fidelity,
+            self.verify,
+            self.judge if self.method == PORTFOLIO else None,
+        )
 
     @property
     def question(self) -> Summary:
-        """Everything the answer depends on, as JSON values. These must be equal for a search to resume."""
+        """Everything the answer depends on, as JSON values. These must be equal for a search to
+        resume."""
         setting = self.setting
         files = {"surrogate": setting.surrogate, "table": setting.table}
-        own = ("method", "budget", "verify", "judge", "confidence", "contenders", "seconds", "evaluations")
+        own = (
+            "method",
+            "budget",
+            "verify",
+            "judge",
+            "confidence",
+            "contenders",
+            "seconds",
+            "evaluations",
+        )
         return {
             **{name: getattr(self, name) for name in (*own, "currency", "curve")},
             **({} if self.demand is None else asdict(self.demand)),
-            **{name: path and sha256(Path(path).read_bytes()).hexdigest() for name, path in files.items()},
+            **{
+                name: path and sha256(Path(path).read_bytes()).hexdigest()
+                for name, path in files.items()
+            },
             "fidelity": self.fidelity,
             "frames": self.run.frames_or(USUAL_FRAMES),
             "seed": self.run.seed,
@@ -139,12 +168,15 @@ class SearchOrder:
         return kept.found == kept.plan
 
     @contextmanager
-    def keeping(self, out: Path | None, *, overwrite: bool = False) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
-        """The order with the checkpoint of its answer in a folder, None for nowhere. The block must write the answer.
+    def keeping(
+        self, out: Path | None, *, overwrite: bool = False
+    ) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
+        """The order with the checkpoint of its answer in a folder, None for nowhere. The block must
+        write the answer.
 
-        Until it ends normally, the state of the search stands beside the folder, in one with the suffix `UNFINISHED`,
-        where the same question resumes. Raises FileExistsError where another search is unfinished and may not be
-        overwritten."""
+        Until it ends normally, the state of the search stands beside the folder, in one with the
+        suffix `UNFINISHED`, where the same question resumes. Raises FileExistsError where another
+        search is unfinished and may not be overwritten."""
         if out is None:
             yield self, NOWHERE
             return
@@ -158,8 +190,9 @@ class SearchOrder:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built. result,
-    chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve."""
+    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be
+    built. result, chosen: of one search, and the set to hand over, which a check may have changed;
+    points: of a curve."""
 
     objective: Objective
     summary: Summary
@@ -171,11 +204,23 @@ class Answer:
 
 
 def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
-    """Search as ordered, and check the answer. checkpoint: where the state of the search is kept."""
+    """Search as ordered, and check the answer. checkpoint: where the state of the search is
+    kept."""
     frames = order.run.frames_or(USUAL_FRAMES)
-    stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
-    tells = order.tell is not None and stride > 1 and order.setting.cases.levels == 1 and not order.curve
-    first, narrowed, pool = None, "", order.setting.pool
+    stride = (
+        max(1, frames // SEARCHED)
+        if order.method == PORTFOLIO and order.fidelity in BY_LEVELS
+        else 1
+    )
+    tells = (
+        order.tell is not None
+        and stride > 1
+        and order.setting.cases.levels == 1
+        and not order.curve
+    )
+    first = None
+    narrowed = ""
+    pool = order.setting.pool
     chosen_poses = narrow_pool(order.searched, order.run, stride)
     if chosen_poses is not None:
         narrowed = describe_narrowing(pool, chosen_poses)
@@ -202,11 +247,22 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         final_frames=min(JUDGED_FRAMES, frames),
         setting=order.setting.with_fidelity(order.judge) if order.method == PORTFOLIO else None,
     )
-    limits: Summary = {"seed": order.run.seed, "seconds": order.seconds, "evaluations": order.evaluations}
+    limits: Summary = {
+        "seed": order.run.seed,
+        "seconds": order.seconds,
+        "evaluations": order.evaluations,
+    }
     if order.curve:
         most = objective.most_price
         amounts = () if math.isinf(most) else list_amounts(objective, order.budget, most)
-        curve = budget_curve(objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits)
+        curve = budget_curve(
+            objective,
+            order.budget,
+            amounts=amounts,
+            judging=judging,
+            checkpoint=checkpoint,
+            **limits,
+        )
         reported = _report_curve(order, objective, curve)
         return replace(reported, lines=(*reported.lines, narrowed)) if narrowed else reported
     own: Summary = {} if order.demand is None else {"demand": order.demand}
@@ -229,36 +285,58 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         exact = Objective(order.setting.with_fidelity(order.verify), order.run)
         checked, sets = verify_best(objective, exact, result)
         chosen = checked.subset
-        names, by_errors = _names(objective, chosen), ap_at_profiles(exact, chosen, result.sensors)
+        names = _names(objective, chosen)
+        by_errors = ap_at_profiles(exact, chosen, result.sensors)
         mounted = names if result.sensors else describe_mounted(objective, chosen)
         summary["verified"] = {**asdict(checked), "sensors": names, "provenance": exact.provenance}
         summary["verified"] |= {"by_errors": by_errors} if by_errors else {}
-        lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
-        lines += [*(f"  {line}" for line in mounted), describe_score(checked), *describe_by_errors(by_errors)]
-    return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
+        lines += [
+            f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"
+        ]
+        lines += [
+            *(f"  {line}" for line in mounted),
+            describe_score(checked),
+            *describe_by_errors(by_errors),
+        ]
+    return Answer(
+        objective,
+        replace_infinite(summary),
+        tuple(line for line in lines if line),
+        True,
+        result,
+        chosen,
+    )
 
 
 def _find_first(order: SearchOrder, few: Preparation) -> Score:
-    """Tell greedy's answer from the first frames that are looked at, in seconds, and return its score there."""
+    """Tell greedy's answer from the first frames that are looked at, in seconds, and return its
+    score there."""
     objective = Objective.of_moved(few, few.setting.pool, few.visibility, order.setting.weights)
     best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best
     names = ", ".join(set_names(objective.candidates, best.subset)) or "no sensors"
     if order.tell is not None:
-        order.tell(f"first answer, by greedy on {len(few.traffic)} frames: {names}, predicted AP {best.ap:.3f}")
+        order.tell(
+            f"first answer, by greedy on {len(few.traffic)} frames: {names}, predicted AP "
+            f"{best.ap:.3f}"
+        )
     return best
 
 
 class _Better:
-    """Watch of a search that tells each better set: by its prediction, then the one ahead in the race."""
+    """Watch of a search that tells each better set: by its prediction, then the one ahead in the
+    race."""
 
     def __init__(self, objective: Objective, first: Score, tell: Callable[[str], None]) -> None:
-        self._objective, self._tell, self._last = objective, tell, first.subset
+        self._objective = objective
+        self._tell = tell
+        self._last = first.subset
         self._reward = objective.score(first.subset).reward
 
     def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
         if subset == self._last or (not raced and reward < self._reward + BETTER):
             return
-        self._last, self._reward = subset, reward
+        self._last = subset
+        self._reward = reward
         names = ", ".join(set_names(self._objective.candidates, subset))
         if raced:
             self._tell(f"ahead after {raced} frames of the race: {names}")
@@ -267,7 +345,8 @@ class _Better:
 
 
 def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
-    best, assessment = result.best, result.assessment
+    best = result.best
+    assessment = result.assessment
     sensors = describe_sensors(_names(objective, best.subset), result.sensors, objective.site)
     doubts = describe_doubts(objective, best.subset)
     summary = {
@@ -287,20 +366,46 @@ def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
             row |= {"sensors": _names(objective, contender.subset), "curse": contender.curse}
         summary["assessment"] = said
         lines += describe_assessment(assessment)
-    lines += [f"{'' if assessment is None else 'estimate of the search: '}{describe_score(best)}", *doubts]
-    return summary, lines + [f"front: {describe_score(score)} {score.subset}" for score in result.front]
+    lines += [
+        f"{'' if assessment is None else 'estimate of the search: '}{describe_score(best)}",
+        *doubts,
+    ]
+    return summary, lines + [
+        f"front: {describe_score(score)} {score.subset}" for score in result.front
+    ]
 
 
-def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurvePoint, ...]) -> Answer:
+def _report_curve(
+    order: SearchOrder, objective: Objective, points: tuple[CurvePoint, ...]
+) -> Answer:
     named = [set_names(objective.candidates, point.subset) for point in points]
-    rows = [asdict(point) | {"sensors": [*names]} for point, names in zip(points, named, strict=True)]
-    summary = {"curve": rows, "judge": order.judge, "provenance": objective.provenance, **_state_errors(order)}
+    rows = [
+        asdict(point) | {"sensors": [*names]} for point, names in zip(points, named, strict=True)
+    ]
+    summary = {
+        "curve": rows,
+        "judge": order.judge,
+        "provenance": objective.provenance,
+        **_state_errors(order),
+    }
     if not points:
-        return Answer(objective, replace_infinite(summary), (f"no sensors: {describe_empty(objective)}",), False)
-    of = "of each number of sensors" if math.isinf(objective.most_price) else "for each amount of money"
-    lines = [f"best set {of}, judged by the {order.judge} on traffic that had no part in the choice:"]
+        return Answer(
+            objective,
+            replace_infinite(summary),
+            (f"no sensors: {describe_empty(objective)}",),
+            False,
+        )
+    of = (
+        "of each number of sensors"
+        if math.isinf(objective.most_price)
+        else "for each amount of money"
+    )
+    lines = [
+        f"best set {of}, judged by the {order.judge} on traffic that had no part in the choice:"
+    ]
     for point, names in zip(points, named, strict=True):
-        price, pays = describe_money(point.price, order.currency), "" if point.pays else ", no more than a cheaper one"
+        price = describe_money(point.price, order.currency)
+        pays = "" if point.pays else ", no more than a cheaper one"
         judged = _judged(point, order.judge, point.objects)
         lines.append(f"  {point.sensors} for {price}: {judged}{pays}: {', '.join(names)}")
         lines += (
@@ -316,29 +421,44 @@ def _names(objective: Objective, subset: Iterable[int]) -> list[str]:
 
 
 def _state_errors(order: SearchOrder, by_errors: dict[str, float] | None = None) -> Summary:
-    """Error profiles of the detections, where there are any. by_errors: AP at each of several, where it is known."""
+    """Error profiles of the detections, where there are any. by_errors: AP at each of several,
+    where it is known."""
     if not order.detects:
         return {}
-    return {"errors": order.setting.cases.errors_origin} | ({"by_errors": by_errors} if by_errors else {})
+    return {"errors": order.setting.cases.errors_origin} | (
+        {"by_errors": by_errors} if by_errors else {}
+    )
 
 
-def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = (), site: Site | None = None) -> list[str]:
-    """Names of sensors, with any new poses (degrees): compass bearings at a site, else headings from +x."""
+def describe_sensors(
+    names: Sequence[str], moved: Sequence[Sensor] = (), site: Site | None = None
+) -> list[str]:
+    """Names of sensors, with any new poses (degrees): compass bearings at a site, else headings
+    from +x."""
     if not moved:
         return list(names)
     headings, tilts = aims(moved)
     if site is None:
-        directions = [f"heading {degrees:.1f} (from +x)" for degrees in np.rad2deg(headings).tolist()]
+        directions = [
+            f"heading {degrees:.1f} (from +x)" for degrees in np.rad2deg(headings).tolist()
+        ]
     else:
-        directions = [f"bearing {round(bearing_deg(site, heading), 1) % 360:.1f}" for heading in headings.tolist()]
+        directions = [
+            f"bearing {round(bearing_deg(site, heading), 1) % 360:.1f}"
+            for heading in headings.tolist()
+        ]
     text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, {} tilt {:.1f} degrees"
     rows = zip(names, moved, directions, np.rad2deg(tilts).tolist(), strict=True)
-    return [text.format(name, *sensor.position, direction, tilt) for name, sensor, direction, tilt in rows]
+    return [
+        text.format(name, *sensor.position, direction, tilt)
+        for name, sensor, direction, tilt in rows
+    ]
 
 
 def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
     """Describe each sensor of a set: its name, model, height and direction."""
-    candidates, site = objective.candidates, objective.site
+    candidates = objective.candidates
+    site = objective.site
     sensors = [candidates.sensors[c] for c in subset]
     headings, tilts = aims(sensors)
     lines = []
@@ -350,50 +470,69 @@ def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
         else:
             facing = f"facing {bearing_deg(site, float(headings[k])):.0f} degrees from north"
         down = f"{np.rad2deg(tilts[k]):.0f} degrees down"
-        lines.append(f"{name}: {name_in_words(type(sensors[k].model).__name__)}, {height}, {facing}, {down}")
+        lines.append(
+            f"{name}: {name_in_words(type(sensors[k].model).__name__)}, {height}, {facing}, {down}"
+        )
     return lines
 
 
 def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str, objects: int) -> str:
-    """The figure that a fidelity gives, with its interval and as many decimals as the objects support. Coverage is no
-    AP."""
+    """The figure that a fidelity gives, with its interval and as many decimals as the objects
+    support. Coverage is no AP."""
     ends = describe_interval(each.low, each.high, figure_digits(objects))
     return f"{'coverage' if by == 'coverage' else 'AP'} {format_share(each.ap, objects)} ({ends})"
 
 
 def describe_score(score: Score) -> str:
     """The figures of a set in one line."""
-    each = ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items()) if len(score.class_ap) > 1 else ""
-    sent = f"{score.kbit_per_sensor:.1f} kbit per sensor, {score.kbit:.1f} kbit, price {score.price:g}"
+    each = (
+        ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items())
+        if len(score.class_ap) > 1
+        else ""
+    )
+    sent = (
+        f"{score.kbit_per_sensor:.1f} kbit per sensor, {score.kbit:.1f} kbit, price {score.price:g}"
+    )
     if score.fidelity == "coverage":
         return f"coverage {score.ap:.4f}{each and f' ({each})'}, {sent}"
-    return f"AP {score.ap:.4f}{each and f' ({each})'}, recall {score.recall:.4f}, {sent} ({score.fidelity})"
+    return (
+        f"AP {score.ap:.4f}{each and f' ({each})'}, recall {score.recall:.4f}, {sent} "
+        f"({score.fidelity})"
+    )
 
 
 def describe_assessment(assessment: Assessment) -> list[str]:
     """Lines on the answer's judgement and each search's own."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
     objects = assessment.objects
-    compared = f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
+    compared = (
+        f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
+    )
     sure = f"  {describe_sureness(assessment.confidence)} sure that none of the {compared}"
     if math.isnan(assessment.confidence):
         sure = f"  too few frames or objects to say how sure it is that none of the {compared}"
     elif assessment.confidence < assessment.asked:
         sure += f", short of the {assessment.asked:.0%} asked for"
     lines = [
-        f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the choice{fresh}:",
-        f"  {_judged(assessment, assessment.by, objects)} on {objects} objects, {assessment.kbit:.1f} kbit a frame; "
-        f"estimated {format_share(assessment.predicted, objects)} by the search, "
+        (
+            f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the "
+            f"choice{fresh}:"
+        ),
+        f"  {_judged(assessment, assessment.by, objects)} on {objects} objects, "
+        f"{assessment.kbit:.1f} kbit a frame; estimated "
+        f"{format_share(assessment.predicted, objects)} by the search, "
         f"{format_share(assessment.expected, objects)} after the race",
         sure,
     ]
     if assessment.by_errors:
         lines.append(
-            f"  the {assessment.errors_by} over error profiles: {describe_profiles(assessment.by_errors, objects)}"
+            f"  the {assessment.errors_by} over error profiles: "
+            f"{describe_profiles(assessment.by_errors, objects)}"
         )
     return lines + [
         f"  {' and '.join(each.searches)}: {_judged(each, assessment.by, objects)}, predicted "
-        f"{format_share(each.predicted, objects)}, {format_share(each.curse, objects, signed=True)} too much"
+        f"{format_share(each.predicted, objects)}, "
+        f"{format_share(each.curse, objects, signed=True)} too much"
         for each in assessment.contenders
     ]
 
@@ -410,7 +549,8 @@ def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
 
 
 def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
-    """Lines on the surrogate's uncertainty about a set and on what it was not trained for. Empty for others."""
+    """Lines on the surrogate's uncertainty about a set and on what it was not trained for. Empty
+    for others."""
     surrogate = objective.scored_by
     if not isinstance(surrogate, Doubting):
         return []
@@ -418,7 +558,10 @@ def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     error = "an unknown error" if np.isnan(spread) else f"a standard error of {spread:.3f}"
     sure = [f"the surrogate predicts the detector's AP with {error}"]
     kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
-    return [*sure, *(f"warning: {doubt}" for doubt in (*surrogate.doubts(kinds), *_describe_few(objective)))]
+    return [
+        *sure,
+        *(f"warning: {doubt}" for doubt in (*surrogate.doubts(kinds), *_describe_few(objective))),
+    ]
 
 
 def _describe_few(objective: Objective) -> list[str]:
@@ -434,50 +577,74 @@ def describe_empty(objective: Objective) -> str:
     linked = objective.linked
     if not linked.any():
         frames = describe_share(objective.setting.link_share)
-        least, most = float(objective.loads.min()), float(objective.candidates.capacity.max())
+        least = float(objective.loads.min())
+        most = float(objective.candidates.capacity.max())
         return (
-            f"none of the {len(linked)} candidates fits its link: in {frames} they send up to {least:.0f} kbit or "
-            f"more, and no link carries more than {most:.0f}: give mounts more, or say --scheme late, which sends boxes"
+            f"none of the {len(linked)} candidates fits its link: in {frames} they send up to "
+            f"{least:.0f} kbit or more, and no link carries more than {most:.0f}: give mounts "
+            "more, or say --scheme late, which sends boxes"
         )
     alone = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
     if float(alone.ap.max()) <= 0:
         there = " or a ".join(objective.classes.names)
-        return f"no candidate that fits its link detects a {there} in these frames: more --frames, other --candidates?"
+        return (
+            f"no candidate that fits its link detects a {there} in these frames: more --frames, "
+            "other --candidates?"
+        )
     if float(alone.reward.max()) <= 0:
         return "no sensor is worth what it costs: lower --comm and --price"
-    return "the search stopped before it had scored a set that may be built: give it more --seconds or --evaluations"
+    return (
+        "the search stopped before it had scored a set that may be built: give it more --seconds "
+        "or --evaluations"
+    )
 
 
 def check_present(objective: Objective) -> None:
     """Raise ValueError where a counted class has no objects."""
-    classes, seen = objective.classes, objective.visibility
+    classes = objective.classes
+    seen = objective.visibility
     if seen is not None:
         there = [bool((seen.labels == label).any()) for label in classes.labels]
     else:
-        there = (~np.isnan(objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0])).tolist()
-    if missing := [name for name, is_there in zip(classes.names, there, strict=True) if not is_there]:
+        there = (
+            ~np.isnan(objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0])
+        ).tolist()
+    if missing := [
+        name for name, is_there in zip(classes.names, there, strict=True) if not is_there
+    ]:
         said = f"there is no {' and no '.join(missing)} to find in these frames"
         raise ValueError(f"{said}: say more --frames or another --seed, or leave out the class")
 
 
-def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
-    """Sentences on what excludes candidates, with their number and the requirement of the least demanding one."""
-    candidates, sent, linked = objective.candidates, objective.loads, objective.linked
-    count, reasons, frames = len(candidates), [], describe_share(objective.setting.link_share)
+def describe_exclusions(
+    objective: Objective, max_kbit: float | None = None, currency: str = ""
+) -> tuple[str, ...]:
+    """Sentences on what excludes candidates, with their number and the requirement of the least
+    demanding one."""
+    candidates = objective.candidates
+    sent = objective.loads
+    linked = objective.linked
+    count = len(candidates)
+    reasons = []
+    frames = describe_share(objective.setting.link_share)
     if not linked.all():
         least = int(np.flatnonzero(~linked)[np.argmin(sent[~linked])])
         reasons.append(
-            f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any of these sends in "
-            f"{frames} is up to {sent[least]:.1f} kbit, over a link of {candidates.capacity[least]:g} kbit."
+            f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any "
+            f"of these sends in {frames} is up to {sent[least]:.1f} kbit, over a link of "
+            f"{candidates.capacity[least]:g} kbit."
         )
     if max_kbit is not None and (sent > max_kbit).any():
         reasons.append(
-            f"The limit of {max_kbit:g} kbit per sensor and frame excludes {int((sent > max_kbit).sum())} of {count} "
-            f"candidates: the least that any candidate sends in {frames} is up to {sent.min():.1f} kbit."
+            f"The limit of {max_kbit:g} kbit per sensor and frame excludes "
+            f"{int((sent > max_kbit).sum())} of {count} candidates: the least that any candidate "
+            f"sends in {frames} is up to {sent.min():.1f} kbit."
         )
     affordable = objective.affordable(candidates.prices)
     if not affordable.all():
-        money, least_price = (describe_money(x, currency) for x in (objective.most_price, candidates.prices.min()))
+        money, least_price = (
+            describe_money(x, currency) for x in (objective.most_price, candidates.prices.min())
+        )
         excluded = int((~affordable).sum())
         costs = f"the cheapest of all costs {least_price}"
         reasons.append(f"The sum of {money} excludes {excluded} of {count} candidates: {costs}.")
@@ -485,23 +652,36 @@ def describe_exclusions(objective: Objective, max_kbit: float | None = None, cur
 
 
 def explain_kept(
-    objective: Objective, alone: Bool[np.ndarray, " C"], max_kbit: float = math.inf, currency: str = ""
+    objective: Objective,
+    alone: Bool[np.ndarray, " C"],
+    max_kbit: float = math.inf,
+    currency: str = "",
 ) -> tuple[str, ...]:
-    """Sentences on why the poles that must carry a sensor cannot all have one. alone: candidates that may be built."""
-    candidates, least, reasons = objective.candidates, 0.0, list[str]()
+    """Sentences on why the poles that must carry a sensor cannot all have one. alone: candidates
+    that may be built."""
+    candidates = objective.candidates
+    least = 0.0
+    reasons = list[str]()
 
     def cost(amount: float) -> str:
         needed, most = (describe_money(x, currency) for x in (amount, objective.most_price))
         return f"{needed} or more, and {most} may be spent"
 
     for mount in objective.kept.tolist():
-        name, own = candidates.mounts[mount].name, np.flatnonzero(candidates.mount == mount)
+        name = candidates.mounts[mount].name
+        own = np.flatnonzero(candidates.mount == mount)
         if not len(own):
             why = "no pose on it sees the detection area"
         elif not objective.linked[own].any():
-            why = f"each pose sends more than its link of {candidates.capacity[own[0]]:g} kbit per frame carries"
+            why = (
+                f"each pose sends more than its link of {candidates.capacity[own[0]]:g} kbit per "
+                "frame carries"
+            )
         elif (objective.loads[own] > max_kbit).all():
-            why = f"each pose sends {objective.loads[own].min():.1f} kbit per frame or more; {max_kbit:g} are allowed"
+            why = (
+                f"each pose sends {objective.loads[own].min():.1f} kbit per frame or more; "
+                f"{max_kbit:g} are allowed"
+            )
         elif not objective.affordable(candidates.prices[own]).any():
             why = f"a sensor there costs {cost(float(candidates.prices[own].min()))}"
         elif not alone[own].any():

@@ -1,4 +1,5 @@
-"""`Progress` scores sets for one search within limits, and keeps the incumbent, the best feasible set."""
+"""`Progress` scores sets for one search within limits, and keeps the incumbent, the best feasible
+set."""
 
 import time
 from collections.abc import Sequence
@@ -17,7 +18,8 @@ PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
 
 
 class Limits:
-    """When to stop, and the history until then. Raises ValueError where a limit is not above 0; None is no limit."""
+    """When to stop, and the history until then. Raises ValueError where a limit is not above 0;
+    None is no limit."""
 
     def __init__(self, seconds: float | None, evaluations: int | None) -> None:
         for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
@@ -49,28 +51,38 @@ class Limits:
 
     def resume(self, state: KeptState) -> None:
         """Resume from a checkpoint. The sets and seconds until then count."""
-        self.count, self.started = int(state["count"]), time.monotonic() - float(state["elapsed"])
-        self.rows = [(int(count), float(seconds), float(reward)) for count, seconds, reward in state["rows"]]
+        self.count = int(state["count"])
+        self.started = time.monotonic() - float(state["elapsed"])
+        self.rows = [
+            (int(count), float(seconds), float(reward)) for count, seconds, reward in state["rows"]
+        ]
 
     def history(self, reward: float) -> History:
         """Improvements so far, and the end."""
         count, seconds, rewards = zip(*self.rows, (self.count, self.elapsed, reward), strict=True)
-        return History(np.array(count, np.int64), np.array(seconds, np.float64), np.array(rewards, np.float64))
+        return History(
+            np.array(count, np.int64), np.array(seconds, np.float64), np.array(rewards, np.float64)
+        )
 
 
 class Progress:
-    """Score sets and keep the best feasible one of at most `budget` candidates, at first the empty set, reward 0.
+    """Score sets and keep the best feasible one of at most `budget` candidates, at first the empty
+    set, reward 0.
 
-    Where poles must carry a sensor, the empty set is worse than any other. A limit in seconds is kept to about
-    `PACE_S`, or the time of one set."""
+    Where poles must carry a sensor, the empty set is worse than any other. A limit in seconds is
+    kept to about `PACE_S`, or the time of one set."""
 
-    def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
+    def __init__(
+        self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None
+    ) -> None:
         check_whole("budget", budget, least=1)
         objective.setting.check_budget(budget)
-        self.objective, self.budget = objective, budget
+        self.objective = objective
+        self.budget = budget
         self.size = len(objective.candidates)
         self.limits = Limits(seconds, evaluations)
-        self.best, self.reward = np.zeros(self.size, bool), -np.inf if len(objective.kept) else 0.0
+        self.best = np.zeros(self.size, bool)
+        self.reward = -np.inf if len(objective.kept) else 0.0
         self._block = 1
 
     @property
@@ -80,16 +92,22 @@ class Progress:
 
     def state(self) -> KeptState:
         """State for a checkpoint."""
-        return {"limits": self.limits.state(), "best": np.flatnonzero(self.best).tolist(), "reward": self.reward}
+        return {
+            "limits": self.limits.state(),
+            "best": np.flatnonzero(self.best).tolist(),
+            "reward": self.reward,
+        }
 
     def resume(self, state: KeptState) -> None:
         """Resume from a checkpoint. The incumbent is scored once more to restore its score."""
         self.limits.resume(state["limits"])
-        self.best, self.reward = as_rows([state["best"]], self.size)[0], float(state["reward"])
+        self.best = as_rows([state["best"]], self.size)[0]
+        self.reward = float(state["reward"])
         self.objective.scores(self.best[None])
 
     def figures(self, subsets: Sets) -> Scores:
-        """Score sets, feasible or not. Those beyond the limits have reward -inf and NaN for the rest."""
+        """Score sets, feasible or not. Those beyond the limits have reward -inf and NaN for the
+        rest."""
         n = len(subsets)
         columns = np.full((6, n), np.nan)
         figures = Scores(*columns, np.zeros(n, np.bool_))  # type: ignore[call-arg]
@@ -101,7 +119,9 @@ class Progress:
             began = time.monotonic()
             columns[:, rows] = self.objective.scores(subsets[rows])[:6]
             took = max(time.monotonic() - began, 1e-9)  # one set may take 0.1 ms, or a minute
-            affordable = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * room / took
+            affordable = (
+                min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * room / took
+            )
             self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))
             self._keep(subsets[rows], figures.reward[rows])
             self.limits.count += room
@@ -120,25 +140,42 @@ class Progress:
         self.limits.record(self.reward)
 
     def result(
-        self, method: str, certificate: Certificate, front: tuple[Score, ...] = (), by_size: tuple[Score, ...] = ()
+        self,
+        method: str,
+        certificate: Certificate,
+        front: tuple[Score, ...] = (),
+        by_size: tuple[Score, ...] = (),
     ) -> Result:
         """Best set so far, the incumbent, as the answer."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
         history = self.limits.history(self.reward)
         known = self.limits.count, self.limits.elapsed, front, by_size
-        return Result(method, best, history, certificate, *known, origin=self.objective.describe_origin(best.subset))
+        return Result(
+            method,
+            best,
+            history,
+            certificate,
+            *known,
+            origin=self.objective.describe_origin(best.subset),
+        )
 
     def unknown(self, note: str) -> Certificate:
         """Certificate without any evidence."""
         return Certificate("none", self.reward, note=note)
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
-        better, before = np.flatnonzero(rewards > self.reward), self.reward
+        better = np.flatnonzero(rewards > self.reward)
+        before = self.reward
         if better.size:
-            fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
-            for row in better[fits].tolist():  # one after another, so that batch size does not change the history
+            fits = self.objective.feasible(subsets[better]) & (
+                subsets[better].sum(axis=1) <= self.budget
+            )
+            for row in better[
+                fits
+            ].tolist():  # one after another, so that batch size does not change the history
                 if rewards[row] > self.reward:
-                    self.best, self.reward = subsets[row].copy(), float(rewards[row])
+                    self.best = subsets[row].copy()
+                    self.reward = float(rewards[row])
                     self.limits.record(self.reward, at=self.limits.count + row + 1)
         if self.reward > before and self.objective.watch is not None:
             self.objective.watch(tuple(np.flatnonzero(self.best).tolist()), self.reward, 0)

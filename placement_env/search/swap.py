@@ -1,8 +1,10 @@
-"""Swap local search: change one sensor at a time until nothing improves, from greedy's answer and others.
+"""Swap local search: change one sensor at a time until nothing improves, from greedy's answer and
+others.
 
-The set is taken as `budget` places, each with one sensor or none. A step scores every alternative for one place at once
-and takes the best, so it may swap, add or drop a sensor. When no place can be improved the set is a local optimum under
-such changes, and the search restarts from a random set."""
+The set is taken as `budget` places, each with one sensor or none. A step scores every alternative
+for one place at once and takes the best, so it may swap, add or drop a sensor. When no place can be
+improved the set is a local optimum under such changes, and the search restarts from a random
+set."""
 
 import sys
 from collections.abc import Callable, Iterable
@@ -24,7 +26,8 @@ EMPTY = -1  # a place without a sensor
 
 @dataclass
 class Climb:
-    """A climb in progress. before: best reward until it began; waiting: places (a candidate or `EMPTY`) to change."""
+    """A climb in progress. before: best reward until it began; waiting: places (a candidate or
+    `EMPTY`) to change."""
 
     start: int
     before: float
@@ -44,19 +47,23 @@ def search(
     start: Iterable[int | str] | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The best local optimum of several starts: greedy's set or `start`, then sets drawn from `seed`.
+    """The best local optimum of several starts: greedy's set or `start`, then sets drawn from
+    `seed`.
 
-    start: candidates by index or name; those that do not fit beside earlier ones are left out; starts: their number;
-    None for as many as the limits allow, or `STARTS` without a limit; checkpoint: where the state of the search is
-    kept. The certificate is "local optimum" where the neighbourhood of the best set was searched completely. Raises
-    ValueError where `starts` is below 1 and for an unknown candidate."""
+    start: candidates by index or name; those that do not fit beside earlier ones are left out;
+    starts: their number; None for as many as the limits allow, or `STARTS` without a limit;
+    checkpoint: where the state of the search is kept. The certificate is "local optimum" where the
+    neighbourhood of the best set was searched completely. Raises ValueError where `starts` is below
+    1 and for an unknown candidate."""
     if starts is not None:
         check_whole("starts", starts, least=1)
     progress = Progress(objective, budget, seconds, evaluations)
     rng = np.random.default_rng(seed)
     if starts is None:
         starts = STARTS if seconds is None and evaluations is None else sys.maxsize
-    first, proven, climb = 0, False, None
+    first = 0
+    proven = False
+    climb = None
 
     def state() -> KeptState:
         now = {"progress": progress.state(), "rng": rng.bit_generator.state, "proven": proven}
@@ -64,7 +71,9 @@ def search(
 
     if (kept := checkpoint.load()) is not None:
         progress.resume(kept["progress"])
-        rng.bit_generator.state, proven, climb = kept["rng"], kept["proven"], Climb(**kept["climb"])
+        rng.bit_generator.state = kept["rng"]
+        proven = kept["proven"]
+        climb = Climb(**kept["climb"])
         first = climb.start
     for number in range(first, starts):
         if climb is None:
@@ -80,25 +89,35 @@ def search(
         climb = None
     certificate = progress.unknown("stopped before all changes of one sensor were tried")
     if proven:
-        certificate = Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
+        certificate = Certificate(
+            "local optimum", progress.reward, note="no set that differs in one sensor is better"
+        )
     return progress.result("swap", certificate)
 
 
 def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
-    """Members of a given set that fit beside earlier ones; else the best set on greedy's way, the last if none pays."""
+    """Members of a given set that fit beside earlier ones; else the best set on greedy's way, the
+    last if none pays."""
     if start is None:
         grown, _ = grow(progress)
         return np.flatnonzero(progress.best).tolist() or grown
-    objective, fitting = progress.objective, list[int]()
+    objective = progress.objective
+    fitting = list[int]()
     members = np.flatnonzero(objective.row(start))
     first = np.isin(objective.candidates.mount[members], objective.kept)
     for member in [*members[first].tolist(), *members[~first].tolist()]:
         if len(fitting) < progress.budget and objective.next_allowed(fitting)[member]:
             fitting.append(member)
-    return fitting if objective.keeps(objective.row(fitting)[None])[0] else grow(progress, start=fitting)[0]
+    return (
+        fitting
+        if objective.keeps(objective.row(fitting)[None])[0]
+        else grow(progress, start=fitting)[0]
+    )
 
 
-def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: Callable[[], None]) -> bool:
+def _climb(
+    progress: Progress, climb: Climb, rng: np.random.Generator, between: Callable[[], None]
+) -> bool:
     """Change places one by one until none improves; True if this ended before the limits did."""
     places = climb.places
     while climb.waiting:
@@ -106,9 +125,12 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
         place = climb.waiting.pop(0)
         others = [c for i, c in enumerate(places) if i != place and c != EMPTY]
         options = np.flatnonzero(progress.objective.allowed(others))
-        subsets = np.vstack([as_rows([others], progress.size), add_each(others, options, progress.size)])
+        subsets = np.vstack(
+            [as_rows([others], progress.size), add_each(others, options, progress.size)]
+        )
         keeps = progress.objective.keeps(subsets)
-        options, rewards = np.r_[EMPTY, options][keeps], progress.rewards(subsets[keeps])
+        options = np.r_[EMPTY, options][keeps]
+        rewards = progress.rewards(subsets[keeps])
         best = int(rewards.argmax()) if len(rewards) else 0
         if len(rewards) and rewards[best] > climb.reward:
             climb.reward = float(rewards[best])
@@ -122,8 +144,10 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
 
 
 def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
-    """Random feasible set: mounts in random order, those to be kept first, an affordable candidate of each."""
-    candidates, free = objective.candidates, np.flatnonzero(objective.allowed([]))
+    """Random feasible set: mounts in random order, those to be kept first, an affordable candidate
+    of each."""
+    candidates = objective.candidates
+    free = np.flatnonzero(objective.allowed([]))
     mount = candidates.mount[free]
     chosen: list[int] = []
     places = rng.permutation(np.unique(mount))

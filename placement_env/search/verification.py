@@ -1,4 +1,5 @@
-"""Score a fast result, and sets that differ from it in one sensor, again by an accurate fidelity."""
+"""Score a fast result, and sets that differ from it in one sensor, again by an accurate
+fidelity."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -28,16 +29,20 @@ class Verified:
     accurate: Float64[np.ndarray, " k"]
 
 
-def verified(fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5) -> Verified:
+def verified(
+    fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5
+) -> Verified:
     """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
 
-    The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the better set. Where the
-    accurate fidelity can score some of the frames, the `RACING` best sets by the fast reward race. Sets that tie with
-    the last of the best by the fast reward are ranked too. Raises ValueError where the candidates differ, and for
-    `best` below 1."""
+    The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the
+    better set. Where the accurate fidelity can score some of the frames, the `RACING` best sets by
+    the fast reward race. Sets that tie with the last of the best by the fast reward are ranked too.
+    Raises ValueError where the candidates differ, and for `best` below 1."""
     check_whole("best", best, least=1)
     if fast.candidates.digest() != accurate.candidates.digest():
-        raise ValueError("both objectives must choose from the same candidates: make the second from the first's")
+        raise ValueError(
+            "both objectives must choose from the same candidates: make the second from the first's"
+        )
     sets = neighbours(subset, len(fast.candidates))
     sets = sets[fast.feasible(sets)] if fast.feasible(sets[:1])[0] else sets[:1]
     if isinstance(accurate.scored_by, ByFrames):
@@ -51,7 +56,8 @@ def verified(fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k
 
 
 def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
-    """Best accurate score of a result and its neighbours, and their number. Moved sensors have no neighbours."""
+    """Best accurate score of a result and its neighbours, and their number. Moved sensors have no
+    neighbours."""
     if result.sensors:
         return score_result(accurate, result), 1
     ranking = verified(fast, accurate, np.array(result.best.subset))
@@ -59,8 +65,9 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
 
 
 def score_result(accurate: Objective, result: Result) -> Score:
-    """Score a result by another objective of the same candidates; moved sensors are scored in their poses. Raises
-    ValueError where they were moved and the objective has no site, or they may not be built there."""
+    """Score a result by another objective of the same candidates; moved sensors are scored in their
+    poses. Raises ValueError where they were moved and the objective has no site, or they may not be
+    built there."""
     if not result.sensors:
         return accurate.score(result.best.subset)
     from placement_env.search.cmaes import build_pose_scorer
@@ -69,22 +76,33 @@ def score_result(accurate: Objective, result: Result) -> Score:
         raise ValueError("moved sensors need an objective made from a site: Objective(site)")
     (score,) = build_pose_scorer(accurate.preparation, accurate.weights)([result.sensors])
     if score is None:
-        raise ValueError("the moved sensors may not be built: one sends more than its link carries here")
+        raise ValueError(
+            "the moved sensors may not be built: one sends more than its link carries here"
+        )
     return replace(score, subset=result.best.subset)
 
 
-def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()) -> dict[str, float]:
-    """AP of a set at each of several error profiles, by name. moved: its sensors in poses of their own."""
-    scored_by, made = objective.scored_by, objective.preparation
+def ap_at_profiles(
+    objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()
+) -> dict[str, float]:
+    """AP of a set at each of several error profiles, by name. moved: its sensors in poses of their
+    own."""
+    scored_by = objective.scored_by
+    made = objective.preparation
     if not isinstance(scored_by, CasesFidelity) or len(scored_by.cases.names) == 1 or not subset:
         return {}
     if not moved or made is None:
-        return {name: float(each.ap[0]) for name, each in scored_by.at_each(objective.row(subset)[None]).items()}
+        return {
+            name: float(each.ap[0])
+            for name, each in scored_by.at_each(objective.row(subset)[None]).items()
+        }
     from placement_env.search.cmaes import build_pose_scorer
 
     found = {}
     for name, profile in zip(scored_by.cases.names, scored_by.cases.profiles, strict=True):
-        there = replace(made, setting=replace(made.setting, cases=replace(scored_by.cases, errors=profile)))
+        there = replace(
+            made, setting=replace(made.setting, cases=replace(scored_by.cases, errors=profile))
+        )
         vars(there).update(traffic=made.traffic, detector=made.detector)
         (score,) = build_pose_scorer(there, objective.weights)([tuple(moved)])
         if score is not None:
@@ -106,13 +124,15 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
 def best_of_equals(
     progress: Progress, chosen: Sequence[int], count: Callable[[Sets], Shaped[np.ndarray, " n"]]
 ) -> list[int]:
-    """Best set by the objective that changes of one sensor reach within the limits while they keep the count. Coverage
-    has many optima (one set of coverage 1.000 has AP 0.918, its neighbour 0.98): a solver answers with any."""
+    """Best set by the objective that changes of one sensor reach within the limits while they keep
+    the count. Coverage has many optima (one set of coverage 1.000 has AP 0.918, its neighbour
+    0.98): a solver answers with any."""
     best = sorted(int(c) for c in chosen)
     if not best:
         return best
     row = as_rows([best], progress.size)
-    least, reward = count(row)[0], float(progress.rewards(row)[0])
+    least = count(row)[0]
+    reward = float(progress.rewards(row)[0])
     while not progress.spent:
         sets = neighbours(np.array(best), progress.size)[1:]
         sets = sets[progress.objective.feasible(sets)]
@@ -120,5 +140,6 @@ def best_of_equals(
         rewards = progress.rewards(sets)
         if not len(sets) or not rewards.max() > reward:
             break
-        best, reward = np.flatnonzero(sets[rewards.argmax()]).tolist(), float(rewards.max())
+        best = np.flatnonzero(sets[rewards.argmax()]).tolist()
+        reward = float(rewards.max())
     return best

@@ -1,4 +1,5 @@
-"""Objects at the edge of the detection area: found on whichever side of it the detection's centre is."""
+"""Objects at the edge of the detection area: found on whichever side of it the detection's centre
+is."""
 
 from pathlib import Path
 
@@ -29,7 +30,9 @@ class FixedDetector:
     digest = "fixed"
 
     def __init__(self, places, scores):
-        self.detections = Detections(car_boxes(places), np.array(scores), np.full(len(places), VEHICLE))
+        self.detections = Detections(
+            car_boxes(places), np.array(scores), np.full(len(places), VEHICLE)
+        )
 
     def __call__(self, points):
         return self.detections
@@ -57,7 +60,8 @@ def score(recording, places, scores):
 
 @pytest.mark.parametrize(("labelled", "detected"), [(39.98, 40.02), (40.02, 39.98), (39.98, 39.98)])
 def test_border_object_is_no_miss_and_no_false_alarm(record, labelled, detected):
-    """IoU is (4.2 - .04) / (4.2 + .04) = .98. A second car keeps AP defined where the first is not to be found."""
+    """IoU is (4.2 - .04) / (4.2 + .04) = .98. A second car keeps AP defined where the first is not
+    to be found."""
     found = score(record([labelled, 0.0]), [detected, 0.0], [0.9, 0.8])
     assert [row.ap for row in found] == [1.0, 1.0, 1.0]
     assert [row.false_alarms_per_frame for row in found] == [0.0, 0.0, 0.0]
@@ -67,7 +71,8 @@ def test_border_object_is_no_miss_and_no_false_alarm(record, labelled, detected)
 
 
 def test_detection_outside_is_no_false_alarm_whatever_it_overlaps(record):
-    """One hits nothing, one overlaps the car at the edge by too little (IoU (4.2 - 1.5) / (4.2 + 1.5) = .47)."""
+    """One hits nothing, one overlaps the car at the edge by too little (IoU (4.2 - 1.5) / (4.2 +
+    1.5) = .47)."""
     found = score(record([39.5, 0.0]), [45.0, 41.0, 39.5, 0.0], [0.95, 0.93, 0.9, 0.8])
     assert [row.ap for row in found] == [1.0, 1.0, 1.0]
     assert {figures.precision for figures in found.classes} == {1.0}

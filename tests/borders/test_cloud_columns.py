@@ -1,4 +1,5 @@
-"""Coordinates of a point file: by the names of its columns, in the unit they name, or refused with the columns."""
+"""Coordinates of a point file: by the names of its columns, in the unit they name, or refused with
+the columns."""
 
 import warnings
 
@@ -16,7 +17,11 @@ INTENSITY = np.array([11.0, 12.0, 13.0])
 # header, metres that 1 of a coordinate is, order of the columns (i intensity)
 HEADERS = [
     ("intensity,x_m,y_m,z_m", 1.0, "ixyz"),
-    ('"intensity","Points_m_XYZ:0","Points_m_XYZ:1","Points_m_XYZ:2"', 1.0, "ixyz"),  # VeloView and LidarView
+    (
+        '"intensity","Points_m_XYZ:0","Points_m_XYZ:1","Points_m_XYZ:2"',
+        1.0,
+        "ixyz",
+    ),  # VeloView and LidarView
     ("Points:0,Points:1,Points:2,intensity", 1.0, "xyzi"),  # ParaView until 5.11
     ("intensity,Points_0,Points_1,Points_2", 1.0, "ixyz"),  # and since
     ("X (mm),Y (mm),Z (mm),intensity", 0.001, "xyzi"),
@@ -76,7 +81,9 @@ def test_other_names_are_refused_with_the_columns(tmp_path, header, listed):
 
 def test_comment_without_coordinates_is_no_header(tmp_path):
     (tmp_path / "a.xyz").write_text("# scanned in May, north\n1 2 3 9\n4 5 6 9\n")
-    np.testing.assert_array_equal(read_recorded(tmp_path / "a.xyz")["positions"], [[1, 2, 3], [4, 5, 6]])
+    np.testing.assert_array_equal(
+        read_recorded(tmp_path / "a.xyz")["positions"], [[1, 2, 3], [4, 5, 6]]
+    )
 
 
 def test_tables_are_read_by_name(tmp_path):
@@ -106,13 +113,16 @@ def test_exact_names_win_over_described_ones():
 def test_pcd_of_version_05(tmp_path, spelled):
     """PCL's PCD before 0.6 says COLUMNS for FIELDS, and has no SIZE and TYPE: floats of 4 bytes."""
     rows = "\n".join(" ".join(map(str, point)) for point in POINTS)
-    (tmp_path / "a.pcd").write_text(f"# .PCD v.5\nVERSION .5\n{spelled}\nPOINTS 3\nDATA ascii\n{rows}\n")
+    (tmp_path / "a.pcd").write_text(
+        f"# .PCD v.5\nVERSION .5\n{spelled}\nPOINTS 3\nDATA ascii\n{rows}\n"
+    )
     np.testing.assert_array_equal(attributes(load(tmp_path / "a.pcd"))["positions"], POINTS)
 
 
 def test_pcd_with_sizes_and_columns(tmp_path):
     header = (
-        "VERSION 0.5\nCOLUMNS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA binary\n"
+        "VERSION 0.5\nCOLUMNS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 3\nHEIGHT "
+        "1\nPOINTS 3\nDATA binary\n"
     )
     (tmp_path / "a.pcd").write_bytes(header.encode() + POINTS.astype("<f4").tobytes())
     np.testing.assert_array_equal(attributes(load(tmp_path / "a.pcd"))["positions"], POINTS)
@@ -121,15 +131,24 @@ def test_pcd_with_sizes_and_columns(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.ply", "ply\nformat ascii 1.0\ncomment offset: 692000 5336000 500\nelement vertex 1\n"
-                  "property double x\nproperty double y\nproperty double z\nend_header\n1 2 3\n"),
-        ("a.pcd", "# global shift 692000.0, 5336000.0, 500.0\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 1\n"
-                  "DATA ascii\n1 2 3\n"),
+        (
+            "a.ply",
+            "ply\nformat ascii 1.0\ncomment offset: 692000 5336000 500\nelement vertex 1\n"
+            "property double x\nproperty double y\nproperty double z\nend_header\n1 2 3\n",
+        ),
+        (
+            "a.pcd",
+            (
+                "# global shift 692000.0, 5336000.0, 500.0\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F "
+                "F\nPOINTS 1\nDATA ascii\n1 2 3\n"
+            ),
+        ),
         ("a.xyz", "// Global Shift = 692000 5336000 500\n1 2 3\n"),
     ],
-)  # fmt: skip
+)
 def test_offset_in_a_comment_is_said(tmp_path, name, content):
-    """Programs leave an origin in comments, in words of their choice: never dropped without a word."""
+    """Programs leave an origin in comments, in words of their choice: never dropped without a
+    word."""
     (tmp_path / name).write_text(content)
     with pytest.warns(UserWarning, match="692000"):
         recorded = read_recorded(tmp_path / name)

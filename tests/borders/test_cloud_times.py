@@ -1,4 +1,5 @@
-"""Each sensor's cloud keeps the time at which it was measured, through every layout that has a place for it."""
+"""Each sensor's cloud keeps the time at which it was measured, through every layout that has a
+place for it."""
 
 import json
 from dataclasses import replace
@@ -37,15 +38,23 @@ def test_the_time_of_each_cloud_comes_back(tmp_path, layout):
     opened = place / "bag" if layout == "rosbag" else place
     for before, after in zip(frames(), find_layout(layout).open(opened), strict=True):
         stamps = [cloud.stamp_s for cloud in after.clouds]
-        np.testing.assert_allclose(stamps, [cloud.stamp_s for cloud in before.clouds], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            stamps, [cloud.stamp_s for cloud in before.clouds], rtol=0, atol=1e-6
+        )
         assert after.time == pytest.approx(before.time, abs=1e-6)
 
 
 def test_dair_keeps_a_time_that_all_clouds_of_a_frame_share(tmp_path):
     """DAIR-V2X's data_info.json has pointcloud_timestamp, in microseconds as text."""
-    together = [frame.with_clouds([replace(cloud, stamp_s=frame.time) for cloud in frame.clouds]) for frame in frames()]
+    together = [
+        frame.with_clouds([replace(cloud, stamp_s=frame.time) for cloud in frame.clouds])
+        for frame in frames()
+    ]
     write_recording(together, tmp_path, "dair")
-    assert json.loads((tmp_path / "data_info.json").read_text())[1]["pointcloud_timestamp"] == "1700000000100000"
+    assert (
+        json.loads((tmp_path / "data_info.json").read_text())[1]["pointcloud_timestamp"]
+        == "1700000000100000"
+    )
     back = list(open_recording(tmp_path, "dair"))
     assert [frame.clouds[0].stamp_s for frame in back] == [START_S, START_S + 0.1]
 
@@ -54,18 +63,25 @@ def test_dair_keeps_a_time_that_all_clouds_of_a_frame_share(tmp_path):
 def test_dair_keeps_times_of_a_clock_that_starts_at_0(tmp_path, step_s):
     """Simulated frames 5 s apart are 5000000 microseconds apart, no seconds."""
     cloud = SensorCloud("lidar", POINTS, np.eye(4))
-    started = [Frame.of_clouds(str(k), (cloud,), Objects.empty(), time=k * step_s) for k in range(3)]
+    started = [
+        Frame.of_clouds(str(k), (cloud,), Objects.empty(), time=k * step_s) for k in range(3)
+    ]
     write_recording(started, tmp_path, "dair")
     times = [frame.time for frame in open_recording(tmp_path, "dair")]
     np.testing.assert_allclose(times, [0.0, step_s, 2 * step_s], atol=1e-9)
 
 
 def test_clouds_of_unknown_time_have_none(tmp_path):
-    untimed = [frame.with_clouds([replace(cloud, stamp_s=None) for cloud in frame.clouds]) for frame in frames()]
+    untimed = [
+        frame.with_clouds([replace(cloud, stamp_s=None) for cloud in frame.clouds])
+        for frame in frames()
+    ]
     for layout in ("folder", "hdf5"):
         place = tmp_path / ("a.hdf5" if layout == "hdf5" else "a")
         write_recording(untimed, place, layout)
-        assert [cloud.stamp_s for frame in open_recording(place, layout) for cloud in frame.clouds] == [None] * 4
+        assert [
+            cloud.stamp_s for frame in open_recording(place, layout) for cloud in frame.clouds
+        ] == [None] * 4
     write_recording(untimed, tmp_path / "kitti", "kitti")
     (first, _) = open_recording(tmp_path / "kitti", "kitti")
     assert first.clouds[0].stamp_s is None
@@ -92,7 +108,8 @@ def test_clouds_of_unknown_time_have_none(tmp_path):
     ],
 )
 def test_times_of_names(name, seconds):
-    """TUM Traffic writes seconds_nanoseconds, RCooper seconds with decimals, ROS and Argoverse nanoseconds."""
+    """TUM Traffic writes seconds_nanoseconds, RCooper seconds with decimals, ROS and Argoverse
+    nanoseconds."""
     assert find_epoch(name) == seconds
 
 
@@ -112,7 +129,11 @@ def test_times_of_names(name, seconds):
 )
 def test_times_that_files_state(stated, seconds):
     """OpenLABEL 1.0.0: a timestamp is a number or a UTC string."""
-    assert parse_time(stated, "timestamp") == pytest.approx(seconds) if seconds else parse_time(stated, "t") is None
+    assert (
+        parse_time(stated, "timestamp") == pytest.approx(seconds)
+        if seconds
+        else parse_time(stated, "t") is None
+    )
 
 
 @pytest.mark.parametrize("stated", ["noon", 1e30, 7e12])
@@ -123,9 +144,18 @@ def test_other_times_are_refused_by_name(stated):
 
 def test_a_stream_of_openlabel_states_its_clouds_time(tmp_path):
     """OpenLABEL 1.0.0: frame_properties.streams.NAME.stream_properties.sync.timestamp."""
-    streams = {"north": {"stream_properties": {"sync": {"frame_stream": 3, "timestamp": "2020-04-11 12:00:01"}}}}
+    streams = {
+        "north": {
+            "stream_properties": {"sync": {"frame_stream": 3, "timestamp": "2020-04-11 12:00:01"}}
+        }
+    }
     properties = {"point_cloud_file_names": ["a.pcd"], "streams": streams}
-    document = {"openlabel": {"metadata": {}, "frames": {"0": {"frame_properties": properties, "objects": {}}}}}
+    document = {
+        "openlabel": {
+            "metadata": {},
+            "frames": {"0": {"frame_properties": properties, "objects": {}}},
+        }
+    }
     (tmp_path / "a.json").write_text(json.dumps(document))
     (tmp_path / "a.pcd").write_bytes(pcd_bytes(dict(zip("xyz", POINTS.T, strict=True))))
     (frame,) = open_recording(tmp_path, "openlabel")

@@ -1,7 +1,8 @@
 """Clouds that coview writes, read back by the packages their users use, values compared.
 
-Open3D's legacy reader gives zeros for 8-byte x, y and z of a PCD file (0.20.0), so PCD holds float32 from an origin
-that its header states; trimesh and Open3D take floating colours of a PLY for shares of 255, so colours are bytes."""
+Open3D's legacy reader gives zeros for 8-byte x, y and z of a PCD file (0.20.0), so PCD holds
+float32 from an origin that its header states; trimesh and Open3D take floating colours of a PLY for
+shares of 255, so colours are bytes."""
 
 import json
 import re
@@ -42,7 +43,9 @@ def stated_origin(path):
     return np.zeros(3) if line is None else np.array([float(number) for number in line.groups()])
 
 
-@pytest.mark.parametrize("places", [NEAR.astype(np.float32), NEAR, NEAR + UTM], ids=["float32", "float64", "utm"])
+@pytest.mark.parametrize(
+    "places", [NEAR.astype(np.float32), NEAR, NEAR + UTM], ids=["float32", "float64", "utm"]
+)
 def test_pcd(tmp_path, places):
     path = tmp_path / "a.pcd"
     with warnings.catch_warnings():
@@ -53,17 +56,27 @@ def test_pcd(tmp_path, places):
     tensor = o3d.t.io.read_point_cloud(str(path))
     for points in (np.asarray(legacy.points), tensor.point.positions.numpy()):
         np.testing.assert_allclose(points + origin, places, atol=2e-4 if origin.any() else 5e-6)
-    np.testing.assert_allclose(np.asarray(legacy.normals), np.tile([0, 0.6, 0.8], (COUNT, 1)), atol=1e-6)
-    np.testing.assert_allclose(np.asarray(legacy.colors) * 255, np.tile([255, 0, 51], (COUNT, 1)), atol=0.5)
-    np.testing.assert_allclose(tensor.point["intensity"].numpy()[:, 0], np.linspace(0, 1, COUNT), atol=1e-6)
-    np.testing.assert_allclose(tensor.point["time"].numpy()[:, 0], 1.7e9 + np.linspace(0, 0.1, COUNT), atol=1e-6)
+    np.testing.assert_allclose(
+        np.asarray(legacy.normals), np.tile([0, 0.6, 0.8], (COUNT, 1)), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        np.asarray(legacy.colors) * 255, np.tile([255, 0, 51], (COUNT, 1)), atol=0.5
+    )
+    np.testing.assert_allclose(
+        tensor.point["intensity"].numpy()[:, 0], np.linspace(0, 1, COUNT), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        tensor.point["time"].numpy()[:, 0], 1.7e9 + np.linspace(0, 0.1, COUNT), atol=1e-6
+    )
     ours = attributes(load(path))
     np.testing.assert_allclose(ours["positions"], places, atol=2e-4)
     for kind in INTEGERS:
         np.testing.assert_array_equal(ours[f"a_{kind}"][:, 0], np.arange(COUNT) % 2)
 
 
-@pytest.mark.parametrize("places", [NEAR.astype(np.float32), NEAR, NEAR + UTM], ids=["float32", "float64", "utm"])
+@pytest.mark.parametrize(
+    "places", [NEAR.astype(np.float32), NEAR, NEAR + UTM], ids=["float32", "float64", "utm"]
+)
 def test_ply(tmp_path, places):
     path = tmp_path / "a.ply"
     save(some_cloud(places), path)
@@ -72,13 +85,19 @@ def test_ply(tmp_path, places):
     other: Any = trimesh.load(path)
     for points in (np.asarray(legacy.points), tensor.point.positions.numpy(), other.vertices):
         np.testing.assert_allclose(points, places, atol=1e-6)
-    np.testing.assert_allclose(np.asarray(legacy.colors) * 255, np.tile([255, 0, 51], (COUNT, 1)), atol=0.5)
-    np.testing.assert_array_equal(np.asarray(other.colors)[:, :3], np.tile([255, 0, 51], (COUNT, 1)))
+    np.testing.assert_allclose(
+        np.asarray(legacy.colors) * 255, np.tile([255, 0, 51], (COUNT, 1)), atol=0.5
+    )
+    np.testing.assert_array_equal(
+        np.asarray(other.colors)[:, :3], np.tile([255, 0, 51], (COUNT, 1))
+    )
     table = other.metadata["_ply_raw"]["vertex"]["data"]
     np.testing.assert_array_equal(table["time"], 1.7e9 + np.linspace(0, 0.1, COUNT))
     for kind in INTEGERS:
         np.testing.assert_array_equal(table[f"a_{kind}"], np.arange(COUNT) % 2)
-        np.testing.assert_array_equal(attributes(load(path))[f"a_{kind}"][:, 0], np.arange(COUNT) % 2)
+        np.testing.assert_array_equal(
+            attributes(load(path))[f"a_{kind}"][:, 0], np.arange(COUNT) % 2
+        )
 
 
 def test_npz(tmp_path):
@@ -118,7 +137,19 @@ def test_fused_files(tmp_path, ending, place):
     pose[:3, 3] = place
     (tmp_path / "p.json").write_text(json.dumps({"a": pose.tolist()}))
     out = tmp_path / f"x.{ending}"
-    assert run(["fuse", str(tmp_path / "a.xyz"), "--poses", str(tmp_path / "p.json"), "--out", str(out)]) == 0
+    assert (
+        run(
+            [
+                "fuse",
+                str(tmp_path / "a.xyz"),
+                "--poses",
+                str(tmp_path / "p.json"),
+                "--out",
+                str(out),
+            ]
+        )
+        == 0
+    )
     if ending == "npz":
         with np.load(out) as arrays:
             points = arrays["positions"]
@@ -126,4 +157,6 @@ def test_fused_files(tmp_path, ending, place):
         points = np.asarray(o3d.io.read_point_cloud(str(out)).points)
     origin = stated_origin(out) if ending == "pcd" else np.zeros(3)
     assert origin.any() == (ending == "pcd" and place.any())
-    np.testing.assert_allclose(np.sort(points + origin, axis=0), np.sort(NEAR + place, axis=0), atol=2e-4)
+    np.testing.assert_allclose(
+        np.sort(points + origin, axis=0), np.sort(NEAR + place, axis=0), atol=2e-4
+    )

@@ -28,7 +28,10 @@ def write(folder: Path, layout: str) -> Path:
 
 
 def same(a: Frame, b: Frame) -> bool:
-    return a.points().tolist() == b.points().tolist() and a.objects.boxes.tolist() == b.objects.boxes.tolist()
+    return (
+        a.points().tolist() == b.points().tolist()
+        and a.objects.boxes.tolist() == b.objects.boxes.tolist()
+    )
 
 
 @pytest.mark.filterwarnings("ignore:.*no place for labels")
@@ -37,7 +40,11 @@ def test_copies_read_the_same_frames(tmp_path, layout):
     pytest.importorskip({"rosbag": "rosbags", "argoverse": "pyarrow"}.get(layout, "numpy"))
     recording = open_recording(write(tmp_path, layout), layout)
     middle = recording[1]
-    for copied in (copy.copy(recording), copy.deepcopy(recording), pickle.loads(pickle.dumps(recording))):
+    for copied in (
+        copy.copy(recording),
+        copy.deepcopy(recording),
+        pickle.loads(pickle.dumps(recording)),
+    ):
         assert len(copied) == 3
         assert same(copied[2], recording[2])
         assert same(copied[1], middle)
@@ -50,6 +57,9 @@ def test_a_copy_is_read_in_another_process(tmp_path):
     (tmp_path / "recording.pickle").write_bytes(pickle.dumps(recording))
     code = "import pickle, sys; print(len(pickle.load(open(sys.argv[1], 'rb'))[2].points()))"
     done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "recording.pickle")], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, str(tmp_path / "recording.pickle")],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stdout.split() == ["2"]

@@ -1,7 +1,7 @@
 """Copies of environments, planners, objectives, renderers and recordings.
 
-The contract is Python's: `copy.deepcopy` and `pickle` give an equal object that shares no state with the original
-(docs.python.org/3/library/copy.html, library/pickle.html)."""
+The contract is Python's: `copy.deepcopy` and `pickle` give an equal object that shares no state
+with the original (docs.python.org/3/library/copy.html, library/pickle.html)."""
 
 import copy
 import pickle
@@ -28,7 +28,10 @@ from toolkit.runtime.run import Run
 
 register()
 FEW = {"frames": 2, "fidelity": "coverage", "budget": 2}
-COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda original: pickle.loads(pickle.dumps(original))}
+COPIES = {
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda original: pickle.loads(pickle.dumps(original)),
+}
 both_ways = pytest.mark.parametrize("duplicate", COPIES.values(), ids=COPIES)
 
 STEP_ELSEWHERE = """
@@ -42,7 +45,11 @@ with open(sys.argv[2], "wb") as file:
 
 def start(name: str, *, vector: bool):
     """An environment after two steps, and a function that draws actions."""
-    env = gym.make_vec(name, num_envs=2, **FEW) if vector else gym.make(name, disable_env_checker=True, **FEW)
+    env = (
+        gym.make_vec(name, num_envs=2, **FEW)
+        if vector
+        else gym.make(name, disable_env_checker=True, **FEW)
+    )
     rng = np.random.default_rng(7)
 
     def draw_action():
@@ -142,11 +149,24 @@ def frames(count: int = 3) -> list[Frame]:
         points = rng.uniform(-8, 8, (200, 3)).astype(np.float32)
         boxes = np.array([[4.0 + k, 0.0, -4.0, 4.0, 1.8, 1.6, 0.1]])
         cloud = SensorCloud("north", points, pose(0.0, 0.0, 5.0))
-        made.append(Frame.of_clouds(f"{1700000000 + k}000000000", (cloud,), Objects(boxes), time=float(k)))
+        made.append(
+            Frame.of_clouds(f"{1700000000 + k}000000000", (cloud,), Objects(boxes), time=float(k))
+        )
     return made
 
 
-LAYOUTS = ["folder", "kitti", "openlabel", "dair", "opv2v", "v2xset", "v2xreal", "nuscenes", "argoverse", "sustech"]
+LAYOUTS = [
+    "folder",
+    "kitti",
+    "openlabel",
+    "dair",
+    "opv2v",
+    "v2xset",
+    "v2xreal",
+    "nuscenes",
+    "argoverse",
+    "sustech",
+]
 LAYOUTS += ["rosbag", "hdf5"]
 
 

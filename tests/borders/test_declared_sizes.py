@@ -17,7 +17,9 @@ def sparse(path, size):
 
 
 def test_sparse_files_of_gigabytes_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"has 5\.0 GiB, more than the 1 GiB that are read at a time: split it"):
+    with pytest.raises(
+        ValueError, match=r"has 5\.0 GiB, more than the 1 GiB that are read at a time: split it"
+    ):
         read_bytes(sparse(tmp_path / "a.toml", 5 << 30))
     with pytest.raises(ValueError, match=r"has 0\.6 GiB, too much for a JSON file"):
         read_json(sparse(tmp_path / "a.json", 600 << 20))
@@ -35,8 +37,12 @@ def test_complex_numbers_are_refused_by_name(tmp_path):
     axes = {"x": np.zeros(3, complex), "y": np.zeros(3), "z": np.zeros(3)}
     with pytest.raises(ValueError, match="column x must hold real numbers, got complex128"):
         name_attributes(axes)
-    write_arrays(tmp_path / "t.npz", {"ap": np.zeros((1, 1), complex), "origin": np.zeros(2, np.uint8)})
-    with pytest.raises(ValueError, match=r"ap must hold real numbers, got complex128\): make it again"):
+    write_arrays(
+        tmp_path / "t.npz", {"ap": np.zeros((1, 1), complex), "origin": np.zeros(2, np.uint8)}
+    )
+    with pytest.raises(
+        ValueError, match=r"ap must hold real numbers, got complex128\): make it again"
+    ):
         load_table(tmp_path / "t.npz")
 
 
@@ -46,7 +52,9 @@ def test_a_logo_has_few_pixels(size, tmp_path):
 
     Image.new("1", size).save(tmp_path / "logo.png")
     catalogue = tmp_path / "c.toml"
-    catalogue.write_text('[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n[report]\nlogo = "logo.png"\n')
+    catalogue.write_text(
+        '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n[report]\nlogo = "logo.png"\n'
+    )
     said = r"report\.logo must have at most 4000 pixels a side, got more in logo\.png: shrink it"
     with pytest.raises(ValueError, match=said):
         load_sensor_catalogue(catalogue)

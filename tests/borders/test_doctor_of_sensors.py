@@ -1,4 +1,5 @@
-"""The doctor on a sound recording, changed by hand: frames of labels, times, rates, and points of one sensor.
+"""The doctor on a sound recording, changed by hand: frames of labels, times, rates, and points of
+one sensor.
 
 Rays are cast here by the slab method (T. L. Kay and J. T. Kajiya, 1986), not by the simulator."""
 
@@ -34,7 +35,9 @@ def beams():
     azimuths = np.deg2rad(np.arange(0, 360, 0.7))
     elevation, azimuth = np.meshgrid(elevations, azimuths, indexing="ij")
     level = np.cos(elevation)
-    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+    return np.stack(
+        [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1
+    ).reshape(-1, 3)
 
 
 BEAMS = beams()
@@ -59,7 +62,9 @@ def cast(sensor_pose, boxes):
     with np.errstate(divide="ignore", invalid="ignore"):
         nearest = np.where(directions[:, 2] < 0, -origin[2] / directions[:, 2], np.inf)
         for x, y, z, length, width, height, yaw in boxes:
-            turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+            turn = np.array(
+                [[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+            )
             start, along = turn @ (origin - [x, y, z]), directions @ turn.T
             half = np.array([length, width, height]) / 2
             entries = np.sort([(-half - start) / along, (half - start) / along], axis=0)
@@ -112,7 +117,9 @@ def change(frames, name, edit):
 
 def findings_of(frames, path):
     write_folder(frames, path)
-    return [f"{finding.where}: {finding.suspected}" for finding in diagnose(path, "folder").findings]
+    return [
+        f"{finding.where}: {finding.suspected}" for finding in diagnose(path, "folder").findings
+    ]
 
 
 def test_sound_recordings_are_healthy(sound, tmp_path):
@@ -123,10 +130,17 @@ def test_sound_recordings_are_healthy(sound, tmp_path):
 @pytest.mark.parametrize("name", POLES)
 def test_labels_in_a_sensors_frame(sound, tmp_path, name):
     spoilt = [
-        replace(frame, objects=replace(frame.objects, boxes=move_boxes(invert(POLES[name]), frame.objects.boxes)))
+        replace(
+            frame,
+            objects=replace(
+                frame.objects, boxes=move_boxes(invert(POLES[name]), frame.objects.boxes)
+            ),
+        )
         for frame in sound
     ]
-    assert findings_of(spoilt, tmp_path) == [f"labels: labels are in the frame of sensor {name}, not in the world"]
+    assert findings_of(spoilt, tmp_path) == [
+        f"labels: labels are in the frame of sensor {name}, not in the world"
+    ]
 
 
 def test_one_label_in_a_sensors_frame(sound, tmp_path):
@@ -134,17 +148,24 @@ def test_one_label_in_a_sensors_frame(sound, tmp_path):
     (frame,) = sound[:1]
     box = move_boxes(invert(POLES["south"]), frame.objects.boxes[4:5])
     alone = replace(frame, objects=Objects(box))
-    assert findings_of([alone], tmp_path) == ["labels: labels are in the frame of sensor south, not in the world"]
+    assert findings_of([alone], tmp_path) == [
+        "labels: labels are in the frame of sensor south, not in the world"
+    ]
 
 
 def test_labels_elsewhere(sound, tmp_path):
     offset = np.array([110.0, 170.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    spoilt = [replace(frame, objects=replace(frame.objects, boxes=frame.objects.boxes + offset)) for frame in sound]
+    spoilt = [
+        replace(frame, objects=replace(frame.objects, boxes=frame.objects.boxes + offset))
+        for frame in sound
+    ]
     assert findings_of(spoilt, tmp_path) == ["labels: boxes without a point from any sensor"]
 
 
 def test_clouds_whose_stamps_are_50_ms_apart(tmp_path):
-    assert findings_of(record(late="south"), tmp_path) == ["clouds: clouds of one instant are apart in time"]
+    assert findings_of(record(late="south"), tmp_path) == [
+        "clouds: clouds of one instant are apart in time"
+    ]
 
 
 @pytest.mark.parametrize("name", POLES)
@@ -164,7 +185,10 @@ def test_a_slow_sensor_whose_clouds_are_repeated(sound, tmp_path):
     def repeat(k, cloud):
         return next(former for former in sound[k - k % 2].clouds if former.name == "south")
 
-    plain = [frame.with_clouds([replace(cloud, stamp_s=None) for cloud in frame.clouds]) for frame in sound]
+    plain = [
+        frame.with_clouds([replace(cloud, stamp_s=None) for cloud in frame.clouds])
+        for frame in sound
+    ]
     repeated = change(plain, "south", lambda k, cloud: replace(repeat(k, cloud), stamp_s=None))
     assert "sensor south: it is slower than the frames" in findings_of(repeated, tmp_path)
 
@@ -186,18 +210,26 @@ def test_boxes_that_hold_no_point_of_one_sensor(sound, tmp_path):
     assert found == ["sensor north: boxes hold points of other sensors, and none of this one"]
 
 
-@pytest.mark.parametrize("turn", [pose(0.0, 0.0, 0.0, yaw=1.0), pose(9.0, -6.0, 0.0)], ids=["turned", "moved"])
+@pytest.mark.parametrize(
+    "turn", [pose(0.0, 0.0, 0.0, yaw=1.0), pose(9.0, -6.0, 0.0)], ids=["turned", "moved"]
+)
 def test_a_sensor_that_is_elsewhere(sound, tmp_path, turn):
     wrong = pose(*POLES["east"][:3, 3]) @ turn @ invert(pose(*POLES["east"][:3, 3])) @ POLES["east"]
     moved = change(sound, "east", lambda k, cloud: replace(cloud, world_SE3_sensor=wrong))
-    assert "sensor east: boxes hold points of other sensors, and none of this one" in findings_of(moved, tmp_path)
+    assert "sensor east: boxes hold points of other sensors, and none of this one" in findings_of(
+        moved, tmp_path
+    )
 
 
 @pytest.mark.parametrize("offset", [(2.0, 0.0), (0.0, -1.0), (0.5, 0.4)])
 def test_labels_at_one_offset_from_the_points(sound, tmp_path, offset):
-    """Counted from the vehicle's rear axle or another point of the map: named as an offset, with its size."""
+    """Counted from the vehicle's rear axle or another point of the map: named as an offset, with
+    its size."""
     aside = np.array([*offset, 0, 0, 0, 0, 0])
-    moved = [replace(frame, objects=replace(frame.objects, boxes=frame.objects.boxes + aside)) for frame in sound]
+    moved = [
+        replace(frame, objects=replace(frame.objects, boxes=frame.objects.boxes + aside))
+        for frame in sound
+    ]
     (found,) = findings_of(moved, tmp_path)
     named = re.search(r"all labels are ([+-][0-9.]+) m in x and ([+-][0-9.]+) m in y", found)
     assert named is not None, found
@@ -206,13 +238,18 @@ def test_labels_at_one_offset_from_the_points(sound, tmp_path, offset):
 
 @pytest.mark.parametrize("labelled", [True, False])
 @pytest.mark.parametrize(
-    "wrong", [np.eye(4), pose(0.0, 0.0, -3.0) @ POLES["east"], POLES["east"] @ pose(roll=np.pi)], ids=str
+    "wrong",
+    [np.eye(4), pose(0.0, 0.0, -3.0) @ POLES["east"], POLES["east"] @ pose(roll=np.pi)],
+    ids=str,
 )
 def test_a_sensor_whose_points_are_below_the_ground(sound, tmp_path, labelled, wrong):
     """A pose that is missing, without its height, or upside down."""
     moved = change(sound, "east", lambda k, cloud: replace(cloud, world_SE3_sensor=wrong))
     if not labelled:
-        moved = [Frame.of_clouds(frame.name, frame.clouds, Objects.empty(), time=frame.time) for frame in moved]
+        moved = [
+            Frame.of_clouds(frame.name, frame.clouds, Objects.empty(), time=frame.time)
+            for frame in moved
+        ]
     found = findings_of(moved[::4], tmp_path)
     if wrong[2, 2] > 0:
         assert "sensor east: its points are below the ground that others see" in found
@@ -221,7 +258,10 @@ def test_a_sensor_whose_points_are_below_the_ground(sound, tmp_path, labelled, w
 
 
 def test_one_cloud_under_two_names(sound, tmp_path):
-    twins = [frame.with_clouds([*frame.clouds, replace(frame.clouds[0], name="again")]) for frame in sound[:3]]
+    twins = [
+        frame.with_clouds([*frame.clouds, replace(frame.clouds[0], name="again")])
+        for frame in sound[:3]
+    ]
     assert findings_of(twins, tmp_path) == ["sensor again: it has the same points as east"]
 
 

@@ -1,7 +1,9 @@
-"""A recording in UTM: float32 steps by half a metre at a northing of 5336 km, so an origin is taken off first.
+"""A recording in UTM: float32 steps by half a metre at a northing of 5336 km, so an origin is taken
+off first.
 
-Every layout is written and read back with 300 different y, the car's box on its 300 points, and the lidar where it was.
-ETRS89 / UTM zone 32N (EPSG:25832) at 11.58 E, 48.15 N is about (692000, 5336000)."""
+Every layout is written and read back with 300 different y, the car's box on its 300 points, and the
+lidar where it was. ETRS89 / UTM zone 32N (EPSG:25832) at 11.58 E, 48.15 N is about (692000,
+5336000)."""
 
 import json
 import warnings
@@ -26,7 +28,9 @@ WRITTEN = sorted(name for name, layout in LAYOUTS.items() if layout.writer)
 def car() -> np.ndarray:
     """300 points on a car 10 m before the lidar, each at another y."""
     rng = np.random.default_rng(0)
-    return np.column_stack([rng.uniform(8, 12, 300), np.linspace(-0.9, 0.9, 300), rng.uniform(-5, -3.5, 300)])
+    return np.column_stack(
+        [rng.uniform(8, 12, 300), np.linspace(-0.9, 0.9, 300), rng.uniform(-5, -3.5, 300)]
+    )
 
 
 def write_folder(folder: Path, *, placed: bool) -> Path:
@@ -36,8 +40,12 @@ def write_folder(folder: Path, *, placed: bool) -> Path:
     for name in ("000000", "000001"):
         np.save(folder / "lidar1" / f"{name}.npy", car() + (0 if placed else UTM))
         row = dict(zip(("x", "y", "z", "length", "width", "height", "yaw_deg"), BOX, strict=True))
-        samples.append({"name": name, "time": float(name), "objects": [row | {"label": "vehicle", "id": 1}]})
-    (folder / "labels.json").write_text(json.dumps({"coview": "boxes", "version": 1, "samples": samples}))
+        samples.append(
+            {"name": name, "time": float(name), "objects": [row | {"label": "vehicle", "id": 1}]}
+        )
+    (folder / "labels.json").write_text(
+        json.dumps({"coview": "boxes", "version": 1, "samples": samples})
+    )
     if placed:
         (folder / "poses.json").write_text(json.dumps({"lidar1": pose(*UTM).ravel().tolist()}))
     return folder
@@ -58,17 +66,27 @@ def test_points_boxes_and_poses_come_back_to_the_millimetre(tmp_path, layout, pl
         assert len(np.unique(points[:, 1].round(4))) == 300
         lost = UTM + ([0, 0, 0] if placed else [10, 0, -4]) if layout == "sustech" else np.zeros(3)
         in_map = transform(after.map_SE3_world, points) + lost
-        np.testing.assert_allclose(in_map, before.points(), atol=1e-3 if layout != "sustech" or placed else 1)
+        np.testing.assert_allclose(
+            in_map, before.points(), atol=1e-3 if layout != "sustech" or placed else 1
+        )
         if layout != "rosbag":
             assert count_points(points, after.objects.boxes).tolist() == [300]
             centre = transform(after.map_SE3_world, after.objects.boxes[:, :3]) + lost
-            np.testing.assert_allclose(centre, [BOX[:3]], atol=1e-3 if layout != "sustech" or placed else 1)
+            np.testing.assert_allclose(
+                centre, [BOX[:3]], atol=1e-3 if layout != "sustech" or placed else 1
+            )
         sensor = transform(after.map_SE3_world, after.sensors[0].position[None])[0] + lost
-        np.testing.assert_allclose(sensor, before.sensors[0].position, atol=0.5 if layout == "sustech" else 1e-3)
+        np.testing.assert_allclose(
+            sensor, before.sensors[0].position, atol=0.5 if layout == "sustech" else 1e-3
+        )
 
 
 def test_kitti_by_hand_holds_float32_and_the_place_in_the_last_line_of_its_calibration(tmp_path):
-    write_recording(open_recording(write_folder(tmp_path / "in", placed=True), "folder"), tmp_path / "out", "kitti")
+    write_recording(
+        open_recording(write_folder(tmp_path / "in", placed=True), "folder"),
+        tmp_path / "out",
+        "kitti",
+    )
     rows = np.fromfile(tmp_path / "out/training/velodyne/000001.bin", "<f4").reshape(-1, 4)
     np.testing.assert_allclose(rows[:, :3], car(), atol=1e-5)
     lines = (tmp_path / "out/training/calib/000001.txt").read_text().splitlines()
@@ -83,7 +101,9 @@ def test_kitti_by_hand_holds_float32_and_the_place_in_the_last_line_of_its_calib
 
 def test_a_layout_without_a_place_for_the_origin_says_it(tmp_path):
     recording = open_recording(write_folder(tmp_path / "in", placed=True), "folder")
-    with pytest.warns(UserWarning, match=r"no place for an origin: .* from 692000\.000 5336000\.000 520\.000 m"):
+    with pytest.warns(
+        UserWarning, match=r"no place for an origin: .* from 692000\.000 5336000\.000 520\.000 m"
+    ):
         write_recording(recording, tmp_path / "out", "sustech")
 
 
@@ -109,7 +129,9 @@ def test_points_that_float32_spoilt_before_are_counted(tmp_path):
 def test_clouds_in_a_far_world_go_into_their_sensors_frame():
     """Argoverse's points are in the world frame, also if that is a map's."""
     problems: records.Problems = {}
-    cloud = records.build_cloud({"positions": car() + UTM}, "a", pose(*UTM, yaw=1.0), problems, frame="world")
+    cloud = records.build_cloud(
+        {"positions": car() + UTM}, "a", pose(*UTM, yaw=1.0), problems, frame="world"
+    )
     assert cloud.frame == "sensor"
     assert problems == {}
     np.testing.assert_allclose(cloud.in_world(), car() + UTM, atol=1e-5)
@@ -139,17 +161,22 @@ def test_regions_move_with_the_origin():
     """Boxes are in a region or not, whatever the origin."""
     rng = np.random.default_rng(2)
     origin = np.array([100.0, -40.0, 5.0])
-    boxes = np.column_stack([rng.uniform(-60, 60, (200, 3)), np.full((200, 3), 2.0), rng.uniform(-3, 3, 200)])
+    boxes = np.column_stack(
+        [rng.uniform(-60, 60, (200, 3)), np.full((200, 3), 2.0), rng.uniform(-3, 3, 200)]
+    )
     projection = np.array([[900.0, 3, 500, 7], [0, 900, 400, -2], [0, 0.01, 1, 0.5]])
     wedge = ImageWedge(projection, 1000, 800, ((100.0, 100.0, 300.0, 300.0),))
     moved = boxes - np.array([*origin, 0, 0, 0, 0])
     for region in (Everywhere(), Rectangle((-20.0, -30.0, 10.0, 40.0)), wedge):
-        np.testing.assert_array_equal(region.covers(boxes), region.move_origin(origin).covers(moved))
+        np.testing.assert_array_equal(
+            region.covers(boxes), region.move_origin(origin).covers(moved)
+        )
     assert 0 < wedge.covers(boxes).sum() < 200
 
 
 def test_one_side_of_dair_is_placed_by_its_calibration(tmp_path):
-    """virtuallidar_to_world of the infrastructure; novatel_to_world after lidar_to_novatel of the vehicle."""
+    """virtuallidar_to_world of the infrastructure; novatel_to_world after lidar_to_novatel of the
+    vehicle."""
     recording = open_recording(write_folder(tmp_path / "in", placed=True), "folder")
     write_recording(recording, tmp_path / "out", "dair")
     for name in ("novatel_to_world", "lidar_to_novatel"):
@@ -163,7 +190,9 @@ def test_one_side_of_dair_is_placed_by_its_calibration(tmp_path):
     vehicle, damaged = open_recording(tmp_path / "out", "dair")
     assert vehicle.map_SE3_world[:3, 3].tolist() == [692001.0, 5336000.0, 522.0]
     assert damaged.map_SE3_world.tolist() == np.eye(4).tolist()
-    assert damaged.problems == {"calibrations that say where the lidar is in the map and cannot be read": 1}
+    assert damaged.problems == {
+        "calibrations that say where the lidar is in the map and cannot be read": 1
+    }
 
 
 def test_coordinates_of_all_that_is_read_are_told_apart_from_no_place(tmp_path):

@@ -1,7 +1,7 @@
 """Where maps lie on earth: units, axes and datums as PROJ knows them. The oracle is pyproj.
 
-EPSG:2227 is in US survey feet, EPSG:2048 counts to the west and south (EPSG Dataset); a datum that a PROJ string does
-not name is guessed by PROJ (proj.org, "ballpark transformation")."""
+EPSG:2227 is in US survey feet, EPSG:2048 counts to the west and south (EPSG Dataset); a datum that
+a PROJ string does not name is guessed by PROJ (proj.org, "ballpark transformation")."""
 
 import warnings
 
@@ -39,7 +39,9 @@ def place(reference: str, lon_lat: tuple[float, float]) -> Site:
         name = {"west": "east", "south": "north"}.get(axis.direction, axis.direction)
         name = {"N": "north", "E": "east"}[axis.abbrev] if "32661" in reference else name
         metres[name] = sign * value * axis.unit_conversion_factor
-    return Site("here", AREA, map_SE3_site=pose(metres["east"], metres["north"]), geo_reference=reference)
+    return Site(
+        "here", AREA, map_SE3_site=pose(metres["east"], metres["north"]), geo_reference=reference
+    )
 
 
 @pytest.mark.filterwarnings("error")
@@ -49,14 +51,18 @@ def test_units_and_axes_are_those_of_the_map(reference, lon_lat):
     found = longitude_latitude(site, np.zeros((1, 2)))
     assert found is not None
     assert found == pytest.approx(np.array([lon_lat]), abs=2e-8)
-    assert site_metres(site, found) == pytest.approx(np.zeros((1, 2)), abs=5e-3)  # Krovak's inverse is iterated
+    assert site_metres(site, found) == pytest.approx(
+        np.zeros((1, 2)), abs=5e-3
+    )  # Krovak's inverse is iterated
     if "32661" not in reference:  # about the pole the map's north is not that of the place
         east, north = longitude_latitude(site, np.array([[100.0, 0.0], [0.0, 100.0]])) - found
         geod = pyproj.Geod(ellps="WGS84")
         for step, bearing in ((east, 90.0), (north, 0.0)):
             azimuth, _, metres = geod.inv(*found[0], *(found[0] + step))
             assert metres == pytest.approx(100.0, rel=2e-3)
-            assert (azimuth - bearing + 180) % 360 - 180 == pytest.approx(0.0, abs=8.0)  # grid convergence
+            assert (azimuth - bearing + 180) % 360 - 180 == pytest.approx(
+                0.0, abs=8.0
+            )  # grid convergence
 
 
 @pytest.mark.parametrize(
@@ -93,7 +99,11 @@ def test_a_stated_datum_needs_no_word(reference):
 
 @pytest.mark.parametrize(
     ("reference", "lon_lat", "noted"),
-    [("EPSG:3857", (8.0, 49.0), True), ("EPSG:32661", (0.0, 62.0), True), ("EPSG:2193", (174.8, -41.3), False)],
+    [
+        ("EPSG:3857", (8.0, 49.0), True),
+        ("EPSG:32661", (0.0, 62.0), True),
+        ("EPSG:2193", (174.8, -41.3), False),
+    ],
 )
 def test_a_map_that_stretches_lengths_says_so(reference, lon_lat, noted):
     """Web Mercator at latitude 49: 100 m are 65.5 m on the ground (Snyder, equation 7-6)."""
@@ -116,7 +126,10 @@ def test_a_map_that_stretches_lengths_says_so(reference, lon_lat, noted):
         ("EPSG:4978", "a Geocentric CRS"),
         ("EPSG:5773", "a Vertical CRS"),
         ('LOCAL_CS["yard",UNIT["metre",1]]', "a local system without a place on earth"),
-        ("+proj=tmerc +lon_0=9 +ellps=bessel +nadgrids=none_such.gsb", "needs the grid none_such.gsb"),
+        (
+            "+proj=tmerc +lon_0=9 +ellps=bessel +nadgrids=none_such.gsb",
+            "needs the grid none_such.gsb",
+        ),
         ("+proj=nothing", "names no projection that PROJ knows"),
     ],
 )

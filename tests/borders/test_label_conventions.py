@@ -1,7 +1,8 @@
-"""Labels in each format's convention, packed by hand: one car, one box; what says another convention is refused.
+"""Labels in each format's convention, packed by hand: one car, one box; what says another
+convention is refused.
 
-The car is 4.5 m long, 1.8 m wide and 1.5 m high, 12 m ahead of the lidar and 3 m to its left, and turned by 30 degrees
-to the left. Its centre is 1 m below the lidar."""
+The car is 4.5 m long, 1.8 m wide and 1.5 m high, 12 m ahead of the lidar and 3 m to its left, and
+turned by 30 degrees to the left. Its centre is 1 m below the lidar."""
 
 import json
 from pathlib import Path
@@ -33,7 +34,8 @@ def read(path: Path, layout: str) -> Frame:
 
 
 def test_kitti_has_the_floors_centre_in_the_camera_and_turns_about_its_y(tmp_path):
-    """Camera x right, y down, z forward: (-3, 1 + 0.75, 12); h w l; ry is 0 to the right, so -(90 + 30) degrees."""
+    """Camera x right, y down, z forward: (-3, 1 + 0.75, 12); h w l; ry is 0 to the right, so -(90 +
+    30) degrees."""
     path = recording(tmp_path, "kitti")
     row = f"Car 0 0 0 500 150 600 250 1.5 1.8 4.5 -3 1.75 12 {-np.pi / 2 - YAW:.9f}\n"
     (path / "training/label_2/000000.txt").write_text(row)
@@ -58,7 +60,9 @@ def test_kitti_labels_without_a_calibration_are_refused_by_name(tmp_path):
     """Their boxes are in the camera's frame, and only calib/ says where the camera is."""
     path = recording(tmp_path, "kitti")
     (path / "training/calib/000000.txt").unlink()
-    with pytest.raises(FileNotFoundError, match=r"no calibration .*calib/000000\.txt: the boxes .* camera's frame"):
+    with pytest.raises(
+        FileNotFoundError, match=r"no calibration .*calib/000000\.txt: the boxes .* camera's frame"
+    ):
         read(path, "kitti")
 
 
@@ -73,19 +77,36 @@ def test_dair_has_the_boxs_centre_strings_and_radians(tmp_path):
 
 
 @pytest.mark.parametrize("folder", ["label_world", "label"])
-def test_pairs_of_dair_are_labelled_in_the_world_and_those_of_v2x_seq_in_the_vehicles_lidar(tmp_path, folder):
-    """AIR-THU/DAIR-V2X-Seq#23: cooperative labels are in the vehicle's lidar frame. It is 30 m north of the pole."""
+def test_pairs_of_dair_are_labelled_in_the_world_and_those_of_v2x_seq_in_the_vehicles_lidar(
+    tmp_path, folder
+):
+    """AIR-THU/DAIR-V2X-Seq#23: cooperative labels are in the vehicle's lidar frame. It is 30 m
+    north of the pole."""
     level = np.eye(3).tolist()
     places = {
         "infrastructure-side/calib/virtuallidar_to_world/10.json": [1000.0, 2000.0, 20.0],
         "vehicle-side/calib/novatel_to_world/20.json": [1000.0, 2030.0, 18.0],
         "vehicle-side/calib/lidar_to_novatel/20.json": [0.0, 0.0, 2.0],
     }
-    pair = {"infrastructure_frame": "10", "vehicle_frame": "20", "system_error_offset": {"delta_x": 0, "delta_y": 0}}
-    centre = {"x": 1012.0, "y": 2003.0, "z": 19.0} if folder == "label_world" else {"x": 12, "y": -27, "z": -1}
-    row = {"type": "Car", "3d_location": centre, "rotation": YAW, "3d_dimensions": {"h": 1.5, "w": 1.8, "l": 4.5}}
+    pair = {
+        "infrastructure_frame": "10",
+        "vehicle_frame": "20",
+        "system_error_offset": {"delta_x": 0, "delta_y": 0},
+    }
+    centre = (
+        {"x": 1012.0, "y": 2003.0, "z": 19.0}
+        if folder == "label_world"
+        else {"x": 12, "y": -27, "z": -1}
+    )
+    row = {
+        "type": "Car",
+        "3d_location": centre,
+        "rotation": YAW,
+        "3d_dimensions": {"h": 1.5, "w": 1.8, "l": 4.5},
+    }
     contents: dict[str, object] = {
-        name: {"rotation": level, "translation": [[x] for x in place]} for name, place in places.items()
+        name: {"rotation": level, "translation": [[x] for x in place]}
+        for name, place in places.items()
     }
     contents |= {"cooperative/data_info.json": [pair], f"cooperative/{folder}/20.json": [row]}
     for name, content in contents.items():
@@ -103,7 +124,11 @@ def test_nuscenes_has_width_first_and_w_first(tmp_path):
     table = path / "v1.0-coview/sample_annotation.json"
     (row,) = json.loads(table.read_text())
     turned = [float(np.cos(YAW / 2)), 0.0, 0.0, float(np.sin(YAW / 2))]
-    table.write_text(json.dumps([row | {"size": [1.8, 4.5, 1.5], "rotation": turned, "translation": [12, 3, -1]}]))
+    table.write_text(
+        json.dumps(
+            [row | {"size": [1.8, 4.5, 1.5], "rotation": turned, "translation": [12, 3, -1]}]
+        )
+    )
     np.testing.assert_allclose(read(path, "nuscenes").objects.boxes, BOX, atol=1e-9)
 
 
@@ -130,7 +155,11 @@ def test_opencood_has_halves_degrees_and_its_own_hand(tmp_path, layout, side):
     path = recording(tmp_path, layout)
     file = path / "scenario/0/00000.yaml"
     content = yaml.safe_load(file.read_text())
-    vehicle = {"angle": [0, side * 30.0, 0], "center": [0, 0, 0.75], "location": [12, side * 3.0, -1.75]}
+    vehicle = {
+        "angle": [0, side * 30.0, 0],
+        "center": [0, 0, 0.75],
+        "location": [12, side * 3.0, -1.75],
+    }
     content["vehicles"] = {7: vehicle | {"extent": [2.25, 0.9, 0.75], "obj_type": "Car"}}
     file.write_text(yaml.safe_dump(content))
     np.testing.assert_allclose(read(path, layout).objects.boxes, BOX, atol=1e-9)
@@ -142,7 +171,15 @@ def test_argoverse_has_w_first_and_length_first(tmp_path):
 
     path = recording(tmp_path, "argoverse")
     columns = feather.read_table(path / "annotations.feather").to_pydict()
-    pose = {"qw": np.cos(YAW / 2), "qx": 0.0, "qy": 0.0, "qz": np.sin(YAW / 2), "tx_m": 12.0, "ty_m": 3.0, "tz_m": -1.0}
+    pose = {
+        "qw": np.cos(YAW / 2),
+        "qx": 0.0,
+        "qy": 0.0,
+        "qz": np.sin(YAW / 2),
+        "tx_m": 12.0,
+        "ty_m": 3.0,
+        "tz_m": -1.0,
+    }
     sizes = {"length_m": 4.5, "width_m": 1.8, "height_m": 1.5}
     columns |= {name: [value] for name, value in (pose | sizes).items()}
     feather.write_feather(pyarrow.table(columns), path / "annotations.feather")
@@ -157,7 +194,8 @@ def test_labels_json_has_degrees_and_only_the_world_frame(tmp_path):
     assert row["yaw_deg"] == pytest.approx(30)
     labels.write_text(json.dumps(content | {"frame": "lidar"}))
     with pytest.raises(
-        ValueError, match=r"labels\.json .* must be in the frame world, got 'lidar': move them by poses"
+        ValueError,
+        match=r"labels\.json .* must be in the frame world, got 'lidar': move them by poses",
     ):
         read(path, "folder")
     del row["yaw_deg"]

@@ -1,4 +1,5 @@
-"""Refusals of labels.json name the sample, the object, the value and the remedy (docs/how-to/labels.md)."""
+"""Refusals of labels.json name the sample, the object, the value and the remedy
+(docs/how-to/labels.md)."""
 
 import json
 from pathlib import Path
@@ -9,7 +10,16 @@ import pytest
 from toolkit.datasets.records import parse_objects, read_entries
 from toolkit.detection.label_doctor import _finding
 
-CAR = {"label": "vehicle", "x": 1, "y": 2, "z": 0.7, "length": 4.2, "width": 1.8, "height": 1.5, "yaw_deg": 90}
+CAR = {
+    "label": "vehicle",
+    "x": 1,
+    "y": 2,
+    "z": 0.7,
+    "length": 4.2,
+    "width": 1.8,
+    "height": 1.5,
+    "yaw_deg": 90,
+}
 NAMED = r"labels.json .*objects\[1\] of sample '0007': "
 
 
@@ -37,15 +47,21 @@ def test_a_refusal_names_sample_and_object(damaged, reason):
 
 
 def test_a_sample_without_objects_is_refused_with_the_remedy():
-    with pytest.raises(ValueError, match=r"sample '0007' has no entry objects: write \"objects\": \[\]"):
+    with pytest.raises(
+        ValueError, match=r"sample '0007' has no entry objects: write \"objects\": \[\]"
+    ):
         parse_objects(Path("labels.json"), {"name": "0007"}, {})
 
 
-@pytest.mark.parametrize("content", [[CAR], {"samples": []}, "boxes", {"coview": "boxes", "version": 2}])
+@pytest.mark.parametrize(
+    "content", [[CAR], {"samples": []}, "boxes", {"coview": "boxes", "version": 2}]
+)
 def test_another_file_is_refused_with_what_it_must_say(tmp_path: Path, content):
     path = tmp_path / "labels.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(ValueError, match=r"its form must be .*\"coview\": \"boxes\", \"version\": 1"):
+    with pytest.raises(
+        ValueError, match=r"its form must be .*\"coview\": \"boxes\", \"version\": 1"
+    ):
         read_entries(path)
 
 

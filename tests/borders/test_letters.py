@@ -1,7 +1,8 @@
-"""Names beyond Latin in pictures and on paper: set whole, or numbered and named by their code points.
+"""Names beyond Latin in pictures and on paper: set whole, or numbered and named by their code
+points.
 
-A font that lacks a letter draws .notdef, an empty box (OpenType 1.9, "glyf"). The fonts that a test needs are drawn
-by fontTools, so that it does not hang on those of the computer."""
+A font that lacks a letter draws .notdef, an empty box (OpenType 1.9, "glyf"). The fonts that a test
+needs are drawn by fontTools, so that it does not hang on those of the computer."""
 
 import re
 import warnings
@@ -13,11 +14,25 @@ import pytest
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 
-from placement_env.report.pages.document import Document, Drawing, Paragraph, Section, drop_unset, to_html, to_pdf
+from placement_env.report.pages.document import (
+    Document,
+    Drawing,
+    Paragraph,
+    Section,
+    drop_unset,
+    to_html,
+    to_pdf,
+)
 from toolkit.plots import canvas, fonts
 
 CHINESE = "信号灯杆一"
-WORDS = {"Greek": "Ώμος", "Arabic": "عمود", "Hebrew": "עמוד", "Georgian": "ბოძი", "Latin": "Straße;5"}
+WORDS = {
+    "Greek": "Ώμος",
+    "Arabic": "عمود",
+    "Hebrew": "עמוד",
+    "Georgian": "ბოძი",
+    "Latin": "Straße;5",
+}
 FOREIGN = {"Chinese": CHINESE, "Devanagari": "खम्भा", "Hangul": "전봇대", "Thai": "เสาไฟ"}
 
 
@@ -31,11 +46,15 @@ def build_font(path: Path, letters: str, family: str) -> Path:
     names = [".notdef", *(f"u{ord(letter):04X}" for letter in letters)]
     builder = FontBuilder(1000, isTTF=True)
     builder.setupGlyphOrder(names)
-    builder.setupCharacterMap({ord(letter): name for letter, name in zip(letters, names[1:], strict=True)})
+    builder.setupCharacterMap(
+        {ord(letter): name for letter, name in zip(letters, names[1:], strict=True)}
+    )
     builder.setupGlyf(dict.fromkeys(names, square))
     builder.setupHorizontalMetrics(dict.fromkeys(names, (1000, 100)))
     builder.setupHorizontalHeader(ascent=800, descent=-200)
-    builder.setupNameTable({"familyName": family, "styleName": "Regular", "psName": family.replace(" ", "")})
+    builder.setupNameTable(
+        {"familyName": family, "styleName": "Regular", "psName": family.replace(" ", "")}
+    )
     builder.setupOS2(sTypoAscender=800, sTypoDescender=-200, usWinAscent=800, usWinDescent=200)
     builder.setupPost()
     builder.save(path)
@@ -85,7 +104,9 @@ def test_letters_that_no_bold_font_has_are_set_in_the_usual_one(installed):
 def test_letters_without_a_font_are_numbered_and_named(installed, name):
     installed()
     figure = draw(name)
-    with pytest.warns(UserWarning, match=f"no font here can set the letters .*U\\+{ord(max(name)):04X}.*Noto Sans"):
+    with pytest.warns(
+        UserWarning, match=f"no font here can set the letters .*U\\+{ord(max(name)):04X}.*Noto Sans"
+    ):
         canvas.render_pixels(figure)
     assert figure.texts[0].get_text() == "(1)"
 
@@ -98,7 +119,9 @@ def test_letters_are_set_in_a_font_of_the_computer(installed, tmp_path: Path):
     canvas.svg_text(figure)
     assert figure.texts[0].get_text() == f"a {CHINESE}"
     assert figure.texts[0].get_fontfamily()[-1] == "Tiny Hanzi"
-    pictures = [canvas.render_pixels(draw(text)).astype(int) for text in ("", CHINESE[0], CHINESE[:2])]
+    pictures = [
+        canvas.render_pixels(draw(text)).astype(int) for text in ("", CHINESE[0], CHINESE[:2])
+    ]
     ink = [int(np.abs(picture - 255).sum()) for picture in pictures]
     assert ink[2] == pytest.approx(2 * ink[1], rel=0.1)  # two squares of the font
     assert ink[0] == 0
@@ -129,7 +152,9 @@ def streams(pdf: bytes) -> bytes:
 
 
 def document(*texts: str) -> Document:
-    return Document("Plan", "For a test", (Section("one", "One", "Fine.", tuple(map(Paragraph, texts))),))
+    return Document(
+        "Plan", "For a test", (Section("one", "One", "Fine.", tuple(map(Paragraph, texts))),)
+    )
 
 
 def test_paper_is_set_in_a_font_of_the_computer(installed, tmp_path: Path):
@@ -143,7 +168,9 @@ def test_paper_is_set_in_a_font_of_the_computer(installed, tmp_path: Path):
 def test_a_document_names_the_letters_that_it_cannot_set(installed):
     installed()
     whole = document(f"Client: {CHINESE} AG", *WORDS.values())
-    with pytest.warns(UserWarning, match=f"no font here can set the letters .*{CHINESE[1]}.*shows as \\?"):
+    with pytest.warns(
+        UserWarning, match=f"no font here can set the letters .*{CHINESE[1]}.*shows as \\?"
+    ):
         shown = drop_unset(whole)
     texts = [block.text for block in shown.sections[0].blocks]  # type: ignore[union-attr]
     assert texts[:-1] == ["Client: ? AG", *WORDS.values()]
@@ -157,7 +184,9 @@ def test_a_document_names_the_letters_that_it_cannot_set(installed):
 def test_drawings_keep_their_pictures(installed):
     installed()
     picture = Drawing("<svg/>", f"Of {CHINESE}", "A picture")
-    whole = Document("Plan", "", (Section("one", "One", "Fine.", (picture,)),), logo="data:image/png;base64,AA==")
+    whole = Document(
+        "Plan", "", (Section("one", "One", "Fine.", (picture,)),), logo="data:image/png;base64,AA=="
+    )
     with pytest.warns(UserWarning, match="no font here"):
         shown = drop_unset(whole)
     assert shown.sections[0].blocks[0] == Drawing("<svg/>", "Of ?", "A picture")

@@ -1,6 +1,8 @@
-"""Frames come in the order of the numbers in their names: 2 before 10, whether or not a tool pads them with zeros.
+"""Frames come in the order of the numbers in their names: 2 before 10, whether or not a tool pads
+them with zeros.
 
-open-mmlab, SUSTechPOINTS and many export scripts write 1.pcd, 2.pcd ... 10.pcd; a plain sort gives 1, 10, 2."""
+open-mmlab, SUSTechPOINTS and many export scripts write 1.pcd, 2.pcd ... 10.pcd; a plain sort gives
+1, 10, 2."""
 
 import json
 from pathlib import Path
@@ -20,7 +22,9 @@ def put_cloud(path: Path, number: float) -> None:
     """A cloud of one point whose x is a number."""
     path.parent.mkdir(parents=True, exist_ok=True)
     columns = {"x": [number], "y": [1.0], "z": [0.0]}
-    path.write_bytes(pcd_bytes({name: np.array(column, np.float32) for name, column in columns.items()}))
+    path.write_bytes(
+        pcd_bytes({name: np.array(column, np.float32) for name, column in columns.items()})
+    )
 
 
 def put_folder(root: Path) -> None:

@@ -8,7 +8,17 @@ import pytest
 from placement_env.handover.exchange import schedule_csv
 from placement_env.handover.mounted import PlannedSensor
 
-NAMES = ["Straße;5", "a,b", 'the "old" pole', "tab\there", "two\nlines", "信号灯杆一", "عمود", "Ώμος", " ends "]
+NAMES = [
+    "Straße;5",
+    "a,b",
+    'the "old" pole',
+    "tab\there",
+    "two\nlines",
+    "信号灯杆一",
+    "عمود",
+    "Ώμος",
+    " ends ",
+]
 
 
 def planned(name: str) -> PlannedSensor:
@@ -47,7 +57,8 @@ def test_pandas_reads_the_same_names():
 
 
 def test_a_name_is_never_a_formula():
-    """Spreadsheets run what begins with =, +, - or @ (OWASP, CSV injection), also after a separator of theirs."""
+    """Spreadsheets run what begins with =, +, - or @ (OWASP, CSV injection), also after a separator
+    of theirs."""
     for name in ("=1+1", "@x", "+5", "a;=1+1", "a\t=1"):
         _, row = csv.reader(io.StringIO(schedule_csv([planned(name)]), newline=""))
         for cell in row[0].replace("\t", ";").split(";"):

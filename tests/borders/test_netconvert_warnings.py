@@ -5,11 +5,21 @@ from toolkit.sites.netconvert_warnings import MAX_NOTES, describe_warnings, list
 
 def test_kinds_are_counted_and_shapes_are_dropped():
     lines = [f"Warning: Ignoring restriction relation '{k}' with unknown via." for k in range(3)]
-    lines += ["Warning: Speed of left turn connection '1_0->2_0' reduced by 3.2 due to turning radius of 4.1."]
-    lines += ["Warning: 9 total messages of type: Ignoring restriction relation '%' with unknown via.", "Success."]
+    lines += [
+        (
+            "Warning: Speed of left turn connection '1_0->2_0' reduced by 3.2 due to turning "
+            "radius of 4.1."
+        )
+    ]
+    lines += [
+        "Warning: 9 total messages of type: Ignoring restriction relation '%' with unknown via.",
+        "Success.",
+    ]
     lines += ["Warning: Edge '7' has a vertical jump of 3.5m."]
     first, second = describe_warnings(list_warnings("\n".join(lines)))
-    assert first == "netconvert warned: Ignoring restriction relation '0' with unknown via, and 2 more like it"
+    assert first == (
+        "netconvert warned: Ignoring restriction relation '0' with unknown via, and 2 more like it"
+    )
     assert second == "netconvert warned: Edge '7' has a vertical jump of 3.5m"
 
 

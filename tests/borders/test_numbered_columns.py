@@ -1,7 +1,8 @@
-"""Text clouds whose first row or column is a number and no coordinate, and text as RFC 4180 and PTS have it.
+"""Text clouds whose first row or column is a number and no coordinate, and text as RFC 4180 and PTS
+have it.
 
-pandas' `to_csv` names the columns of an array 0, 1, 2 and numbers the rows; PTS files and CloudCompare's text state the
-number of points above them (daavoo/pyntcloud#241, PDAL/PDAL#1508)."""
+pandas' `to_csv` names the columns of an array 0, 1, 2 and numbers the rows; PTS files and
+CloudCompare's text state the number of points above them (daavoo/pyntcloud#241, PDAL/PDAL#1508)."""
 
 import io
 import warnings
@@ -37,7 +38,9 @@ def test_a_row_that_numbers_the_columns_is_no_point(tmp_path, width):
     table = pd.DataFrame(np.column_stack([POINTS, np.full(len(POINTS), 7.5)])[:, :width])
     path = tmp_path / "a.csv"
     table.to_csv(path, index=False)
-    with pytest.warns(UserWarning, match="its first row, 0 1 2.*, numbers the columns and is left out"):
+    with pytest.warns(
+        UserWarning, match="its first row, 0 1 2.*, numbers the columns and is left out"
+    ):
         np.testing.assert_allclose(read_points(path), POINTS)
 
 
@@ -47,8 +50,12 @@ def test_a_column_that_numbers_the_rows_is_not_x(tmp_path):
     lines = "".join(f"{k + 1} {line}\n" for k, line in enumerate(format_rows().splitlines()))
     for name in ("from_0.xyz", "from_1.xyz"):
         start = 1 if name == "from_1.xyz" else 0
-        lines = "".join(f"{k + start} {line}\n" for k, line in enumerate(format_rows().splitlines()))
-        with pytest.raises(ValueError, match="numbers its rows in the first column: name the columns"):
+        lines = "".join(
+            f"{k + start} {line}\n" for k, line in enumerate(format_rows().splitlines())
+        )
+        with pytest.raises(
+            ValueError, match="numbers its rows in the first column: name the columns"
+        ):
             read_points(write(tmp_path / name, lines))
 
 
@@ -86,14 +93,19 @@ def test_a_cell_that_is_no_number_is_named(tmp_path):
 
 
 def test_rows_of_five_floats_called_bin_are_named(tmp_path):
-    """nutonomy/nuscenes-devkit's clouds end in .pcd.bin: x y z intensity ring. Here no coordinate is below 0."""
+    """nutonomy/nuscenes-devkit's clouds end in .pcd.bin: x y z intensity ring. Here no coordinate
+    is below 0."""
     count = 400
     rng = np.random.default_rng(2)
-    rows = np.column_stack([rng.uniform(0, 60, (count, 4)), rng.integers(0, 32, count)]).astype("<f4")
+    rows = np.column_stack([rng.uniform(0, 60, (count, 4)), rng.integers(0, 32, count)]).astype(
+        "<f4"
+    )
     rows.tofile(tmp_path / "a.bin")
     rows.tofile(tmp_path / "a.pcd.bin")
     rows[:, :4].tofile(tmp_path / "b.bin")
-    with pytest.raises(ValueError, match=r"but fits 5 columns, the last of whole numbers.*call it \.pcd\.bin"):
+    with pytest.raises(
+        ValueError, match=r"but fits 5 columns, the last of whole numbers.*call it \.pcd\.bin"
+    ):
         read_points(tmp_path / "a.bin")
     for name in ("a.pcd.bin", "b.bin"):
         np.testing.assert_array_equal(read_points(tmp_path / name), rows[:, :3])
@@ -101,5 +113,7 @@ def test_rows_of_five_floats_called_bin_are_named(tmp_path):
 
 def test_an_archive_without_positions_lists_its_arrays(tmp_path):
     np.savez(tmp_path / "a.npz", points=POINTS)
-    with pytest.raises(ValueError, match=r"its array positions must be .*, got points float64 \(30, 3\)"):
+    with pytest.raises(
+        ValueError, match=r"its array positions must be .*, got points float64 \(30, 3\)"
+    ):
         read_points(tmp_path / "a.npz")

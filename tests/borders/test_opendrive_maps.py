@@ -1,4 +1,5 @@
-"""What an OpenDRIVE map says of frames, sides, limits, users and heights, by the ASAM standard 1.4 to 1.8."""
+"""What an OpenDRIVE map says of frames, sides, limits, users and heights, by the ASAM standard 1.4
+to 1.8."""
 
 import warnings
 from pathlib import Path
@@ -23,7 +24,9 @@ UTM32 = "<geoReference>+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs</geoRef
 _CENTRE = '<center><lane id="0" type="none"/></center>'
 
 
-def lane(number: int, kind: str = "driving", width: float = 3.5, inside: str = "", attributes: str = "") -> str:
+def lane(
+    number: int, kind: str = "driving", width: float = 3.5, inside: str = "", attributes: str = ""
+) -> str:
     """A <lane> of constant width."""
     shape = f'<width sOffset="0" a="{width}" b="0" c="0" d="0"/>'
     return f'<lane id="{number}" type="{kind}" level="false" {attributes}>{inside}{shape}</lane>'
@@ -31,7 +34,11 @@ def lane(number: int, kind: str = "driving", width: float = 3.5, inside: str = "
 
 def section(left: str, right: str, s: float = 0.0, attributes: str = "") -> str:
     """A <laneSection>."""
-    sides = (f"<left>{left}</left>" if left else "") + _CENTRE + (f"<right>{right}</right>" if right else "")
+    sides = (
+        (f"<left>{left}</left>" if left else "")
+        + _CENTRE
+        + (f"<right>{right}</right>" if right else "")
+    )
     return f'<laneSection s="{s}" {attributes}>{sides}</laneSection>'
 
 
@@ -47,7 +54,8 @@ def street(
     junction: str = "-1",
     attributes: str = "",
 ) -> str:
-    """A <road> of one geometry, with a lane of 3.5 m on each side. inside: further elements of the road."""
+    """A <road> of one geometry, with a lane of 3.5 m on each side. inside: further elements of the
+    road."""
     place = f's="0" x="{start[0]}" y="{start[1]}" hdg="{heading}" length="{length}"'
     lanes = sections or section(lane(1), lane(-1))
     return (
@@ -74,7 +82,8 @@ def write_map(path: Path, roads: str, header: str = "", minor: int = 6) -> Path:
 
 
 def read_lanes(site: Site) -> list[tuple[set[str], float, np.ndarray]]:
-    """Users, limit (m/s) and middle line, from where traffic enters, of all lanes of a site's network."""
+    """Users, limit (m/s) and middle line, from where traffic enters, of all lanes of a site's
+    network."""
     lanes = [element for _, element in nets.list_lanes(site.network)]
     return [(nets.list_users(e), float(e.get("speed", "0")), nets.parse_shape(e)) for e in lanes]
 
@@ -83,7 +92,10 @@ def find_lane(site: Site, y: float, x: float = 0.0) -> tuple[set[str], float, np
     """Lane of a site whose middle line passes within 0.3 m of a place."""
     for users, limit, line in read_lanes(site):
         low, high = sorted((line[0, 0], line[-1, 0]))
-        if low - 0.1 <= x <= high + 0.1 and abs(np.interp(x, *line[np.argsort(line[:, 0])].T) - y) < 0.3:
+        if (
+            low - 0.1 <= x <= high + 0.1
+            and abs(np.interp(x, *line[np.argsort(line[:, 0])].T) - y) < 0.3
+        ):
             return users, limit, line
     raise AssertionError(f"no lane at {x:g}, {y:g}")
 
@@ -117,7 +129,9 @@ def test_offset_of_the_header_leads_to_the_projection(imported, minor, heading):
     to_earth = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True)
     ahead = np.array([692000 + 100 * np.cos(heading), 5336000 + 100 * np.sin(heading)])
     expected = [to_earth.transform(692000, 5336000), to_earth.transform(*ahead)]
-    np.testing.assert_allclose(longitude_latitude(site, np.array([[0.0, 0.0], [100.0, 0.0]])), expected, atol=1e-8)
+    np.testing.assert_allclose(
+        longitude_latitude(site, np.array([[0.0, 0.0], [100.0, 0.0]])), expected, atol=1e-8
+    )
     assert bearing_deg(site, 0.0) == pytest.approx(np.rad2deg(np.pi / 2 - heading) % 360)
     assert '"bbox": [11.58' in site_geojson(site).replace("11.57", "11.58")
 
@@ -127,20 +141,27 @@ def test_coordinates_of_a_projection_are_no_damage(imported):
     near, _ = imported(street(), UTM32 + UTM_OFFSET.format(0))
     degrees = [longitude_latitude(site, np.array([[7.0, -3.0]])) for site in (far, near)]
     np.testing.assert_allclose(*degrees, atol=1e-9)
-    assert shapely.equals_exact(*(shapely.MultiPolygon([shapely.Polygon(p) for p in s.lanes]) for s in (far, near)))
+    assert shapely.equals_exact(
+        *(shapely.MultiPolygon([shapely.Polygon(p) for p in s.lanes]) for s in (far, near))
+    )
     lanes = zip(read_lanes(far), read_lanes(near), strict=True)
     assert all(np.abs(a[2] - b[2]).max() < 2e-3 for a, b in lanes)
 
 
 def test_height_of_the_header_is_of_the_map(imported):
-    site, _ = imported(street(inside=rising(0.0)), UTM32 + '<offset x="0" y="0" z="512.5" hdg="0"/>')
+    site, _ = imported(
+        street(inside=rising(0.0)), UTM32 + '<offset x="0" y="0" z="512.5" hdg="0"/>'
+    )
     assert site.map_SE3_site[2, 3] == 512.5
 
 
 @pytest.mark.parametrize(
     ("header", "remedy"),
     [
-        (UTM32 + UTM_OFFSET.format(0), "these are coordinates of its projection, in the file it is --centre 0 0"),
+        (
+            UTM32 + UTM_OFFSET.format(0),
+            "these are coordinates of its projection, in the file it is --centre 0 0",
+        ),
         (UTM32, "give --centre X Y inside it, as --centre 0 0"),
     ],
 )
@@ -160,7 +181,10 @@ def test_a_missing_grid_of_shifts_leaves_metres(imported):
     reference = "+proj=utm +zone=32 +ellps=bessel +nadgrids=not_installed.gsb +units=m +no_defs"
     site, notes = imported(street(), f"<geoReference><![CDATA[{reference}]]></geoReference>")
     assert site.geo_reference is None
-    assert any("needs the grid 'not_installed.gsb': install it for PROJ and import again" in note for note in notes)
+    assert any(
+        "needs the grid 'not_installed.gsb': install it for PROJ and import again" in note
+        for note in notes
+    )
     assert len(read_lanes(site)) == 2
 
 
@@ -186,7 +210,8 @@ FEET_UTM += " +datum=NAD83 +units=us-ft +no_defs"
 
 @pytest.mark.parametrize("reference", [FEET_UTM, "EPSG:2048", "EPSG:2154"])
 def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
-    """Also on a map with an offset, whose coordinates are as small as degrees; in feet, or with axes west and south."""
+    """Also on a map with an offset, whose coordinates are as small as degrees; in feet, or with
+    axes west and south."""
     header = f'<geoReference>{reference}</geoReference><offset x="{{}}" y="{{}}" z="0" hdg="0"/>'
     header = header.format(*((-60000, -3700000) if "2048" in reference else (1830000, 640000)))
     site, _ = imported(street(start=(-150.0, 300.0)), header, centre=(0.0, 300.0))
@@ -198,9 +223,13 @@ def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
         imported(street(start=(-150.0, 300.0)), header, centre=(longitude, latitude))
 
 
-@pytest.mark.parametrize("reference", ["+init=epsg:25833", "proj=utm zone=33 ellps=GRS80", "ESRI:102092"])
+@pytest.mark.parametrize(
+    "reference", ["+init=epsg:25833", "proj=utm zone=33 ellps=GRS80", "ESRI:102092"]
+)
 def test_a_projection_under_any_name_of_proj_needs_no_word(imported, reference):
-    header = f'<geoReference>{reference}</geoReference><offset x="390000" y="5820000" z="0" hdg="0"/>'
+    header = (
+        f'<geoReference>{reference}</geoReference><offset x="390000" y="5820000" z="0" hdg="0"/>'
+    )
     site, notes = imported(street(inside=limited((0, 'max="50" unit="km/h"'))), header)
     assert site.geo_reference == reference
     assert not [note for note in notes if "stretches" not in note and "names no datum" not in note]
@@ -213,7 +242,8 @@ def test_odd_headers_are_noted(imported):
     assert any("2 geoReferences that differ" in note for note in notes)
     assert any("hdg = 90 rad, more than a full turn" in note for note in notes)
     site, _ = imported(
-        "<geoReference>EPSG:25832</geoReference>" + street(start=(691850, 5336000)), centre=(692e3, 5336e3)
+        "<geoReference>EPSG:25832</geoReference>" + street(start=(691850, 5336000)),
+        centre=(692e3, 5336e3),
     )
     assert site.geo_reference == "EPSG:25832"
 
@@ -248,8 +278,12 @@ def test_left_hand_traffic_keeps_lanes_and_links_apart(imported):
         assert users == CARS
         assert np.sign(line[-1, 0] - line[0, 0]) == sign
     root = ElementTree.fromstring(site.network)
-    ahead = [c for c in root.iter("connection") if c.get("from") == "-1#0" and c.get("to") == "-1#1"]
-    assert [(c.get("fromLane"), c.get("toLane")) for c in ahead if c.get("fromLane") == "1"] == [("1", "0")]
+    ahead = [
+        c for c in root.iter("connection") if c.get("from") == "-1#0" and c.get("to") == "-1#1"
+    ]
+    assert [(c.get("fromLane"), c.get("toLane")) for c in ahead if c.get("fromLane") == "1"] == [
+        ("1", "0")
+    ]
 
 
 def heads(site: Site, y: float, x: float = 0.0) -> float:
@@ -276,7 +310,11 @@ def test_lanes_against_the_direction_of_their_side(imported, rule):
     site, _ = imported(street(sections=lanes, attributes=f'rule="{rule}"'), minor=8)
     sign = 1 if rule == "RHT" else -1
     for y, direction in ((5.25, 1), (1.75, -1), (-1.75, -1), (-5.25, 1)):
-        lines = [line for users, _, line in read_lanes(site) if users == CARS and abs(line[:, 1] - y).max() < 0.1]
+        lines = [
+            line
+            for users, _, line in read_lanes(site)
+            if users == CARS and abs(line[:, 1] - y).max() < 0.1
+        ]
         assert [np.sign(line[-1, 0] - line[0, 0]) for line in lines] == [direction * sign], y
     assert find_lane(site, -8.0)[0] == {"pedestrian"}
 
@@ -284,12 +322,22 @@ def test_lanes_against_the_direction_of_their_side(imported, rule):
 def test_a_lane_between_reversed_ones_goes_its_way(imported):
     """Lane -2 of three runs on into the next road, the two around it come back."""
     on, back = '<link><successor id="{0}"/></link>', '<link><predecessor id="{0}"/></link>'
-    first = [lane(n, inside=on.format(n), attributes=AGAINST if n != -2 else "") for n in (-1, -2, -3)]
-    second = [lane(n, inside=back.format(n), attributes=AGAINST if n != -2 else "") for n in (-1, -2, -3)]
+    first = [
+        lane(n, inside=on.format(n), attributes=AGAINST if n != -2 else "") for n in (-1, -2, -3)
+    ]
+    second = [
+        lane(n, inside=back.format(n), attributes=AGAINST if n != -2 else "") for n in (-1, -2, -3)
+    ]
     ahead = joined_to("successor", "road", "2", 'contactPoint="start"')
     behind = joined_to("predecessor", "road", "1", 'contactPoint="end"')
     roads = street(length=150.0, sections=section("", "".join(first)), inside=ahead)
-    roads += street(name="2", start=(0.0, 0.0), length=150.0, sections=section("", "".join(second)), inside=behind)
+    roads += street(
+        name="2",
+        start=(0.0, 0.0),
+        length=150.0,
+        sections=section("", "".join(second)),
+        inside=behind,
+    )
     site, _ = imported(roads, minor=8)
     root = ElementTree.fromstring(site.network)
     links = [c for c in root.iter("connection") if c.get("from", ":")[0] != ":"]
@@ -316,7 +364,8 @@ def test_a_lane_for_both_directions_is_closed_or_noted(imported):
 
 
 def test_reversed_lanes_are_joined_along_sections_and_roads(imported):
-    """Two roads of two sections each, their only lane reversed: traffic runs through all four, towards -x."""
+    """Two roads of two sections each, their only lane reversed: traffic runs through all four,
+    towards -x."""
 
     def lanes():
         on, back = '<successor id="-1"/>', '<predecessor id="-1"/>'
@@ -329,11 +378,17 @@ def test_reversed_lanes_are_joined_along_sections_and_roads(imported):
     roads += street(name="2", start=(0.0, 0.0), length=150.0, sections=lanes(), inside=second)
     site, _ = imported(roads, minor=8)
     root = ElementTree.fromstring(site.network)
-    ways = [(c.get("from"), c.get("to")) for c in root.iter("connection") if c.get("from", ":")[0] != ":"]
+    ways = [
+        (c.get("from"), c.get("to"))
+        for c in root.iter("connection")
+        if c.get("from", ":")[0] != ":"
+    ]
     assert len(ways) == 3
     lines = [line for _, _, line in read_lanes(site)]
     assert len(lines) == 4
-    assert all(line[-1, 0] < line[0, 0] and np.abs(line[:, 1] + 1.75).max() < 0.01 for line in lines)
+    assert all(
+        line[-1, 0] < line[0, 0] and np.abs(line[:, 1] + 1.75).max() < 0.01 for line in lines
+    )
 
 
 def joined_to(where: str, kind: str, name: str, contact: str = "") -> str:
@@ -342,19 +397,37 @@ def joined_to(where: str, kind: str, name: str, contact: str = "") -> str:
 
 
 def test_reversed_lanes_are_joined_over_a_junction(imported):
-    """Road 1 ends in a junction that its reversed lane leaves; a connecting road brings traffic from road 2."""
+    """Road 1 ends in a junction that its reversed lane leaves; a connecting road brings traffic
+    from road 2."""
     reverse = section("", lane(-1, attributes=AGAINST))
     inner = '<link><predecessor id="1"/><successor id="-1"/></link>'
     roads = street(length=140.0, sections=reverse, inside=joined_to("successor", "junction", "9"))
-    roads += street(name="2", start=(10.0, 0.0), length=140.0, inside=joined_to("predecessor", "junction", "9"))
+    roads += street(
+        name="2", start=(10.0, 0.0), length=140.0, inside=joined_to("predecessor", "junction", "9")
+    )
     bend = '<link><predecessor elementType="road" elementId="2" contactPoint="start"/>'
     bend += '<successor elementType="road" elementId="1" contactPoint="end"/></link>'
     back = section("", lane(-1, inside=inner))
-    roads += street(name="3", start=(10.0, 0.0), heading=np.pi, length=20.0, sections=back, inside=bend, junction="9")
-    way = '<connection id="0" incomingRoad="2" connectingRoad="3" contactPoint="start"><laneLink from="1" to="-1"/>'
+    roads += street(
+        name="3",
+        start=(10.0, 0.0),
+        heading=np.pi,
+        length=20.0,
+        sections=back,
+        inside=bend,
+        junction="9",
+    )
+    way = (
+        '<connection id="0" incomingRoad="2" connectingRoad="3" contactPoint="start"><laneLink '
+        'from="1" to="-1"/>'
+    )
     site, _ = imported(f'{roads}<junction id="9" name="">{way}</connection></junction>', minor=8)
     root = ElementTree.fromstring(site.network)
-    ways = [(c.get("from"), c.get("to")) for c in root.iter("connection") if c.get("from", ":")[0] != ":"]
+    ways = [
+        (c.get("from"), c.get("to"))
+        for c in root.iter("connection")
+        if c.get("from", ":")[0] != ":"
+    ]
     assert ways == [("2", "1.right")]
 
 
@@ -376,7 +449,10 @@ LIMITS = {
 
 def test_limits_of_roads(imported):
     places = dict(zip(LIMITS, 15.0 * np.arange(len(LIMITS)), strict=True))
-    roads = [street(name=f"r{y:g}", start=(-150.0, y), inside=limited((0, limit))) for limit, y in places.items()]
+    roads = [
+        street(name=f"r{y:g}", start=(-150.0, y), inside=limited((0, limit)))
+        for limit, y in places.items()
+    ]
     site, notes = imported("".join(roads), size=(80.0, 280.0))
     for limit, y in places.items():
         assert find_lane(site, y - 1.75)[1] == pytest.approx(LIMITS[limit], abs=1e-3)
@@ -408,7 +484,10 @@ def test_limits_change_along_the_road_and_by_lane(imported):
 def test_limits_of_the_header_by_type_of_road(imported):
     """1.8, 8.6: <defaultRegulations>."""
     semantics = '<semantics><speed type="maximum" value="100" unit="km/h"/></semantics>'
-    rules = f'<defaultRegulations><roadRegulations type="rural">{semantics}</roadRegulations></defaultRegulations>'
+    rules = (
+        "<defaultRegulations><roadRegulations "
+        f'type="rural">{semantics}</roadRegulations></defaultRegulations>'
+    )
     site, _ = imported(street(inside='<type s="0" type="rural"/>'), rules, minor=8)
     assert find_lane(site, -1.75)[1] == pytest.approx(27.778, abs=1e-3)
 
@@ -420,7 +499,9 @@ def test_types_of_lanes_say_who_uses_them(imported):
     """What is unknown is closed; no type is open to everybody but `driving`, ramps and `shared`."""
     kinds = [*USERS, "special1", "special2", "special3", "pavement"]
     lanes = [lane(-2 - i, kind, 2.0) for i, kind in enumerate(kinds)]
-    site, notes = imported(street(sections=section(lane(1), lane(-1) + "".join(lanes))), size=(80.0, 180.0))
+    site, notes = imported(
+        street(sections=section(lane(1), lane(-1) + "".join(lanes))), size=(80.0, 180.0)
+    )
     for i, kind in enumerate(kinds):
         users = "" if kind == "bidirectional" else USERS.get(kind, "")
         assert find_lane(site, -4.5 - 2.0 * i)[0] == set(users.split()), kind
@@ -446,7 +527,10 @@ RULES = [
     (ACCESS.format(0, "", "passengerCar"), CARS - {"passenger"}),
     (ACCESS.format(250, 'rule="deny"', "passengerCar"), CARS),
     (
-        '<access sOffset="0" rule="allow"><restriction type="bus"/><restriction type="taxi"/></access>',
+        (
+            '<access sOffset="0" rule="allow"><restriction type="bus"/><restriction '
+            'type="taxi"/></access>'
+        ),
         {"bus", "coach", "taxi"},
     ),
 ]
@@ -467,17 +551,32 @@ def test_access_to_lanes(imported):
 
 def test_roads_for_pedestrians_and_bicycles(imported):
     """1.8, 10.4: the type of a road is valid for all of its cross section."""
-    roads = street(inside='<type s="0" type="pedestrian"/>') + street(name="2", start=(-150.0, 15.0))
-    roads += street(name="3", start=(-150.0, -15.0), inside='<type s="0" type="bicycle"/><type s="150" type="town"/>')
+    roads = street(inside='<type s="0" type="pedestrian"/>') + street(
+        name="2", start=(-150.0, 15.0)
+    )
+    roads += street(
+        name="3",
+        start=(-150.0, -15.0),
+        inside='<type s="0" type="bicycle"/><type s="150" type="town"/>',
+    )
     site, notes = imported(roads, size=(80.0, 80.0))
-    for y, x, users in ((-1.75, 0, {"pedestrian"}), (13.25, 0, CARS), (-16.75, -40, {"bicycle"}), (-16.75, 40, CARS)):
+    for y, x, users in (
+        (-1.75, 0, {"pedestrian"}),
+        (13.25, 0, CARS),
+        (-16.75, -40, {"bicycle"}),
+        (-16.75, 40, CARS),
+    ):
         assert find_lane(site, y, x)[0] == users
     assert "2 lanes of roads of type 'pedestrian' are closed to other traffic" in notes
 
 
-@pytest.mark.parametrize(("attribute", "text"), [("roadWorks", "closed"), ("dynamicLaneType", "stay as the map")])
+@pytest.mark.parametrize(
+    ("attribute", "text"), [("roadWorks", "closed"), ("dynamicLaneType", "stay as the map")]
+)
 def test_lanes_that_a_scenario_changes(imported, attribute, text):
-    site, notes = imported(street(sections=section(lane(1), lane(-1, attributes=f'{attribute}="true"'))), minor=8)
+    site, notes = imported(
+        street(sections=section(lane(1), lane(-1, attributes=f'{attribute}="true"'))), minor=8
+    )
     assert (find_lane(site, -1.75)[0] == CARS) == (attribute != "roadWorks")
     assert any(attribute in note and text in note for note in notes)
 
@@ -487,10 +586,20 @@ def test_lanes_that_a_scenario_changes(imported, attribute, text):
 
 def test_a_section_of_one_side_leaves_the_other(imported):
     both = section(lane(1), lane(-1, inside='<link><successor id="-1"/></link>'))
-    right = section("", lane(-1, inside='<link><predecessor id="-1"/></link>') + lane(-2), 150, 'singleSide="true"')
+    right = section(
+        "",
+        lane(-1, inside='<link><predecessor id="-1"/></link>') + lane(-2),
+        150,
+        'singleSide="true"',
+    )
     site, _ = imported(street(sections=both + right))
     road = shapely.union_all([shapely.Polygon(outline) for outline in site.lanes])
-    assert road.symmetric_difference(shapely.union(shapely.box(-70, -3.5, 70, 3.5), shapely.box(0, -7, 70, 0))).area < 4
+    assert (
+        road.symmetric_difference(
+            shapely.union(shapely.box(-70, -3.5, 70, 3.5), shapely.box(0, -7, 70, 0))
+        ).area
+        < 4
+    )
     for x in (-50, 50):
         _, _, line = find_lane(site, 1.75, x)
         assert line[-1, 0] < line[0, 0]
@@ -503,7 +612,8 @@ def border(number: int, a: float, b: float = 0.0) -> str:
 
 
 def test_lanes_by_their_borders(imported):
-    """A border is counted from the reference line, and the lane reaches to the one inside (1.8, 11.6.2)."""
+    """A border is counted from the reference line, and the lane reaches to the one inside (1.8,
+    11.6.2)."""
     lanes = section(border(1, 3.5, 0.01), border(-1, -3.0) + border(-2, -7.0))
     site, _ = imported(street(sections=lanes))
     road = shapely.union_all([shapely.Polygon(outline) for outline in site.lanes])
@@ -533,7 +643,11 @@ def test_arcs_and_spirals_at_their_limits(imported, shape, radius):
     """netconvert makes nodes at NaN of them (eclipse-sumo/sumo#17163; pageldev/libOpenDRIVE#60)."""
     site, _ = imported(street(start=(-40.0, 0.0), length=100.0, geometry=shape))
     for _, _, line in read_lanes(site):
-        off = np.abs(line[:, 1]) if np.isinf(radius) else np.abs(np.hypot(line[:, 0] + 40, line[:, 1] - radius) - 200)
+        off = (
+            np.abs(line[:, 1])
+            if np.isinf(radius)
+            else np.abs(np.hypot(line[:, 0] + 40, line[:, 1] - radius) - 200)
+        )
         np.testing.assert_allclose(off, 1.75, atol=0.05)
         assert np.hypot(*(line[-1] - line[0])) > 95
 
@@ -544,20 +658,36 @@ def test_arcs_and_spirals_at_their_limits(imported, shape, radius):
     [
         ("", '<laneLink from="{0}" to="{0}"/>'),
         ("", ""),
-        ('<geometry s="0" x="-10" y="0" hdg="0" length="0"><line/></geometry>', '<laneLink from="{0}" to="{0}"/>'),
+        (
+            '<geometry s="0" x="-10" y="0" hdg="0" length="0"><line/></geometry>',
+            '<laneLink from="{0}" to="{0}"/>',
+        ),
     ],
 )
 def test_a_connection_joins_its_roads(imported, geometry, links, sign):
-    """Without links, lanes of the same id (1.4, 5.4.2); pieces of no length are none (eclipse-sumo/sumo#17163)."""
+    """Without links, lanes of the same id (1.4, 5.4.2); pieces of no length are none
+    (eclipse-sumo/sumo#17163)."""
     rule = 'rule="RHT"' if sign > 0 else 'rule="LHT"'
     roads = street(length=140.0, inside=joined("9", "successor"), attributes=rule)
-    roads += street(name="2", start=(10.0, 0.0), length=140.0, inside=joined("9", "predecessor"), attributes=rule)
+    roads += street(
+        name="2",
+        start=(10.0, 0.0),
+        length=140.0,
+        inside=joined("9", "predecessor"),
+        attributes=rule,
+    )
     ends = '<link><predecessor elementType="road" elementId="1" contactPoint="end"/>'
     ends += '<successor elementType="road" elementId="2" contactPoint="start"/></link>'
     one = lane(-sign, inside=f'<link><predecessor id="{-sign}"/><successor id="{-sign}"/></link>')
     lanes = section("", one) if sign > 0 else section(one, "")
     inner = street(
-        name="3", start=(-10.0, 0.0), length=20.0, sections=lanes, inside=ends, junction="9", attributes=rule
+        name="3",
+        start=(-10.0, 0.0),
+        length=20.0,
+        sections=lanes,
+        inside=ends,
+        junction="9",
+        attributes=rule,
     )
     roads += inner.replace("<planView>", f"<planView>{geometry}")
     way = '<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="start">'
@@ -606,18 +736,24 @@ def test_superelevation_tilts_the_site(imported):
     tilt = lateral('<superelevation s="0" a="0.05" b="0" c="0" d="0"/>')
     site, notes = imported(street(inside=tilt))
     assert site.relief.slope == pytest.approx((0.0, np.sin(0.05)), abs=1e-4)
-    assert "the site slopes by 5.0 % as its roads do, which leave that plane by up to 0.00 m" in notes
+    assert (
+        "the site slopes by 5.0 % as its roads do, which leave that plane by up to 0.00 m" in notes
+    )
 
 
 @pytest.mark.parametrize(
     "text",
     [
         '<crossfall side="both" s="0" a="0.04" b="0" c="0" d="0"/>',
-        '<shape s="0" t="-3.5" a="-0.14" b="0.04" c="0" d="0"/><shape s="0" t="0" a="0" b="-0.04" c="0" d="0"/>',
+        (
+            '<shape s="0" t="-3.5" a="-0.14" b="0.04" c="0" d="0"/><shape s="0" t="0" a="0" '
+            'b="-0.04" c="0" d="0"/>'
+        ),
     ],
 )
 def test_a_camber_leaves_the_plane_by_as_much_as_is_said(imported, text):
-    """1.4, 5.3.6, and 1.8, 10.5.3: edges 0.14 m below the middle; the plane between them is 0.09 m from the latter."""
+    """1.4, 5.3.6, and 1.8, 10.5.3: edges 0.14 m below the middle; the plane between them is 0.09 m
+    from the latter."""
     site, notes = imported(street(inside=rising(0.02) + lateral(text)))
     assert site.relief.slope == pytest.approx((0.02, 0.0), abs=1e-3)
     (note,) = (note for note in notes if "leave that plane" in note)
@@ -628,10 +764,11 @@ def test_a_camber_leaves_the_plane_by_as_much_as_is_said(imported, text):
 
 
 SIDE = (
-    '<objects><object/><object id="1" type="" s="5" t="far"/><bridge/><tunnel s="0" length="9" type="0"/></objects>'
-    '<signals><signal id="2" type="" s="150" t="-8" orientation="+" dynamic="no"/><signal id="3" type="-1"/></signals>'
-    '<surface><CRG file="missing.crg" sStart="0" sEnd="9" orientation="same" mode="attached"/></surface>'
-    '<railroad><switch name="x"/></railroad><userData code="a" value="b"/><userData><b/></userData>'
+    '<objects><object/><object id="1" type="" s="5" t="far"/><bridge/><tunnel s="0" length="9" '
+    'type="0"/></objects><signals><signal id="2" type="" s="150" t="-8" orientation="+" '
+    'dynamic="no"/><signal id="3" type="-1"/></signals><surface><CRG file="missing.crg" '
+    'sStart="0" sEnd="9" orientation="same" mode="attached"/></surface><railroad><switch '
+    'name="x"/></railroad><userData code="a" value="b"/><userData><b/></userData>'
 )
 
 
@@ -641,7 +778,10 @@ def test_odd_things_at_the_side_refuse_no_file(imported):
     site, notes = imported(street(inside=SIDE) + more)
     assert len(read_lanes(site)) == 2
     text = "; ".join(notes)
-    assert "1 damaged objects or signals were left out: <signal> needs a finite number as s, got 'None'" in text
+    assert (
+        "1 damaged objects or signals were left out: <signal> needs a finite number as s, got "
+        "'None'"
+    ) in text
     for said in ("1 tunnels have no walls", "1 surfaces in OpenCRG files", "2 signs are plates"):
         assert said in text
 
@@ -654,20 +794,25 @@ def joined(name: str, at: str) -> str:
 
 
 def test_objects_beyond_their_road_are_left_out(imported):
-    """s is from 0 to the road's length (1.8, 13.1), also of repeats; an outline has an area (13.3)."""
+    """s is from 0 to the road's length (1.8, 13.1), also of repeats; an outline has an area
+    (13.3)."""
     wall = '<object id="1" type="barrier" s="280" t="9" height="1">'
     wall += '<repeat s="280" length="1000" distance="0" tStart="9" tEnd="9"/></object>'
     trees = '<object id="2" type="tree" s="270" t="15" height="7">'
     trees += '<repeat s="270" length="300" distance="20" tStart="15" tEnd="15"/></object>'
     bad = '<object id="3" type="building" s="330" t="-15" length="10" width="8" height="9"/>'
-    bad += '<object id="4" type="building" s="250" t="25" height="9"><outline><cornerLocal u="0" v="0"/>'
+    bad += (
+        '<object id="4" type="building" s="250" t="25" height="9"><outline><cornerLocal u="0" '
+        'v="0"/>'
+    )
     bad += '<cornerLocal u="9" v="9"/></outline></object>'
     bad += '<object id="5" type="building" s="250" t="25" length="10" width="8" height="-3"/>'
     sign = '<signal id="6" s="1e3" t="-6" type="274" dynamic="no" orientation="+"/>'
     things = f"<objects>{wall}{trees}{bad}</objects><signals>{sign}</signals>"
     site, notes = imported(street().replace("</lanes>", f"</lanes>{things}"), centre=(140.0, 0.0))
     assert any(
-        "4 damaged objects or signals were left out: <object> needs an s of 0 to 300, got 330" in n for n in notes
+        "4 damaged objects or signals were left out: <object> needs an s of 0 to 300, got 330" in n
+        for n in notes
     )
     kinds = {solid.kind: solid for solid in site.solids}
     assert "building" not in kinds
@@ -678,12 +823,17 @@ def test_objects_beyond_their_road_are_left_out(imported):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_direct_junction_joins_its_roads(imported, sign):
-    """1.7, 10.7: an exit of a two-lane carriageway, and the other direction through the same connection."""
+    """1.7, 10.7: an exit of a two-lane carriageway, and the other direction through the same
+    connection."""
     rule = 'rule="RHT"' if sign > 0 else 'rule="LHT"'
     main, side, ramp = (lane(-sign), lane(sign), lane(-2 * sign))
     sides = (side, main + ramp) if sign > 0 else (ramp + main, side)
-    first = street(length=150.0, sections=section(*sides), inside=joined("9", "successor"), attributes=rule)
-    second = street(name="2", start=(0.0, 0.0), length=150.0, inside=joined("9", "predecessor"), attributes=rule)
+    first = street(
+        length=150.0, sections=section(*sides), inside=joined("9", "successor"), attributes=rule
+    )
+    second = street(
+        name="2", start=(0.0, 0.0), length=150.0, inside=joined("9", "predecessor"), attributes=rule
+    )
     only = section("", lane(-1)) if sign > 0 else section(lane(1), "")
     third = street(
         name="3",
@@ -704,28 +854,44 @@ def test_a_direct_junction_joins_its_roads(imported, sign):
     )
     site, _ = imported(first + second + third + junction, minor=7)
     root = ElementTree.fromstring(site.network)
-    ways = {(c.get("from"), c.get("to")) for c in root.iter("connection") if c.get("from", ":")[0] != ":"}
+    ways = {
+        (c.get("from"), c.get("to"))
+        for c in root.iter("connection")
+        if c.get("from", ":")[0] != ":"
+    }
     assert ways == {("-1", "-2"), ("-1", "-3"), ("2", "1")}
 
 
 def test_a_virtual_junction_leaves_the_main_road_whole(imported):
     """1.8, 12.6: the main road goes on; who branches off within it is noted."""
-    branch = '<link><predecessor elementType="road" elementId="1" elementS="145" elementDir="+"/></link>'
-    inner = street(name="3", start=(-5.0, -1.75), heading=-0.9, length=8.0, inside=branch, junction="9")
+    branch = (
+        '<link><predecessor elementType="road" elementId="1" elementS="145" elementDir="+"/></link>'
+    )
+    inner = street(
+        name="3", start=(-5.0, -1.75), heading=-0.9, length=8.0, inside=branch, junction="9"
+    )
     side = street(name="2", start=(0.0, -8.0), heading=-np.pi / 2, length=80.0)
     connection = '<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="start"/>'
     about = 'type="virtual" mainRoad="1" sStart="140" sEnd="160" orientation="none"'
-    site, notes = imported(street() + inner + side + f'<junction id="9" name="" {about}>{connection}</junction>')
+    site, notes = imported(
+        street() + inner + side + f'<junction id="9" name="" {about}>{connection}</junction>'
+    )
     assert find_lane(site, -1.75)[2][[0, -1], 0] == pytest.approx([-150, 150])
     assert any("virtual junctions are left out" in note for note in notes)
 
 
 def test_a_crossing_junction_is_noted(imported):
     rail = street(
-        name="2", start=(0.0, -100.0), heading=np.pi / 2, length=200.0, sections=section("", lane(-1, "rail"))
+        name="2",
+        start=(0.0, -100.0),
+        heading=np.pi / 2,
+        length=200.0,
+        sections=section("", lane(-1, "rail")),
     )
     parts = '<roadSection id="0" roadId="1" sStart="140" sEnd="160"/>'
-    site, notes = imported(street() + rail + f'<junction id="9" name="" type="crossing">{parts}</junction>', minor=8)
+    site, notes = imported(
+        street() + rail + f'<junction id="9" name="" type="crossing">{parts}</junction>', minor=8
+    )
     assert "1 crossing junctions are left out: traffic there does not give way" in notes
     assert find_lane(site, -1.75)[0] == CARS
 
@@ -743,13 +909,18 @@ def test_what_contradicts_itself_is_noted(imported):
     gap = '<geometry s="0" x="-150" y="0" hdg="0" length="150"><line/></geometry>'
     road = street(start=(0.0, 2.0), length=150.0).replace("<planView>", f"<planView>{gap}")
     road = road.replace('<geometry s="0" x="0.0"', '<geometry s="150" x="0.0"')
-    twice = street(name="2", start=(-150.0, 15.0), sections=section(lane(1) + lane(1), lane(-1) + lane(2)))
+    twice = street(
+        name="2", start=(-150.0, 15.0), sections=section(lane(1) + lane(1), lane(-1) + lane(2))
+    )
     short = street(name="3", start=(-150.0, -15.0)).replace('length="300', 'length="30', 1)
     row = 'aU="0" bU="60" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"'
     curve = f'<paramPoly3 pRange="normalized" {row}/>'
     long = street(name="4", start=(-20.0, 30.0), length=30.0, geometry=curve)
     _, notes = imported(road + twice + short + long, size=(80.0, 80.0))
-    assert any("Mismatched geometry for edge '1' between geometry segments 0 and 1" in note for note in notes)
+    assert any(
+        "Mismatched geometry for edge '1' between geometry segments 0 and 1" in note
+        for note in notes
+    )
     assert set(notes) >= {
         "1 lanes have the id of another lane beside them",
         "1 lanes have an id of the other side, where they are drawn",
@@ -778,10 +949,13 @@ def test_ids_of_roads_are_free(imported):
 
 def test_remedies_name_what_was_found(imported):
     rail = street(sections=section("", lane(-1, "rail")))
-    with pytest.raises(ValueError, match="have no carriageway, but lanes of the types rail: give --centre X Y"):
+    with pytest.raises(
+        ValueError, match="have no carriageway, but lanes of the types rail: give --centre X Y"
+    ):
         imported(rail)
     with pytest.raises(
-        ValueError, match="no road within the area about 0 140: move --centre onto a road, as --centre 0 "
+        ValueError,
+        match="no road within the area about 0 140: move --centre onto a road, as --centre 0 ",
     ):
         imported(street(), centre=(0.0, 140.0), size=(20.0, 20.0))
 
@@ -793,21 +967,30 @@ OPENING = ((0, 0.0, 0.0, 0.0, 0.0), (120, 0.0, 3.5 / 60, 0.0, 0.0), (180, 3.5, 0
 
 def shaped(number: int, rows, kind: str = "driving") -> str:
     """A <lane> whose widths begin at sOffset; a row gives sOffset and the coefficients."""
-    widths = "".join(f'<width sOffset="{s}" a="{a}" b="{b}" c="{c}" d="{d}"/>' for s, a, b, c, d in rows)
+    widths = "".join(
+        f'<width sOffset="{s}" a="{a}" b="{b}" c="{c}" d="{d}"/>' for s, a, b, c, d in rows
+    )
     return f'<lane id="{number}" type="{kind}" level="false">{widths}</lane>'
 
 
 def list_lines(site):
     """Middle lines of the lanes for cars."""
-    lanes = (element for _, element in nets.list_lanes(site.network) if "passenger" in nets.list_users(element))
+    lanes = (
+        element
+        for _, element in nets.list_lanes(site.network)
+        if "passenger" in nets.list_users(element)
+    )
     return [nets.parse_shape(element) for element in lanes]
 
 
 @pytest.mark.parametrize(("sign", "rule"), [(-1, "RHT"), (1, "LHT"), (1, "RHT")])
 def test_a_lane_that_opens_moves_those_outside_it(imported, sign, rule):
-    """Lane 1 opens from 0 to 3.5 m between s = 120 and 180; lane 2 goes through outside it (eclipse-sumo/sumo#5823)."""
+    """Lane 1 opens from 0 to 3.5 m between s = 120 and 180; lane 2 goes through outside it
+    (eclipse-sumo/sumo#5823)."""
     sides = [shaped(sign, OPENING) + lane(2 * sign), lane(-sign)]
-    site, _ = imported(street(sections=section(*sides[::sign]), attributes=f'rule="{rule}"', inside=rising(0.01)))
+    site, _ = imported(
+        street(sections=section(*sides[::sign]), attributes=f'rule="{rule}"', inside=rising(0.01))
+    )
     beside = [line for line in list_lines(site) if line[:, 1].mean() * sign > 0]
     assert len(beside) >= 3
     for line in beside:
@@ -817,7 +1000,8 @@ def test_a_lane_that_opens_moves_those_outside_it(imported, sign, rule):
         assert off.max() < 0.1
     for snapshot in simulate(site, catalogue(), frames=4, seed=1):
         boxes = snapshot.objects.boxes[np.isin(snapshot.objects.labels, [VEHICLE, HEAVY])]
-        outside = boxes[(boxes[:, 1] * sign > 0) & (boxes[:, 0] < -32)]  # where only the outer lane is there
+        # where only the outer lane is there
+        outside = boxes[(boxes[:, 1] * sign > 0) & (boxes[:, 0] < -32)]
         assert not len(outside) or np.abs(outside[:, 1] * sign - 1.75).max() < 1.0
 
 
@@ -827,7 +1011,10 @@ def find_offset(x):
 
 def test_an_offset_of_lanes_is_a_cubic_on_the_road_too(imported):
     """All lanes move 7 m to the left between s = 100 and 200, along 3 u² − 2 u³."""
-    offset = f'<laneOffset s="0" a="0" b="0" c="0" d="0"/><laneOffset s="100" a="0" b="0" c="{21e-4}" d="{-14e-6}"/>'
+    offset = (
+        f'<laneOffset s="0" a="0" b="0" c="0" d="0"/><laneOffset s="100" a="0" b="0" c="{21e-4}" '
+        f'd="{-14e-6}"/>'
+    )
     offset += '<laneOffset s="200" a="7" b="0" c="0" d="0"/>'
     site, _ = imported(street(sections=offset + section(lane(1), lane(-1))))
     for line in list_lines(site):
@@ -848,12 +1035,18 @@ def test_a_lane_too_narrow_to_drive_on_is_closed(imported):
 
 @pytest.mark.parametrize("rule", ["RHT", "LHT"])
 def test_pieces_of_a_road_do_not_overlap(imported, rule):
-    """A lane opens outside, while all lanes move aside (eclipse-sumo/sumo#6184: splits of narrow lanes)."""
+    """A lane opens outside, while all lanes move aside (eclipse-sumo/sumo#6184: splits of narrow
+    lanes)."""
     offset = '<laneOffset s="0" a="0.5" b="0.01" c="0" d="0"/>'
     opening = shaped(2, [(0, 0.0, 0.03, 0.0, 0.0)])
-    sections = section(lane(1) + opening, lane(-1)) + section(lane(1) + lane(2, width=3.0), lane(-1), s=100)
+    sections = section(lane(1) + opening, lane(-1)) + section(
+        lane(1) + lane(2, width=3.0), lane(-1), s=100
+    )
     site, _ = imported(street(sections=offset + sections, attributes=f'rule="{rule}"'))
-    innermost = {edge.get("id", ""): nets.parse_shape(element) for edge, element in nets.list_lanes(site.network)}
+    innermost = {
+        edge.get("id", ""): nets.parse_shape(element)
+        for edge, element in nets.list_lanes(site.network)
+    }
     for is_forward in (True, False):
         pieces = [line for name, line in innermost.items() if name.startswith("-") == is_forward]
         assert len(pieces) >= 2
@@ -862,7 +1055,9 @@ def test_pieces_of_a_road_do_not_overlap(imported, rule):
 
 def test_ground_and_network_of_a_wide_lane_agree(imported):
     """A width has no upper bound (11.6.1); 60 m are ground and lane alike."""
-    site, notes = imported(street(sections=section(lane(1), lane(-1, width=60.0))), size=(80.0, 160.0))
+    site, notes = imported(
+        street(sections=section(lane(1), lane(-1, width=60.0))), size=(80.0, 160.0)
+    )
     assert find_lane(site, -30.0)[0] >= {"passenger"}
     ground = nets.unite(site.lanes)
     assert ground.covers(shapely.Point(0.0, -59.0))

@@ -36,8 +36,16 @@ def read_names() -> tuple[set[str], set[str]]:
         for node in ast.walk(ast.parse((ROOT / "toolkit" / "sites" / reader).read_text())):
             if not isinstance(node, ast.Call):
                 continue
-            texts = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
-            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            texts = [
+                a.value
+                for a in node.args
+                if isinstance(a, ast.Constant) and isinstance(a.value, str)
+            ]
+            called = (
+                node.func.attr
+                if isinstance(node.func, ast.Attribute)
+                else getattr(node.func, "id", "")
+            )
             if called in SEARCHES:
                 elements |= {part for text in texts for part in re.findall(r"\w+", text)}
             elif called in ("get", "number"):
@@ -70,7 +78,9 @@ def test_types_of_lanes_are_in_the_table(kind):
 
 def test_notes_are_in_the_code():
     """A row marked as a note has its words in the code."""
-    code = "".join((ROOT / "toolkit" / "sites" / reader).read_text() for reader in (*READERS, "maps.py"))
+    code = "".join(
+        (ROOT / "toolkit" / "sites" / reader).read_text() for reader in (*READERS, "maps.py")
+    )
     said = {
         "crossSectionSurface": "cross sections of strips are not read",
         "CRG": "surfaces in OpenCRG files are not read",

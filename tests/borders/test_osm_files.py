@@ -1,6 +1,8 @@
-"""Kinds of OpenStreetMap files: XML, compressed, JSON of Overpass, drafts of JOSM, cut and incomplete ones.
+"""Kinds of OpenStreetMap files: XML, compressed, JSON of Overpass, drafts of JOSM, cut and
+incomplete ones.
 
-https://wiki.openstreetmap.org/wiki/OSM_XML, .../OSM_JSON, .../JOSM_file_format, .../Overpass_API/Overpass_QL (out)."""
+https://wiki.openstreetmap.org/wiki/OSM_XML, .../OSM_JSON, .../JOSM_file_format,
+.../Overpass_API/Overpass_QL (out)."""
 
 import bz2
 import gzip
@@ -18,7 +20,10 @@ from toolkit.sites.osm import read_map
 
 CENTRE = (8.0, 49.5)
 SPOTS = {1: (0, 0), 2: (-150, 0), 3: (150, 0), 4: (0, 150), 5: (0, -150)}
-WAYS = {11: ((2, 1, 3), {"highway": "secondary", "maxspeed": "50"}), 12: ((4, 1, 5), {"highway": "residential"})}
+WAYS = {
+    11: ((2, 1, 3), {"highway": "secondary", "maxspeed": "50"}),
+    12: ((4, 1, 5), {"highway": "residential"}),
+}
 
 
 def degrees(number: int) -> dict[str, float]:
@@ -43,7 +48,9 @@ def overpass(*, geometry: bool = False, **members) -> str:
     for number, (references, tags) in WAYS.items():
         way = {"type": "way", "id": number, "nodes": list(references), "tags": tags}
         elements.append({**way, "geometry": [degrees(k) for k in references]} if geometry else way)
-    return json.dumps({"version": 0.6, "generator": "Overpass API", "elements": elements, **members})
+    return json.dumps(
+        {"version": 0.6, "generator": "Overpass API", "elements": elements, **members}
+    )
 
 
 def import_text(folder: Path, name: str, content: str | bytes):
@@ -69,7 +76,10 @@ def test_all_kinds_give_the_same_network(tmp_path: Path):
                 '<osm version="0.6">',
                 *(
                     f'<way id="{number}">'
-                    + "".join(f'<nd ref="{k}" lat="{degrees(k)["lat"]}" lon="{degrees(k)["lon"]}"/>' for k in nodes)
+                    + "".join(
+                        f'<nd ref="{k}" lat="{degrees(k)["lat"]}" lon="{degrees(k)["lon"]}"/>'
+                        for k in nodes
+                    )
                     + "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
                     + "</way>"
                     for number, (nodes, tags) in WAYS.items()
@@ -86,8 +96,14 @@ def test_all_kinds_give_the_same_network(tmp_path: Path):
 
 def test_deleted_elements_are_no_part_of_the_map(tmp_path: Path):
     extra = (
-        '<way id="13" action="delete"><nd ref="4"/><nd ref="3"/><tag k="highway" v="primary"/></way>',
-        '<way id="14" visible="false"><nd ref="4"/><nd ref="2"/><tag k="highway" v="primary"/></way>',
+        (
+            '<way id="13" action="delete"><nd ref="4"/><nd ref="3"/><tag k="highway" '
+            'v="primary"/></way>'
+        ),
+        (
+            '<way id="14" visible="false"><nd ref="4"/><nd ref="2"/><tag k="highway" '
+            'v="primary"/></way>'
+        ),
         '<way id="15"><nd ref="5"/><nd ref="2"/><tag k="highway" v="primary"/></way>',
         '<way id="15" version="2" visible="false"/>',  # a later version, as in a file with history
     )
@@ -99,24 +115,42 @@ def test_a_way_is_cut_at_nodes_that_are_missing(tmp_path: Path):
     text = xml().replace('<nd ref="2"/><nd ref="1"/>', '<nd ref="2"/><nd ref="77"/><nd ref="1"/>')
     site, notes = import_text(tmp_path, "town.osm", text)
     assert "1 roads lack nodes on their way, and are cut there" in notes
-    edges = {edge.get("from") for edge in ElementTree.fromstring(site.network).iter("edge") if edge.get("from")}
+    edges = {
+        edge.get("from")
+        for edge in ElementTree.fromstring(site.network).iter("edge")
+        if edge.get("from")
+    }
     assert len(edges) == 4  # the road from node 2 has one node left, so it ends at node 1
-    assert "lack nodes" not in import_text(tmp_path, "town.osm", xml(nodes=[1, 3, 4, 5]))[1]  # cut off at the end
+    assert (
+        "lack nodes" not in import_text(tmp_path, "town.osm", xml(nodes=[1, 3, 4, 5]))[1]
+    )  # cut off at the end
 
 
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("town.osm.pbf", b"\x00\x00\x00\x0d\x0a\x09OSMHeader", r"only \.osm.* are read.*osmium cat"),
+        (
+            "town.osm.pbf",
+            b"\x00\x00\x00\x0d\x0a\x09OSMHeader",
+            r"only \.osm.* are read.*osmium cat",
+        ),
         ("town.osc.gz", gzip.compress(b"<osmChange/>"), r"only \.osm.* are read"),
-        ("really-pbf.osm", b"\x00\x00\x00\x0d\x0a\x09OSMHeader", "the file is OSM PBF: convert it first"),
+        (
+            "really-pbf.osm",
+            b"\x00\x00\x00\x0d\x0a\x09OSMHeader",
+            "the file is OSM PBF: convert it first",
+        ),
         ("really-zip.osm", b"PK\x03\x04" + bytes(60), "the file is a zip file"),
         ("history.osh", xml(), r"only \.osm.* are read"),
         ("change.osm", "<osmChange version='0.6'></osmChange>", r"does not begin with <osm>"),
         ("town.json", '{"type": "FeatureCollection", "features": []}', "has no list of elements"),
         ("town.json", '{"version": 0.6, "elements": [', "damaged JSON"),
         ("town.json", overpass(remark="runtime error: Query timed out"), "map is incomplete"),
-        ("town.osm", xml("<remark> runtime error: Query ran out of memory </remark>"), "map is incomplete"),
+        (
+            "town.osm",
+            xml("<remark> runtime error: Query ran out of memory </remark>"),
+            "map is incomplete",
+        ),
         ("town.json", '{"elements": []}', "the map is empty"),
     ],
 )
@@ -126,13 +160,18 @@ def test_other_kinds_are_refused_by_name(tmp_path: Path, name, content, reason):
 
 
 def test_numbers_of_json_may_be_negative_or_text(tmp_path: Path):
-    rows = [{"type": "node", "id": -k, **{key: str(value) for key, value in degrees(k).items()}} for k in SPOTS]
+    rows = [
+        {"type": "node", "id": -k, **{key: str(value) for key, value in degrees(k).items()}}
+        for k in SPOTS
+    ]
     rows.append({"type": "way", "id": -11, "nodes": [-2, -1, -3], "tags": {"highway": "secondary"}})
     path = tmp_path / "town.json"
     path.write_text(json.dumps({"elements": rows}), "utf-8")
     extract = read_map(path, CENTRE)
     assert [way.nodes for way in extract.ways] == [("-2", "-1", "-3")]
-    assert extract.ways[0].line == pytest.approx(np.array([[-150.0, 0.0], [0.0, 0.0], [150.0, 0.0]]), abs=2e-3)
+    assert extract.ways[0].line == pytest.approx(
+        np.array([[-150.0, 0.0], [0.0, 0.0], [150.0, 0.0]]), abs=2e-3
+    )
 
 
 def centred(folder: Path, centre, size=(20, 20)) -> str:
@@ -153,7 +192,9 @@ def test_remedies_name_what_was_found(tmp_path: Path):
     assert "no road within the area" in said
     assert "there is 1 footway; the nearest road is 140 m away, at 8.0" in said
     ((longitude, latitude),) = inverse_project(np.array([[40.0, 40.0]]), CENTRE)
-    assert "nothing is tagged highway there; the nearest road is 40 m away" in centred(tmp_path, (longitude, latitude))
+    assert "nothing is tagged highway there; the nearest road is 40 m away" in centred(
+        tmp_path, (longitude, latitude)
+    )
 
 
 @pytest.mark.parametrize("name", ["a,b.osm", "Straße;5 (neu).osm", "信号 灯.osm", "-x=y.osm"])

@@ -1,7 +1,7 @@
 """Traffic rules of OpenStreetMap's roads: who drives where, which way, how fast, on which side.
 
-Keys and values as the OpenStreetMap wiki defines them (Key:access, Key:maxspeed, Key:oneway, Key:barrier,
-Relation:restriction, Key:driving_side)."""
+Keys and values as the OpenStreetMap wiki defines them (Key:access, Key:maxspeed, Key:oneway,
+Key:barrier, Relation:restriction, Key:driving_side)."""
 
 import re
 import warnings
@@ -40,7 +40,13 @@ def test_access_goes_from_the_general_to_the_particular():
     assert allowed(vehicle="no") == set()
     assert allowed(vehicle="no", bicycle="yes") == {"bicycle"}
     assert allowed(motorcar="no") == MOTOR - {"passenger", "taxi"} | {"bicycle"}
-    assert allowed(motorcar="no", motorcycle="no", hgv="no") == {"bus", "coach", "delivery", "moped", "bicycle"}
+    assert allowed(motorcar="no", motorcycle="no", hgv="no") == {
+        "bus",
+        "coach",
+        "delivery",
+        "moped",
+        "bicycle",
+    }
     assert allowed(hgv="no") == MOTOR - {"truck"} | {"bicycle"}
     assert allowed(bicycle="use_sidepath") == MOTOR
     assert allowed(motor_vehicle="delivery") == {"delivery", "truck", "bicycle"}
@@ -55,7 +61,9 @@ def test_access_goes_from_the_general_to_the_particular():
     assert allowed(highway="busway") == {"bus"}
     assert allowed(highway="busway", bicycle="yes") == {"bus", "bicycle"}
     assert allowed(highway="cycleway") == {"bicycle"}
-    assert read_rules({"highway": "cycleway", "access": "no"}).rules.users[0] == {"emergency"}  # never nobody
+    assert read_rules({"highway": "cycleway", "access": "no"}).rules.users[0] == {
+        "emergency"
+    }  # never nobody
     assert allowed(highway="cycleway", motor_vehicle="yes") == MOTOR | {"bicycle"}
     assert allowed(motorroad="yes", highway="trunk") == MOTOR - {"moped"}
     assert allowed(maxweight="3.5") == MOTOR - {"truck", "bus", "coach"} | {"bicycle"}
@@ -133,7 +141,9 @@ def test_speeds_in_all_units(text, km_h):
     assert parse_speed(text) == pytest.approx(km_h / 3.6, abs=1e-4)
 
 
-@pytest.mark.parametrize("text", ["fast", "0", "-5", "50 furlongs", "XX:urban", "DE:bergab", "", "5000", "50;fast"])
+@pytest.mark.parametrize(
+    "text", ["fast", "0", "-5", "50 furlongs", "XX:urban", "DE:bergab", "", "5000", "50;fast"]
+)
 def test_speeds_that_are_none(text):
     assert parse_speed(text) is None
 
@@ -182,7 +192,14 @@ def test_what_is_not_used_is_said(tags, note):
 
 
 def test_ordinary_tags_need_no_word():
-    tags = {"maxspeed": "50", "lanes": "2", "surface": "asphalt", "lit": "yes", "cycleway": "no", "sidewalk": "both"}
+    tags = {
+        "maxspeed": "50",
+        "lanes": "2",
+        "surface": "asphalt",
+        "lit": "yes",
+        "cycleway": "no",
+        "sidewalk": "both",
+    }
     assert read_rules({"highway": "residential", **tags}).notes == ()
 
 
@@ -208,12 +225,23 @@ def test_barriers(tags, barred):
 
 
 def write_map(folder: Path, *ways, nodes=None, relations: str = "", centre=CENTRE) -> Path:
-    """A main road along x and a side street along y, 400 m each, that cross at the centre (node 1)."""
-    spots = {1: (0, 0), 2: (-200, 0), 3: (200, 0), 4: (0, 200), 5: (0, -200), 6: (0, 20), 7: (0, -20)}
+    """A main road along x and a side street along y, 400 m each, that cross at the centre (node
+    1)."""
+    spots = {
+        1: (0, 0),
+        2: (-200, 0),
+        3: (200, 0),
+        4: (0, 200),
+        5: (0, -200),
+        6: (0, 20),
+        7: (0, -20),
+    }
     text = ['<osm version="0.6">']
     for number, xy in spots.items():
         ((longitude, latitude),) = inverse_project(np.array([xy], float), centre)
-        tags = "".join(f'<tag k="{k}" v="{v}"/>' for k, v in ((nodes or {}).get(number) or {}).items())
+        tags = "".join(
+            f'<tag k="{k}" v="{v}"/>' for k, v in ((nodes or {}).get(number) or {}).items()
+        )
         text.append(f'<node id="{number}" lat="{latitude:.8f}" lon="{longitude:.8f}">{tags}</node>')
     for number, (references, tags) in enumerate(ways, start=1):
         inside = "".join(f'<nd ref="{k}"/>' for k in references)
@@ -308,7 +336,9 @@ def test_turns_that_the_map_forbids_are_not_made(tmp_path: Path):
     assert {target for origin, target in connections(only) if origin == "1"} == {"2"}
     rule = relation(4, "restriction:conditional", "no_right_turn @ (07:00-09:00)")
     assert "restriction:conditional" in read_site(write_map(tmp_path, *ways, relations=rule))[1][0]
-    rule = relation(4, "restriction", "no_right_turn").replace('type="node" ref="1"', 'type="way" ref="3"')
+    rule = relation(4, "restriction", "no_right_turn").replace(
+        'type="node" ref="1"', 'type="way" ref="3"'
+    )
     assert "lead over ways" in read_site(write_map(tmp_path, *ways, relations=rule))[1][0]
 
 
@@ -317,17 +347,28 @@ def relation(target: int, key: str, value: str) -> str:
         f'<member type="{kind}" ref="{ref}" role="{role}"/>'
         for kind, ref, role in (("way", 1, "from"), ("node", 1, "via"), ("way", target, "to"))
     )
-    return f'<relation id="1">{members}<tag k="type" v="restriction"/><tag k="{key}" v="{value}"/></relation>'
+    return (
+        f'<relation id="1">{members}<tag k="type" v="restriction"/><tag k="{key}" '
+        f'v="{value}"/></relation>'
+    )
 
 
 def test_a_bollard_parts_a_street(tmp_path: Path):
-    site, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "bollard"}}))
+    site, notes = read_site(
+        write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "bollard"}})
+    )
     lanes = [lane for some in edges_of(site).values() for lane in some if heading(lane)[1]]
     ends = [nets.parse_shape(lane)[:, 1] for lane in lanes]
-    assert not any(y.min() < 19.5 and y.max() > 20.5 for y in ends)  # none passes the bollard at y = 20
+    assert not any(
+        y.min() < 19.5 and y.max() > 20.5 for y in ends
+    )  # none passes the bollard at y = 20
     assert any("barriers on roads that cars cannot pass" in note for note in notes)
-    open_street, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "lift_gate"}}))
-    ends = [nets.parse_shape(lane)[:, 1] for some in edges_of(open_street).values() for lane in some]
+    open_street, notes = read_site(
+        write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "lift_gate"}})
+    )
+    ends = [
+        nets.parse_shape(lane)[:, 1] for some in edges_of(open_street).values() for lane in some
+    ]
     assert any(y.min() < 19.5 and y.max() > 20.5 for y in ends)
     assert not notes
 
@@ -350,20 +391,68 @@ def test_traffic_keeps_the_side_of_the_place(tmp_path: Path, centre, tags, optio
     moving = boxes[(np.abs(boxes[:, 1]) < 3.5)]
     assert len(moving) > 10
     is_west = np.cos(moving[:, 6]) < 0
-    assert (is_west == (moving[:, 1] < 0)).all() if is_left else (is_west == (moving[:, 1] > 0)).all()
+    assert (
+        (is_west == (moving[:, 1] < 0)).all() if is_left else (is_west == (moving[:, 1] > 0)).all()
+    )
     assert any("keeps left" in note for note in notes) == (is_left and not options)
 
 
 PLACES = {
     "left": (
-        *((-0.1, 51.5), (-6.3, 53.3), (139.7, 35.7), (151.2, -33.9), (72.9, 19.1), (100.5, 13.75), (114.17, 22.3)),
-        *((36.8, -1.3), (18.4, -33.9), (28.3, -15.4), (14.5, 35.9), (33.4, 35.2), (-76.8, 18.0), (-55.2, 5.85)),
-        *((178.4, -18.1), (-171.8, -13.8), (1.31, 51.12), (102.75, 17.87), (71.5, 34.0), (174.8, -36.9)),
+        *(
+            (-0.1, 51.5),
+            (-6.3, 53.3),
+            (139.7, 35.7),
+            (151.2, -33.9),
+            (72.9, 19.1),
+            (100.5, 13.75),
+            (114.17, 22.3),
+        ),
+        *(
+            (36.8, -1.3),
+            (18.4, -33.9),
+            (28.3, -15.4),
+            (14.5, 35.9),
+            (33.4, 35.2),
+            (-76.8, 18.0),
+            (-55.2, 5.85),
+        ),
+        *(
+            (178.4, -18.1),
+            (-171.8, -13.8),
+            (1.31, 51.12),
+            (102.75, 17.87),
+            (71.5, 34.0),
+            (174.8, -36.9),
+        ),
     ),
     "right": (
-        *((13.4, 52.5), (1.85, 50.95), (-74.0, 40.7), (69.2, 34.5), (96.2, 16.8), (102.6, 17.97), (114.06, 22.55)),
-        *((38.7, 9.0), (30.06, -1.95), (13.2, -8.8), (47.5, -18.9), (121.0, 14.6), (127.0, 37.5), (-66.1, 18.46)),
-        *((-61.05, 14.6), (-52.3, 4.9), (-5.35, 36.14), (-170.7, -14.3), (166.4, -22.3), (55.45, -20.9)),
+        *(
+            (13.4, 52.5),
+            (1.85, 50.95),
+            (-74.0, 40.7),
+            (69.2, 34.5),
+            (96.2, 16.8),
+            (102.6, 17.97),
+            (114.06, 22.55),
+        ),
+        *(
+            (38.7, 9.0),
+            (30.06, -1.95),
+            (13.2, -8.8),
+            (47.5, -18.9),
+            (121.0, 14.6),
+            (127.0, 37.5),
+            (-66.1, 18.46),
+        ),
+        *(
+            (-61.05, 14.6),
+            (-52.3, 4.9),
+            (-5.35, 36.14),
+            (-170.7, -14.3),
+            (166.4, -22.3),
+            (55.45, -20.9),
+        ),
     ),
 }
 
@@ -373,11 +462,14 @@ def test_countries(side):
     for place in PLACES[side]:
         assert find_driving_side(*place).is_left == (side == "left"), place
     assert not find_driving_side(-0.1, 51.5).is_near_border
-    assert find_driving_side(102.75, 17.87).is_near_border  # on the Mekong between Thailand and Laos
+    assert find_driving_side(
+        102.75, 17.87
+    ).is_near_border  # on the Mekong between Thailand and Laos
 
 
 def test_a_roundabout_that_runs_the_other_way_is_said(tmp_path: Path):
-    ring = ((3, 4, 2, 5, 3), {"highway": "secondary", "junction": "roundabout"})  # counter-clockwise
+    # counter-clockwise
+    ring = ((3, 4, 2, 5, 3), {"highway": "secondary", "junction": "roundabout"})
     _, notes = read_site(write_map(tmp_path, ring, MAIN), lefthand=True)
     assert any("roundabouts that run against" in note and "--righthand" in note for note in notes)
     _, notes = read_site(write_map(tmp_path, ring, MAIN))
@@ -385,8 +477,15 @@ def test_a_roundabout_that_runs_the_other_way_is_said(tmp_path: Path):
 
 
 def test_what_is_no_road_here_is_named(tmp_path: Path):
-    ways = [MAIN, ((6, 1), {"highway": "track"}), ((7, 1), {"highway": "service", "service": "driveway"})]
-    ways += [((6, 4), {"highway": "construction"}), ((7, 5), {"highway": "pedestrian", "bus": "yes"})]
+    ways = [
+        MAIN,
+        ((6, 1), {"highway": "track"}),
+        ((7, 1), {"highway": "service", "service": "driveway"}),
+    ]
+    ways += [
+        ((6, 4), {"highway": "construction"}),
+        ((7, 5), {"highway": "pedestrian", "bus": "yes"}),
+    ]
     ways += [((2, 6), {"railway": "tram"})]
     nodes = {7: {"highway": "stop"}, 1: {"highway": "mini_roundabout"}}
     _, notes = read_site(write_map(tmp_path, *ways, nodes=nodes))
@@ -404,7 +503,10 @@ def test_a_map_across_the_antimeridian_is_whole(tmp_path: Path):
     site, notes = read_site(write_map(tmp_path, MAIN, side_street(), centre=centre), centre)
     assert any("traffic keeps left" in note for note in notes)
     assert not any("leap" in note for note in notes)
-    lengths = [np.hypot(*np.diff(nets.parse_shape(lane), axis=0).T).sum() for _, lane in nets.list_lanes(site.network)]
+    lengths = [
+        np.hypot(*np.diff(nets.parse_shape(lane), axis=0).T).sum()
+        for _, lane in nets.list_lanes(site.network)
+    ]
     assert 60 < max(lengths) < 150
 
 
@@ -412,7 +514,9 @@ def write_streets(path: Path, *ways, centre=CENTRE):
     """Write a map of ways: points (m) and tags. Equal points are one node."""
     points = list(dict.fromkeys(tuple(point) for line, _ in ways for point in line))
     degrees = inverse_project(np.array(points, np.float64), centre)
-    text = "".join(f'<node id="{i + 1}" lon="{x:.9f}" lat="{y:.9f}"/>' for i, (x, y) in enumerate(degrees))
+    text = "".join(
+        f'<node id="{i + 1}" lon="{x:.9f}" lat="{y:.9f}"/>' for i, (x, y) in enumerate(degrees)
+    )
     for i, (line, tags) in enumerate(ways, start=1):
         inside = "".join(f'<nd ref="{points.index(tuple(point)) + 1}"/>' for point in line)
         inside += "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
@@ -426,21 +530,32 @@ NORTH = [(0, -200), (0, -50), (0, 50), (0, 200)]  # no node in common with EAST
 
 
 def test_a_road_of_another_layer_is_no_junction(tmp_path: Path):
-    """Key:layer: without a bridge or tunnel it is another storey too; at one layer, roads need a common node."""
+    """Key:layer: without a bridge or tunnel it is another storey too; at one layer, roads need a
+    common node."""
     main = (EAST, {"highway": "secondary"})
     for tags, lanes in (({"layer": "-1"}, 2), ({"layer": "1"}, 2), ({"layer": "0"}, 4)):
-        path = write_streets(tmp_path / "layers.osm", main, (NORTH, {"highway": "residential", **tags}))
+        path = write_streets(
+            tmp_path / "layers.osm", main, (NORTH, {"highway": "residential", **tags})
+        )
         site, notes = read_site(path)
         assert len(edges_of(site)) == lanes
-        text = "tunnels or bridges over a road" if lanes == 2 else "cross without a junction in the map, .*: 1"
+        text = (
+            "tunnels or bridges over a road"
+            if lanes == 2
+            else "cross without a junction in the map, .*: 1"
+        )
         assert any(re.search(text, note) for note in notes)
-    site, notes = read_site(write_streets(tmp_path / "alone.osm", (NORTH, {"highway": "residential", "layer": "1"})))
+    site, notes = read_site(
+        write_streets(tmp_path / "alone.osm", (NORTH, {"highway": "residential", "layer": "1"}))
+    )
     assert len(edges_of(site)) == 2
 
 
 def test_a_road_that_is_in_the_map_twice_is_one(tmp_path: Path):
     path = write_streets(
-        tmp_path / "twice.osm", (EAST, {"highway": "secondary"}), (EAST[::-1], {"highway": "tertiary"})
+        tmp_path / "twice.osm",
+        (EAST, {"highway": "secondary"}),
+        (EAST[::-1], {"highway": "tertiary"}),
     )
     site, notes = read_site(path)
     assert len(edges_of(site)) == 2
@@ -450,24 +565,40 @@ def test_a_road_that_is_in_the_map_twice_is_one(tmp_path: Path):
 def test_lanes_of_each_direction_count_before_their_sum(tmp_path: Path):
     """Key:lanes: a middle lane for turning is no lane of one direction (valhalla/valhalla#6297)."""
     for tags, note in (
-        ({"lanes": "3", "lanes:forward": "1", "lanes:backward": "1", "lanes:both_ways": "1"}, osm_rules.MIDDLE),
+        (
+            {"lanes": "3", "lanes:forward": "1", "lanes:backward": "1", "lanes:both_ways": "1"},
+            osm_rules.MIDDLE,
+        ),
         ({"lanes": "5", "lanes:forward": "1", "lanes:backward": "1"}, osm_rules.SUM),
     ):
-        site, notes = read_site(write_streets(tmp_path / "lanes.osm", (EAST, {"highway": "secondary", **tags})))
+        site, notes = read_site(
+            write_streets(tmp_path / "lanes.osm", (EAST, {"highway": "secondary", **tags}))
+        )
         assert [len(lanes) for lanes in edges_of(site).values()] == [1, 1]
         assert any(note in text for text in notes)
-    assert osm_rules.SUM not in read_rules({"highway": "primary", "lanes": "2", "lanes:forward": "1"}).notes
+    assert (
+        osm_rules.SUM
+        not in read_rules({"highway": "primary", "lanes": "2", "lanes:forward": "1"}).notes
+    )
 
 
 def test_arcs_of_a_roundabout_run_one_way(tmp_path: Path):
     """Tag:junction=roundabout: also of several ways, each in the direction of traffic."""
     ring = [(15, 0), (0, -15), (-15, 0), (0, 15), (15, 0)]  # clockwise
     tags = {"highway": "secondary", "junction": "roundabout"}
-    arms = [([(-200, 0), (-15, 0)], {"highway": "secondary"}), ([(15, 0), (200, 0)], {"highway": "secondary"})]
+    arms = [
+        ([(-200, 0), (-15, 0)], {"highway": "secondary"}),
+        ([(15, 0), (200, 0)], {"highway": "secondary"}),
+    ]
     for turned, warned in ((ring, True), (ring[::-1], False)):
         path = write_streets(tmp_path / "arcs.osm", *arms, (turned[:3], tags), (turned[2:], tags))
         _, notes = read_site(path)
-        assert any("roundabouts that run against traffic that keeps right: 1" in note for note in notes) == warned
+        assert (
+            any(
+                "roundabouts that run against traffic that keeps right: 1" in note for note in notes
+            )
+            == warned
+        )
 
 
 def test_limits_of_size_in_other_words():
@@ -476,7 +607,9 @@ def test_limits_of_size_in_other_words():
     assert not allowed(maxheight__physical="3.0") & {"truck", "bus"}
     assert allowed(maxweight__hgv="3.5") & {"truck", "bus"} == {"bus"}
     assert allowed(maxheight="11'9\"") >= {"truck"}  # 3.58 m
-    assert osm_rules.UNREAD in read_rules({"highway": "residential", "access": "designated"}).notes  # osrm-backend#866
+    assert (
+        osm_rules.UNREAD in read_rules({"highway": "residential", "access": "designated"}).notes
+    )  # osrm-backend#866
 
 
 def test_the_antimeridian_is_no_border():
@@ -494,7 +627,10 @@ def test_one_way_for_some_users_only():
     assert against.rules.users[0] == frozenset(nets.MOTOR.split()) - {"bus"}
     assert osm_rules.SOME_AGAINST in against.notes
     assert osm_rules.DIRECTION in read_rules({"highway": "residential", "oneway:bus": "peak"}).notes
-    assert osm_rules.CONTRAFLOW in read_rules({"highway": "residential", "oneway:motor_vehicle": "yes"}).notes
+    assert (
+        osm_rules.CONTRAFLOW
+        in read_rules({"highway": "residential", "oneway:motor_vehicle": "yes"}).notes
+    )
     assert not read_rules({"highway": "residential", "oneway": "yes", "oneway:bus": "yes"}).notes
 
 
@@ -511,32 +647,49 @@ def test_hours_of_barriers_are_said(tmp_path: Path):
     gate = {"barrier": "lift_gate", "motor_vehicle:conditional": "no @ (20:00-06:00)"}
     _, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: gate}))
     assert any(f"{osm_rules.BARRIER_HOURS}: 1" in note for note in notes)
-    _, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "gate", "access": "key"}}))
+    _, notes = read_site(
+        write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "gate", "access": "key"}})
+    )
     assert any(osm_rules.BARRIER_UNREAD in note for note in notes)
 
 
 def test_older_keys_and_roads_for_emergencies():
-    """access:USER (Key:access, older), maxspeed:both (Forward & backward), service=emergency_access."""
+    """access:USER (Key:access, older), maxspeed:both (Forward & backward),
+    service=emergency_access."""
     assert allowed(access__motor_vehicle="no") == {"bicycle"}
     assert allowed(access="no", access__bus="yes") == {"bus"}
     assert allowed(access__hgv="no", hgv="yes") == MOTOR | {"bicycle"}
     assert is_barred({"barrier": "gate", "access:motor_vehicle": "no"})
-    assert read_rules({"highway": "residential", "maxspeed:both": "20"}).rules.speeds[1] == pytest.approx(20 / 3.6)
+    assert read_rules({"highway": "residential", "maxspeed:both": "20"}).rules.speeds[
+        1
+    ] == pytest.approx(20 / 3.6)
     assert allowed(highway="service", service="emergency_access") == set()
-    assert allowed(highway="service", service="emergency_access", bicycle="yes", vehicle="no") == {"bicycle"}
+    assert allowed(highway="service", service="emergency_access", bicycle="yes", vehicle="no") == {
+        "bicycle"
+    }
 
 
 def list_driven(site) -> list[tuple[int, float]]:
     """Direction along x, and y (m), of the lanes for cars."""
-    lanes = [lane for some in edges_of(site).values() for lane in some if "bus" in nets.list_users(lane)]
-    return sorted((heading(lane)[0], round(float(nets.parse_shape(lane)[0, 1]), 1)) for lane in lanes)
+    lanes = [
+        lane for some in edges_of(site).values() for lane in some if "bus" in nets.list_users(lane)
+    ]
+    return sorted(
+        (heading(lane)[0], round(float(nets.parse_shape(lane)[0, 1]), 1)) for lane in lanes
+    )
 
 
 @pytest.mark.parametrize(("oneway", "direction"), [("yes", 1), ("-1", -1)])
 def test_lanes_against_a_one_way_street_carry_no_cars(tmp_path: Path, oneway, direction):
-    """lanes:backward runs against the line of the way (Key:lanes), so for oneway=-1 it is driven."""
+    """lanes:backward runs against the line of the way (Key:lanes), so for oneway=-1 it is
+    driven."""
     driven, against = ("backward", "forward") if oneway == "-1" else ("forward", "backward")
-    tags = {"highway": "secondary", "oneway": oneway, f"lanes:{driven}": "2", f"lanes:{against}": "1"}
+    tags = {
+        "highway": "secondary",
+        "oneway": oneway,
+        f"lanes:{driven}": "2",
+        f"lanes:{against}": "1",
+    }
     path = tmp_path / "town.osm"
     write_streets(path, (((-80, 0), (80, 0)), {**tags, "lanes": "3"}))
     site, notes = read_site(path)
@@ -544,14 +697,21 @@ def test_lanes_against_a_one_way_street_carry_no_cars(tmp_path: Path, oneway, di
     assert any(osm_rules.LANES_AGAINST in note for note in notes)
 
 
-@pytest.mark.parametrize(("oneway", "tagged"), [("yes", "left"), ("-1", "left"), ("yes", "right"), ("-1", "right")])
+@pytest.mark.parametrize(
+    ("oneway", "tagged"), [("yes", "left"), ("-1", "left"), ("yes", "right"), ("-1", "right")]
+)
 def test_footways_are_on_their_side_of_the_way(tmp_path: Path, oneway, tagged):
-    """Left and right are as the way is drawn, also where it runs against its line (Key:sidewalk)."""
+    """Left and right are as the way is drawn, also where it runs against its line
+    (Key:sidewalk)."""
     path = tmp_path / "town.osm"
-    write_streets(path, (((-80, 0), (80, 0)), {"highway": "secondary", "oneway": oneway, "sidewalk": tagged}))
+    write_streets(
+        path, (((-80, 0), (80, 0)), {"highway": "secondary", "oneway": oneway, "sidewalk": tagged})
+    )
     site, _ = read_site(path)
     (driven,) = {y for _, y in list_driven(site)}
-    walked = [lane for _, lane in nets.list_lanes(site.network) if nets.list_users(lane) == {"pedestrian"}]
+    walked = [
+        lane for _, lane in nets.list_lanes(site.network) if nets.list_users(lane) == {"pedestrian"}
+    ]
     assert walked
     for lane in walked:
         assert (nets.parse_shape(lane)[0, 1] > driven) == (tagged == "left")
@@ -574,8 +734,12 @@ def test_a_footway_that_the_map_denies_is_not_built(tmp_path: Path, tags, sides)
     write_streets(path, (((-80, 0), (80, 0)), {"highway": "secondary", **tags}))
     site, _ = read_site(path)
     middle = np.mean([y for _, y in list_driven(site)])
-    walked = [lane for _, lane in nets.list_lanes(site.network) if nets.list_users(lane) == {"pedestrian"}]
-    assert {"left" if nets.parse_shape(lane)[0, 1] > middle else "right" for lane in walked} == sides
+    walked = [
+        lane for _, lane in nets.list_lanes(site.network) if nets.list_users(lane) == {"pedestrian"}
+    ]
+    assert {
+        "left" if nets.parse_shape(lane)[0, 1] > middle else "right" for lane in walked
+    } == sides
 
 
 @pytest.mark.parametrize("tags", [{"location": "underground"}, {"indoor": "yes"}])

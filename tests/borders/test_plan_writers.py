@@ -1,4 +1,5 @@
-"""A plan's files as GIS and spreadsheet programs read them: GeoJSON by shapely, places by pyproj, tables by pandas."""
+"""A plan's files as GIS and spreadsheet programs read them: GeoJSON by shapely, places by pyproj,
+tables by pandas."""
 
 import io
 import json
@@ -31,8 +32,19 @@ SITE = Site(
 )
 PLACE = (0.0, 9.0, 5.0, 11.58, 48.15, 5.0)
 SENSOR = PlannedSensor(
-    "n", "north; 信号灯", *PLACE, 157.0, 11.4, "depth-camera", 1500.0, 0.5, 412.3, 500.0, 2000.0, 480.0
-)  # fmt: skip
+    "n",
+    "north; 信号灯",
+    *PLACE,
+    157.0,
+    11.4,
+    "depth-camera",
+    1500.0,
+    0.5,
+    412.3,
+    500.0,
+    2000.0,
+    480.0,
+)
 
 
 def ground():
@@ -47,14 +59,19 @@ def on_earth(places):
     """Longitude and latitude of places in the site's frame, by pyproj alone."""
     turn = np.array([[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]])
     east, north = (np.asarray(places) @ turn.T + CENTRE).T
-    longitude, latitude = Transformer.from_crs(UTM, "EPSG:4326", always_xy=True).transform(east, north)
+    longitude, latitude = Transformer.from_crs(UTM, "EPSG:4326", always_xy=True).transform(
+        east, north
+    )
     return np.column_stack([longitude, latitude])
 
 
 def test_maps_lie_where_pyproj_has_them():
     """RFC 7946: WGS 84, longitude first."""
     features = json.loads(plan_geojson(SITE, [SENSOR], ground()))["features"]
-    by_layer = {feature["properties"]["layer"]: shapely.geometry.shape(feature["geometry"]) for feature in features}
+    by_layer = {
+        feature["properties"]["layer"]: shapely.geometry.shape(feature["geometry"])
+        for feature in features
+    }
     sensor = np.array(by_layer["sensor"].coords)[:, :2]
     np.testing.assert_allclose(sensor, on_earth([[0.0, 9.0]]), rtol=0, atol=1e-7)
     corners = shapely.MultiPoint(on_earth([[-10, -10], [10, -10], [10, 10], [-10, 10]]))
@@ -67,7 +84,12 @@ def test_schedules_in_pandas():
     table = pd.read_csv(io.StringIO(schedule_csv([SENSOR], "EUR")))
     row = table.iloc[0]
     assert row["pole"] == "north; 信号灯"
-    assert (row["y_m"], row["longitude"], row["bearing_deg"], row["model_price"]) == (9.0, 11.58, 157.0, 1500)
+    assert (row["y_m"], row["longitude"], row["bearing_deg"], row["model_price"]) == (
+        9.0,
+        11.58,
+        157.0,
+        1500,
+    )
 
 
 def test_site_files_keep_places_of_a_map(tmp_path):

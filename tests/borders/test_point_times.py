@@ -21,7 +21,10 @@ START_S = 1_700_000_000
         ("time", (SWEEP_S - 0.1).astype(np.float32)),  # the same, counted from the last point
         ("timestamp", START_S + SWEEP_S),  # Hesai and RoboSense
         ("timestamp", START_S * 10**9 + np.round(SWEEP_S * 1e9).astype(np.int64)),
-        ("timestamp", START_S * 10**6 + np.round(SWEEP_S * 1e6).astype(np.int64)),  # microseconds, whole
+        (
+            "timestamp",
+            START_S * 10**6 + np.round(SWEEP_S * 1e6).astype(np.int64),
+        ),  # microseconds, whole
         ("timestamp", START_S * 1e6 + SWEEP_S * 1e6),  # microseconds as floats
         ("time_us", np.round(SWEEP_S * 1e6).astype(np.int32)),
         ("timestamp_ms", SWEEP_S * 1e3),

@@ -1,6 +1,7 @@
 """Names of poles: kept as the file writes them, told apart, and numbered when no font can set them.
 
-A name is any text of JSON (RFC 8259, section 7); one text can have several encodings (Unicode Standard Annex 15)."""
+A name is any text of JSON (RFC 8259, section 7); one text can have several encodings (Unicode
+Standard Annex 15)."""
 
 import json
 from pathlib import Path
@@ -14,7 +15,16 @@ from toolkit.plots.fonts import number_names, spell_name
 from toolkit.sites.site import Site
 
 SITE = Site("yard", np.array([-40.0, -30.0, 40.0, 30.0]))
-NAMES = ("信号灯杆一", "Ώμος", "عمود", "Straße;5", "खम्भा 4", "12/3 west", 'He said "two"\nthen three', "b" * 200)
+NAMES = (
+    "信号灯杆一",
+    "Ώμος",
+    "عمود",
+    "Straße;5",
+    "खम्भा 4",
+    "12/3 west",
+    'He said "two"\nthen three',
+    "b" * 200,
+)
 
 
 def load(folder: Path, *names: object):
@@ -33,7 +43,9 @@ def test_names_are_kept_whole(tmp_path: Path):
     assert tuple(mount.name for mount in mounts) == NAMES
     candidates = pool(SITE, mounts=mounts)
     assert [m.name for m in candidates.mounts] == list(NAMES)
-    assert not any("/" in sensor.name for sensor in candidates.sensors)  # names of groups in a recording
+    assert not any(
+        "/" in sensor.name for sensor in candidates.sensors
+    )  # names of groups in a recording
 
 
 @pytest.mark.parametrize("name", [None, "", "\n", " \t"])
@@ -41,7 +53,9 @@ def test_a_blank_name_is_no_name(tmp_path: Path, name):
     assert [mount.name for mount in load(tmp_path, "a", name)] == ["a", "pole01"]
 
 
-@pytest.mark.parametrize(("one", "other"), [("é", "e\u0301"), ("a 1", "a  1"), ("a", "a "), ("12/3", "12-3")])
+@pytest.mark.parametrize(
+    ("one", "other"), [("é", "e\u0301"), ("a 1", "a  1"), ("a", "a "), ("12/3", "12-3")]
+)
 def test_names_that_look_alike_are_refused(tmp_path: Path, one, other):
     with pytest.raises(ValueError, match=r"must be told apart.*rename one"):
         load(tmp_path, one, "x", other)
@@ -49,7 +63,9 @@ def test_names_that_look_alike_are_refused(tmp_path: Path, one, other):
 
 @pytest.mark.parametrize("name", [True, ["a"], {"x": 1}])
 def test_a_name_that_is_no_text_is_refused(tmp_path: Path, name):
-    with pytest.raises(ValueError, match=r"features\[0\].properties.name must be a text or a number, got"):
+    with pytest.raises(
+        ValueError, match=r"features\[0\].properties.name must be a text or a number, got"
+    ):
         load(tmp_path, name)
 
 

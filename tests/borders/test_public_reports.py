@@ -1,4 +1,5 @@
-"""Situations out of public reports about recordings, made by hand: read right, refused by name, or counted.
+"""Situations out of public reports about recordings, made by hand: read right, refused by name, or
+counted.
 
 Each test names the report's repository and number."""
 
@@ -29,7 +30,9 @@ Content = Any
 def frames(count: int = 2, **more: Any) -> list[Frame]:
     cloud = SensorCloud("lidar", POINTS, np.eye(4))
     box = Objects(np.array([BOX]), np.zeros(1, np.int64), np.array([4]))
-    return [Frame.of_clouds(str(k), (cloud,), box, time=1.7e9 + 0.1 * k, **more) for k in range(count)]
+    return [
+        Frame.of_clouds(str(k), (cloud,), box, time=1.7e9 + 0.1 * k, **more) for k in range(count)
+    ]
 
 
 def put_cloud(path: Path, points: np.ndarray = POINTS) -> None:
@@ -47,8 +50,11 @@ def change_table(path: Path, change: dict[str, object]) -> None:
 
 
 def test_nuscenes_poses_in_utm_keep_their_millimetres(tmp_path):
-    """nutonomy/nuscenes-devkit#1182: points of a devkit that adds UTM translations in float32 lose their rings."""
-    write_recording(frames(1, map_SE3_world=pose(692000.25, 5336000.5, 520.0, yaw=0.7)), tmp_path, "nuscenes")
+    """nutonomy/nuscenes-devkit#1182: points of a devkit that adds UTM translations in float32 lose
+    their rings."""
+    write_recording(
+        frames(1, map_SE3_world=pose(692000.25, 5336000.5, 520.0, yaw=0.7)), tmp_path, "nuscenes"
+    )
     (frame,) = open_recording(tmp_path, "nuscenes")
     assert count_points(frame.points(), frame.objects.boxes).tolist() == [2]
     centre = transform(frame.map_SE3_world, frame.objects.boxes[:, :3])
@@ -58,7 +64,8 @@ def test_nuscenes_poses_in_utm_keep_their_millimetres(tmp_path):
 
 @pytest.mark.parametrize("stamp", [1700000000250000, 1700000000250000000, 1700000000250])
 def test_nuscenes_times_of_converters_in_other_units(tmp_path, stamp):
-    """open-mmlab/mmdetection3d#976: sets in nuScenes' form made by others; nanoseconds are no year 55,000."""
+    """open-mmlab/mmdetection3d#976: sets in nuScenes' form made by others; nanoseconds are no year
+    55,000."""
     write_recording(frames(1), tmp_path, "nuscenes")
     for name in ("sample", "sample_data"):
         change_table(tmp_path / f"v1.0-coview/{name}.json", {"timestamp": stamp})
@@ -68,7 +75,8 @@ def test_nuscenes_times_of_converters_in_other_units(tmp_path, stamp):
 
 
 def test_nuscenes_times_that_number_the_frames_are_none(tmp_path):
-    """coperception/coperception#22 (V2X-Sim): `"timestamp": 6` numbers the frames, which are no microseconds apart."""
+    """coperception/coperception#22 (V2X-Sim): `"timestamp": 6` numbers the frames, which are no
+    microseconds apart."""
     write_recording(frames(3), tmp_path, "nuscenes")
     for name in ("sample", "sample_data"):
         path = tmp_path / f"v1.0-coview/{name}.json"
@@ -82,7 +90,8 @@ def test_nuscenes_times_that_number_the_frames_are_none(tmp_path):
 
 
 def test_lidars_of_several_agents_in_nuscenes_form(tmp_path):
-    """coperception/coperception#22 (V2X-Sim): channels LIDAR_TOP_id_1 and on, each with the ego pose of its vehicle."""
+    """coperception/coperception#22 (V2X-Sim): channels LIDAR_TOP_id_1 and on, each with the ego
+    pose of its vehicle."""
     write_recording(frames(1), tmp_path, "nuscenes")
     tables = tmp_path / "v1.0-coview"
     sensor, mount, data, ego = (
@@ -102,7 +111,8 @@ def test_lidars_of_several_agents_in_nuscenes_form(tmp_path):
 
 
 def test_labels_of_railway_scenes_with_uuids_and_streams(tmp_path):
-    """dbinfrago/raillabel#14 (OSDaR23): a quaternion and a translation, UUIDs, times as text, uri of streams."""
+    """dbinfrago/raillabel#14 (OSDaR23): a quaternion and a translation, UUIDs, times as text, uri
+    of streams."""
     uid = "5d669fa1-5725-4e53-956b-f1cb8673c160"
     turned = [0.0, 0.0, float(np.sin(0.1)), float(np.cos(0.1))]
     systems = {
@@ -119,7 +129,10 @@ def test_labels_of_railway_scenes_with_uuids_and_streams(tmp_path):
         "val": [10, 0, -4.25, 0, 0, 0, 1, 4.2, 1.8, 1.5],
     }
     sync = {"stream_properties": {"sync": {"timestamp": "1631691173.709000000"}}}
-    streams = {"rgb_center": {"uri": "/rgb_center/012.png"}, "lidar": {"uri": "/lidar/012_1631691173.709.pcd", **sync}}
+    streams = {
+        "rgb_center": {"uri": "/rgb_center/012.png"},
+        "lidar": {"uri": "/lidar/012_1631691173.709.pcd", **sync},
+    }
     shown = {"frame_properties": {"timestamp": "1631691173.8", "streams": streams}}
     content = {
         "metadata": {"schema_version": "1.0.0"},
@@ -150,7 +163,9 @@ def test_angles_of_railway_cuboids_tilt_the_box_but_not_its_heading(tmp_path):
     assert frame.objects.boxes[0, 6] == pytest.approx(0.5, abs=1e-3)
 
 
-@pytest.mark.parametrize("layout", ["folder", "kitti", "dair", "sustech", "openlabel", "opv2v", "argoverse"])
+@pytest.mark.parametrize(
+    "layout", ["folder", "kitti", "dair", "sustech", "openlabel", "opv2v", "argoverse"]
+)
 def test_files_that_macos_adds_to_archives_are_no_frames(tmp_path, layout):
     """bids-standard/pybids#1069, python/cpython#113356: `._NAME` and __MACOSX next to the data."""
     pytest.importorskip("pyarrow" if layout == "argoverse" else "numpy")
@@ -211,7 +226,8 @@ def test_poses_and_labels_in_utm_are_written_in_full(tmp_path):
 
 
 def test_clouds_of_a_map_grid_of_100_km_keep_their_centimetres(tmp_path):
-    """autowarefoundation/autoware_universe#3090: MGRS coordinates of (88096, 48996) in float, 8 mm apart."""
+    """autowarefoundation/autoware_universe#3090: MGRS coordinates of (88096, 48996) in float, 8 mm
+    apart."""
     put_cloud(tmp_path / "map/0.pcd", POINTS + np.array([88096.0, 48996.0, 30.0], np.float32))
     (frame,) = open_recording(tmp_path, "folder")
     assert frame.problems == {records.UNPLACED: 1}
@@ -229,8 +245,12 @@ def test_times_of_labels_in_milliseconds_are_milliseconds(tmp_path):
         sample["clouds"] = {"lidar": str(1700000000004000000 + 10**8 * k)}
     put_json(path, content)
     read = list(open_recording(tmp_path, "folder"))
-    np.testing.assert_allclose([frame.time for frame in read], [1700000000.004, 1700000000.104], atol=1e-6)
-    assert [frame.clouds[0].stamp_s for frame in read] == pytest.approx([1700000000.004, 1700000000.104])
+    np.testing.assert_allclose(
+        [frame.time for frame in read], [1700000000.004, 1700000000.104], atol=1e-6
+    )
+    assert [frame.clouds[0].stamp_s for frame in read] == pytest.approx(
+        [1700000000.004, 1700000000.104]
+    )
 
 
 @pytest.fixture
@@ -248,10 +268,20 @@ def make_cloud(
     time = types["builtin_interfaces/msg/Time"](sec=stamp, nanosec=0)
     seq = {"seq": 0} if "seq" in str(store.fielddefs["std_msgs/msg/Header"]) else {}
     head = types["std_msgs/msg/Header"](**seq, stamp=time, frame_id="lidar")
-    made = [types["sensor_msgs/msg/PointField"](name=n, offset=o, datatype=d, count=1) for n, o, d in fields]
-    shape = {"height": 1, "width": len(table), "point_step": row.itemsize, "row_step": row.itemsize * len(table)}
+    made = [
+        types["sensor_msgs/msg/PointField"](name=n, offset=o, datatype=d, count=1)
+        for n, o, d in fields
+    ]
+    shape = {
+        "height": 1,
+        "width": len(table),
+        "point_step": row.itemsize,
+        "row_step": row.itemsize * len(table),
+    }
     data = np.frombuffer(table.tobytes(), np.uint8)
-    return types[rosbag.CLOUD](header=head, fields=made, is_bigendian=False, is_dense=True, data=data, **shape)
+    return types[rosbag.CLOUD](
+        header=head, fields=made, is_bigendian=False, is_dense=True, data=data, **shape
+    )
 
 
 def make_rows(kind: str = "<f4") -> tuple[list[tuple[str, int, int]], np.dtype]:
@@ -259,9 +289,17 @@ def make_rows(kind: str = "<f4") -> tuple[list[tuple[str, int, int]], np.dtype]:
     size, code = (4, 7) if kind == "<f4" else (8, 8)
     offsets = [8, 8 + size, 8 + 2 * size]
     row = np.dtype(
-        {"names": ["ring", *"xyz"], "formats": ["<u2", *[kind] * 3], "offsets": [2, *offsets], "itemsize": 48}
+        {
+            "names": ["ring", *"xyz"],
+            "formats": ["<u2", *[kind] * 3],
+            "offsets": [2, *offsets],
+            "itemsize": 48,
+        }
     )
-    return [("ring", 2, 4), *((axis, offset, code) for axis, offset in zip("xyz", offsets, strict=True))], row
+    return [
+        ("ring", 2, 4),
+        *((axis, offset, code) for axis, offset in zip("xyz", offsets, strict=True)),
+    ], row
 
 
 def fill(row: np.dtype, points: np.ndarray) -> np.ndarray:
@@ -277,7 +315,9 @@ def test_fields_of_a_cloud_are_read_at_their_offsets(tmp_path, bags):
     _, rosbag2, typesys = bags
     fields, row = make_rows()
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+    with rosbag2.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
+    ) as writer:
         topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
         message = make_cloud(store, 5, fields, row, fill(row, POINTS))
         writer.write(topic, 5 * 10**9, store.serialize_cdr(message, rosbag.CLOUD))
@@ -292,7 +332,9 @@ def test_clouds_of_double_coordinates_in_utm(tmp_path, bags):
     fields, row = make_rows("<f8")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     far = POINTS.astype(np.float64) + np.array([692000.125, 5336000.25, 520.0])
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+    with rosbag2.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
+    ) as writer:
         topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
         for k in (5, 6):
             message = make_cloud(store, k, fields, row, fill(row, far + 100.0 * (k - 5)))
@@ -305,11 +347,14 @@ def test_clouds_of_double_coordinates_in_utm(tmp_path, bags):
 
 
 def test_a_database_without_definitions_of_its_messages(tmp_path, bags):
-    """mbpeterson70/robotdatapy#30: "Bag contains no type definitions"; bags of ROS 2 up to Humble have none."""
+    """mbpeterson70/robotdatapy#30: "Bag contains no type definitions"; bags of ROS 2 up to Humble
+    have none."""
     _, rosbag2, typesys = bags
     fields, row = make_rows()
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    with rosbag2.Writer(tmp_path / "bag", version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
+    with rosbag2.Writer(
+        tmp_path / "bag", version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3
+    ) as writer:
         topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
         message = make_cloud(store, 5, fields, row, fill(row, POINTS))
         writer.write(topic, 5 * 10**9, store.serialize_cdr(message, rosbag.CLOUD))
@@ -326,13 +371,16 @@ def test_a_database_without_definitions_of_its_messages(tmp_path, bags):
 
 
 def test_packets_with_an_empty_definition_do_no_harm(tmp_path, bags):
-    """RoboSense-LiDAR/rslidar_sdk#38: topics of packets whose definition and md5sum are those of an empty text."""
+    """RoboSense-LiDAR/rslidar_sdk#38: topics of packets whose definition and md5sum are those of an
+    empty text."""
     rosbag1, _, typesys = bags
     fields, row = make_rows()
     store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
     with rosbag1.Writer(tmp_path / "a.bag") as writer:
         empty = "d41d8cd98f00b204e9800998ecf8427e"
-        packets = writer.add_connection("/packets", "rslidar_msgs/msg/rslidarPacket", msgdef="x y\n", md5sum=empty)
+        packets = writer.add_connection(
+            "/packets", "rslidar_msgs/msg/rslidarPacket", msgdef="x y\n", md5sum=empty
+        )
         writer.write(packets, 4 * 10**9, b"\0" * 8)
         topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
         message = make_cloud(store, 5, fields, row, fill(row, POINTS))
@@ -342,13 +390,21 @@ def test_packets_with_an_empty_definition_do_no_harm(tmp_path, bags):
 
 
 def test_compressed_clouds_are_refused_with_their_type(tmp_path, bags):
-    """facontidavide/cloudini#22: bags that hold point_cloud_interfaces/msg/CompressedPointCloud2 only."""
+    """facontidavide/cloudini#22: bags that hold point_cloud_interfaces/msg/CompressedPointCloud2
+    only."""
     _, rosbag2, _ = bags
     kind = "point_cloud_interfaces/msg/CompressedPointCloud2"
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection("/lidar/points", kind, msgdef="uint8[] data\n", rihs01="RIHS01_0")
+    with rosbag2.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
+    ) as writer:
+        topic = writer.add_connection(
+            "/lidar/points", kind, msgdef="uint8[] data\n", rihs01="RIHS01_0"
+        )
         writer.write(topic, 10**9, b"\0\1\0\0\0\0\0\0")
-    with pytest.raises(ValueError, match=rf"but /lidar/points \({kind}\): convert its lidar's messages to PointCloud2"):
+    with pytest.raises(
+        ValueError,
+        match=rf"but /lidar/points \({kind}\): convert its lidar's messages to PointCloud2",
+    ):
         open_recording(tmp_path / "bag", "rosbag")
 
 
@@ -357,7 +413,9 @@ def test_a_lidar_on_two_topics_is_counted_twice_and_said(tmp_path, bags):
     _, rosbag2, typesys = bags
     fields, row = make_rows()
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+    with rosbag2.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
+    ) as writer:
         for name in ("/points_raw", "/filtered_points"):
             topic = writer.add_connection(name, rosbag.CLOUD, typestore=store)
             message = make_cloud(store, 5, fields, row, fill(row, POINTS))
@@ -371,7 +429,9 @@ def test_a_cloud_of_no_points_among_others(tmp_path, bags):
     _, rosbag2, typesys = bags
     fields, row = make_rows()
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+    with rosbag2.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
+    ) as writer:
         topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
         for k, table in ((5, fill(row, POINTS)[:0]), (6, fill(row, POINTS))):
             message = make_cloud(store, k, fields, row, table)

@@ -1,7 +1,8 @@
-"""What the files of a recording say of one another: tokens, numbers of objects, paths, versions and stamps.
+"""What the files of a recording say of one another: tokens, numbers of objects, paths, versions and
+stamps.
 
-nuScenes' schema has a unique token in each table (https://www.nuscenes.org/nuscenes#data-format); OpenCOOD merges the
-agents' objects by their number; a 4x4 pose ends with the row 0 0 0 1."""
+nuScenes' schema has a unique token in each table (https://www.nuscenes.org/nuscenes#data-format);
+OpenCOOD merges the agents' objects by their number; a 4x4 pose ends with the row 0 0 0 1."""
 
 import json
 import shutil
@@ -26,13 +27,16 @@ START = 1_700_000_000
 
 
 def write_tables(folder: Path) -> Path:
-    """Two frames as nuScenes, the ego vehicle 10 m farther in the second. Returns the tables' folder."""
+    """Two frames as nuScenes, the ego vehicle 10 m farther in the second. Returns the tables'
+    folder."""
     cloud = SensorCloud("lidar", POINTS, np.eye(4))
     box = Objects(np.array([BOX]), np.zeros(1, np.int64), np.array([4]))
     shown = []
     for k in range(2):
         place = pose(10.0 * k, 0.0, 0.0)
-        shown.append(Frame.of_clouds(str(k), (cloud,), box, time=START + 0.5 * k, map_SE3_world=place))
+        shown.append(
+            Frame.of_clouds(str(k), (cloud,), box, time=START + 0.5 * k, map_SE3_world=place)
+        )
     write_recording(shown, folder, "nuscenes")
     return folder / "v1.0-coview"
 
@@ -46,7 +50,9 @@ def test_poses_of_nuscenes_with_one_token_are_refused(tmp_path):
     tables = write_tables(tmp_path)
     change(tables / "ego_pose.json", token="a")
     change(tables / "sample_data.json", ego_pose_token="a")
-    with pytest.raises(ValueError, match=r"ego_pose\.json .* two rows that differ have the token 'a'"):
+    with pytest.raises(
+        ValueError, match=r"ego_pose\.json .* two rows that differ have the token 'a'"
+    ):
         open_recording(tmp_path, "nuscenes")
     change(tables / "ego_pose.json", translation=[5.0, 0.0, 0.0], timestamp=0)
     frames = list(open_recording(tmp_path, "nuscenes"))
@@ -67,7 +73,9 @@ def test_of_two_versions_of_nuscenes_the_one_that_is_read_is_said(tmp_path):
     tables = write_tables(tmp_path)
     shutil.copytree(tables, tmp_path / "v1.0-mini")
     change(tmp_path / "v1.0-mini/ego_pose.json", translation=[7.0, 0.0, 0.0])
-    with pytest.warns(UserWarning, match=r"v1\.0-coview is read, and not v1\.0-mini: give the folder"):
+    with pytest.warns(
+        UserWarning, match=r"v1\.0-coview is read, and not v1\.0-mini: give the folder"
+    ):
         open_recording(tmp_path, "nuscenes")
     frames = list(open_recording(tmp_path / "v1.0-mini", "nuscenes"))
     assert [frame.map_SE3_world[0, 3] for frame in frames] == [7.0, 7.0]
@@ -79,7 +87,9 @@ def test_modality_of_nuscenes_without_a_lidar_is_refused_with_what_it_has(tmp_pa
     if modality == "LIDAR":
         assert len(list(open_recording(tmp_path, "nuscenes"))) == 2
         return
-    with pytest.raises(ValueError, match="no row of a sensor whose modality is lidar, but of camera"):
+    with pytest.raises(
+        ValueError, match="no row of a sensor whose modality is lidar, but of camera"
+    ):
         open_recording(tmp_path, "nuscenes")
 
 
@@ -87,7 +97,9 @@ def test_paths_of_windows_in_nuscenes(tmp_path):
     """open-mmlab/mmdetection3d#2454: converters on Windows join paths with backslashes."""
     table = write_tables(tmp_path) / "sample_data.json"
     rows = json.loads(table.read_text())
-    table.write_text(json.dumps([row | {"filename": row["filename"].replace("/", "\\")} for row in rows]))
+    table.write_text(
+        json.dumps([row | {"filename": row["filename"].replace("/", "\\")} for row in rows])
+    )
     frames = list(open_recording(tmp_path, "nuscenes"))
     assert [len(frame.points()) for frame in frames] == [2, 2]
     table.write_text(json.dumps([row | {"filename": "..\\..\\cloud.bin"} for row in rows]))
@@ -99,8 +111,17 @@ def test_paths_of_windows_in_nuscenes(tmp_path):
 def test_paths_of_windows_in_openlabel(tmp_path, uri):
     for sensor, x in (("lidar1", 3.0), ("lidar2", 9.0)):
         put_cloud(tmp_path / f"clouds/{sensor}/7.pcd", np.array([[x, 0.0, 0.0]], np.float32))
-    frame = {"frame_properties": {"streams": {"lidar1": {"type": "lidar", "uri": uri}}}, "objects": {}}
-    document = {"openlabel": {"metadata": {"schema_version": "1.0.0"}, "objects": {}, "frames": {"0": frame}}}
+    frame = {
+        "frame_properties": {"streams": {"lidar1": {"type": "lidar", "uri": uri}}},
+        "objects": {},
+    }
+    document = {
+        "openlabel": {
+            "metadata": {"schema_version": "1.0.0"},
+            "objects": {},
+            "frames": {"0": frame},
+        }
+    }
     (tmp_path / "labels").mkdir()
     (tmp_path / "labels/a.json").write_text(json.dumps(document))
     (read,) = open_recording(tmp_path, "openlabel")
@@ -113,7 +134,12 @@ def put_cloud(path: Path, points: np.ndarray = POINTS) -> None:
 
 
 def put_agent(folder: Path, name: str, **vehicle: object) -> None:
-    car = {"location": [10.0, 0.0, 0.0], "center": [0.0, 0.0, 0.7], "extent": [2.0, 0.9, 0.7], "angle": [0, 0, 0]}
+    car = {
+        "location": [10.0, 0.0, 0.0],
+        "center": [0.0, 0.0, 0.7],
+        "extent": [2.0, 0.9, 0.7],
+        "angle": [0, 0, 0],
+    }
     content = {"lidar_pose": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0], "vehicles": {5: car | vehicle}}
     put_cloud(folder / "scene" / name / "00001.pcd")
     (folder / "scene" / name / "00001.yaml").write_text(yaml.safe_dump(content))
@@ -121,7 +147,8 @@ def put_agent(folder: Path, name: str, **vehicle: object) -> None:
 
 @pytest.mark.parametrize(("x", "problems"), [(10.5, {}), (50.0, {opv2v.SAME_NUMBER: 1})])
 def test_agents_that_give_two_cars_one_number_are_counted(tmp_path, x, problems):
-    """Each agent of a measured set may number its objects anew: car 5 of both is not one car 40 m away."""
+    """Each agent of a measured set may number its objects anew: car 5 of both is not one car 40 m
+    away."""
     put_agent(tmp_path, "1")
     put_agent(tmp_path, "2", location=[x, 0.0, 0.0])
     (frame,) = open_recording(tmp_path, "v2xreal")
@@ -145,25 +172,40 @@ def test_vehicles_in_a_list_are_refused_by_name(tmp_path):
 
 
 def test_angles_of_an_openlabel_pose_in_degrees_are_refused():
-    """Clause 7.9 of OpenLABEL 1.0.0: euler_angles are radians; 90 of them turned a lidar by 116.6 degrees."""
+    """Clause 7.9 of OpenLABEL 1.0.0: euler_angles are radians; 90 of them turned a lidar by 116.6
+    degrees."""
     placed = {"euler_angles": [90.0, 0.0, 0.0], "translation": [20.0, 0.0, 5.0]}
     with pytest.raises(ValueError, match="euler_angles of lidar1 must be radians, got"):
         openlabel.parse_transform(placed, "lidar1")
 
 
 def test_a_pose_given_by_columns_is_refused(tmp_path):
-    """DerrickXuNu/OpenCOOD#170, ucla-mobility/V2V4Real#19: poses are matrices; by columns, the place was lost."""
+    """DerrickXuNu/OpenCOOD#170, ucla-mobility/V2V4Real#19: poses are matrices; by columns, the
+    place was lost."""
     by_columns = pose(100.0, 50.0, 2.0, yaw=0.3).T
-    with pytest.raises(ValueError, match=r"lidar_pose must end with the row 0 0 0 1, got \[100.0, 50.0, 2.0, 1.0\]"):
+    with pytest.raises(
+        ValueError, match=r"lidar_pose must end with the row 0 0 0 1, got \[100.0, 50.0, 2.0, 1.0\]"
+    ):
         records.rigid_matrix(by_columns.ravel().tolist(), "lidar_pose")
-    np.testing.assert_allclose(records.rigid_matrix(by_columns.T.tolist()), by_columns.T, atol=1e-12)
+    np.testing.assert_allclose(
+        records.rigid_matrix(by_columns.T.tolist()), by_columns.T, atol=1e-12
+    )
 
 
 def test_mcap_of_ros_1_names_the_way_out(tmp_path):
-    """foxglove/mcap#389, leggedrobotics/kleinkram#1250: `mcap convert` keeps the messages of ROS 1 as they are."""
-    profile, library, data_end, footer = b"ros1", b"go", struct.pack("<I", 0), struct.pack("<QQI", 0, 0, 0)
+    """foxglove/mcap#389, leggedrobotics/kleinkram#1250: `mcap convert` keeps the messages of ROS 1
+    as they are."""
+    profile, library, data_end, footer = (
+        b"ros1",
+        b"go",
+        struct.pack("<I", 0),
+        struct.pack("<QQI", 0, 0, 0),
+    )
     header = struct.pack("<I", len(profile)) + profile + struct.pack("<I", len(library)) + library
-    parts = [struct.pack("<BQ", code, len(body)) + body for code, body in ((1, header), (15, data_end), (2, footer))]
+    parts = [
+        struct.pack("<BQ", code, len(body)) + body
+        for code, body in ((1, header), (15, data_end), (2, footer))
+    ]
     path = tmp_path / "a.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + b"".join(parts) + b"\x89MCAP0\r\n")
     with pytest.raises(ValueError, match=r"not of ROS 2 .* give the \.bag it was made of"):
@@ -174,7 +216,10 @@ def test_mcap_of_ros_1_names_the_way_out(tmp_path):
 def test_clouds_of_a_bag_that_was_played_twice_are_counted(tmp_path):
     cloud = SensorCloud("lidar", POINTS, np.eye(4))
     stamps = [START + 0.5 * (k % 2) for k in range(4)]
-    shown = [Frame.of_clouds(str(k), (cloud,), Objects.empty(), time=time) for k, time in enumerate(stamps)]
+    shown = [
+        Frame.of_clouds(str(k), (cloud,), Objects.empty(), time=time)
+        for k, time in enumerate(stamps)
+    ]
     write_recording(shown, tmp_path, "rosbag")
     frames = list(open_recording(tmp_path / "bag", "rosbag"))
     assert len(frames) == 4
@@ -189,7 +234,11 @@ def test_doubled_labels_are_the_same_in_every_number():
     names = rng.choice(["car", "van"], 60).tolist()
     kept: list[int] = []
     for row, name in enumerate(names):
-        same = [k for k in kept if names[k] == name and np.abs(boxes[k] - boxes[row]).max() <= records.SAME]
+        same = [
+            k
+            for k in kept
+            if names[k] == name and np.abs(boxes[k] - boxes[row]).max() <= records.SAME
+        ]
         kept += [] if same else [row]
     problems: records.Problems = {}
     found = records.labelled(boxes, names, None, problems)

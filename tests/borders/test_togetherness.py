@@ -23,7 +23,9 @@ def put(folder: Path, times: np.ndarray, form: str = "{:.3f}", scale: float = 1.
     """A cloud of one point for each time, whose x is its number."""
     folder.mkdir(parents=True)
     for k, time in enumerate(times):
-        np.save(folder / f"{form.format(round(time * scale, 3))}.npy", np.array([[k + 1.0, 1.0, 0.0]]))
+        np.save(
+            folder / f"{form.format(round(time * scale, 3))}.npy", np.array([[k + 1.0, 1.0, 0.0]])
+        )
 
 
 def list_stamps(frame: Frame) -> list[float]:
@@ -63,10 +65,27 @@ def test_lidars_that_run_freely_are_paired_and_their_lag_is_counted(tmp_path, la
 def test_labels_by_the_name_of_any_cloud_of_a_frame(tmp_path):
     put(tmp_path / "north", NORTH)
     put(tmp_path / "south", SOUTH)
-    row = {"label": "vehicle", "x": 1, "y": 1, "z": 0, "length": 4, "width": 2, "height": 2, "yaw_deg": 0}
-    names = ["1700000000.000", "1700000000.104", "1700000000.204", "1700000000.300", "1700000000.304"]
+    row = {
+        "label": "vehicle",
+        "x": 1,
+        "y": 1,
+        "z": 0,
+        "length": 4,
+        "width": 2,
+        "height": 2,
+        "yaw_deg": 0,
+    }
+    names = [
+        "1700000000.000",
+        "1700000000.104",
+        "1700000000.204",
+        "1700000000.300",
+        "1700000000.304",
+    ]
     samples = [{"name": name, "objects": [row]} for name in names]
-    (tmp_path / "labels.json").write_text(json.dumps({"coview": "boxes", "version": 1, "samples": samples}))
+    (tmp_path / "labels.json").write_text(
+        json.dumps({"coview": "boxes", "version": 1, "samples": samples})
+    )
     recording = open_recording(tmp_path)
     assert [len(frame.objects) for frame in recording] == [1, 1, 1, 1, 0, 0, 0, 0]
     assert recording[3].problems == {OTHER_NAME: 1}
@@ -114,7 +133,9 @@ def test_sensors_that_run_freely_keep_their_lag(lag):
 
 
 def test_single_clouds_seconds_apart_are_two_frames():
-    assert group_by_time({"a": np.array([START_S]), "b": np.array([START_S + 0.05])}) == [{"a": 0, "b": 0}]
+    assert group_by_time({"a": np.array([START_S]), "b": np.array([START_S + 0.05])}) == [
+        {"a": 0, "b": 0}
+    ]
     assert len(group_by_time({"a": np.array([START_S]), "b": np.array([START_S + 5])})) == 2
     every_five = START_S + 5.0 * np.arange(6)
     groups = group_by_time({"a": every_five, "b": every_five[1:] + 2.0})
@@ -122,7 +143,9 @@ def test_single_clouds_seconds_apart_are_two_frames():
     assert group_by_time({}) == group_by_time({"a": np.zeros(0)}) == []
 
 
-times = st.lists(st.floats(0, 3, allow_nan=False), max_size=12).map(lambda each: np.array(each, np.float64))
+times = st.lists(st.floats(0, 3, allow_nan=False), max_size=12).map(
+    lambda each: np.array(each, np.float64)
+)
 
 
 @settings(max_examples=60, deadline=None)
@@ -130,7 +153,9 @@ times = st.lists(st.floats(0, 3, allow_nan=False), max_size=12).map(lambda each:
 def test_every_cloud_is_in_one_group_and_none_is_far_from_its_partners(times_s):
     groups = group_by_time(times_s)
     for sensor, values in times_s.items():
-        assert sorted(group[sensor] for group in groups if sensor in group) == list(range(len(values)))
+        assert sorted(group[sensor] for group in groups if sensor in group) == list(
+            range(len(values))
+        )
     for group in groups:
         within = [times_s[sensor][row] for sensor, row in group.items()]
         assert max(within) - min(within) <= 2 * MAX_PERIOD_S
@@ -151,6 +176,10 @@ def test_rcooper_pairs_by_time(tmp_path):
         level = {"rotation": np.eye(3).tolist(), "translation": [0, 0, 6]}
         (calib / f"{agent}.json").write_text(json.dumps(level))
     frames = list(open_recording(tmp_path, "rcooper"))
-    assert [[cloud.name for cloud in frame.clouds] for frame in frames] == [["106", "105"], ["106"], ["106", "105"]]
+    assert [[cloud.name for cloud in frame.clouds] for frame in frames] == [
+        ["106", "105"],
+        ["106"],
+        ["106", "105"],
+    ]
     assert [frame.problems for frame in frames] == [{}, {UNPAIRED: 1}, {}]
     assert list_stamps(frames[2]) == [1692685344.6, 1692685344.61]

@@ -1,8 +1,10 @@
-"""What coview writes, read by each format's rules and nothing of coview's readers: corners of boxes, points, times.
+"""What coview writes, read by each format's rules and nothing of coview's readers: corners of
+boxes, points, times.
 
-Each reader here follows the format's development kit: KITTI's `computeBox3D.m`, the nuScenes devkit's `Box.corners`,
-Argoverse 2's `Cuboid.vertices_m`, OpenCOOD's `x_to_world` and `create_bbx`, DAIR-V2X's label description, the
-SUSTechPOINTS README, ASAM OpenLABEL 1.0.0 clause 7.10.1. Corners are compared as sets, in the map's frame."""
+Each reader here follows the format's development kit: KITTI's `computeBox3D.m`, the nuScenes
+devkit's `Box.corners`, Argoverse 2's `Cuboid.vertices_m`, OpenCOOD's `x_to_world` and `create_bbx`,
+DAIR-V2X's label description, the SUSTechPOINTS README, ASAM OpenLABEL 1.0.0 clause 7.10.1. Corners
+are compared as sets, in the map's frame."""
 
 import json
 import struct
@@ -29,13 +31,22 @@ Found = tuple[np.ndarray, np.ndarray]  # corners (m, 8, 3) and points (n, 3), in
 
 def frame() -> Frame:
     rng = np.random.default_rng(7)
-    boxes = np.column_stack([rng.uniform(8, 40, 5), rng.uniform(-9, 9, 5), rng.uniform(0.4, 1.2, 5)])
-    sizes = np.array([[4.5, 1.8, 1.5], [1.9, 0.6, 1.7], [0.8, 0.7, 1.8], [12.0, 2.6, 3.4], [4.2, 1.9, 1.6]])
+    boxes = np.column_stack(
+        [rng.uniform(8, 40, 5), rng.uniform(-9, 9, 5), rng.uniform(0.4, 1.2, 5)]
+    )
+    sizes = np.array(
+        [[4.5, 1.8, 1.5], [1.9, 0.6, 1.7], [0.8, 0.7, 1.8], [12.0, 2.6, 3.4], [4.2, 1.9, 1.6]]
+    )
     yaws = np.array([0.3, -1.2, 2.9, -2.4, 1.6])
-    objects = Objects(np.column_stack([boxes, sizes, yaws]), np.array([0, 1, 2, 3, 0]), np.arange(11, 16))
+    objects = Objects(
+        np.column_stack([boxes, sizes, yaws]), np.array([0, 1, 2, 3, 0]), np.arange(11, 16)
+    )
     points = rng.uniform(-30, 30, (40, 3)).astype(np.float32)
     lidar = SensorCloud(
-        "lidar", points, pose(3.0, -2.0, 6.0, yaw=0.4), intensity=np.linspace(0, 1, 40, dtype=np.float32)
+        "lidar",
+        points,
+        pose(3.0, -2.0, 6.0, yaw=0.4),
+        intensity=np.linspace(0, 1, 40, dtype=np.float32),
     )
     return Frame.of_clouds("0", (lidar,), objects, time=START_S, map_SE3_world=WORLD)
 
@@ -79,7 +90,10 @@ def read_pcd(path: Path) -> np.ndarray:
 
 def kitti(folder: Path) -> Found:
     lines = (folder / "training/calib/000000.txt").read_text().splitlines()
-    calib = {name: np.array(numbers.split(), float) for name, numbers in (line.split(":") for line in lines)}
+    calib = {
+        name: np.array(numbers.split(), float)
+        for name, numbers in (line.split(":") for line in lines)
+    }
     velo_to_cam = place(*np.hsplit(calib["Tr_velo_to_cam"].reshape(3, 4), [3]))
     rectified = place(calib["R0_rect"].reshape(3, 3), np.zeros(3)) @ velo_to_cam
     found = []
@@ -111,7 +125,8 @@ def sustech(folder: Path) -> Found:
     found = []
     for row in json.loads((folder / "label/000000.json").read_text()):
         centre, turned, size = (
-            np.array([row["psr"][name][axis] for axis in "xyz"]) for name in ("position", "rotation", "scale")
+            np.array([row["psr"][name][axis] for axis in "xyz"])
+            for name in ("position", "rotation", "scale")
         )
         rotation = turn("x", turned[0]) @ turn("y", turned[1]) @ turn("z", turned[2])
         found.append(box_corners(centre, size, rotation))
@@ -126,15 +141,22 @@ def openlabel(folder: Path) -> Found:
         assert cuboid["coordinate_system"] == "world"
         x, y, z, qx, qy, qz, qw, *size = cuboid["val"]
         found.append(box_corners([x, y, z], size, by_quaternion(qw, qx, qy, qz)))
-    matrix = np.reshape(content["coordinate_systems"]["lidar"]["pose_wrt_parent"]["matrix4x4"], (4, 4))
+    matrix = np.reshape(
+        content["coordinate_systems"]["lidar"]["pose_wrt_parent"]["matrix4x4"], (4, 4)
+    )
     stream = content["frames"]["0"]["frame_properties"]["streams"]["lidar"]
-    return np.array(found), transform(matrix, read_pcd(folder / "labels_point_clouds" / stream["uri"]))
+    return np.array(found), transform(
+        matrix, read_pcd(folder / "labels_point_clouds" / stream["uri"])
+    )
 
 
 def x_to_world(value: Any) -> np.ndarray:
     """CARLA's transform of x, y, z, roll, yaw, pitch in degrees, left-handed."""
     x, y, z, roll, yaw, pitch = (float(number) for number in value)
-    (cr, cy, cp), (sr, sy, sp) = np.cos(np.deg2rad([roll, yaw, pitch])), np.sin(np.deg2rad([roll, yaw, pitch]))
+    (cr, cy, cp), (sr, sy, sp) = (
+        np.cos(np.deg2rad([roll, yaw, pitch])),
+        np.sin(np.deg2rad([roll, yaw, pitch])),
+    )
     rows = [
         [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
@@ -168,10 +190,16 @@ def nuscenes(folder: Path) -> Found:
     found = []
     for row in table("sample_annotation"):
         width, length, height = row["size"]
-        found.append(box_corners(row["translation"], [length, width, height], by_quaternion(*row["rotation"])))
+        found.append(
+            box_corners(
+                row["translation"], [length, width, height], by_quaternion(*row["rotation"])
+            )
+        )
     (data,) = table("sample_data")
     assert data["timestamp"] == round(START_S * 1e6)
-    (mounted,) = (row for row in table("calibrated_sensor") if row["token"] == data["calibrated_sensor_token"])
+    (mounted,) = (
+        row for row in table("calibrated_sensor") if row["token"] == data["calibrated_sensor_token"]
+    )
     (ego,) = (row for row in table("ego_pose") if row["token"] == data["ego_pose_token"])
     points = np.fromfile(folder / data["filename"], "<f4").reshape(-1, 5)[:, :3].astype(np.float64)
     return np.array(found), transform(in_parent(ego) @ in_parent(mounted), points)
@@ -179,11 +207,17 @@ def nuscenes(folder: Path) -> Found:
 
 @pytest.mark.parametrize("counted", [True, False])
 def test_nuscenes_holds_all_that_its_devkit_follows(tmp_path, counted):
-    """nuscenes-devkit 1.2.0: `NuScenes.__init__` reads map[0] and its file, scenes' and instances' ends and lists of
-    samples; evaluation adds num_lidar_pts and num_radar_pts."""
-    shown = [replace(frame(), time=START_S + k, counts=np.arange(5) if counted else None) for k in range(3)]
+    """nuscenes-devkit 1.2.0: `NuScenes.__init__` reads map[0] and its file, scenes' and instances'
+    ends and lists of samples; evaluation adds num_lidar_pts and num_radar_pts."""
+    shown = [
+        replace(frame(), time=START_S + k, counts=np.arange(5) if counted else None)
+        for k in range(3)
+    ]
     write_recording(shown, tmp_path, "nuscenes")
-    tables = {path.stem: json.loads(path.read_text()) for path in (tmp_path / "v1.0-coview").glob("*.json")}
+    tables = {
+        path.stem: json.loads(path.read_text())
+        for path in (tmp_path / "v1.0-coview").glob("*.json")
+    }
     tokens = {name: {row["token"]: row for row in rows} for name, rows in tables.items()}
     assert all(len(tokens[name]) == len(rows) for name, rows in tables.items())
     (kept,) = tables["map"]
@@ -194,7 +228,12 @@ def test_nuscenes_holds_all_that_its_devkit_follows(tmp_path, counted):
     for table, first, last, count in (
         ("sample", scene["first_sample_token"], scene["last_sample_token"], scene["nbr_samples"]),
         *(
-            ("sample_annotation", row["first_annotation_token"], row["last_annotation_token"], row["nbr_annotations"])
+            (
+                "sample_annotation",
+                row["first_annotation_token"],
+                row["last_annotation_token"],
+                row["nbr_annotations"],
+            )
             for row in tables["instance"]
         ),
     ):
@@ -208,8 +247,14 @@ def test_nuscenes_holds_all_that_its_devkit_follows(tmp_path, counted):
         mounted = tokens["calibrated_sensor"][row["calibrated_sensor_token"]]
         assert tokens["sensor"][mounted["sensor_token"]]["modality"] == "lidar"
     assert all(row["scene_token"] in tokens["scene"] for row in tables["sample"])
-    counts = [row["num_lidar_pts"] + row["num_radar_pts"] for row in tables["sample_annotation"][:5]]
-    assert counts == (list(range(5)) if counted else count_points(shown[0].points(), shown[0].objects.boxes).tolist())
+    counts = [
+        row["num_lidar_pts"] + row["num_radar_pts"] for row in tables["sample_annotation"][:5]
+    ]
+    assert counts == (
+        list(range(5))
+        if counted
+        else count_points(shown[0].points(), shown[0].objects.boxes).tolist()
+    )
 
 
 def argoverse(folder: Path) -> Found:
@@ -235,7 +280,10 @@ def folder(path: Path) -> Found:
     assert sample["time"] == START_S
     found = []
     for row in sample["objects"]:
-        centre, size = [row[axis] for axis in "xyz"], [row[name] for name in ("length", "width", "height")]
+        centre, size = (
+            [row[axis] for axis in "xyz"],
+            [row[name] for name in ("length", "width", "height")],
+        )
         found.append(box_corners(centre, size, turn("z", np.deg2rad(row["yaw_deg"]))))
     name, *numbers = (path / "poses.txt").read_text().split()
     matrix = np.vstack([np.reshape(np.array(numbers, float), (3, 4)), [0, 0, 0, 1]])
@@ -259,7 +307,9 @@ def rosbag(path: Path) -> Found:
     q, t = link.transform.rotation, link.transform.translation
     body = found["/lidar"][-1 - 16 * 40 : -1]  # the last byte is is_dense
     points = np.frombuffer(body, "<f4").reshape(40, 4)[:, :3].astype(np.float64)
-    return np.zeros((0, 8, 3)), transform(place(by_quaternion(q.w, q.x, q.y, q.z), [t.x, t.y, t.z]), points)
+    return np.zeros((0, 8, 3)), transform(
+        place(by_quaternion(q.w, q.x, q.y, q.z), [t.x, t.y, t.z]), points
+    )
 
 
 IN_MAP = (dair, opv2v, v2xreal, nuscenes, argoverse)

@@ -20,13 +20,27 @@ def run(capsys):
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("cli") / "few.hdf5"
     with pytest.raises(SystemExit):
-        main(["simulate", "tjunction", "--frames", "4", "--seed", "3", "--out", str(path), "--workers", "1"])
+        main(
+            [
+                "simulate",
+                "tjunction",
+                "--frames",
+                "4",
+                "--seed",
+                "3",
+                "--out",
+                str(path),
+                "--workers",
+                "1",
+            ]
+        )
     return path
 
 
 @pytest.fixture
 def refused(run):
-    """Runs a command line that must be refused, in one line with exit code 2, and returns the line."""
+    """Runs a command line that must be refused, in one line with exit code 2, and returns the
+    line."""
 
     def refused(*arguments):
         code, _, err = run(*arguments)

@@ -1,7 +1,7 @@
 """From a map of one's own to an evaluation: every tool says the same of the same set.
 
-Maps are drawn here, so that no junction of this test is anywhere else. `pytest -s -m slow tests/coview/test_chain.py`
-prints the table of what each tool says at three junctions."""
+Maps are drawn here, so that no junction of this test is anywhere else. `pytest -s -m slow
+tests/coview/test_chain.py` prints the table of what each tool says at three junctions."""
 
 import csv
 import json
@@ -58,8 +58,13 @@ def draw_arms(junction, folder):
     places = inverse_project(np.concatenate([[[0.0, 0.0]], ends]), junction.centre)
     low, high = places.min(axis=0) - 1e-4, places.max(axis=0) + 1e-4
     lines = ['<osm version="0.6" generator="test">']
-    lines.append(f'<bounds minlon="{low[0]}" minlat="{low[1]}" maxlon="{high[0]}" maxlat="{high[1]}"/>')
-    lines += [f'<node id="{k + 1}" lon="{x:.9f}" lat="{y:.9f}"/>' for k, (x, y) in enumerate(places.tolist())]
+    lines.append(
+        f'<bounds minlon="{low[0]}" minlat="{low[1]}" maxlon="{high[0]}" maxlat="{high[1]}"/>'
+    )
+    lines += [
+        f'<node id="{k + 1}" lon="{x:.9f}" lat="{y:.9f}"/>'
+        for k, (x, y) in enumerate(places.tolist())
+    ]
     for k in range(len(ends)):
         tags = {"highway": "tertiary", "name": f"Strasse {k + 1}", "lanes": "2", "maxspeed": "50"}
         text = "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
@@ -97,11 +102,22 @@ def draw_poles(site, path):
     """Poles with prices, heights and links of their own, in the site's metres."""
     features = []
     for k, spot in enumerate(POLE_SPOTS):
-        properties = {"name": f"LSA {k + 3}", "price": 1000 + 125 * k, "height": 6.5, "capacity_kbit": 1800 + k}
+        properties = {
+            "name": f"LSA {k + 3}",
+            "price": 1000 + 125 * k,
+            "height": 6.5,
+            "capacity_kbit": 1800 + k,
+        }
         features.append(
-            {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": spot}}
+            {
+                "type": "Feature",
+                "properties": properties,
+                "geometry": {"type": "Point", "coordinates": spot},
+            }
         )
-    path.write_text(json.dumps({"type": "FeatureCollection", "coview_site": 1, "features": features}))
+    path.write_text(
+        json.dumps({"type": "FeatureCollection", "coview_site": 1, "features": features})
+    )
     return path
 
 
@@ -121,17 +137,62 @@ class Chain:
     def plan(self):
         junction, folder = self.junction, self.folder
         site = folder / "site.json"
-        where = ("--centre", *junction.centre, "--size", 60, 44, "--bearing", junction.bearing, "--furnish", "none")
-        coview("site", "import", f"--{junction.kind}", draw_map(junction, folder), *where, "--out", site)
+        where = (
+            "--centre",
+            *junction.centre,
+            "--size",
+            60,
+            44,
+            "--bearing",
+            junction.bearing,
+            "--furnish",
+            "none",
+        )
+        coview(
+            "site",
+            "import",
+            f"--{junction.kind}",
+            draw_map(junction, folder),
+            *where,
+            "--out",
+            site,
+        )
         (folder / "sensors.toml").write_text(CATALOGUE)
-        stock = ("--candidates", draw_poles(site, folder / "poles.geojson"), "--sensors", folder / "sensors.toml")
-        asked = ("--budget", self.sensors, "--money", 8000, "--iou", 0.5, "--frames", self.frames, "--workers", 1)
+        stock = (
+            "--candidates",
+            draw_poles(site, folder / "poles.geojson"),
+            "--sensors",
+            folder / "sensors.toml",
+        )
+        asked = (
+            "--budget",
+            self.sensors,
+            "--money",
+            8000,
+            "--iou",
+            0.5,
+            "--frames",
+            self.frames,
+            "--workers",
+            1,
+        )
         coview("plan", site, *stock, *asked, *self.cache, "--out", folder / "plan")
         made = json.loads((folder / "plan/plan.json").read_text())
-        sensors = [describe(s, s["bearing_deg"], s["tilt_deg"], s["height"]) for s in made["sensors"]]
+        sensors = [
+            describe(s, s["bearing_deg"], s["tilt_deg"], s["height"]) for s in made["sensors"]
+        ]
         chosen = made["chosen"]
-        figures = {"price": chosen["price"], "AP": chosen["judged"]["ap"], "predicted": chosen["predicted"]}
-        return {"sensors": sensors, "money": made["question"]["money"], "currency": made["currency"], **figures}
+        figures = {
+            "price": chosen["price"],
+            "AP": chosen["judged"]["ap"],
+            "predicted": chosen["predicted"],
+        }
+        return {
+            "sensors": sensors,
+            "money": made["question"]["money"],
+            "currency": made["currency"],
+            **figures,
+        }
 
     def read_schedule(self, path):
         with path.open(encoding="utf-8", newline="") as file:
@@ -140,7 +201,11 @@ class Chain:
         for row in rows:
             named = {"name": row["sensor"], "pole": row["pole"], "model": row["model"]}
             named |= {key: float(row[key]) for key in ("model_price", "pole_price")}
-            sensors.append(describe(named, *(float(row[key]) for key in ("bearing_deg", "tilt_deg", "height_m"))))
+            sensors.append(
+                describe(
+                    named, *(float(row[key]) for key in ("bearing_deg", "tilt_deg", "height_m"))
+                )
+            )
         price = sum(float(row["model_price"]) + float(row["pole_price"]) for row in rows)
         return {"sensors": sensors, "price": price, "currency": rows[0]["price_unit"]}
 
@@ -156,7 +221,11 @@ class Chain:
         assert after["change"] == 0.0
         for name in ("ap", "worst", "recall", "kbit", "price", "links", "approaches", "classes"):
             assert after[name] == before[name], name
-        figures = {"price": before["price"], "AP": before["stated"]["ap"], "predicted": before["ap"]}
+        figures = {
+            "price": before["price"],
+            "AP": before["stated"]["ap"],
+            "predicted": before["ap"],
+        }
         return {"money": before["budget"], "currency": before["currency"], **figures}
 
     def open_live(self):
@@ -171,19 +240,43 @@ class Chain:
 
     def read_report(self):
         made = json.loads((self.folder / "report/plan.json").read_text())
-        sensors = [describe(s, s["bearing_deg"], s["tilt_deg"], s["height"]) for s in made["sensors"]]
+        sensors = [
+            describe(s, s["bearing_deg"], s["tilt_deg"], s["height"]) for s in made["sensors"]
+        ]
         chosen = made["chosen"]
-        figures = {"price": chosen["price"], "AP": chosen["judged"]["ap"], "currency": made["currency"]}
+        figures = {
+            "price": chosen["price"],
+            "AP": chosen["judged"]["ap"],
+            "currency": made["currency"],
+        }
         return {"sensors": sensors, "money": made["question"]["money"], **figures}
 
     def simulate(self):
         recording, site = self.folder / "r.hdf5", load_site(self.folder / "export/site.json")
-        coview("simulate", self.folder / "export/site.json", "--frames", 2, "--workers", 1, "--out", recording)
+        coview(
+            "simulate",
+            self.folder / "export/site.json",
+            "--frames",
+            2,
+            "--workers",
+            1,
+            "--out",
+            recording,
+        )
         with h5py.File(recording) as file:
             names = json.loads(str(file["coview"].attrs["sensors"]))
         headings, tilts = aims(site.sensors)
         bearings = [round(bearing_deg(site, heading), 1) % 360 for heading in headings.tolist()]
-        coview("evaluate", recording, "--detector", "general", "--frames", 2, "--out", self.folder / "scores")
+        coview(
+            "evaluate",
+            recording,
+            "--detector",
+            "general",
+            "--frames",
+            2,
+            "--out",
+            self.folder / "scores",
+        )
         table = json.loads((self.folder / "scores/table.json").read_text())
         assert table
         rows = zip(names, bearings, np.rad2deg(tilts).round(1).tolist(), strict=True)
@@ -193,7 +286,14 @@ class Chain:
 def describe(sensor, bearing, tilt, height):
     """Name, pole, model, direction, height and prices of a sensor as tools print them."""
     direction = round(bearing, 1) % 360, round(tilt, 1) + 0.0, round(height, 3)
-    return (sensor["name"], sensor["pole"], sensor["model"], *direction, sensor["model_price"], sensor["pole_price"])
+    return (
+        sensor["name"],
+        sensor["pole"],
+        sensor["model"],
+        *direction,
+        sensor["model_price"],
+        sensor["pole_price"],
+    )
 
 
 def follow(junction, folder, capsys, **amounts):
@@ -225,7 +325,8 @@ def tabulate(name, said):
     """Rows of the table: what each tool says of each figure, and whether all agree."""
     names = ("AP", "predicted", "price", "currency", "money")
     rows = [
-        f"| {name}: {figure} | {' | '.join(str(each.get(figure, '')) for each in said.values())} |" for figure in names
+        f"| {name}: {figure} | {' | '.join(str(each.get(figure, '')) for each in said.values())} |"
+        for figure in names
     ]
     for k, sensor in enumerate(said["plan"]["sensors"]):
         cells = []

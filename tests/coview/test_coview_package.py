@@ -12,7 +12,16 @@ import pytest
 import coview
 from placement_env.setting import Setting
 
-HEAVY = ("torch", "open3d", "numpy", "h5py", "matplotlib", "tyro", "gymnasium", "importlib.metadata")
+HEAVY = (
+    "torch",
+    "open3d",
+    "numpy",
+    "h5py",
+    "matplotlib",
+    "tyro",
+    "gymnasium",
+    "importlib.metadata",
+)
 
 
 def test_names_load_lazily_and_make_searches_and_environments():

@@ -30,11 +30,31 @@ from toolkit.sites.files import load_site
 def test_backgrounds_are_known_by_name_and_of_the_scenery():
     site = load_site("tjunction")
     assert parse_detector("general") == ("general", False, 1, False, True)
-    assert parse_detector("my.package:detect+background") == ("my.package:detect", True, 1, False, False)
+    assert parse_detector("my.package:detect+background") == (
+        "my.package:detect",
+        True,
+        1,
+        False,
+        False,
+    )
     assert parse_detector("background") == ("background", False, 1, False, False)
-    assert parse_detector("a+phases3.safetensors") == ("a+phases3.safetensors", False, 1, False, False)
-    assert [parse_detector(f"general{rest}", site).known for rest in ("", "+phases2", "-background")] == [1, 1, 0]
-    assert parse_detector("general+bfloat16+background+phases12") == ("general", True, 12, True, False)
+    assert parse_detector("a+phases3.safetensors") == (
+        "a+phases3.safetensors",
+        False,
+        1,
+        False,
+        False,
+    )
+    assert [
+        parse_detector(f"general{rest}", site).known for rest in ("", "+phases2", "-background")
+    ] == [1, 1, 0]
+    assert parse_detector("general+bfloat16+background+phases12") == (
+        "general",
+        True,
+        12,
+        True,
+        False,
+    )
     assert not parse_detector("general+float32+bfloat16").bfloat16
     bare, known = site_detector("voxelnet", site), site_detector("voxelnet+background", site)
     assert isinstance(known, KnownBackground)
@@ -51,8 +71,12 @@ def test_backgrounds_are_known_by_name_and_of_the_scenery():
 
 def test_at_an_unknown_site_pedestrians_need_a_higher_score():
     small = Place(area=(-10.0, -10.0, 10.0, 10.0))
-    unknown, bare = (cast(Any, place_detector(name, small)) for name in ("general", "general-background"))
-    by_label = dict(zip(bare.config.labels, zip(bare.thresholds, unknown.thresholds, strict=True), strict=True))
+    unknown, bare = (
+        cast(Any, place_detector(name, small)) for name in ("general", "general-background")
+    )
+    by_label = dict(
+        zip(bare.config.labels, zip(bare.thresholds, unknown.thresholds, strict=True), strict=True)
+    )
     before, after = by_label.pop("pedestrian")
     assert before < after == MIN_UNKNOWN_PERSON_SCORE
     assert all(before == after for before, after in by_label.values())
@@ -77,7 +101,9 @@ def test_grids_and_numbers_are_asked_for_behind_the_name(monkeypatch):
 
 def test_cluster_knows_its_background_anyhow(monkeypatch):
     x, y = np.meshgrid(np.arange(0, 3, 0.1), np.arange(0, 3, 0.1))
-    clusters = ClusterDetector(Background.learn(np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])))
+    clusters = ClusterDetector(
+        Background.learn(np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]))
+    )
     at_site = SimpleNamespace(site=load_site("tjunction"))
     monkeypatch.setattr(ClusterDetector, "of", staticmethod(lambda recording: clusters))
     assert recording_detector("cluster+background", at_site) is clusters
@@ -88,7 +114,8 @@ def test_cluster_knows_its_background_anyhow(monkeypatch):
 
 
 class TestCloudsOfAnyKind:
-    """`coview.load_detector` takes what Open3D and numpy hold, and levels it or says that it did not."""
+    """`coview.load_detector` takes what Open3D and numpy hold, and levels it or says that it did
+    not."""
 
     AREA = (-40, -20, 40, 20)
 
@@ -114,10 +141,15 @@ class TestCloudsOfAnyKind:
         (joined,) = detect.unions([street[::2], street[1::2]], np.ones((1, 2), np.bool_))
         assert abs(len(joined) - len(bare)) <= 1
 
-    def test_a_cloud_that_stands_lower_is_levelled_or_the_warning_says_where_it_stands(self, street):
+    def test_a_cloud_that_stands_lower_is_levelled_or_the_warning_says_where_it_stands(
+        self, street
+    ):
         lower = street - np.float32([0, 0, 1.7])
         detect = load_detector("general", area=self.AREA)
-        with pytest.warns(UserWarning, match=r"^not levelled: .*ground seems to lie at z = -1\.[67].*level=\"map\""):
+        with pytest.warns(
+            UserWarning,
+            match=r"^not levelled: .*ground seems to lie at z = -1\.[67].*level=\"map\"",
+        ):
             detect(lower)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -140,5 +172,11 @@ class TestCloudsOfAnyKind:
 
 
 def test_general_learns_what_stands_where_the_site_is_unknown():
-    named = ("general", "general+phases4", "general-background", "general+background", "mine.safetensors")
+    named = (
+        "general",
+        "general+phases4",
+        "general-background",
+        "general+background",
+        "mine.safetensors",
+    )
     assert [learns_background(name) for name in named] == [True, True, False, False, False]

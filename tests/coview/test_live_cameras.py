@@ -1,4 +1,5 @@
-"""Cameras of the live page: all sensors in view in any window, a look through a sensor, and what people have moved."""
+"""Cameras of the live page: all sensors in view in any window, a look through a sensor, and what
+people have moved."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -21,7 +22,9 @@ class Browser:
     def __init__(self, width=1280, aspect=1.6):
         follow = []  # what follows the camera
         self.client_id, self.atomic, self.follow = 0, nullcontext, follow
-        self.camera = SimpleNamespace(image_width=width, aspect=aspect, fov=np.deg2rad(75.0), on_update=follow.append)
+        self.camera = SimpleNamespace(
+            image_width=width, aspect=aspect, fov=np.deg2rad(75.0), on_update=follow.append
+        )
 
     @property
     def ahead(self):
@@ -37,11 +40,16 @@ class Browser:
         right = np.cross(self.ahead, [0, 0, 1]) / np.linalg.norm(np.cross(self.ahead, [0, 0, 1]))
         way = point - self.camera.position
         upwards = np.cross(right, self.ahead)
-        return np.array([way @ right, way @ upwards]) / (way @ self.ahead) / np.tan(scene.VERTICAL_FOV / 2)
+        return (
+            np.array([way @ right, way @ upwards])
+            / (way @ self.ahead)
+            / np.tan(scene.VERTICAL_FOV / 2)
+        )
 
 
 @pytest.mark.parametrize(
-    ("width", "height", "shown"), [(390, 844, 0.4), (444, 1024, 1.0), (956, 720, 1.0), (1900, 600, 1.0)]
+    ("width", "height", "shown"),
+    [(390, 844, 0.4), (444, 1024, 1.0), (956, 720, 1.0), (1900, 600, 1.0)],
 )
 @pytest.mark.parametrize("above", [False, True])
 def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
@@ -93,7 +101,9 @@ def test_a_window_that_changes_is_filled_again_unless_somebody_has_moved_the_cam
     browser.resize(1.6)
     np.testing.assert_allclose(browser.camera.position, first)
     browser.resize(0.65)
-    assert np.linalg.norm(farther - cameras.middle) == pytest.approx(2 * np.linalg.norm(first - cameras.middle))
+    assert np.linalg.norm(farther - cameras.middle) == pytest.approx(
+        2 * np.linalg.norm(first - cameras.middle)
+    )
     browser.camera.position = moved = farther + np.array([3.0, 0.0, 0.0])
     browser.resize(1.6)
     assert browser.camera.position is moved

@@ -1,4 +1,5 @@
-"""The live planner in Chromium: sensors dragged, added, failed and suggested, kept through a kill, exported."""
+"""The live planner in Chromium: sensors dragged, added, failed and suggested, kept through a kill,
+exported."""
 
 import json
 import os
@@ -32,9 +33,20 @@ class Page:
         self.start()
 
     def start(self):
-        command = ("-m", "coview", "live", "tjunction", "--frames", str(FRAMES), "--out", str(self.folder))
+        command = (
+            "-m",
+            "coview",
+            "live",
+            "tjunction",
+            "--frames",
+            str(FRAMES),
+            "--out",
+            str(self.folder),
+        )
         more = ("--cache", str(self.folder / "cache"), "--no-browser", "--json")
-        self.server = subprocess.Popen([sys.executable, *command, *more], stdout=subprocess.PIPE, text=True)
+        self.server = subprocess.Popen(
+            [sys.executable, *command, *more], stdout=subprocess.PIPE, text=True
+        )
         self.url = json.loads(self.server.stdout.readline())["url"]
         self.open()
 
@@ -45,7 +57,9 @@ class Page:
         self.tab.set_default_timeout(90_000)
         self.tab.goto(self.url)
         self.tab.wait_for_selector(".live-ap")
-        self.tab.wait_for_function("!document.querySelector('.live-ap').parentElement.innerText.includes('refining')")
+        self.tab.wait_for_function(
+            "!document.querySelector('.live-ap').parentElement.innerText.includes('refining')"
+        )
         self.tab.wait_for_timeout(1500)
         canvas = self.tab.locator("canvas").first.bounding_box()
         self.size = canvas["width"], canvas["height"]
@@ -90,7 +104,9 @@ class Page:
         right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
         way, (width, height) = np.array(point) - eye, self.size
         scale = height / 2 / np.tan(np.deg2rad(25.0)) / (way @ ahead)
-        return width / 2 + scale * (way @ right), height / 2 - scale * (way @ np.cross(right, ahead))
+        return width / 2 + scale * (way @ right), height / 2 - scale * (
+            way @ np.cross(right, ahead)
+        )
 
     def drag(self, start, end, steps=8):
         mouse = self.tab.mouse
@@ -110,7 +126,9 @@ class Page:
 def target(sensor):
     """Where a sensor's handle is: where it looks at the ground, no farther than 20 m."""
     ahead = sensor.world_SE3_body[:3, 0]
-    down = (sensor.position[2] - float(SITE.ground(sensor.position[:2])) - 0.3) / max(-ahead[2], 1e-9)
+    down = (sensor.position[2] - float(SITE.ground(sensor.position[:2])) - 0.3) / max(
+        -ahead[2], 1e-9
+    )
     return sensor.position + ahead * min(down, 20.0 / np.hypot(*ahead[:2]))
 
 
@@ -130,7 +148,11 @@ def test_a_plan_is_made_by_hand(page, engine):
     variant = page.variant
     hung = {sensor.name: engine.yard.build_sensor(variant, sensor) for sensor in variant.sensors}
 
-    for name, turn in (("d5", (90, 30)), ("d2", (40, -15)), ("d0", (-30, 20))):  # turned by their handles
+    for name, turn in (
+        ("d5", (90, 30)),
+        ("d2", (40, -15)),
+        ("d0", (-30, 20)),
+    ):  # turned by their handles
         place, before = page.pixel(target(hung[name])), page.variant.find(name)
         page.drag(place, np.add(place, turn))
         after = page.until(lambda v, name=name, before=before: v.find(name) != before).find(name)
@@ -140,7 +162,11 @@ def test_a_plan_is_made_by_hand(page, engine):
     assert page.ap == pytest.approx(engine.finish().ap, abs=0.002)
     assert page.ap == pytest.approx(engine.score().ap, abs=0.005)
 
-    free = [mount for mount in SITE.mounts if mount.name not in {sensor.mount for sensor in page.variant.sensors}]
+    free = [
+        mount
+        for mount in SITE.mounts
+        if mount.name not in {sensor.mount for sensor in page.variant.sensors}
+    ]
     pole = min(free, key=lambda mount: np.hypot(*(mount.position[:2] - hung["d5"].position[:2])))
     end = page.pixel([*pole.position[:2], hung["d5"].position[2]])
     page.drag(page.pixel(hung["d5"].position), end)  # carried to another pole
@@ -164,13 +190,17 @@ def test_sensors_are_added_failed_and_suggested(page):
     page.until(lambda v: len(v.sensors) == count + 1)
     before = page.ap
     page.tab.get_by_label("Failed").check()
-    name = next(s.name for s in page.until(lambda v: any(s.failed for s in v.sensors)).sensors if s.failed)
+    name = next(
+        s.name for s in page.until(lambda v: any(s.failed for s in v.sensors)).sensors if s.failed
+    )
     assert page.ap <= before
     page.press("Sensor", "Remove")
     page.until(lambda v: name not in {sensor.name for sensor in v.sensors})
     before = page.ap
     page.press("Ask", "add")
-    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('next sensor: ')")
+    page.tab.wait_for_function(
+        "document.querySelector('.live-note')?.innerText.includes('next sensor: ')"
+    )
     page.press("Ask", "Accept the best")
     page.until(lambda v: len(v.sensors) == count + 1)  # one added, one removed, one accepted
     assert page.ap >= before - 0.001
@@ -185,7 +215,9 @@ def test_nothing_is_lost_by_a_reload_a_second_browser_and_a_kill(page):
     second.goto(page.url)
     second.wait_for_selector(".live-ap")
     assert float(second.inner_text(".live-ap")) == ap
-    sheet = second.locator("xpath=//*[@class='live-ap']/ancestor::*[contains(@style, 'fixed')]").bounding_box()
+    sheet = second.locator(
+        "xpath=//*[@class='live-ap']/ancestor::*[contains(@style, 'fixed')]"
+    ).bounding_box()
     assert (sheet["x"], sheet["width"]) == (0, 390)  # of the whole width of a telephone
     second.close()
     page.open()
@@ -203,18 +235,24 @@ def test_an_area_is_drawn_and_another_question_is_asked(page):
     page.tab.locator(".live-note").wait_for()
     xmin, ymin, xmax, ymax = SITE.area.tolist()
     for share in ((0.3, 0.3), (0.5, 0.3), (0.4, 0.5)):
-        page.tab.mouse.click(*page.pixel([xmin + share[0] * (xmax - xmin), ymin + share[1] * (ymax - ymin), 0.0]))
+        page.tab.mouse.click(
+            *page.pixel([xmin + share[0] * (xmax - xmin), ymin + share[1] * (ymax - ymin), 0.0])
+        )
         page.tab.wait_for_timeout(500)
     page.tab.get_by_role("button", name="Close the area").click()
     (area,) = page.until(lambda v: v.keep_out).keep_out
-    assert area[1] == pytest.approx((xmin + 0.5 * (xmax - xmin), ymin + 0.3 * (ymax - ymin)), abs=1.5)
+    assert area[1] == pytest.approx(
+        (xmin + 0.5 * (xmax - xmin), ymin + 0.3 * (ymax - ymin)), abs=1.5
+    )
     page.press("Draw", "Remove all areas")
     page.until(lambda v: not v.keep_out)
     before = page.ap
     page.tab.get_by_role("tab", name="Score").click()
     page.tab.get_by_label("IoU").click()
     page.tab.get_by_role("option", name="0.8").click()
-    page.tab.wait_for_function(f"parseFloat(document.querySelector('.live-ap').innerText) < {before - 0.002}")
+    page.tab.wait_for_function(
+        f"parseFloat(document.querySelector('.live-ap').innerText) < {before - 0.002}"
+    )
     page.tab.get_by_label("IoU").click()
     page.tab.get_by_role("option", name="0.7").click()
     page.tab.wait_for_function(f"document.querySelector('.live-ap').innerText === '{before:.3f}'")
@@ -222,8 +260,12 @@ def test_an_area_is_drawn_and_another_question_is_asked(page):
 
 def test_an_export_is_read_back(page, engine):
     page.press("Files", "Export site, map and schedule")
-    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('site.json')")
-    again = LivePlanner(Setting(load_site(page.folder / "site.json"), candidates="pool"), frames=FRAMES, seed=3)
+    page.tab.wait_for_function(
+        "document.querySelector('.live-note')?.innerText.includes('site.json')"
+    )
+    again = LivePlanner(
+        Setting(load_site(page.folder / "site.json"), candidates="pool"), frames=FRAMES, seed=3
+    )
     page.until(lambda _: True)
     assert page.ap == pytest.approx(again.finish().ap, abs=0.005)
     assert len(again.sensors) == len(page.variant.sensors)
@@ -240,13 +282,19 @@ def test_the_map_and_the_traffic_are_drawn(page):
     page.tab.get_by_role("tab", name="Draw").click()
     upload = page.tab.locator("input[type=file]")
     upload.set_input_files({"name": "cow.png", "mimeType": "image/png", "buffer": b"moo"})
-    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('cow.png is no whole')")
+    page.tab.wait_for_function(
+        "document.querySelector('.live-note')?.innerText.includes('cow.png is no whole')"
+    )
     upload.set_input_files(ROOT / "docs" / "birds_eye.png")
-    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('two points')")
+    page.tab.wait_for_function(
+        "document.querySelector('.live-note')?.innerText.includes('two points')"
+    )
     laid = page.project["picture"]
     page.tab.locator("xpath=//label[text()='Two points']/following::input[1]").fill("30")
     page.tab.get_by_role("button", name="Place the picture by two points").click()
-    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('click on the ground')")
+    page.tab.wait_for_function(
+        "document.querySelector('.live-note')?.innerText.includes('click on the ground')"
+    )
     for spot in ((300, 300), (500, 300)):
         page.tab.mouse.click(*spot)
         page.tab.wait_for_timeout(500)
@@ -264,7 +312,8 @@ def test_only_pages_of_this_machine_with_the_token_are_served(page):
 
 
 def draw_street(path):
-    """An OpenDRIVE street of 160 m that climbs by 4 %, with the bounds from which the page takes its middle."""
+    """An OpenDRIVE street of 160 m that climbs by 4 %, with the bounds from which the page takes
+    its middle."""
     lane = '<lane id="{}" type="{}"><width sOffset="0" a="{}" b="0" c="0" d="0"/></lane>'
     left = lane.format(2, "sidewalk", 2) + lane.format(1, "driving", 3.5)
     right = lane.format(-1, "driving", 3.5) + lane.format(-2, "sidewalk", 2)
@@ -292,17 +341,26 @@ def test_a_map_is_opened_from_the_page(browser, tmp_path, kind):
     try:
         tab.goto(session.url)
         for wrong, said in (("cow.osm", "no map"), ("<b>nowhere", "no site")):
-            for label, text in (("Path or site", wrong), ("Centre", "8.0 49.5" if kind == "osm" else "")):
+            for label, text in (
+                ("Path or site", wrong),
+                ("Centre", "8.0 49.5" if kind == "osm" else ""),
+            ):
                 tab.locator(f"xpath=//label[text()='{label}']/following::input[1]").fill(text)
             if kind == "osm":
                 tab.get_by_role("button", name="Open").click()
-                tab.wait_for_function(f"document.querySelector('.live-note')?.innerText.includes('{said}')")
+                tab.wait_for_function(
+                    f"document.querySelector('.live-note')?.innerText.includes('{said}')"
+                )
         (tmp_path / "maps").mkdir()
         street = draw_street(tmp_path / "maps" / "street.xodr")
-        tab.locator("input[type=file]").set_input_files(ROOT / "docs/own-junction.osm" if kind == "osm" else street)
+        tab.locator("input[type=file]").set_input_files(
+            ROOT / "docs/own-junction.osm" if kind == "osm" else street
+        )
         tab.wait_for_selector(".live-ap")
         site = "own-junction.json" if kind == "osm" else "street.json"
-        assert sorted(path.name for path in tmp_path.glob("*.json")) == sorted([site, "own.live.json"])
+        assert sorted(path.name for path in tmp_path.glob("*.json")) == sorted(
+            [site, "own.live.json"]
+        )
         tab.get_by_role("button", name="Add a sensor", exact=True).click()
         tab.wait_for_function("parseFloat(document.querySelector('.live-ap').innerText) > 0")
     finally:

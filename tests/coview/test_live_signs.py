@@ -1,4 +1,5 @@
-"""Signs of the live page: a map's north and scale where nothing covers them, poles, streets, first steps."""
+"""Signs of the live page: a map's north and scale where nothing covers them, poles, streets, first
+steps."""
 
 from dataclasses import replace
 from io import BytesIO
@@ -70,7 +71,9 @@ def test_signs_are_where_no_solid_is(site):
 
 
 def test_signs_are_not_hidden_behind_a_house_in_the_first_view():
-    house = Solid(np.array([[-20.0, -20.0], [20.0, -20.0], [20.0, -12.0], [-20.0, -12.0]]), 0.0, 20.0)
+    house = Solid(
+        np.array([[-20.0, -20.0], [20.0, -20.0], [20.0, -12.0], [-20.0, -12.0]]), 0.0, 20.0
+    )
     site = Site("s", np.array([-30.0, -30.0, 30.0, 30.0]), solids=(house,))
     size = np.array([6.0, 2.0])
     spot = _find_room(site, size, np.array([0.0, -8.0]))
@@ -86,7 +89,9 @@ def test_poles_have_a_mark_that_is_seen_from_above(site):
     add_signs(added, site, site.mounts[:2])
     marks = added.added["/signs/marks"].values[0].reshape(2, 4, 3)
     for pole, ends in zip(site.mounts, marks, strict=False):
-        np.testing.assert_allclose(ends.mean(axis=0), pole.position + np.array([0.0, 0.0, pole.max_height]), atol=1e-5)
+        np.testing.assert_allclose(
+            ends.mean(axis=0), pole.position + np.array([0.0, 0.0, pole.max_height]), atol=1e-5
+        )
         assert np.ptp(ends, axis=0) == pytest.approx([1.0, 1.0, 0.0])
     many = [Mount(f"p{k}", np.array([0.1 * k, 0.0, 0.0])) for k in range(61)]
     add_signs(added, site, many)
@@ -141,7 +146,12 @@ def test_a_view_has_the_sides_of_the_field_of_view_and_the_foot_of_the_pole():
     lines = draw_view(site, sensor, find_target(site, sensor))
     np.testing.assert_allclose(lines[:4, 0], [sensor.position] * 4)
     side = 8.0 * np.sqrt(0.5)  # of 90 degrees
-    ends = [[11.0, 4.0, 0.3], [3.0 + side, 4.0 - side, 0.3], [3.0 + side, 4.0 + side, 0.3], [3.0, 4.0, 0.0]]
+    ends = [
+        [11.0, 4.0, 0.3],
+        [3.0 + side, 4.0 - side, 0.3],
+        [3.0 + side, 4.0 + side, 0.3],
+        [3.0, 4.0, 0.0],
+    ]
     np.testing.assert_allclose(lines[:4, 1], ends, atol=1e-5)
     np.testing.assert_allclose(lines[4:, 1], lines[1:3, 1])
     np.testing.assert_allclose(lines[4:, 0], [lines[0, 1]] * 2)
@@ -176,7 +186,9 @@ def test_a_picture_lies_where_it_was_placed(tmp_path):
 def test_a_sign_without_a_clear_place_is_among_trees_and_not_in_a_house():
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     house = Solid(10.0 * square - 10.0, 0.0, 5.0)  # over the near corner
-    spots = [np.array([x, y]) for x in np.arange(-19.0, 20.0, 3.0) for y in np.arange(-19.0, 20.0, 3.0)]
+    spots = [
+        np.array([x, y]) for x in np.arange(-19.0, 20.0, 3.0) for y in np.arange(-19.0, 20.0, 3.0)
+    ]
     trees = [Solid(0.5 * square + spot, 0.0, 1.0, "tree") for spot in spots]
     site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), solids=(house, *trees))
     spot = _find_room(site, np.array([6.0, 4.0]), site.area[:2])
@@ -185,7 +197,10 @@ def test_a_sign_without_a_clear_place_is_among_trees_and_not_in_a_house():
 
 def test_signs_keep_clear_of_poles_and_their_names_where_they_can():
     pole = Mount("p", np.array([0.0, 0.0, 0.0]), 3.0, 8.0)
-    site, size = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=(pole,)), np.array([4.0, 4.0])
+    site, size = (
+        Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=(pole,)),
+        np.array([4.0, 4.0]),
+    )
     foot, name = (_find_room(site, size, np.array(near)) for near in ([0.0, 0.0], [1.8, 9.2]))
     assert np.linalg.norm(foot) > 4.0
     beside = _find_room(site, size, site.area[:2], [shapely.box(-20.0, -20.0, -15.0, -15.0)])
@@ -201,7 +216,9 @@ def test_signs_are_within_the_area_and_fit_between_solids():
     bare, size = Site("s", np.array([-20.0, -20.0, 20.0, 20.0])), np.array([6.0, 2.0])
     assert _find_room(bare, size, bare.area[:2]).tolist() == [-17.0, -19.0]
     assert _find_room(bare, size, bare.area[2:]).tolist() == [17.0, 19.0]
-    walls = [np.array([[x, -19.9], [x + 1, -19.9], [x + 1, 19.9], [x, 19.9]]) for x in (-14.0, -6.0)]
+    walls = [
+        np.array([[x, -19.9], [x + 1, -19.9], [x + 1, 19.9], [x, 19.9]]) for x in (-14.0, -6.0)
+    ]
     lane = replace(bare, solids=tuple(Solid(wall, 0.0, 0.1) for wall in walls))
     x, y = _find_room(lane, size, np.array([-9.5, 0.0]))
     assert -10.0 <= x <= -9.0  # in a gap of 7 m

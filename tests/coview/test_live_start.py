@@ -21,7 +21,11 @@ class Panel:
     """Panel of a browser: its controls by label, which tests fill in and press."""
 
     def __init__(self):
-        self.controls, self.pages, self.main_panel = {}, [], SimpleNamespace(dock_right=lambda: None)
+        self.controls, self.pages, self.main_panel = (
+            {},
+            [],
+            SimpleNamespace(dock_right=lambda: None),
+        )
         self.resets = 0
 
     def __getattr__(self, kind):
@@ -31,7 +35,9 @@ class Panel:
 
     def _add(self, kind, label, value, options):
         handle = SimpleNamespace(label=label, value=value, content=label, options=options)
-        handle.on_click = handle.on_upload = lambda then: setattr(handle, "press", lambda: then(None))
+        handle.on_click = handle.on_upload = lambda then: setattr(
+            handle, "press", lambda: then(None)
+        )
         if kind == "add_html":
             self.pages.append(handle)
         self.controls[label] = handle
@@ -157,7 +163,9 @@ def test_a_site_is_opened_by_its_name_or_path(server, tmp_path, imported):
         ("map.xodr", "-3 4.5", "import_opendrive", (-3.0, 4.5)),
     ],
 )
-def test_a_map_becomes_a_site_around_its_middle_or_the_centre(server, tmp_path, imported, name, typed, kind, centre):
+def test_a_map_becomes_a_site_around_its_middle_or_the_centre(
+    server, tmp_path, imported, name, typed, kind, centre
+):
     _, opened = make_start(server, tmp_path)
     (tmp_path / name).write_text(BOUNDS)
     controls = server.gui.controls
@@ -181,7 +189,9 @@ def test_an_upload_is_kept_and_opened(server, tmp_path, imported):
     assert opened == [str(tmp_path / "a" / "b" / "my-map.json")]
 
 
-@pytest.mark.parametrize(("size", "fits"), [(live_start.MOST_BYTES, True), (live_start.MOST_BYTES + 1, False)])
+@pytest.mark.parametrize(
+    ("size", "fits"), [(live_start.MOST_BYTES, True), (live_start.MOST_BYTES + 1, False)]
+)
 def test_an_upload_has_a_limit(server, tmp_path, size, fits):
     start, _ = make_start(server, tmp_path)
     if fits:
@@ -204,9 +214,15 @@ def test_a_centre_that_is_not_two_numbers_is_refused(server, tmp_path, imported,
 
 @pytest.mark.parametrize(
     ("error", "words", "trace"),
-    [(ValueError("no site"), "no site", False), (OSError("gone"), "gone", False), (KeyError(), "KeyError", True)],
+    [
+        (ValueError("no site"), "no site", False),
+        (OSError("gone"), "gone", False),
+        (KeyError(), "KeyError", True),
+    ],
 )
-def test_what_fails_is_said_and_the_page_opens_another(server, tmp_path, capsys, error, words, trace):
+def test_what_fails_is_said_and_the_page_opens_another(
+    server, tmp_path, capsys, error, words, trace
+):
     opened = []
 
     def then(site):

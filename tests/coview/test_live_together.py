@@ -1,6 +1,8 @@
-"""Two people at one live page, by script and without a browser: whatever one does, the page lives on and says so.
+"""Two people at one live page, by script and without a browser: whatever one does, the page lives
+on and says so.
 
-`COVIEW_TOGETHER=600 pytest -m slow tests/coview/test_live_together.py` lets them work for ten minutes."""
+`COVIEW_TOGETHER=600 pytest -m slow tests/coview/test_live_together.py` lets them work for ten
+minutes."""
 
 import json
 import os
@@ -34,7 +36,8 @@ def page(engine, tmp_path):
     with viser_server(18931, "together") as server:
         project = ProjectFile(tmp_path / "a.live.json", engine)
         page = LivePage(server, engine, project, tmp_path)
-        page._cameras.aimed[0] = (page._cameras.slant, 1.5, False, page._cameras.middle)  # as if a browser had come
+        # as if a browser had come
+        page._cameras.aimed[0] = (page._cameras.slant, 1.5, False, page._cameras.middle)
         wait_for(lambda: page._begun and page._nodes)
         yield page
         page.close()
@@ -110,7 +113,9 @@ def test_an_unknown_pole_in_a_message_is_said(page, pole):
     check_alive(page)
 
 
-@pytest.mark.parametrize("typed", [("95", 20.0, 5.0), (10.0, 95.0, 5.0), ("NW", 20.0, 5.0), (0.0, [], None)])
+@pytest.mark.parametrize(
+    "typed", [("95", 20.0, 5.0), (10.0, 95.0, 5.0), ("NW", 20.0, 5.0), (0.0, [], None)]
+)
 def test_what_is_typed_wrong_is_said(page, typed):
     page._bearing, page._tilt, page._height = (SimpleNamespace(value=value) for value in typed)
     before = page.planner.variant.find("d0")
@@ -124,7 +129,9 @@ def test_what_is_typed_wrong_is_said(page, typed):
     page.__dict__.pop("_bearing"), page.__dict__.pop("_tilt"), page.__dict__.pop("_height")
 
 
-def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(page, monkeypatch, capsys):
+def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(
+    page, monkeypatch, capsys
+):
     def fail(*_):
         raise KeyError("gone")
 
@@ -149,7 +156,9 @@ def play(page, number, seconds):
     while time.monotonic() < end:
         do_something(page, rng)
         time.sleep(float(rng.uniform(0.0, 0.05)))
-        while len(page._jobs) > MAX_WAITING and time.monotonic() < end:  # people wait for the page too
+        while (
+            len(page._jobs) > MAX_WAITING and time.monotonic() < end
+        ):  # people wait for the page too
             time.sleep(0.05)
 
 
@@ -164,7 +173,11 @@ def do_something(page, rng):
         lambda: page._drag_now(lambda: page._turn(name, place, last=last), last=last),
         lambda: page._drag_now(lambda: page._carry(name, place, last=last), last=last),
         lambda: page._drag_now(lambda: page._lift(name, float(place[0]), last=last), last=last),
-        lambda: page._change(planner.remove, name) if len(sensors) > 2 else page._change(planner.add, pole),
+        lambda: (
+            page._change(planner.remove, name)
+            if len(sensors) > 2
+            else page._change(planner.add, pole)
+        ),
         lambda: page._change(planner.add, pole),
         lambda: page._change(planner.undo),
         lambda: page._change(planner.redo),
@@ -206,9 +219,21 @@ def test_two_people_work_at_one_page_for_ten_minutes(page, capfd):
 
 @pytest.mark.slow
 def test_sigterm_saves_what_is_open(tmp_path):
-    command = (sys.executable, "-m", "coview", "live", "tjunction", "--frames", "4", "--out", str(tmp_path))
+    command = (
+        sys.executable,
+        "-m",
+        "coview",
+        "live",
+        "tjunction",
+        "--frames",
+        "4",
+        "--out",
+        str(tmp_path),
+    )
     server = subprocess.Popen(
-        [*command, "--cache", "None", "--no-browser", "--json", "--port", "18970"], stdout=subprocess.PIPE, text=True
+        [*command, "--cache", "None", "--no-browser", "--json", "--port", "18970"],
+        stdout=subprocess.PIPE,
+        text=True,
     )
     json.loads(server.stdout.readline())
     wait_for((tmp_path / "tjunction.live.json").exists, 60)

@@ -1,4 +1,5 @@
-"""The command line as a process and as a whole: exit codes, tracebacks, pipes, and packages that are hidden."""
+"""The command line as a process and as a whole: exit codes, tracebacks, pipes, and packages that
+are hidden."""
 
 import os
 import subprocess
@@ -20,7 +21,9 @@ REPOSITORY = Path(coview.__file__).parents[1]
 def process(*arguments, cwd, **options):
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False, **options)
+    return subprocess.run(
+        command, cwd=cwd, env=environment, capture_output=True, text=True, check=False, **options
+    )
 
 
 def test_version_and_help_name_every_command(run):
@@ -42,7 +45,10 @@ def test_what_the_parser_refuses(arguments, run):
         (ImportError("traffic needs SUMO: pip install"), 3),
         (ModuleNotFoundError("No module named 'h5py'", name="h5py"), 3),
         (ImportError("cannot import name 'early'", name="toolkit.detection"), 70),
-        *((WorkLost("a worker process ended unexpectedly"), 4), (IndexError("list index out of range"), 70)),
+        *(
+            (WorkLost("a worker process ended unexpectedly"), 4),
+            (IndexError("list index out of range"), 70),
+        ),
         *((RuntimeError("of a library"), 70), (KeyError("name"), 70), (KeyboardInterrupt(), 130)),
         (BrokenPipeError(), 141),
     ],
@@ -62,7 +68,10 @@ def test_an_error_by_its_type(error, code, debug, run, monkeypatch):
 
 
 def test_a_closed_pipe_ends_quietly(tmp_path):
-    closed = "import os, sys; r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r); from coview.main import main; "
+    closed = (
+        "import os, sys; r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r); from "
+        "coview.main import main; "
+    )
     for arguments in (["--help"], ["site", "show", "tjunction"]):
         done = process("-c", f"{closed} main({arguments!r})", cwd=tmp_path)
         assert (done.returncode, done.stderr) == (141, "")
@@ -79,7 +88,10 @@ def test_streams_that_are_closed_or_full_change_no_code(closed, tmp_path):
     for arguments, code in (("--version", 0), ("site show tjunction", 0), ("site show nowhere", 2)):
         command = f'exec "$0" -m coview {arguments} {closed}'
         done = process("-c", SHELL, command, cwd=tmp_path)
-        assert (done.returncode, done.stderr) == (code, "" if "2>" in closed or not code else done.stderr)
+        assert (done.returncode, done.stderr) == (
+            code,
+            "" if "2>" in closed or not code else done.stderr,
+        )
 
 
 @pytest.mark.parametrize("name", ["models", "toolkit", "placement_env"])

@@ -14,13 +14,21 @@ def test_what_steers_a_terminal_is_shown_and_not_done(capsys):
     say("a\x1b]0;title\x07 b\u202e c\x9b2J d\udcff e\r f\x7f\n\tStra\u00dfe \u4e2d \U0001f600")
     report(ValueError("no sensor \x1b[2Jnorth"))
     printed = capsys.readouterr()
-    assert printed.out == r"a\x1b]0;title\x07 b\u202e c\x9b2J d\udcff e\r f\x7f" + "\n\tStra\u00dfe \u4e2d \U0001f600\n"
+    assert (
+        printed.out
+        == r"a\x1b]0;title\x07 b\u202e c\x9b2J d\udcff e\r f\x7f"
+        + "\n\tStra\u00dfe \u4e2d \U0001f600\n"
+    )
     assert printed.err == "coview: no sensor \\x1b[2Jnorth\n"
 
 
 def test_commands_print_through_one_function():
     for path in sorted((Path(coview.__file__).parent / "commands").rglob("*.py")):
-        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+        calls = [
+            node.func
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Call)
+        ]
         assert "print" not in {call.id for call in calls if isinstance(call, ast.Name)}, path
 
 
@@ -61,7 +69,9 @@ def test_overwrite_replaces_only_what_the_same_command_makes(tmp_path, content, 
     path.write_text(content)
     assert find_kind(path) == kind
     for overwrite in (False, True):
-        with pytest.raises(ValueError, match=f"junction.json is {kind}, which this command does not write"):
+        with pytest.raises(
+            ValueError, match=f"junction.json is {kind}, which this command does not write"
+        ):
             check_file(path, overwrite=overwrite)
     with pytest.raises(FileExistsError, match="--overwrite"):
         check_file(path, kind=kind)
@@ -79,10 +89,14 @@ def test_files_of_no_known_kind_are_replaced_when_told(tmp_path, content):
 
 def test_a_folder_with_a_strangers_file_is_not_replaced(tmp_path):
     (tmp_path / "site.json").write_text('{"map_SE3_site": []}')
-    check = partial(check_folder, tmp_path, holds="plan.json", writes=("plan.json", "site.json"), kind="a plan")
+    check = partial(
+        check_folder, tmp_path, holds="plan.json", writes=("plan.json", "site.json"), kind="a plan"
+    )
     with pytest.raises(ValueError, match=r"site.json is what is read"):
         check(inputs=[tmp_path / "site.json"], overwrite=True)
-    with pytest.raises(ValueError, match=r"holds site.json, which this command did not write, as there is no plan"):
+    with pytest.raises(
+        ValueError, match=r"holds site.json, which this command did not write, as there is no plan"
+    ):
         check(overwrite=True)
     (tmp_path / "plan.json").write_text('{"coview_plan": 1}')
     check(overwrite=True)
@@ -104,7 +118,10 @@ def test_a_stopped_run_may_replace_its_own_files_and_nobody_writes_beside_it(tmp
 
     def run(asked, error=None, writes=True, overwrite=False):
         with claim(out, asked, check, overwrite=overwrite) as again:
-            with pytest.raises(FileExistsError, match="another run is writing"), claim(out, asked, check):
+            with (
+                pytest.raises(FileExistsError, match="another run is writing"),
+                claim(out, asked, check),
+            ):
                 pass
             if writes:
                 out.mkdir(exist_ok=True)

@@ -1,4 +1,5 @@
-"""From a map to a recording: import, poles, search, hand-over, simulation, as docs/own-junction.md has it."""
+"""From a map to a recording: import, poles, search, hand-over, simulation, as docs/own-junction.md
+has it."""
 
 import csv
 import json
@@ -24,8 +25,12 @@ OPENDRIVE = ("--opendrive", TOWN, "--centre", 93, -130, "--size", 70, 60)
 
 def poles(folder, *names) -> Path:
     """Some of the documentation's poles."""
-    collection = json.loads((ROOT / "docs" / "own-junction-poles.geojson").read_text(encoding="utf-8"))
-    collection["features"] = [each for each in collection["features"] if each["properties"]["name"] in names]
+    collection = json.loads(
+        (ROOT / "docs" / "own-junction-poles.geojson").read_text(encoding="utf-8")
+    )
+    collection["features"] = [
+        each for each in collection["features"] if each["properties"]["name"] in names
+    ]
     (folder / "poles.geojson").write_text(json.dumps(collection))
     return folder / "poles.geojson"
 
@@ -37,7 +42,10 @@ def planned(run, folder, place, *candidates) -> dict[str, str]:
     few = ("--budget", 1, "--frames", 1, "--fidelity", "coverage", "--cache", "None")
     code, _, err = run("search", site, *candidates, *few, "--out", out)
     assert code == 0, err
-    assert run("simulate", out / "site.json", "--frames", 1, "--workers", 1, "--out", recording)[0] == 0
+    assert (
+        run("simulate", out / "site.json", "--frames", 1, "--workers", 1, "--out", recording)[0]
+        == 0
+    )
     (row,) = csv.DictReader((out / "schedule.csv").open(encoding="utf-8", newline=""))
     with h5py.File(recording) as file:
         assert json.loads(str(file["coview"].attrs["sensors"])) == [row["sensor"]]
@@ -61,7 +69,15 @@ def test_an_openstreetmap_extract_with_poles_of_ones_own(run, tmp_path):
         mounts = load_poles(path, load_site(tmp_path / "site.json"))
     said = [str(each.message) for each in caught]
     assert said == [f"{path}: left out, since they stand in a keep-out area: LM 101"]
-    assert [mount.name for mount in mounts] == ["LM 102", "LM 103", "LM 104", "LM 105", "LM 106", "Neu 1", "Neu 2"]
+    assert [mount.name for mount in mounts] == [
+        "LM 102",
+        "LM 103",
+        "LM 104",
+        "LM 105",
+        "LM 106",
+        "Neu 1",
+        "Neu 2",
+    ]
 
 
 @pytest.mark.slow
@@ -69,10 +85,16 @@ def test_an_openstreetmap_extract_with_poles_of_ones_own(run, tmp_path):
 def test_an_opendrive_junction_that_is_not_the_papers(run, tmp_path):
     pytest.importorskip("pyproj")
     features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Point", "coordinates": at}}
+        {
+            "type": "Feature",
+            "properties": {"name": name},
+            "geometry": {"type": "Point", "coordinates": at},
+        }
         for name, at in {"a": [-9.0, 12.0], "b": [9.0, -14.0]}.items()
     ]
-    (tmp_path / "p.geojson").write_text(json.dumps({"type": "F", "coview_site": 1, "features": features}))
+    (tmp_path / "p.geojson").write_text(
+        json.dumps({"type": "F", "coview_site": 1, "features": features})
+    )
     row = planned(run, tmp_path, OPENDRIVE, "--candidates", tmp_path / "p.geojson")
     assert load_site(tmp_path / "site.json").sensors == ()
     # the map's zero is where equator and Greenwich meet
@@ -82,5 +104,8 @@ def test_an_opendrive_junction_that_is_not_the_papers(run, tmp_path):
 
 def test_the_page_names_files_that_there_are():
     page = (ROOT / "docs" / "own-junction.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"docs/[\w.-]+\w", page)) == {"docs/own-junction.osm", "docs/own-junction-poles.geojson"}
+    assert set(re.findall(r"docs/[\w.-]+\w", page)) == {
+        "docs/own-junction.osm",
+        "docs/own-junction-poles.geojson",
+    }
     assert all((ROOT / name).is_file() for name in re.findall(r"docs/[\w.-]+\w", page))

@@ -1,4 +1,5 @@
-"""What the commands on recordings print as JSON, pinned for one small recording and for it in two other layouts.
+"""What the commands on recordings print as JSON, pinned for one small recording and for it in two
+other layouts.
 
 Tolerances are those that another processor keeps: one ray at an edge may fall the other way.
 """
@@ -51,26 +52,65 @@ def near(content, **tolerances):
 
 
 def test_evaluate(recording, tmp_path, printed):
-    arguments = ("--detector", "voxelnet", "--sensors", "all", "0,2", "--frames", 2, "--rate", 10, "--iou", 0.5)
-    found = printed("evaluate", recording, *arguments, "--schemes", "early", "late", "--out", tmp_path)
+    arguments = (
+        "--detector",
+        "voxelnet",
+        "--sensors",
+        "all",
+        "0,2",
+        "--frames",
+        2,
+        "--rate",
+        10,
+        "--iou",
+        0.5,
+    )
+    found = printed(
+        "evaluate", recording, *arguments, "--schemes", "early", "late", "--out", tmp_path
+    )
     rows = {(row["scheme"], len(row["sensors"]), row["label"]): row for row in found["rows"]}
     assert len(found["rows"]) == len(found["classes"]) == len(rows)
     for (scheme, sensors), (ap, kbit, mbit) in VEHICLES.items():
         row = rows[scheme, sensors, "vehicle"]
-        assert (row["ap"], row["truths"], row["kbit_per_sensor"]) == (near(ap, abs=0.1), 17, near(kbit, abs=0.5))
-        (load,) = [each for each in found["loads"] if (each["scheme"], len(each["sensors"])) == (scheme, sensors)]
+        assert (row["ap"], row["truths"], row["kbit_per_sensor"]) == (
+            near(ap, abs=0.1),
+            17,
+            near(kbit, abs=0.5),
+        )
+        (load,) = [
+            each
+            for each in found["loads"]
+            if (each["scheme"], len(each["sensors"])) == (scheme, sensors)
+        ]
         assert load["mbit_per_s"] == near(mbit)
     assert sum(found["classes"][0]["reliability"]["count"]) == near(17, abs=3)
 
 
 def test_evaluate_clouds(layouts, tmp_path, printed):
     arguments = (
-        *("--schemes", "early", "late", "--classes", "vehicle", "--area", -40, -40, 40, 40, "--still", "--frames", 2),
+        *(
+            "--schemes",
+            "early",
+            "late",
+            "--classes",
+            "vehicle",
+            "--area",
+            -40,
+            -40,
+            40,
+            40,
+            "--still",
+            "--frames",
+            2,
+        ),
         *("--sensors", "d0,d2"),
     )
     where = ("--layout", "folder", "--out", tmp_path)
     found = printed("evaluate", layouts / "folder", *where, *arguments)
-    aps = {(row["scheme"], row["protocol"], row["measure"], row["among"]): row for row in found["breakdown"]}
+    aps = {
+        (row["scheme"], row["protocol"], row["measure"], row["among"]): row
+        for row in found["breakdown"]
+    }
     assert len(aps) == len(found["breakdown"]) == 2 * 29
     for key, (ap, truths) in CLOUDS.items():
         assert (aps[key]["ap"], aps[key]["truths"]) == (near(ap, abs=0.15), truths), key
@@ -90,7 +130,9 @@ def test_detect_and_convert(recording, layouts, tmp_path, printed):
 
 def test_survey_and_doctor(recording, layouts, printed):
     found = printed("survey", recording, "--sensors", "all", "0,2")
-    assert found["objects_per_frame"] == near({"vehicle": 9.0, "cyclist": 1.75, "pedestrian": 7.25, "heavy": 1.0})
+    assert found["objects_per_frame"] == near(
+        {"vehicle": 9.0, "cyclist": 1.75, "pedestrian": 7.25, "heavy": 1.0}
+    )
     assert found["kbit_per_sensor"] == near(540.6)
     assert found["unseen"] == near({"0,1,2,3,4,5": 0.0, "0,2": 0.361}, abs=0.05)
     assert found["classes"]["vehicle"]["sets"]["0,2"] == near(
@@ -100,23 +142,46 @@ def test_survey_and_doctor(recording, layouts, printed):
     assert clouds["points_per_cloud"] == near(
         {"d0": 17221, "d1": 16224, "d2": 17043, "d3": 16129, "d4": 17386, "d5": 16451}
     )
-    assert clouds["objects_per_frame"] == near({"vehicle": 12.75, "cyclist": 1.75, "pedestrian": 9.5, "heavy": 1.0})
+    assert clouds["objects_per_frame"] == near(
+        {"vehicle": 12.75, "cyclist": 1.75, "pedestrian": 9.5, "heavy": 1.0}
+    )
     assert clouds["classes"]["vehicle"]["sets"]["0,1,2,3,4,5"]["mean_points"] == near(546.5)
-    assert printed("doctor", recording) == printed("doctor", layouts / "folder", "--layout", "folder") == []
+    assert (
+        printed("doctor", recording)
+        == printed("doctor", layouts / "folder", "--layout", "folder")
+        == []
+    )
 
 
 def test_pack_and_fuse(recording, layouts, tmp_path, printed):
     from models.training.packed import PackedFrames
 
     assert printed("pack", recording, "--out", tmp_path / "images")["frames"] == 4
-    packed = printed("pack", layouts / "folder", "--layout", "folder", "--still", *AREA, "--out", tmp_path / "clouds")
+    packed = printed(
+        "pack",
+        layouts / "folder",
+        "--layout",
+        "folder",
+        "--still",
+        *AREA,
+        "--out",
+        tmp_path / "clouds",
+    )
     assert packed["frames"] == 4
-    points = [sum(map(len, PackedFrames(tmp_path / name).points(0, None))) for name in ("images", "clouds")]
+    points = [
+        sum(map(len, PackedFrames(tmp_path / name).points(0, None)))
+        for name in ("images", "clouds")
+    ]
     assert points == near([29736, 25825])
     clouds = [layouts / "folder" / sensor / "000000.pcd" for sensor in ("d0", "d1")]
     for number, cloud in enumerate(clouds):
         (tmp_path / f"d{number}.pcd").write_bytes(cloud.read_bytes())
-    poses = [line.split(maxsplit=1) for line in (layouts / "folder" / "poses.txt").read_text().splitlines()[:2]]
+    poses = [
+        line.split(maxsplit=1)
+        for line in (layouts / "folder" / "poses.txt").read_text().splitlines()[:2]
+    ]
     (tmp_path / "poses.txt").write_text("".join(f"{name[:2]} {pose}\n" for name, pose in poses))
-    fused = printed("fuse", *sorted(tmp_path.glob("d?.pcd")), "--poses", tmp_path / "poses.txt", *AREA)
+    fused = printed(
+        "fuse", *sorted(tmp_path.glob("d?.pcd")), "--poses", tmp_path / "poses.txt", *AREA
+    )
     assert (fused["files"], fused["points"]) == (2, near(5737))

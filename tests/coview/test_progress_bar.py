@@ -17,7 +17,10 @@ def test_without_a_terminal_lines_say_stage_done_and_time_left(capsys, monkeypat
         bar.stage("racing", 0, None)
         time.sleep(0.2)
     lines = capsys.readouterr().err.splitlines()
-    assert any(line.startswith("coview: poses rendered: 1 of 4, about ") and line.endswith(" left") for line in lines)
+    assert any(
+        line.startswith("coview: poses rendered: 1 of 4, about ") and line.endswith(" left")
+        for line in lines
+    )
     assert any(line.startswith("coview: racing, for ") for line in lines)
 
 
@@ -47,13 +50,18 @@ def test_time_left_goes_by_the_pace_of_the_stage(monkeypatch):
 def test_steps_say_which_of_how_many_and_the_time_of_all(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    with progress_bar("", hidden=True, steps={"poses rendered": 0.2, "searches": 0.3, "frames judged": 0.5}) as bar:
+    with progress_bar(
+        "", hidden=True, steps={"poses rendered": 0.2, "searches": 0.3, "frames judged": 0.5}
+    ) as bar:
         assert bar.describe() == "inputs prepared, for 0 s"
         bar.stage("poses rendered", 0, 10)
         assert bar.describe() == "step 1 of 3, poses rendered: 0 of 10, for 0 s"
         bar.stage("poses rendered", 5, 10)
         now[0] = 100.0
-        assert bar.describe() == "step 1 of 3, about 17 min in all, poses rendered: 5 of 10, about 2 min left"
+        assert (
+            bar.describe()
+            == "step 1 of 3, about 17 min in all, poses rendered: 5 of 10, about 2 min left"
+        )
         now[0] = 200.0
         bar.stage("searches", 3, 3)
         now[0] = 350.0  # of 300 s for the step, also for what follows the count

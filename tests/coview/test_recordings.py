@@ -32,13 +32,22 @@ def test_an_object_without_width_is_refused_or_dropped(command, recording, tmp_p
     with h5py.File(damaged, "a") as file:
         file["objects/1"][0, 7] = 0.0
     out = {"pack": "out.packed", "table": "out.npz", "evaluate": "out"}
-    options = {"evaluate": ("--schemes", "early"), "table": ("--detector", "cluster")}.get(command, ())
-    arguments = [command, damaged, *options, *(("--out", tmp_path / out[command]) if command in out else ())]
+    options = {"evaluate": ("--schemes", "early"), "table": ("--detector", "cluster")}.get(
+        command, ()
+    )
+    arguments = [
+        command,
+        damaged,
+        *options,
+        *(("--out", tmp_path / out[command]) if command in out else ()),
+    ]
     code, err = apart(*arguments)
     assert (code, err.count("\n")) == (2, 1), err
     assert "frame 1: objects/1 row 0 has half extents" in err
     assert err.endswith("say --drop-invalid\n")
-    assert sorted(path.name for path in tmp_path.iterdir() if ".detections" not in path.name) == ["damaged.hdf5"]
+    assert sorted(path.name for path in tmp_path.iterdir() if ".detections" not in path.name) == [
+        "damaged.hdf5"
+    ]
     if command != "table":  # which scores all sets, for a minute
         code, err = apart(*arguments, "--drop-invalid")
         assert code == 0
@@ -46,8 +55,13 @@ def test_an_object_without_width_is_refused_or_dropped(command, recording, tmp_p
 
 
 def apart(*arguments):
-    """In a process of its own: the shape checker looks into sequences, and meets the frame that is refused there."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(coview.__file__).parents[1]), "OMP_NUM_THREADS": "1"}
+    """In a process of its own: the shape checker looks into sequences, and meets the frame that is
+    refused there."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(Path(coview.__file__).parents[1]),
+        "OMP_NUM_THREADS": "1",
+    }
     command = [sys.executable, "-m", "coview", *map(str, arguments)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     return done.returncode, done.stderr

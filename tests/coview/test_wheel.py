@@ -45,20 +45,24 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Runs a command of a fresh environment that holds the wheel, and for all else borrows what is installed here."""
+    """Runs a command of a fresh environment that holds the wheel, and for all else borrows what is
+    installed here."""
     home = tmp_path_factory.mktemp("environment")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
     scheme = {"base": str(home), "platbase": str(home), "installed_base": str(home)}
     packages = Path(sysconfig.get_path("purelib", "venv", scheme))
     target = [sys.executable, "-m", "pip", "--python", str(home / "bin" / "python")]
     subprocess.run([*target, "install", "--quiet", "--no-deps", wheel], check=True)
-    (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")  # its own .pth files are not read
+    # its own .pth files are not read
+    (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
     outside = tmp_path_factory.mktemp("outside")
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
     def run(program, *arguments):
         command = [home / "bin" / program, *map(str, arguments)]
-        done = subprocess.run(command, cwd=outside, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=outside, env=environment, capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -67,10 +71,20 @@ def installed(wheel, tmp_path_factory):
 
 def test_it_holds_everything_that_is_not_python_too(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
-    tracked = [path for package in PACKAGES for path in (REPOSITORY / package).rglob("*") if path.is_file()]
-    wanted = {str(path.relative_to(REPOSITORY)) for path in tracked if "__pycache__" not in path.parts}
+    tracked = [
+        path for package in PACKAGES for path in (REPOSITORY / package).rglob("*") if path.is_file()
+    ]
+    wanted = {
+        str(path.relative_to(REPOSITORY)) for path in tracked if "__pycache__" not in path.parts
+    }
     assert wanted <= names
-    for ending in ("py.typed", ".safetensors", ".npz", "surrogates/general.json", "sites/tjunction.json"):
+    for ending in (
+        "py.typed",
+        ".safetensors",
+        ".npz",
+        "surrogates/general.json",
+        "sites/tjunction.json",
+    ):
         assert any(name.endswith(ending) for name in wanted)
     assert {name.partition("/")[0].partition("-")[0] for name in names} == set(PACKAGES)
 

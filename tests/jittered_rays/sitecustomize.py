@@ -1,7 +1,8 @@
 """Cast rays as another processor would.
 
-`PYTHONPATH=tests/jittered_rays pytest` moves every ray by about one unit in the last place, as another instruction set
-does, in child processes too: rays at an edge then hit what lies beside it. The suite passes with and without.
+`PYTHONPATH=tests/jittered_rays pytest` moves every ray by about one unit in the last place, as
+another instruction set does, in child processes too: rays at an edge then hit what lies beside it.
+The suite passes with and without.
 """
 
 import os

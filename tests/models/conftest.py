@@ -1,4 +1,5 @@
-"""A little recording made without renderer or simulator: three sensors over a flat square with a few cars on it."""
+"""A little recording made without renderer or simulator: three sensors over a flat square with a
+few cars on it."""
 
 import numpy as np
 import pytest
@@ -15,21 +16,38 @@ from toolkit.sensors.sensor import Sensor
 AREA = (-12.8, -12.8, 12.8, 12.8)
 GROUND = 0.02  # m, so that rounding does not decide on which side of z = 0 a point lies
 SENSORS = (
-    Sensor("d0", DepthCamera(width=160, height=120, stride=1), look((-14.0, 0.0, 5.0), 0.0, np.deg2rad(25))),
-    Sensor("d1", DepthCamera(width=160, height=120, stride=1), look((14.0, 3.0, 6.0), np.pi, np.deg2rad(30))),
-    Sensor("l2", SpinningLidar(channels=32, azimuth_step=np.deg2rad(1.0)), pose(0.0, -14.0, 4.0, yaw=np.pi / 2)),
+    Sensor(
+        "d0",
+        DepthCamera(width=160, height=120, stride=1),
+        look((-14.0, 0.0, 5.0), 0.0, np.deg2rad(25)),
+    ),
+    Sensor(
+        "d1",
+        DepthCamera(width=160, height=120, stride=1),
+        look((14.0, 3.0, 6.0), np.pi, np.deg2rad(30)),
+    ),
+    Sensor(
+        "l2",
+        SpinningLidar(channels=32, azimuth_step=np.deg2rad(1.0)),
+        pose(0.0, -14.0, 4.0, yaw=np.pi / 2),
+    ),
 )
 
 
 def measure(sensor, boxes):
-    """Distance along each ray to the ground, 2 cm up, or the nearest box, whichever comes first; 0 for none."""
+    """Distance along each ray to the ground, 2 cm up, or the nearest box, whichever comes first; 0
+    for none."""
     rays = sensor.model.rays().reshape(-1, 3) @ sensor.pose[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):
         nearest = np.where(rays[:, 2] < 0, (GROUND - sensor.position[2]) / rays[:, 2], np.inf)
         for x, y, z, *size, yaw in boxes:
-            turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+            turn = np.array(
+                [[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+            )
             start, ray = turn @ (sensor.position - [x, y, z]), rays @ turn.T
-            near, far = np.sort([(-np.array(size) / 2 - start) / ray, (np.array(size) / 2 - start) / ray], axis=0)
+            near, far = np.sort(
+                [(-np.array(size) / 2 - start) / ray, (np.array(size) / 2 - start) / ray], axis=0
+            )
             entry, leaving = near.max(axis=1), far.min(axis=1)
             nearest = np.where((entry < leaving) & (entry > 0), np.minimum(nearest, entry), nearest)
     depth = np.where(nearest < sensor.model.max_range, nearest, 0).astype(np.float32)
@@ -37,7 +55,8 @@ def measure(sensor, boxes):
 
 
 def cars(rng, count):
-    """Boxes that stand apart on a circle of 8 m, the last one heavy and the first one outside the area."""
+    """Boxes that stand apart on a circle of 8 m, the last one heavy and the first one outside the
+    area."""
     angle = np.arange(count) * 2 * np.pi / count + rng.uniform(0, 1)
     size = rng.normal([4.4, 1.8, 1.5], [0.3, 0.1, 0.1], (count, 3))
     yaw = rng.uniform(-np.pi, np.pi, count)

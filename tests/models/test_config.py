@@ -12,8 +12,14 @@ from models.network.voxelnet import VoxelNet
 @pytest.mark.parametrize(
     ("area", "grid", "maps"),
     [
-        *(((-40, -20, 40, 20), (400, 200, 10), (200, 100)), ((-48, -48, 48, 48), (480, 480, 10), (240, 240))),
-        *(((0, 0, 50, 30), (256, 152, 10), (128, 76)), ((-0.3, 0.1, 1.4, 0.3), (16, 8, 10), (8, 4))),
+        *(
+            ((-40, -20, 40, 20), (400, 200, 10), (200, 100)),
+            ((-48, -48, 48, 48), (480, 480, 10), (240, 240)),
+        ),
+        *(
+            ((0, 0, 50, 30), (256, 152, 10), (128, 76)),
+            ((-0.3, 0.1, 1.4, 0.3), (16, 8, 10), (8, 4)),
+        ),
     ],
 )
 def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
@@ -24,7 +30,9 @@ def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
 def test_published_sizes_and_classes_survive_json():
     assert VoxelNetConfig.published("tjunction").map_shape == (200, 100)
     assert VoxelNetConfig.published("roundabout").grid_shape == (240, 240, 10)
-    parameters = sum(each.numel() for each in VoxelNet(VoxelNetConfig.published("tjunction")).parameters())
+    parameters = sum(
+        each.numel() for each in VoxelNet(VoxelNetConfig.published("tjunction")).parameters()
+    )
     assert parameters == 9_460_194
     with pytest.raises(ValueError, match="'crossing'"):
         VoxelNetConfig.published("crossing")
@@ -35,17 +43,30 @@ def test_published_sizes_and_classes_survive_json():
     assert CLASSES.anchor_labels == (0, 0, 1, 1, 2, 2, 3)
     assert CLASSES.classes == 1
     light = VoxelNetConfig.light((-8, -8, 8, 8))
-    assert not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"} & light.to_dict().keys()
+    assert (
+        not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"}
+        & light.to_dict().keys()
+    )
     assert "faces" in CLASSES.to_dict()
     (kind,) = light.anchor_kinds
-    assert (kind.label, kind.size, kind.z, kind.yaws) == ("vehicle", light.anchor_size, 0.8, light.anchor_yaws)
+    assert (kind.label, kind.size, kind.z, kind.yaws) == (
+        "vehicle",
+        light.anchor_size,
+        0.8,
+        light.anchor_yaws,
+    )
     assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
     for wrong in (("tram",), (), ("vehicle", "vehicle")):
-        with pytest.raises(ValueError, match="classes must be different ones of vehicle, heavy, cyclist, pedestrian"):
+        with pytest.raises(
+            ValueError,
+            match="classes must be different ones of vehicle, heavy, cyclist, pedestrian",
+        ):
             select_anchors(wrong)
 
 
-@pytest.mark.parametrize("config", [VoxelNetConfig.published("roundabout"), VoxelNetConfig.light(np.arange(4))])
+@pytest.mark.parametrize(
+    "config", [VoxelNetConfig.published("roundabout"), VoxelNetConfig.light(np.arange(4))]
+)
 def test_a_configuration_survives_json(config):
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
 
@@ -80,19 +101,34 @@ CLASSES = VoxelNetConfig.light(
         ({"labels": ("vehicle", "tram")}, "different ones of"),
         ({"labels": ("vehicle", "vehicle")}, "different ones of"),
         *(({"labels": ()}, "different ones of"), ({"faces": ("heavy",)}, "faces must be among")),
-        *(({"faces": ("tram",)}, "different ones of"), ({"kinds": ROAD_USERS}, "a kind for each label")),
+        *(
+            ({"faces": ("tram",)}, "different ones of"),
+            ({"kinds": ROAD_USERS}, "a kind for each label"),
+        ),
         ({**road_users(), "head": "published"}, "need a quality head"),
-        ({"calibration": ((1.0, 0.0), (1.0, 0.0))}, "calibration must have a slope above 0, an intercept, for each"),
+        (
+            {"calibration": ((1.0, 0.0), (1.0, 0.0))},
+            "calibration must have a slope above 0, an intercept, for each",
+        ),
         *(
             ({"calibration": ((0.0, 0.0),)}, "calibration must"),
             ({"calibration": ((1.0, 0.0, 0.0),)}, "calibration must"),
         ),
-        *(({"known": ((1.0, 0.0),)}, "known must have a slope"), ({"known": ((1.0, 0.0, -0.1),)}, "known must have")),
-        *(({"rivalry": ((1.0, 0.0),)}, "rivalry must have"), ({"rivalry": ((0.0, 0.0, 0.0),)}, "rivalry must have")),
+        *(
+            ({"known": ((1.0, 0.0),)}, "known must have a slope"),
+            ({"known": ((1.0, 0.0, -0.1),)}, "known must have"),
+        ),
+        *(
+            ({"rivalry": ((1.0, 0.0),)}, "rivalry must have"),
+            ({"rivalry": ((0.0, 0.0, 0.0),)}, "rivalry must have"),
+        ),
         ({"rivalry": ((1.0, 0.0, -0.1),)}, "rivalry must have"),
         ({"rivalry": ((1.0, 0.0, 0.1),) * 2}, "rivalry must have"),
         *(({"score_threshold": 1.0}, "0..1"), ({"thresholds": (-0.1,)}, "0..1")),
-        *(({"thresholds": (0.1, 0.1)}, "one per label"), ({"known_thresholds": (0.1, 0.1)}, "one per label")),
+        *(
+            ({"thresholds": (0.1, 0.1)}, "one per label"),
+            ({"known_thresholds": (0.1, 0.1)}, "one per label"),
+        ),
         ({"known_thresholds": (1.0,)}, "0..1"),
     ],
 )
@@ -101,7 +137,9 @@ def test_classes_that_do_not_fit_are_refused(changes, said):
         VoxelNetConfig.light((-8, -8, 8, 8), **changes)
 
 
-@pytest.mark.parametrize("changes", [{"size": (1.0, 0.0, 1.0)}, {"yaws": ()}, {"margin": -0.1}, {"negative": 0.9}])
+@pytest.mark.parametrize(
+    "changes", [{"size": (1.0, 0.0, 1.0)}, {"yaws": ()}, {"margin": -0.1}, {"negative": 0.9}]
+)
 def test_anchors_that_are_none_are_refused(changes):
     with pytest.raises(ValueError, match="anchors need"):
         AnchorKind(**{"label": "vehicle", "size": (4.0, 2.0, 1.5), "z": 0.8, **changes})
@@ -110,7 +148,10 @@ def test_anchors_that_are_none_are_refused(changes):
 @pytest.mark.parametrize(
     ("kinds", "said"),
     [
-        *(("vehicle", "kinds must be a list"), (["vehicle"], "must be an object of label, size, z")),
+        *(
+            ("vehicle", "kinds must be a list"),
+            (["vehicle"], "must be an object of label, size, z"),
+        ),
         ([{"label": "vehicle", "size": [1, 1, 1]}], "must be an object of"),
         ([{"label": "vehicle", "size": [1, 1, 1], "z": 1.0, "colour": 3}], "must be an object of"),
         ([{"label": "vehicle", "size": [1, 1], "z": 1.0}], "size must have 3 entries"),

@@ -1,4 +1,5 @@
-"""`VoxelNetDetector` and `load_detector`: maps become detections, files become detectors or one-line errors."""
+"""`VoxelNetDetector` and `load_detector`: maps become detections, files become detectors or
+one-line errors."""
 
 import dataclasses
 
@@ -35,7 +36,8 @@ def test_shifted_grids_pool_what_each_of_them_finds(monkeypatch):
     assert (detector.phases, phased.phases) == (1, 3)
     assert phased.digest != detector.digest == detector.shift_grids(1).digest
     assert not len(phased(cloud[:0]))
-    shifts = np.outer(np.arange(3), [0.7548776662466927, 0.5698402909980532]) % 1 * 0.4  # cells of the map are 0.4 m
+    # cells of the map are 0.4 m
+    shifts = np.outer(np.arange(3), [0.7548776662466927, 0.5698402909980532]) % 1 * 0.4
     parts = []
     for shift in shifts:
         found = detector(cloud + np.float32([*shift, 0]))
@@ -106,7 +108,9 @@ def test_weights_survive_a_file_and_those_of_a_site_stay_there(tmp_path):
     for name, tensor in network().state_dict().items():
         torch.testing.assert_close(loaded.state_dict()[name], tensor)
     assert list(tmp_path.iterdir()) == [path]
-    np.testing.assert_array_equal(load_detector(path)(points()).boxes, VoxelNetDetector(network())(points()).boxes)
+    np.testing.assert_array_equal(
+        load_detector(path)(points()).boxes, VoxelNetDetector(network())(points()).boxes
+    )
     general, site = tmp_path / "general.safetensors", tmp_path / "site.safetensors"
     save_weights(general, network(), Header("general"))
     save_weights(site, network(), Header("tjunction"))
@@ -144,7 +148,10 @@ def test_files_of_another_size_or_kind_or_none_are_errors(tmp_path):
     wrong = network()
     wrong.config = dataclasses.replace(CONFIG, voxel_width=16)
     save_weights(path, wrong, Header())
-    with pytest.raises(ValueError, match=r"features.layers.0.linear.weight must have shape \(16, 6\), got \(32, 6\)"):
+    with pytest.raises(
+        ValueError,
+        match=r"features.layers.0.linear.weight must have shape \(16, 6\), got \(32, 6\)",
+    ):
         load_detector(path)
     assert "features.layers.0.linear.weight" in load_file(path)
     with pytest.raises(FileNotFoundError, match="no weights named 'nowhere'; shipped: general, "):
@@ -155,7 +162,10 @@ def test_files_of_another_size_or_kind_or_none_are_errors(tmp_path):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_cuda_detects_the_same():
-    here, there = VoxelNetDetector(network())(points()), VoxelNetDetector(network(), device="cuda")(points())
+    here, there = (
+        VoxelNetDetector(network())(points()),
+        VoxelNetDetector(network(), device="cuda")(points()),
+    )
     np.testing.assert_allclose(there.boxes, here.boxes, atol=2e-2)
 
 
@@ -170,7 +180,10 @@ def test_batches_are_their_items_and_thresholds_may_be_replaced(tmp_path):
         np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
         np.testing.assert_array_equal(together.labels, alone.labels)
         assert len(set(alone.labels)) > 1
-    path, made = tmp_path / "w.safetensors", network(dataclasses.replace(CONFIG, averaging=0.0), logit=0.5)
+    path, made = (
+        tmp_path / "w.safetensors",
+        network(dataclasses.replace(CONFIG, averaging=0.0), logit=0.5),
+    )
     scores = VoxelNetDetector(made)(points()).scores
     middle = float(np.median(scores))
     made.config = dataclasses.replace(made.config, score_threshold=middle)
@@ -193,15 +206,21 @@ def test_every_class_may_have_a_threshold_of_its_own(monkeypatch):
     assert len(set(least)) > 2
     made.config = dataclasses.replace(made.config, thresholds=tuple(least))
     own = VoxelNetDetector(made)
-    kept = found.scores > np.array(least)[[list(FIRST_ANCHOR).index(label) for label in found.labels]]
+    kept = (
+        found.scores > np.array(least)[[list(FIRST_ANCHOR).index(label) for label in found.labels]]
+    )
     assert 0 < kept.sum() < len(kept)
     np.testing.assert_array_equal(own(points()).scores, found.scores[kept])
     np.testing.assert_array_equal(own(points()).labels, found.labels[kept])
-    np.testing.assert_array_equal(VoxelNetDetector(made, score_threshold=0.1)(points()).scores, found.scores)
+    np.testing.assert_array_equal(
+        VoxelNetDetector(made, score_threshold=0.1)(points()).scores, found.scores
+    )
 
 
 def test_rivals_below_a_class_s_threshold_still_count_and_thresholds_are_of_what_is_left():
-    small = dataclasses.replace(VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2), **road_users()), averaging=0.0)
+    small = dataclasses.replace(
+        VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2), **road_users()), averaging=0.0
+    )
     made = network(small, logit=0.5)
     rows = ((1.0, 0.0, 0.0, 1.0, 1.0, 2.0),) * 4
     bare = VoxelNetDetector(made, score_threshold=LEAST_RIVAL)(points())
@@ -220,7 +239,9 @@ def test_rivals_below_a_class_s_threshold_still_count_and_thresholds_are_of_what
 
 
 def test_a_second_stage_and_classes_survive_a_file_or_are_missed(tmp_path):
-    config = dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), calibration=((1.2, -0.1),) * 4)
+    config = dataclasses.replace(
+        CLASSES, faces=("vehicle", "heavy"), calibration=((1.2, -0.1),) * 4
+    )
     made, path = network(config), tmp_path / "w.safetensors"
     made.faces.prior[:] = torch.tensor([0.1, 0.05, 0.02])
     save_weights(path, made, Header("general"))
@@ -242,7 +263,11 @@ def assert_unions(detector, clouds, unions):
     found = detector.unions(clouds, unions)
     assert len(found) == len(unions)
     for row, each in zip(unions, found, strict=True):
-        alone = detector(np.concatenate([np.zeros((0, 3), np.float32), *(clouds[c] for c in np.flatnonzero(row))]))
+        alone = detector(
+            np.concatenate(
+                [np.zeros((0, 3), np.float32), *(clouds[c] for c in np.flatnonzero(row))]
+            )
+        )
         np.testing.assert_array_equal(each.labels, alone.labels)
         np.testing.assert_allclose(each.boxes, alone.boxes, atol=1e-4)
         np.testing.assert_allclose(each.scores, alone.scores, atol=1e-5)
@@ -257,7 +282,9 @@ EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
     [
         *(CONFIG, dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), averaging=0.7)),
         dataclasses.replace(CONFIG, max_points=2),  # voxels of some unions are crowded
-        dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)),
+        dataclasses.replace(
+            VoxelNetConfig.published("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)
+        ),
     ],
     ids=["light", "classes, faces", "crowded", "published"],
 )
@@ -287,7 +314,9 @@ def test_unions_may_have_many_candidates_or_none(monkeypatch):
 
 def test_bfloat16_is_quick_where_it_takes_less_time(monkeypatch):
     def quick_at(seconds, device="cpu"):
-        monkeypatch.setattr("models.network.sparse._time_layer", lambda dtype: seconds[dtype == torch.bfloat16])
+        monkeypatch.setattr(
+            "models.network.sparse._time_layer", lambda dtype: seconds[dtype == torch.bfloat16]
+        )
         is_quick_at_bfloat16.cache_clear()
         return is_quick_at_bfloat16(torch.device(device))
 
@@ -309,7 +338,10 @@ def test_a_quick_detector_differs_a_little_and_says_so(monkeypatch):
     monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
     quick = detector.quick()
     assert quick.digest != detector.digest
-    exact, coarse = (each.network(collate([voxelise(torch.as_tensor(points()), CONFIG)])) for each in (detector, quick))
+    exact, coarse = (
+        each.network(collate([voxelise(torch.as_tensor(points()), CONFIG)]))
+        for each in (detector, quick)
+    )
     assert coarse.class_logits.dtype == torch.float32
     assert 0 < float((exact.class_logits - coarse.class_logits).abs().max()) < 0.1
     clouds, unions = [points(seed=1), points(seed=2)], np.array([[True, False], [True, True]])

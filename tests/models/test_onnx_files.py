@@ -1,4 +1,5 @@
-"""Networks in ONNX: ours equal torch, anybody's follow a card, and what does not fit is told in one line."""
+"""Networks in ONNX: ours equal torch, anybody's follow a card, and what does not fit is told in one
+line."""
 
 import json
 import pickle
@@ -29,7 +30,9 @@ def cloud(n=3000, seed=0):
     "config",
     [
         VoxelNetConfig.light(AREA, **road_users()),
-        VoxelNetConfig(AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)),
+        VoxelNetConfig(
+            AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)
+        ),
     ],
     ids=["light", "published"],
 )
@@ -89,13 +92,17 @@ def test_the_part_that_halves_in_bfloat16_can_be_exported():
 
 
 def graph(path, outputs=("boxes", "scores", "labels"), inputs=("points",), label=1):
-    """A network of others: a box about the mean of all points, of score 0.9 at most, and the same one again."""
+    """A network of others: a box about the mean of all points, of score 0.9 at most, and the same
+    one again."""
     from onnx import TensorProto, helper
 
     def constant(name, values, kind=TensorProto.FLOAT):
         array = np.asarray(values)
         return helper.make_node(
-            "Constant", [], [name], value=helper.make_tensor(name, kind, array.shape, array.ravel().tolist())
+            "Constant",
+            [],
+            [name],
+            value=helper.make_tensor(name, kind, array.shape, array.ravel().tolist()),
         )
 
     nodes = [
@@ -109,15 +116,29 @@ def graph(path, outputs=("boxes", "scores", "labels"), inputs=("points",), label
     ]
     kinds = {"labels": TensorProto.INT64}
     made = helper.make_graph(
-        [node for node in nodes if node.op_type != "Constant" or node.output[0] in {*outputs, "axis", "size"}],
+        [
+            node
+            for node in nodes
+            if node.op_type != "Constant" or node.output[0] in {*outputs, "axis", "size"}
+        ],
         "others",
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in inputs],
-        [helper.make_tensor_value_info(name, kinds.get(name, TensorProto.FLOAT), None) for name in outputs],
+        [
+            helper.make_tensor_value_info(name, kinds.get(name, TensorProto.FLOAT), None)
+            for name in outputs
+        ],
     )
-    onnx.save(helper.make_model(made, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), path)
+    onnx.save(
+        helper.make_model(made, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), path
+    )
 
 
-CARD = {"decoded": True, "area": [-8, -8, 8, 8], "labels": ["vehicle", "cyclist"], "score_threshold": 0.1}
+CARD = {
+    "decoded": True,
+    "area": [-8, -8, 8, 8],
+    "labels": ["vehicle", "cyclist"],
+    "score_threshold": 0.1,
+}
 
 
 def write(folder, card=CARD, **more):
@@ -186,7 +207,10 @@ def test_missing_and_damaged_files_and_packages(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"area": [-2000, -2000, 2000, 2000]}, "at most 5000000 columns of 500, but area -2000 -2000 2000 2000"),
+        (
+            {"area": [-2000, -2000, 2000, 2000]},
+            "at most 5000000 columns of 500, but area -2000 -2000 2000 2000",
+        ),
         ({"voxel_size": [1e-6, 1e-6, 0.4]}, "lower the area or raise voxel_size"),
         ({"voxel_size": [0.2, 0.2, 1e-5]}, "columns of 500"),
         ({"vfe_widths": [999_999]}, "widths of layers must be at most 4096, got 999999"),
@@ -202,7 +226,11 @@ def test_sizes_that_a_card_declares_are_bounded(changes, said):
 @pytest.mark.parametrize(
     ("boxes", "scores", "said"),
     [
-        ([[0, 0, 1, 4, 2, 1.5, 0]], [1.5], r"scores must be within 0\.\.1, got 1\.5: end the network in a sigmoid"),
+        (
+            [[0, 0, 1, 4, 2, 1.5, 0]],
+            [1.5],
+            r"scores must be within 0\.\.1, got 1\.5: end the network in a sigmoid",
+        ),
         ([[0, 0, 1, 4, 2, 1.5, 0]], [np.nan], r"scores must be within 0\.\.1, got nan"),
         (
             [[1e30, 0, 1, 4, 2, 1.5, 0]],

@@ -1,4 +1,5 @@
-"""`load_published` against the formats document, followed line by line by a slow dense network written here."""
+"""`load_published` against the formats document, followed line by line by a slow dense network
+written here."""
 
 import os
 from typing import Any
@@ -77,7 +78,9 @@ class PublishedNetwork(nn.Module):
 def _layer(conv):
     layer = nn.Module()
     layer.conv1 = conv
-    layer.bn1 = (nn.BatchNorm3d if isinstance(conv, nn.Conv3d) else nn.BatchNorm2d)(conv.out_channels)
+    layer.bn1 = (nn.BatchNorm3d if isinstance(conv, nn.Conv3d) else nn.BatchNorm2d)(
+        conv.out_channels
+    )
     return layer
 
 
@@ -86,7 +89,8 @@ def _apply(layer, x):
 
 
 def random_network(seed=0):
-    """Weights that keep the scale of what passes, and running statistics and affine maps that are not the identity."""
+    """Weights that keep the scale of what passes, and running statistics and affine maps that are
+    not the identity."""
     torch.manual_seed(seed)
     network = PublishedNetwork()
     for module in network.modules():
@@ -118,23 +122,33 @@ def padded_voxels(points, site):
         inside = np.array(inside[:35])
         padded[row, : len(inside), :3] = inside
         padded[row, : len(inside), 3:] = inside - inside.mean(axis=0)
-    return torch.from_numpy(padded), torch.tensor(list(members)).reshape(-1, 3), tuple(shape.tolist())
+    return (
+        torch.from_numpy(padded),
+        torch.tensor(list(members)).reshape(-1, 3),
+        tuple(shape.tolist()),
+    )
 
 
 def checkpoint(path, state_dict):
-    torch.save({"epoch": 30, "state_dict": state_dict, "best_recall": 0.9, "optimizer": {"state": {}}}, path)
+    torch.save(
+        {"epoch": 30, "state_dict": state_dict, "best_recall": 0.9, "optimizer": {"state": {}}},
+        path,
+    )
     return path
 
 
 def cloud(site, n=3000, seed=1):
-    """Random points in and around the area, right-handed CARLA coordinates; fewer than 35 in any voxel."""
+    """Random points in and around the area, right-handed CARLA coordinates; fewer than 35 in any
+    voxel."""
     rng = np.random.default_rng(seed)
     (x0, x1), _, (z0, z1) = EXTENTS[site]
     x_ref, _, z_ref = REFERENCE[site]
     points = rng.uniform((x0 - 2, z0 - 2, -0.5), (x1 + 2, z1 + 2, 4.5), (n, 3))
     points[: n // 2, :2] = points[: n // 2, :2] * 0.1 + np.array([(x0 + x1) / 2, (z0 + z1) / 2])
     points[: n // 2, 2] *= 0.3
-    return (np.stack((points[:, 0] + x_ref, -points[:, 1] - z_ref, points[:, 2]), 1)).astype(np.float32)
+    return (np.stack((points[:, 0] + x_ref, -points[:, 1] - z_ref, points[:, 2]), 1)).astype(
+        np.float32
+    )
 
 
 def to_site(points, site):
@@ -151,7 +165,10 @@ def network():
 @pytest.fixture
 def small(monkeypatch):
     """Both sites cut to a part, so that a dense network is quick; the reference points stay."""
-    for site, ((x0, x1), (z0, z1)) in {"tjunction": ((0, 16), (0, 24)), "roundabout": ((-8, 8), (-16, 16))}.items():
+    for site, ((x0, x1), (z0, z1)) in {
+        "tjunction": ((0, 16), (0, 24)),
+        "roundabout": ((-8, 8), (-16, 16)),
+    }.items():
         monkeypatch.setitem(published.AREA, site, (float(x0), float(z0), float(x1), float(z1)))
         monkeypatch.setitem(EXTENTS, site, ((x0, x1), (0, 4), (z0, z1)))
 
@@ -162,11 +179,15 @@ def assert_raw_maps_equal(site, network, path):
     with torch.inference_mode():
         classes, residuals = network(*padded_voxels(points, site))
     ours = detector.head(points, frame="carla")
-    assert [tuple(each.shape) for each in ours] == [(1, 4, *classes.shape[2:]), (1, 14, *classes.shape[2:])]
+    assert [tuple(each.shape) for each in ours] == [
+        (1, 4, *classes.shape[2:]),
+        (1, 14, *classes.shape[2:]),
+    ]
     assert classes.std() > 0.05  # the weights keep the signal alive
     torch.testing.assert_close(ours[0], classes, atol=1e-4, rtol=0)
     torch.testing.assert_close(ours[1], residuals, atol=1e-4, rtol=0)
-    in_site_frame = detector.head(to_site(points, site))[1]  # rounding puts a point or two into the next voxel
+    # rounding puts a point or two into the next voxel
+    in_site_frame = detector.head(to_site(points, site))[1]
     assert float((in_site_frame - residuals).abs().mean()) < 0.02 * float(residuals.std())
 
 
@@ -185,7 +206,9 @@ def test_no_points_give_the_empty_grids_maps(network, tmp_path, small):
     path = checkpoint(tmp_path / "c.pth", network.state_dict())
     ours = load_published(path, "tjunction").head(np.zeros((0, 3), np.float32))
     with torch.inference_mode():
-        expected = network(torch.zeros(0, 35, 6), torch.zeros(0, 3, dtype=torch.long), (80, 10, 120))
+        expected = network(
+            torch.zeros(0, 35, 6), torch.zeros(0, 3, dtype=torch.long), (80, 10, 120)
+        )
     torch.testing.assert_close(ours[0], expected[0], atol=1e-4, rtol=0)
 
 
@@ -196,7 +219,9 @@ def test_the_layout_is_the_documented_one_however_it_was_trained(network, tmp_pa
     ours = VoxelNet(config.VoxelNetConfig.published("tjunction")).state_dict()
     assert {published.name_in_paper(name) for name in ours} == set(state)
     prefixed = {f"module.{name}": tensor for name, tensor in network.state_dict().items()}
-    assert load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
+    assert (
+        load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
+    )
 
 
 def test_frames_turn_alike_and_digests_change():
@@ -208,23 +233,33 @@ def test_frames_turn_alike_and_digests_change():
     for site in ("tjunction", "roundabout"):
         turned = published.from_network(boxes, site)
         for there, here in ((ahead(turned), ahead(boxes)), (turned[:, :3], boxes[:, :3])):
-            np.testing.assert_allclose(published.to_network(there.astype(np.float32), site), here, atol=1e-4)
+            np.testing.assert_allclose(
+                published.to_network(there.astype(np.float32), site), here, atol=1e-4
+            )
     carla = cloud("tjunction", 50)
     there = published.to_network(carla, "tjunction", "carla")
-    np.testing.assert_allclose(published.to_network(to_site(carla, "tjunction"), "tjunction"), there, atol=1e-4)
+    np.testing.assert_allclose(
+        published.to_network(to_site(carla, "tjunction"), "tjunction"), there, atol=1e-4
+    )
     network = VoxelNet(config.VoxelNetConfig.published("tjunction"))
 
     def digest(**settings):
         return published.PublishedDetector(network, "tjunction", **settings).digest
 
     assert digest() == digest()
-    same = [digest(), digest(decoding="published"), digest(score_threshold=0.2), digest(nms_threshold=0.2)]
+    same = [
+        digest(),
+        digest(decoding="published"),
+        digest(score_threshold=0.2),
+        digest(nms_threshold=0.2),
+    ]
     torch.nn.init.ones_(network.head.classes.bias)
     assert len({*same, digest()}) == 5
 
 
 def documented_detections(classes, residuals, site):
-    """Anchors, residuals, softmax, score and proposal suppression of the document, in loops. (k, 8) in their frame."""
+    """Anchors, residuals, softmax, score and proposal suppression of the document, in loops. (k, 8)
+    in their frame."""
     (x0, _), _, (z0, _) = EXTENTS[site]
     stride = 2 * VOXEL[site][0]
     classes, residuals, found = classes.double().numpy(), residuals.double().numpy(), []
@@ -269,14 +304,20 @@ def test_published_decoding_gives_the_documented_detections(network, tmp_path, s
     site, path = to_site(cloud("tjunction"), "tjunction"), tmp_path / "c.pth"
     state = network.state_dict()
     classes = load_published(checkpoint(path, state), "tjunction").head(site)[0]
-    unsure = torch.topk((classes[:, 1::2] - classes[:, ::2]).flatten(), 200).values[-1] + np.log(9)  # 200 reach 0.1
-    state["_rpn.rpn_head.conv_cls.bias"] = state["_rpn.rpn_head.conv_cls.bias"] + unsure * torch.tensor([1, 0, 1, 0])
+    # 200 reach 0.1
+    unsure = torch.topk((classes[:, 1::2] - classes[:, ::2]).flatten(), 200).values[-1] + np.log(9)
+    state["_rpn.rpn_head.conv_cls.bias"] = state[
+        "_rpn.rpn_head.conv_cls.bias"
+    ] + unsure * torch.tensor([1, 0, 1, 0])
     detector = load_published(checkpoint(path, state), "tjunction", decoding="published")
     detector.nms_threshold = 1.0  # proposals alone
     expected = documented_detections(*detector.head(site), "tjunction")
     (x0, x1), _, (z0, z1) = EXTENTS["tjunction"]
     expected = expected[
-        (expected[:, 0] >= x0) & (expected[:, 0] <= x1) & (expected[:, 2] >= z0) & (expected[:, 2] <= z1)
+        (expected[:, 0] >= x0)
+        & (expected[:, 0] <= x1)
+        & (expected[:, 2] >= z0)
+        & (expected[:, 2] <= z1)
     ]
     found = detector(site)
     assert 3 < len(found) == len(expected) < 300
@@ -295,7 +336,9 @@ def test_published_decoding_gives_the_documented_detections(network, tmp_path, s
     ("change", "said"),
     [
         (
-            lambda state: {key: tensor for key, tensor in state.items() if key != "_rpn.conv2_2.bn1.bias"},
+            lambda state: {
+                key: tensor for key, tensor in state.items() if key != "_rpn.conv2_2.bn1.bias"
+            },
             "lacks _rpn.conv2_2.bn1.bias: it holds 144 tensors where .* 145",
         ),
         (lambda state: state | {"more": torch.zeros(1)}, "has more besides"),
@@ -303,7 +346,10 @@ def test_published_decoding_gives_the_documented_detections(network, tmp_path, s
             lambda state: state | {"_rpn.deconv1.weight": torch.zeros(1, 2)},
             r"_rpn.deconv1.weight must have shape \(256, 256, 4, 4\), got \(1, 2\)",
         ),
-        (lambda state: state | {"_rpn.deconv1.bias": torch.full((256,), torch.nan)}, "_rpn.deconv1.bias .*not finite"),
+        (
+            lambda state: state | {"_rpn.deconv1.bias": torch.full((256,), torch.nan)},
+            "_rpn.deconv1.bias .*not finite",
+        ),
         (lambda state: {"a": 3}, "no state_dict of tensors"),
     ],
 )

@@ -1,4 +1,5 @@
-"""The shipped network at a roadside lidar of a road 3.3 m above the land next to it, with default levelling."""
+"""The shipped network at a roadside lidar of a road 3.3 m above the land next to it, with default
+levelling."""
 
 import numpy as np
 import open3d as o3d
@@ -42,8 +43,12 @@ def cloud_of_cars(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         mesh.triangle.indices = o3d.core.Tensor(body.triangles.astype(np.int32))
         scene.add_triangles(mesh)
         middles.append(middle)
-    up, around = np.meshgrid(np.deg2rad(np.linspace(-25, 10, 64)), np.deg2rad(np.arange(0, 360, 0.3)), indexing="ij")
-    ways = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1).reshape(-1, 3)
+    up, around = np.meshgrid(
+        np.deg2rad(np.linspace(-25, 10, 64)), np.deg2rad(np.arange(0, 360, 0.3)), indexing="ij"
+    )
+    ways = np.stack(
+        [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1
+    ).reshape(-1, 3)
     rays = np.column_stack([np.tile(LIDAR_M, (len(ways), 1)), ways]).astype(np.float32)
     hits = scene.cast_rays(o3d.core.Tensor(rays))
     far, mesh_number = hits["t_hit"].numpy(), hits["geometry_ids"].numpy()

@@ -14,7 +14,9 @@ from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.runtime.run import Run
 
 
-@pytest.mark.parametrize("path", sorted(Path(SHIPPED).rglob("*.safetensors")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted(Path(SHIPPED).rglob("*.safetensors")), ids=lambda path: path.stem
+)
 def test_the_header_says_where_they_come_from(path):
     _, header = load_weights(path)
     assert header.site == path.stem
@@ -38,7 +40,9 @@ def street(seed=0, cars=8, half=18.0):
     return np.concatenate(parts).astype(np.float32)
 
 
-AS_EVER = {  # what the weights that know vehicles alone detected before there were classes; on one machine to the byte
+# what the weights that know vehicles alone detected before there were classes; on one machine to
+# the byte
+AS_EVER = {
     "vehicles/tjunction": (
         "0c46b2b5b1f32de78f13768ca7e21271614700e0b41f3fa02d1e038567a4ea44",
         [13.5842, 8.0343, 0.9988, 4.886, 2.0884, 2.003, 0.1763],
@@ -74,5 +78,7 @@ def test_they_detect_at_their_site_and_the_general_ones_at_both(site, tmp_path):
     with CoopDataset(tmp_path / "few.hdf5") as recording:
         for name in (site, "general"):
             detector = load_detector(name, site=site, area=recording.site.area)
-            (row,) = evaluate_recording(recording, detector, Comparison(schemes=("early",), iou_thresholds=(0.7,)))
+            (row,) = evaluate_recording(
+                recording, detector, Comparison(schemes=("early",), iou_thresholds=(0.7,))
+            )
             assert row.ap > 0.9, name

@@ -1,4 +1,5 @@
-"""`coview train` and `python -m models.train`: weights and curves, the same ones however often they were killed."""
+"""`coview train` and `python -m models.train`: weights and curves, the same ones however often they
+were killed."""
 
 import os
 import random
@@ -25,9 +26,29 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weights):
-    options = ["--data", str(packed_file), "--epochs", "0.4", "--device", "cpu", "--out", str(tmp_path)]
+    options = [
+        "--data",
+        str(packed_file),
+        "--epochs",
+        "0.4",
+        "--device",
+        "cpu",
+        "--out",
+        str(tmp_path),
+    ]
     with pytest.raises(SystemExit) as ended:
-        main(["train", "general", *options, "--validate", str(packed_file), "--validate-frames", "1", "--json"])
+        main(
+            [
+                "train",
+                "general",
+                *options,
+                "--validate",
+                str(packed_file),
+                "--validate-frames",
+                "1",
+                "--json",
+            ]
+        )
     assert ended.value.code == 0
     network, header = load_weights(tmp_path / "weights.safetensors")
     assert same_weights(network, read_checkpoint(tmp_path / CHECKPOINT)["network"])
@@ -38,9 +59,20 @@ def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weigh
 
 def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_path, monkeypatch):
     monkeypatch.setattr("models.training.second_stage.STEPS", 20)
-    chosen = {"classes": ("vehicle", "heavy"), "faces": ("vehicle",), "calibrate": True, "start": "general"}
+    chosen = {
+        "classes": ("vehicle", "heavy"),
+        "faces": ("vehicle",),
+        "calibrate": True,
+        "start": "general",
+    }
     options = TrainingOptions(
-        data=packed_file, out=tmp_path / "a", epochs=1.0, batch=2, device="cpu", validate=packed_file, **chosen
+        data=packed_file,
+        out=tmp_path / "a",
+        epochs=1.0,
+        batch=2,
+        device="cpu",
+        validate=packed_file,
+        **chosen,
     )
     weights, figures = run(None, options)
     network, header = load_weights(weights)
@@ -58,12 +90,24 @@ def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_p
 
 @pytest.mark.slow
 def test_killed_three_times_it_ends_with_the_same_weights(packed_file, tmp_path, same_weights):
-    command = [sys.executable, "-m", "models.train", "--data", str(packed_file), "--epochs", "20", "--threads", "1"]
+    command = [
+        sys.executable,
+        "-m",
+        "models.train",
+        "--data",
+        str(packed_file),
+        "--epochs",
+        "20",
+        "--threads",
+        "1",
+    ]
     command += ["--device", "cpu", "--checkpoint-s", "0.3", "--out"]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
     random.seed(0)
     for kills in range(3):
-        process = subprocess.Popen([*command, str(tmp_path / "killed")], env=environment, stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            [*command, str(tmp_path / "killed")], env=environment, stdout=subprocess.DEVNULL
+        )
         while not (tmp_path / "killed" / CHECKPOINT).exists():
             assert process.poll() is None
             time.sleep(0.05)
@@ -71,8 +115,15 @@ def test_killed_three_times_it_ends_with_the_same_weights(packed_file, tmp_path,
         process.kill()
         assert process.wait() == -9, "it was done before it was killed: give it more epochs"
     for folder in ("killed", "whole"):
-        subprocess.run([*command, str(tmp_path / folder)], env=environment, check=True, stdout=subprocess.DEVNULL)
-    killed, whole = (read_checkpoint(tmp_path / folder / CHECKPOINT)["network"] for folder in ("killed", "whole"))
+        subprocess.run(
+            [*command, str(tmp_path / folder)],
+            env=environment,
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+    killed, whole = (
+        read_checkpoint(tmp_path / folder / CHECKPOINT)["network"] for folder in ("killed", "whole")
+    )
     assert same_weights(killed, whole)
 
 
@@ -92,16 +143,31 @@ def test_weights_know_the_commit_of_the_code_that_made_them(monkeypatch):
 
 def test_what_is_left_out_is_as_in_the_network_that_training_starts_from(tmp_path):
     four = VoxelNetConfig.light(
-        (-8, -8, 8, 8), **road_users(), faces=("vehicle", "heavy"), calibration=((1.0, 0.0),) * 4, thresholds=(0.2,) * 4
+        (-8, -8, 8, 8),
+        **road_users(),
+        faces=("vehicle", "heavy"),
+        calibration=((1.0, 0.0),) * 4,
+        thresholds=(0.2,) * 4,
     )
     start = VoxelNet(four)
     given = {"data": tmp_path, "out": tmp_path, "start": "general"}
-    assert second_stages(TrainingOptions(**given), start) == (four.labels, ("vehicle", "heavy"), True)
+    assert second_stages(TrainingOptions(**given), start) == (
+        four.labels,
+        ("vehicle", "heavy"),
+        True,
+    )
     fewer = TrainingOptions(**given, classes=("heavy", "cyclist"))
     assert second_stages(fewer, start) == (("heavy", "cyclist"), ("heavy",), True)
     assert second_stages(TrainingOptions(**given, faces=()), start)[1] == ()
-    assert second_stages(TrainingOptions(data=tmp_path, out=tmp_path), None) == (("vehicle",), (), False)
-    with pytest.raises(ValueError, match="--faces must be among --classes vehicle heavy cyclist pedestrian, got tram"):
+    assert second_stages(TrainingOptions(data=tmp_path, out=tmp_path), None) == (
+        ("vehicle",),
+        (),
+        False,
+    )
+    with pytest.raises(
+        ValueError,
+        match="--faces must be among --classes vehicle heavy cyclist pedestrian, got tram",
+    ):
         second_stages(TrainingOptions(**given, faces=("tram",)), start)
     one = widen(start, VoxelNetConfig.light((-8, -8, 8, 8)))
     assert (one.config.labels, one.config.thresholds, one.config.faces) == (("vehicle",), (), ())

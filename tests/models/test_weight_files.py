@@ -14,7 +14,10 @@ AREA = (-8.0, -8.0, 8.0, 8.0)
 
 
 def test_bytes_repeat_tensors_stay_aligned_and_links_are_followed(tmp_path):
-    network, header = VoxelNet(VoxelNetConfig.light(AREA)), Header("a", 3, "c", {"b": 1.0, "a": 2.0})
+    network, header = (
+        VoxelNet(VoxelNetConfig.light(AREA)),
+        Header("a", 3, "c", {"b": 1.0, "a": 2.0}),
+    )
     for k in range(5):
         save_weights(tmp_path / f"{k}", network, header)
     assert len({(tmp_path / f"{k}").read_bytes() for k in range(5)}) == 1

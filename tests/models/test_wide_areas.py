@@ -1,4 +1,5 @@
-"""Areas too large for one grid are detected in block by block, with the same boxes and little memory."""
+"""Areas too large for one grid are detected in block by block, with the same boxes and little
+memory."""
 
 import numpy as np
 import pytest
@@ -11,7 +12,11 @@ from toolkit.objects import VEHICLE
 
 def cars(rng, low, high, count):
     """Ground and points on drawn cars."""
-    parts = [np.column_stack([rng.uniform(low, high, (count * 100, 2)), rng.normal(0.02, 0.01, count * 100)])]
+    parts = [
+        np.column_stack(
+            [rng.uniform(low, high, (count * 100, 2)), rng.normal(0.02, 0.01, count * 100)]
+        )
+    ]
     for _ in range(count):
         body = draw_body(VEHICLE, rng)
         corners = body.vertices[body.triangles[rng.integers(len(body.triangles), size=60)]]

@@ -1,4 +1,5 @@
-"""Every file format that is read: how to make a small sound file of it, how it is damaged, and what reads it."""
+"""Every file format that is read: how to make a small sound file of it, how it is damaged, and what
+reads it."""
 
 import gzip
 import importlib
@@ -56,8 +57,9 @@ from toolkit.sites.site import Site, Solid
 
 @dataclass(frozen=True)
 class Format:
-    """make: writes a sound file; read: all that a command does with it until it computes; share: of the mutants, 1 for
-    an ordinary one; owns: whether reading may put the file aside or write into it; structured: damage that knows it."""
+    """make: writes a sound file; read: all that a command does with it until it computes; share: of
+    the mutants, 1 for an ordinary one; owns: whether reading may put the file aside or write into
+    it; structured: damage that knows it."""
 
     make: Callable[[Path], object]
     read: Callable[[Path], object]
@@ -128,7 +130,9 @@ def _formats() -> dict[str, Format]:
         "sweep.feather": points.feather,
     }
     poses = {"poses.json": points.poses_json, "poses.txt": points.poses_text}
-    meshes = dict.fromkeys(("mesh.obj", "mesh.ply", "mesh.stl", "mesh.off", "mesh.glb"), points.mesh)
+    meshes = dict.fromkeys(
+        ("mesh.obj", "mesh.ply", "mesh.stl", "mesh.off", "mesh.glb"), points.mesh
+    )
     texts = (".xyz", ".csv", "text.ply", "text.pcd", ".txt", ".obj", ".off")
     return {
         "plan.json": Format(plans.make_plan, plans.read_plan, JSON),
@@ -149,10 +153,14 @@ def _formats() -> dict[str, Format]:
         "network.safetensors": Format(networks.weights, read_weights, SAFETENSORS, 2),
         "classes.safetensors": Format(networks.class_weights, read_weights, SAFETENSORS, 2),
         "card.onnx.json": Format(networks.card, networks.read_card, JSON, 2),
-        "published.pth": Format(networks.published_checkpoint, networks.read_published_checkpoint, BYTES, 0.5),
+        "published.pth": Format(
+            networks.published_checkpoint, networks.read_published_checkpoint, BYTES, 0.5
+        ),
         "checkpoint.pt": Format(networks.checkpoint, networks.read_checkpoint, BYTES, 1),
         **{
-            name: Format(make, points.read_cloud, TEXT if name.endswith(texts) else (*BYTES, *TEXT[-2:]))
+            name: Format(
+                make, points.read_cloud, TEXT if name.endswith(texts) else (*BYTES, *TEXT[-2:])
+            )
             for name, make in clouds.items()
         },
         **{
@@ -168,9 +176,14 @@ def _formats() -> dict[str, Format]:
         "meshes.toml": Format(_mesh_catalogue, _read_mesh_catalogue, TEXT),
         "map.xodr": Format(maps.make_opendrive, maps.read_opendrive, TEXT),
         "table.npz": Format(
-            _table, calls("placement_env.fidelity.table:load_table"), (*BYTES, _another_table, _another_table), 1
+            _table,
+            calls("placement_env.fidelity.table:load_table"),
+            (*BYTES, _another_table, _another_table),
+            1,
         ),
-        "surrogate.json": Format(_surrogate, calls("placement_env.fidelity.hit_model:load_models"), JSON),
+        "surrogate.json": Format(
+            _surrogate, calls("placement_env.fidelity.hit_model:load_models"), JSON
+        ),
         "answers.sqlite": Format(_cache, _read_cache, BYTES, 1, owns=True),
         **{
             name: Format(make, _read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
@@ -185,21 +198,32 @@ def _formats() -> dict[str, Format]:
 
 
 def _frames(shared: bool) -> tuple[Any, list[Any]]:
-    """A site and three frames of two cameras and a lidar, or of two cameras alone, over two cars and a truck."""
+    """A site and three frames of two cameras and a lidar, or of two cameras alone, over two cars
+    and a truck."""
     camera = DepthCamera(width=40, height=30, stride=2)
     sensors: tuple[Sensor, ...] = (
         Sensor("north", camera, look((-14.0, 0.0, 5.0), 0.0, 0.4)),
         Sensor("south", camera, look((14.0, 3.0, 6.0), 3.1, 0.5)),
     )
     if not shared:
-        sensors += (Sensor("lidar", SpinningLidar(channels=8, azimuth_step=0.2), pose(0.0, -14.0, 4.0)),)
+        sensors += (
+            Sensor("lidar", SpinningLidar(channels=8, azimuth_step=0.2), pose(0.0, -14.0, 4.0)),
+        )
     wall = Solid(np.array([[15.0, -5], [16, -5], [16, 5], [15, 5]]), 0.0, 3.0, "wall")
     site = Site("yard", np.array([-12.8, -12.8, 12.8, 12.8]), solids=(wall,), sensors=sensors)
     rng = np.random.default_rng(4)
     frames = []
     for k in range(3):
-        boxes = np.array([[k, 0, 0.8, 4.4, 1.8, 1.6, 0.3], [-6, 5, 0.8, 4, 1.8, 1.6, -1], [5, -6, 1.5, 9, 2.5, 3, 2.0]])
-        measured = tuple(rng.uniform(4, 16, sensor.model.shape).astype(np.float32) for sensor in sensors)
+        boxes = np.array(
+            [
+                [k, 0, 0.8, 4.4, 1.8, 1.6, 0.3],
+                [-6, 5, 0.8, 4, 1.8, 1.6, -1],
+                [5, -6, 1.5, 9, 2.5, 3, 2.0],
+            ]
+        )
+        measured = tuple(
+            rng.uniform(4, 16, sensor.model.shape).astype(np.float32) for sensor in sensors
+        )
         frames.append(Frame(sensors, measured, Objects(boxes, np.array([0, 0, 3])), 0.5 * k, k))
     return site, frames
 
@@ -231,7 +255,10 @@ def _read_recording(path: Path) -> None:
         if len(dataset):
             survey(dataset)
             evaluate_recording(
-                dataset, lambda points: Detections.empty(), Comparison(schemes=("early",)), reads=Reads(frames=2)
+                dataset,
+                lambda points: Detections.empty(),
+                Comparison(schemes=("early",)),
+                reads=Reads(frames=2),
             )
 
 
@@ -254,14 +281,25 @@ def _site(path: Path) -> None:
 
 def _poles(path: Path) -> None:
     def feature(shape: str, coordinates: Any, **properties: Any) -> Any:
-        return {"type": "Feature", "properties": properties, "geometry": {"type": shape, "coordinates": coordinates}}
+        return {
+            "type": "Feature",
+            "properties": properties,
+            "geometry": {"type": shape, "coordinates": coordinates},
+        }
 
     features = [
-        *(feature("Point", [x, 3.0], name=f"p{x}", height=6, price_factor=1.5, capacity_kbit=900.0) for x in range(4)),
+        *(
+            feature(
+                "Point", [x, 3.0], name=f"p{x}", height=6, price_factor=1.5, capacity_kbit=900.0
+            )
+            for x in range(4)
+        ),
         feature("Polygon", [[[9, 9], [12, 9], [12, 12], [9, 9]]], keep_out=True),
         feature("MultiPolygon", [[[[19, 9], [22, 9], [22, 12], [19, 9]]]], kind="keep_out"),
     ]
-    path.write_text(json.dumps({"type": "FeatureCollection", "coview_site": 1, "features": features}))
+    path.write_text(
+        json.dumps({"type": "FeatureCollection", "coview_site": 1, "features": features})
+    )
 
 
 def _read_poles(path: Path) -> None:
@@ -271,10 +309,27 @@ def _read_poles(path: Path) -> None:
 
 
 def _osm(path: Path) -> None:
-    places = [(-90, 0), (0, 0), (90, 0), (0, -90), (5, 90), (20, 20), (40, 20), (40, 40), (20, 40), (12, 9), (-9, 12)]
+    places = [
+        (-90, 0),
+        (0, 0),
+        (90, 0),
+        (0, -90),
+        (5, 90),
+        (20, 20),
+        (40, 20),
+        (40, 40),
+        (20, 40),
+        (12, 9),
+        (-9, 12),
+    ]
     degrees = inverse_project(np.array(places, float), (13.4, 52.5))
-    nodes = [f'<node id="{i}" lat="{lat:.7f}" lon="{lon:.7f}"/>' for i, (lon, lat) in enumerate(degrees.tolist(), 1)]
-    nodes[9] = nodes[9].replace("/>", '><tag k="highway" v="street_lamp"/><tag k="height" v="7 m"/></node>')
+    nodes = [
+        f'<node id="{i}" lat="{lat:.7f}" lon="{lon:.7f}"/>'
+        for i, (lon, lat) in enumerate(degrees.tolist(), 1)
+    ]
+    nodes[9] = nodes[9].replace(
+        "/>", '><tag k="highway" v="street_lamp"/><tag k="height" v="7 m"/></node>'
+    )
     nodes[10] = nodes[10].replace("/>", '><tag k="natural" v="tree"/></node>')
     ways = [
         ((1, 2, 3), {"highway": "secondary", "lanes": "2", "maxspeed": "50", "layer": "0"}),
@@ -287,9 +342,12 @@ def _osm(path: Path) -> None:
         inside += "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
         nodes.append(f'<way id="{i}">{inside}</way>')
     relation = (
-        '<relation id="300"><member type="way" ref="102" role="outer"/><tag k="type" v="multipolygon"/></relation>'
+        '<relation id="300"><member type="way" ref="102" role="outer"/><tag k="type" '
+        'v="multipolygon"/></relation>'
     )
-    path.write_text("\n".join(['<?xml version="1.0"?>', '<osm version="0.6">', *nodes, relation, "</osm>", ""]))
+    path.write_text(
+        "\n".join(['<?xml version="1.0"?>', '<osm version="0.6">', *nodes, relation, "</osm>", ""])
+    )
 
 
 def _osm_packed(path: Path) -> None:
@@ -303,12 +361,19 @@ def _overpass(path: Path) -> None:
     elements = []
     for element in ElementTree.fromstring(path.read_text()):
         row: dict[str, object] = {"type": element.tag, "id": int(element.get("id", "0"))}
-        row |= {key: float(element.get(key, "0")) for key in ("lat", "lon") if key in element.attrib}
+        row |= {
+            key: float(element.get(key, "0")) for key in ("lat", "lon") if key in element.attrib
+        }
         nodes = [int(nd.get("ref", "0")) for nd in element.iter("nd")]
         row |= {"nodes": nodes} if nodes else {}
-        members = [{**member.attrib, "ref": int(member.get("ref", "0"))} for member in element.iter("member")]
+        members = [
+            {**member.attrib, "ref": int(member.get("ref", "0"))}
+            for member in element.iter("member")
+        ]
         row |= {"members": members} if members else {}
-        elements.append({**row, "tags": {str(tag.get("k")): tag.get("v") for tag in element.iter("tag")}})
+        elements.append(
+            {**row, "tags": {str(tag.get("k")): tag.get("v") for tag in element.iter("tag")}}
+        )
     path.write_text(json.dumps({"version": 0.6, "generator": "Overpass API", "elements": elements}))
 
 
@@ -327,7 +392,9 @@ def _read_catalogue(path: Path) -> None:
 
 
 def _mesh_catalogue(path: Path) -> None:
-    path.write_text('[[mesh]]\nfile = "box.stl"\nlabel = "vehicle"\nup = "z"\nforward = "x"\nscale = 1.0\n')
+    path.write_text(
+        '[[mesh]]\nfile = "box.stl"\nlabel = "vehicle"\nup = "z"\nforward = "x"\nscale = 1.0\n'
+    )
 
 
 def _read_mesh(path: Path) -> None:
@@ -337,7 +404,9 @@ def _read_mesh(path: Path) -> None:
 def _read_mesh_catalogue(path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         points.mesh(Path(folder, "box.stl"))
-        (shutil.copy if path.is_file() and not path.is_symlink() else shutil.move)(path, Path(folder, "meshes.toml"))
+        (shutil.copy if path.is_file() and not path.is_symlink() else shutil.move)(
+            path, Path(folder, "meshes.toml")
+        )
         take_meshes(folder)
 
 
@@ -348,7 +417,9 @@ def _read_osm(path: Path) -> None:
     lefthand, _ = osm.choose_side(town, window, None)
     pieces, _ = osm.roads(town, window, lefthand=lefthand)
     osm.write_osm(pieces, town)
-    osm_rules.format_types(osm_rules.name_types(piece.rules for piece in pieces if piece.rules is not None))
+    osm_rules.format_types(
+        osm_rules.name_types(piece.rules for piece in pieces if piece.rules is not None)
+    )
     osm.describe_roadless(town, window)
     osm.paths(town, window)
     street = shapely.box(-60, -4, 60, 4)

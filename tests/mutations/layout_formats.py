@@ -1,8 +1,9 @@
-"""Recordings of clouds in every layout: one of their files is damaged, the others are sound, and all is read.
+"""Recordings of clouds in every layout: one of their files is damaged, the others are sound, and
+all is read.
 
-A sound recording of each layout is written once for each process; reading a mutant puts it in the place of its file
-there, reads every sample, lets the doctor look at them and writes them as one file of clouds, as `coview survey`,
-`doctor` and `convert` do, and puts the sound file back.
+A sound recording of each layout is written once for each process; reading a mutant puts it in the
+place of its file there, reads every sample, lets the doctor look at them and writes them as one
+file of clouds, as `coview survey`, `doctor` and `convert` do, and puts the sound file back.
 """
 
 import json
@@ -27,7 +28,9 @@ from toolkit.geometry import pose
 from toolkit.objects import Objects
 from toolkit.point_files import pcd_bytes
 
-FILES: dict[str, tuple[str, str, tuple[Mutation, ...]]] = {  # name of the format: layout, its file, what damages it
+FILES: dict[
+    str, tuple[str, str, tuple[Mutation, ...]]
+] = {  # name of the format: layout, its file, what damages it
     "in-folder-labels": ("folder", "labels.json", JSON),
     "in-folder-placed": ("folder", "poses.txt", TEXT),
     "in-folder-cloud": ("folder", "north/000000.pcd", BYTES),
@@ -47,7 +50,13 @@ FILES: dict[str, tuple[str, str, tuple[Mutation, ...]]] = {  # name of the forma
     "in-rcooper-calib": ("rcooper", "calib/lidar2world/105.json", JSON),
     **{
         f"in-nuscenes-{table}": ("nuscenes", f"v1.0-coview/{table}.json", JSON)
-        for table in ("sample_annotation", "sample_data", "calibrated_sensor", "ego_pose", "instance")
+        for table in (
+            "sample_annotation",
+            "sample_data",
+            "calibrated_sensor",
+            "ego_pose",
+            "instance",
+        )
     },
     "in-nuscenes-cloud": ("nuscenes", "samples/LIDAR_north/000000.pcd.bin", BYTES),
     "in-argoverse-annotations": ("argoverse", "annotations.feather", BYTES),
@@ -60,28 +69,41 @@ FILES: dict[str, tuple[str, str, tuple[Mutation, ...]]] = {  # name of the forma
     "in-rosbag-db3": ("sqlite", "bag/bag.db3", BYTES),
     "in-hdf5-clouds": ("hdf5", "clouds.hdf5", HDF5),
 }
-NAMED = {"pair": "dair", "ros1": "rosbag", "ros2": "rosbag", "sqlite": "rosbag"}  # recordings that are not layouts
+# recordings that are not layouts
+NAMED = {"pair": "dair", "ros1": "rosbag", "ros2": "rosbag", "sqlite": "rosbag"}
 
 
 def samples(count: int = 3) -> list[Any]:
     """Two lidars above flat ground, over cars, a cyclist and a truck that drive."""
     rng = np.random.default_rng(5)
     sizes = np.tile([0.8, 4, 1.8, 1.6], (6, 1))
-    boxes = np.column_stack([np.linspace(-15, 15, 6), np.tile([-4.0, 4.0], 3), sizes, np.linspace(-3, 3, 6)])
+    boxes = np.column_stack(
+        [np.linspace(-15, 15, 6), np.tile([-4.0, 4.0], 3), sizes, np.linspace(-3, 3, 6)]
+    )
     made: list[Any] = []
     for k in range(count):
         clouds = []
         for name, height in (("north", 5.0), ("south", 6.0)):
-            ground = np.column_stack([rng.uniform(-20, 20, (250, 2)), rng.normal(-height, 0.01, 250)])
-            on_boxes = boxes[rng.integers(6, size=100), :3] + rng.uniform(-1, 1, (100, 3)) - [0, 0, height]
+            ground = np.column_stack(
+                [rng.uniform(-20, 20, (250, 2)), rng.normal(-height, 0.01, 250)]
+            )
+            on_boxes = (
+                boxes[rng.integers(6, size=100), :3] + rng.uniform(-1, 1, (100, 3)) - [0, 0, height]
+            )
             points = np.concatenate([ground, on_boxes]).astype(np.float32)
             intensity = rng.uniform(0, 1, len(points)).astype(np.float32)
-            clouds.append(SensorCloud(name, points, pose(0.0, 0.0, height, yaw=0.0), intensity=intensity))
+            clouds.append(
+                SensorCloud(name, points, pose(0.0, 0.0, height, yaw=0.0), intensity=intensity)
+            )
         moved = boxes + np.array([0.8 * k, 0, 0, 0, 0, 0, 0])
         objects = Objects(moved, np.array([0, 0, 3, 1, 0, 2]), np.arange(11, 17))
         made.append(
             Frame.of_clouds(
-                str(k), tuple(clouds), objects, time=1.7e9 + 0.1 * k, map_SE3_world=pose(90.0, 40.0, 2.0, yaw=0.5)
+                str(k),
+                tuple(clouds),
+                objects,
+                time=1.7e9 + 0.1 * k,
+                map_SE3_world=pose(90.0, 40.0, 2.0, yaw=0.5),
             )
         )
     return made
@@ -147,7 +169,8 @@ def reader(name: str) -> Callable[[Path], None]:
 
 @cache
 def _sound(layout: str) -> tuple[Path, Path, object]:
-    """The folder of a sound recording, what of it is opened, and what removes it at the end of the process."""
+    """The folder of a sound recording, what of it is opened, and what removes it at the end of the
+    process."""
     kept = tempfile.TemporaryDirectory()
     folder = Path(kept.name)
     return folder, write(layout, folder), kept
@@ -156,7 +179,9 @@ def _sound(layout: str) -> tuple[Path, Path, object]:
 def _cloud(path: Path, seed: int = 0) -> None:
     rng = np.random.default_rng(seed)
     path.parent.mkdir(parents=True, exist_ok=True)
-    points = np.column_stack([rng.uniform(-20, 20, (300, 2)), rng.normal(-5, 0.01, 300)]).astype(np.float32)
+    points = np.column_stack([rng.uniform(-20, 20, (300, 2)), rng.normal(-5, 0.01, 300)]).astype(
+        np.float32
+    )
     path.write_bytes(pcd_bytes(dict(zip("xyz", points.T, strict=True))))
 
 
@@ -212,10 +237,14 @@ def _ros2(folder: Path, sqlite: bool = False) -> Path:
     store, kinds = get_typestore(Stores.ROS2_HUMBLE), (TF, CLOUD)
     plugin = StoragePlugin.SQLITE3 if sqlite else StoragePlugin.MCAP
     with Writer(folder / "bag", version=9, storage_plugin=plugin) as writer:
-        tf, cloud = (writer.add_connection(f"/{k}", kind, typestore=store) for k, kind in enumerate(kinds))
+        tf, cloud = (
+            writer.add_connection(f"/{k}", kind, typestore=store) for k, kind in enumerate(kinds)
+        )
         for k, sample in enumerate(samples()):
             stamp = (k + 1) * 10**8
-            links = store.types[TF](transforms=[writing._link(store, each, stamp) for each in sample.clouds])
+            links = store.types[TF](
+                transforms=[writing._link(store, each, stamp) for each in sample.clouds]
+            )
             made = (links, writing._message(store, sample.clouds[0], stamp))
             for connection, message, kind in zip((tf, cloud), made, kinds, strict=True):
                 writer.write(connection, stamp, store.serialize_cdr(message, kind))
@@ -237,7 +266,10 @@ def _ros1(folder: Path) -> Path:
                 header=types["std_msgs/msg/Header"](seq=k, stamp=time, frame_id="velodyne"),
                 height=1,
                 width=300,
-                fields=[field(name=axis, offset=4 * i, datatype=7, count=1) for i, axis in enumerate("xyz")],
+                fields=[
+                    field(name=axis, offset=4 * i, datatype=7, count=1)
+                    for i, axis in enumerate("xyz")
+                ],
                 is_bigendian=False,
                 point_step=12,
                 row_step=3600,

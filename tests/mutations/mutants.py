@@ -1,6 +1,8 @@
-"""Seeded damage to files: bits, bytes and blocks of any file; numbers of a text; the structure of JSON and HDF5.
+"""Seeded damage to files: bits, bytes and blocks of any file; numbers of a text; the structure of
+JSON and HDF5.
 
-Every mutation takes the content of a sound file and a generator, and gives what was done and the damaged content.
+Every mutation takes the content of a sound file and a generator, and gives what was done and the
+damaged content.
 """
 
 import io
@@ -18,7 +20,8 @@ Mutation = Callable[[bytes, np.random.Generator], tuple[str, bytes]]
 
 
 def flipped(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
-    """One to sixteen bits turned over, half of the time in the first kilobyte, where headers are."""
+    """One to sixteen bits turned over, half of the time in the first kilobyte, where headers
+    are."""
     changed = bytearray(content)
     reach = min(len(changed), 1024) if rng.random() < 0.5 else len(changed)
     places = rng.integers(0, reach, int(rng.integers(1, 17)))
@@ -34,9 +37,15 @@ def cut(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
 
 def blanked(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
     """A block of zeros or of ones, as a bad sector leaves it."""
-    first, length, value = int(rng.integers(len(content))), int(rng.integers(1, 513)), rng.choice([0, 255])
+    first, length, value = (
+        int(rng.integers(len(content))),
+        int(rng.integers(1, 513)),
+        rng.choice([0, 255]),
+    )
     block = bytes([value]) * len(content[first : first + length])
-    return f"{len(block)} bytes from {first} set to {value}", content[:first] + block + content[first + length :]
+    return f"{len(block)} bytes from {first} set to {value}", content[:first] + block + content[
+        first + length :
+    ]
 
 
 def inserted(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
@@ -57,7 +66,19 @@ def removed(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
 
 BYTES: tuple[Mutation, ...] = (flipped, cut, blanked, inserted, repeated, removed)
 
-_NUMBERS = (b"nan", b"-inf", b"1e400", b"-1", b"0", b"1e300", b"99999999999999999999", b"0.5", b"abc", b"", b"\xff\xfe")
+_NUMBERS = (
+    b"nan",
+    b"-inf",
+    b"1e400",
+    b"-1",
+    b"0",
+    b"1e300",
+    b"99999999999999999999",
+    b"0.5",
+    b"abc",
+    b"",
+    b"\xff\xfe",
+)
 
 
 def renumbered(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
@@ -67,7 +88,10 @@ def renumbered(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
         return flipped(content, rng)
     early = [number for number in found if number.start() < 1024]
     chosen = early if early and rng.random() < 0.5 else found
-    number, other = chosen[int(rng.integers(len(chosen)))], _NUMBERS[int(rng.integers(len(_NUMBERS)))]
+    number, other = (
+        chosen[int(rng.integers(len(chosen)))],
+        _NUMBERS[int(rng.integers(len(_NUMBERS)))],
+    )
     first, last = number.span()
     return f"{number[0][:20]!r} at {first} is {other!r}", content[:first] + other + content[last:]
 
@@ -87,8 +111,30 @@ TEXT: tuple[Mutation, ...] = (*BYTES, renumbered, renumbered, rejoined)
 
 _HOLE = "a hole in the document"
 _VALUES: tuple[str, ...] = (
-    *("null", "true", '"north"', '""', "-1", "0", "1.5", "1e300", "1e400", "NaN", "-Infinity", "[]", "{}", "[[]]"),
-    *('{"a": 1}', "[1, 2, 3]", "1" * 400, "1" * 5000, "[" * 20000 + "]" * 20000, '{"a":' * 20000 + "1" + "}" * 20000),
+    *(
+        "null",
+        "true",
+        '"north"',
+        '""',
+        "-1",
+        "0",
+        "1.5",
+        "1e300",
+        "1e400",
+        "NaN",
+        "-Infinity",
+        "[]",
+        "{}",
+        "[[]]",
+    ),
+    *(
+        '{"a": 1}',
+        "[1, 2, 3]",
+        "1" * 400,
+        "1" * 5000,
+        "[" * 20000 + "]" * 20000,
+        '{"a":' * 20000 + "1" + "}" * 20000,
+    ),
     *('"\\ud800"', '"\\u0000"', '["a", "b"]', "[null]"),
 )
 
@@ -114,11 +160,19 @@ def _restructured(document: Any, rng: np.random.Generator) -> tuple[str, bytes]:
     return f"{where or 'all'} is {value[:20]}", text.replace(json.dumps(_HOLE), value).encode()
 
 
-JSON: tuple[Mutation, ...] = (*BYTES, renumbered, restructured, restructured, restructured, restructured)
+JSON: tuple[Mutation, ...] = (
+    *BYTES,
+    renumbered,
+    restructured,
+    restructured,
+    restructured,
+    restructured,
+)
 
 
 def with_header_changed(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
-    """A safetensors file whose JSON header, or what it holds as JSON itself, says something else."""
+    """A safetensors file whose JSON header, or what it holds as JSON itself, says something
+    else."""
     (length,) = struct.unpack("<Q", content[:8])
     header = json.loads(content[8 : 8 + length])
     inner = [key for key, text in header["__metadata__"].items() if text[:1] in "{["]
@@ -132,11 +186,17 @@ def with_header_changed(content: bytes, rng: np.random.Generator) -> tuple[str, 
     return what, struct.pack("<Q", len(changed)) + changed + content[8 + length :]
 
 
-SAFETENSORS: tuple[Mutation, ...] = (*BYTES, with_header_changed, with_header_changed, with_header_changed)
+SAFETENSORS: tuple[Mutation, ...] = (
+    *BYTES,
+    with_header_changed,
+    with_header_changed,
+    with_header_changed,
+)
 
 
 def rebuilt(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
-    """An HDF5 file of which one dataset, group or attribute has another type, shape or value, or is gone."""
+    """An HDF5 file of which one dataset, group or attribute has another type, shape or value, or is
+    gone."""
     stream = io.BytesIO(content)
     with h5py.File(stream, "r+") as file:
         names: list[str] = []
@@ -159,8 +219,20 @@ HDF5: tuple[Mutation, ...] = (flipped, cut, blanked, inserted, repeated, removed
 def _change_attribute(node: Any, name: str, rng: np.random.Generator) -> str:
     values: list[Any] = [
         *("north", "", b"\xff\xfe", np.nan, np.inf, -1, 0, 1.5, 1e300, 10**12, True, 1 + 2j),
-        *(np.zeros(0), np.zeros((2, 3)), np.array(["a", "b"], h5py.string_dtype()), h5py.Empty("f8")),
-        *(np.full((4, 4), np.nan), np.eye(3), np.zeros((), [("a", "f8")]), "[" * 20000, '{"a": NaN}', "[1, {}]"),
+        *(
+            np.zeros(0),
+            np.zeros((2, 3)),
+            np.array(["a", "b"], h5py.string_dtype()),
+            h5py.Empty("f8"),
+        ),
+        *(
+            np.full((4, 4), np.nan),
+            np.eye(3),
+            np.zeros((), [("a", "f8")]),
+            "[" * 20000,
+            '{"a": NaN}',
+            "[1, {}]",
+        ),
         "null",
     ]
     if rng.random() < 0.15:
@@ -193,7 +265,18 @@ def _change_dataset(file: h5py.File, name: str, rng: np.random.Generator) -> str
     was = file[name]
     attributes, values = dict(was.attrs), was[()]
     if isinstance(values, bytes):
-        texts = ["", "[]", "3", "null", "{", "[" * 20000, '{"type": "FeatureCollection"}', "\x01", 7.5, b"\xff\xfe"]
+        texts = [
+            "",
+            "[]",
+            "3",
+            "null",
+            "{",
+            "[" * 20000,
+            '{"type": "FeatureCollection"}',
+            "\x01",
+            7.5,
+            b"\xff\xfe",
+        ]
         value: Any = texts[int(rng.integers(len(texts)))]
         del file[name]
         file[name] = value

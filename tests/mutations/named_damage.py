@@ -1,7 +1,8 @@
-"""Damage that happens, by name, and the line that a user sees: `python tests/mutations/named_damage.py` prints a table.
+"""Damage that happens, by name, and the line that a user sees: `python
+tests/mutations/named_damage.py` prints a table.
 
-Some of its lines are in docs/damaged-inputs.md. Each case spoils a sound file of `formats` and reads it as a
-command would.
+Some of its lines are in docs/damaged-inputs.md. Each case spoils a sound file of `formats` and
+reads it as a command would.
 """
 
 import json
@@ -87,7 +88,9 @@ def _rows(column: int, value: float) -> Spoil:
 def _site(layer: str, part: str, **values: Any) -> Spoil:
     def spoil(path: Path) -> None:
         site = json.loads(path.read_text())
-        {feature["properties"]["layer"]: feature for feature in site["features"]}[layer][part].update(values)
+        {feature["properties"]["layer"]: feature for feature in site["features"]}[layer][
+            part
+        ].update(values)
         path.write_text(json.dumps(site))
 
     return spoil
@@ -104,7 +107,9 @@ CASES: dict[str, dict[str, Spoil]] = {
     "recording.hdf5": {
         "cut in half": _cut,
         "no HDF5 file at all": _text("not a dataset"),
-        "`dslices` missing": _hdf5(lambda file: [file.pop(name) for name in ("dslices", "coview/ranges")]),
+        "`dslices` missing": _hdf5(
+            lambda file: [file.pop(name) for name in ("dslices", "coview/ranges")]
+        ),
         "depth images of another size": _put("dslices", lambda images: images[..., :10]),
         "NaN in an extrinsic": _put("cameras/d00/extrinsic", lambda matrix: matrix * np.nan),
         "objects with seven columns": _put("objects/1", lambda rows: rows[:, :7]),
@@ -115,15 +120,22 @@ CASES: dict[str, dict[str, Spoil]] = {
         "half extents of a million metres": _rows(6, 1e6),
         "x of 1e300": _rows(0, 1e300),
         "yaw of 1e18": _rows(5, 1e18),
-        "a sensor without a name": _hdf5(lambda file: file["cameras/d00"].attrs.__delitem__("name")),
-        "two sensors of one name": _hdf5(lambda file: file["cameras/d01"].attrs.__setitem__("name", "north")),
+        "a sensor without a name": _hdf5(
+            lambda file: file["cameras/d00"].attrs.__delitem__("name")
+        ),
+        "two sensors of one name": _hdf5(
+            lambda file: file["cameras/d01"].attrs.__setitem__("name", "north")
+        ),
     },
     "frames.packed": {
         "cut in half": _cut,
         "pixels outside the image": _put("rigs/0/pixels", lambda pixels: pixels + 10**6),
         "boxes without size": _put("boxes", lambda boxes: boxes * 0),
     },
-    "network.safetensors": {"cut in half": _cut, "another configuration": _replaced("6.4, 6.4]", "6.4, nine")},
+    "network.safetensors": {
+        "cut in half": _cut,
+        "another configuration": _replaced("6.4, 6.4]", "6.4, nine"),
+    },
     "checkpoint.pt": {"cut in half": _cut},
     "binary.pcd": {"cut in half": _cut, "no z": _replaced("x y z", "x y q")},
     "binary.ply": {"cut in half": _cut},
@@ -143,13 +155,17 @@ CASES: dict[str, dict[str, Spoil]] = {
     "poles.geojson": {
         "100,000 brackets": _text("[" * 100_000),
         "a height that is text": _replaced("6", '"high"'),
-        "in another system": _replaced('"coview_site": 1', '"crs": {"properties": {"name": "EPSG:25833"}}'),
+        "in another system": _replaced(
+            '"coview_site": 1', '"crs": {"properties": {"name": "EPSG:25833"}}'
+        ),
     },
     "map.osm": {
         "cut in half": _cut,
         "without roads": _text("<osm version='0.6'></osm>"),
         "latitude and longitude exchanged": _exchanged,
-        "Overpass ran out of time": _replaced("</osm>", "<remark>runtime error: Query timed out</remark></osm>"),
+        "Overpass ran out of time": _replaced(
+            "</osm>", "<remark>runtime error: Query timed out</remark></osm>"
+        ),
     },
     "map.json": {"no list of elements": _text('{"type": "FeatureCollection", "features": []}')},
     "map.xodr": {"cut in half": _cut},

@@ -1,4 +1,5 @@
-"""Sound files of networks: weights of vehicles alone and of several classes, checkpoints, and what reads them."""
+"""Sound files of networks: weights of vehicles alone and of several classes, checkpoints, and what
+reads them."""
 
 import json
 import tempfile
@@ -39,7 +40,11 @@ def weights(path: Path) -> None:
 def class_weights(path: Path) -> None:
     """Of several classes, with a second stage and a calibration."""
     torch.manual_seed(0)
-    classes: dict[str, Any] = {**road_users(), "faces": ("heavy",), "calibration": ((1.2, -0.1),) * 4}
+    classes: dict[str, Any] = {
+        **road_users(),
+        "faces": ("heavy",),
+        "calibration": ((1.2, -0.1),) * 4,
+    }
     classes["rivalry"] = ((1.1, -0.2, 0.0, 0.5, 0.0, 1.0),) * 4
     made = VoxelNet(replace(network().config, head="quality", **classes))
     made.faces.prior[:] = 0.1  # type: ignore[union-attr]
@@ -47,7 +52,10 @@ def class_weights(path: Path) -> None:
 
 
 def published_checkpoint(path: Path) -> None:
-    torch.save({"epoch": 3, "state_dict": {f"module.{k}": v for k, v in network().state_dict().items()}}, path)
+    torch.save(
+        {"epoch": 3, "state_dict": {f"module.{k}": v for k, v in network().state_dict().items()}},
+        path,
+    )
 
 
 def read_published_checkpoint(path: Path) -> None:
@@ -82,13 +90,21 @@ def onnx_network() -> bytes:
 
     values = {"boxes": ([1, 7], [3.0, 3.0, 0.8, 4.0, 1.8, 1.6, 0.1]), "scores": ([1], [0.9])}
     nodes = [
-        helper.make_node("Constant", [], [name], value=helper.make_tensor(name, TensorProto.FLOAT, shape, numbers))
+        helper.make_node(
+            "Constant",
+            [],
+            [name],
+            value=helper.make_tensor(name, TensorProto.FLOAT, shape, numbers),
+        )
         for name, (shape, numbers) in values.items()
     ]
     zero = helper.make_tensor("labels", TensorProto.INT64, [1], [0])
     nodes.append(helper.make_node("Constant", [], ["labels"], value=zero))
     takes = [helper.make_tensor_value_info("points", TensorProto.FLOAT, ["n", 3])]
-    gives = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, (shape, _) in values.items()]
+    gives = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+        for name, (shape, _) in values.items()
+    ]
     gives.append(helper.make_tensor_value_info("labels", TensorProto.INT64, [1]))
     graph = helper.make_graph(nodes, "one", takes, gives)
     opset = [helper.make_opsetid("", 17)]

@@ -13,7 +13,11 @@ import shapely
 from PIL import Image
 
 from placement_env import LivePlanner
-from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue, load_sensor_catalogue
+from placement_env.candidates.sensor_catalogue import (
+    PricedModel,
+    SensorCatalogue,
+    load_sensor_catalogue,
+)
 from placement_env.cases import Cases
 from placement_env.handover.exchange import SITE
 from placement_env.handover.mounted import mounted_site
@@ -21,9 +25,21 @@ from placement_env.live.picture import keep_picture
 from placement_env.live.project import ProjectFile
 from placement_env.objective import Score
 from placement_env.report.content import PLAN_VERSION
-from placement_env.report.planning.plan_folder import CONTENT, format_stock, found_nothing, read_plan_folder
+from placement_env.report.planning.plan_folder import (
+    CONTENT,
+    format_stock,
+    found_nothing,
+    read_plan_folder,
+)
 from placement_env.report.planning.question import Question, Stock
-from placement_env.search.result import Assessment, Certificate, Contender, History, ProfileAP, Result
+from placement_env.search.result import (
+    Assessment,
+    Certificate,
+    Contender,
+    History,
+    ProfileAP,
+    Result,
+)
 from placement_env.setting import Setting
 from toolkit.runtime.files import read_bytes
 from toolkit.runtime.run import Run
@@ -32,7 +48,9 @@ from toolkit.sites.files import load_site, save_site
 
 EYE = PricedModel("eye", DepthCamera(width=120, height=90), 1500.0)
 TURNING = PricedModel("turning", SpinningLidar(channels=16), 4000.0)
-CATALOGUE = SensorCatalogue((EYE, TURNING), "EUR", 900.0, "0" * 64, {"cable": 900.0, "power": 60.0}, 5.0)
+CATALOGUE = SensorCatalogue(
+    (EYE, TURNING), "EUR", 900.0, "0" * 64, {"cable": 900.0, "power": 60.0}, 5.0
+)
 KEEP_OUT = (shapely.box(30.0, 10.0, 35.0, 15.0),)
 CASES = Cases(iou=0.5, errors=("typical",))
 
@@ -41,19 +59,28 @@ def make_question(**options: object) -> Question:
     """Question of a plan that asks for nothing usual."""
     stock = Stock(catalogue=CATALOGUE, keep_out=KEEP_OUT, capacity_kbit=1234.0)
     setting = Setting(
-        "tjunction", candidates=stock, scheme="late", classes=("vehicle", "pedestrian"), cases=CASES, most_price=9000.0
+        "tjunction",
+        candidates=stock,
+        scheme="late",
+        classes=("vehicle", "pedestrian"),
+        cases=CASES,
+        most_price=9000.0,
     )
     return Question(setting, Run(seed=5, frames=3), sensors=3, **options)
 
 
 def write_plan_folder(question: Question, members: list[int], folder: Path) -> dict[str, object]:
-    """Write site.json and plan.json of a plan that nothing computed; return the content of plan.json."""
+    """Write site.json and plan.json of a plan that nothing computed; return the content of
+    plan.json."""
     candidates = question.setting.pool
     site = mounted_site(question.site, candidates, members)
     folder.mkdir(parents=True, exist_ok=True)
     save_site(site, folder / SITE)
     poles = [candidates.mounts[mount].name for mount in candidates.mount[members]]
-    sensors = [{"name": sensor.name, "pole": pole} for sensor, pole in zip(site.sensors, poles, strict=True)]
+    sensors = [
+        {"name": sensor.name, "pole": pole}
+        for sensor, pole in zip(site.sensors, poles, strict=True)
+    ]
     judged = {"ap": 0.75, "low": None, "high": None, "vehicles": 70, "frames": 3}
     plan = {
         "coview_plan": PLAN_VERSION,
@@ -118,7 +145,8 @@ def _planner() -> LivePlanner:
 
 
 def make_project(path: Path) -> None:
-    """Write a project with two variants, a pole at free ground, an area, a picture and another question."""
+    """Write a project with two variants, a pole at free ground, an area, a picture and another
+    question."""
     planner = _planner()
     planner.restore({"A": planner.yard.place(load_site("tjunction").sensors)}, "A", [])
     with tempfile.TemporaryDirectory() as folder:
@@ -160,7 +188,9 @@ def read_logo(path: Path) -> None:
 
 def make_result(path: Path) -> None:
     """Write the result of a search whose best set was judged."""
-    best = Score((0, 3), 0.7, 0.8, 600.0, 1200.0, 2.0, 0.6, {"ap": 0.6}, "surrogate", cache_hit=False)
+    best = Score(
+        (0, 3), 0.7, 0.8, 600.0, 1200.0, 2.0, 0.6, {"ap": 0.6}, "surrogate", cache_hit=False
+    )
     contenders = (Contender(("greedy",), (0, 3), 0.8, 0.75, 0.7, 0.8),)
     history = History(np.array([1, 5]), np.array([0.1, 0.5]), np.array([0.5, 0.6]))
     judged = Assessment(
@@ -180,7 +210,17 @@ def make_result(path: Path) -> None:
         contenders=contenders,
         by_errors=(ProfileAP("typical", 0.7, 0.6, 0.8),),
     )
-    result = Result("greedy", best, history, Certificate("none", 0.6), 9, 1.5, (best,), (best,), assessment=judged)
+    result = Result(
+        "greedy",
+        best,
+        history,
+        Certificate("none", 0.6),
+        9,
+        1.5,
+        (best,),
+        (best,),
+        assessment=judged,
+    )
     replace(result, sensors=tuple(load_site("tjunction").sensors[:2])).save(path)
 
 
@@ -195,4 +235,6 @@ def read_project(path: Path) -> None:
         finally:
             planner.tell = lambda dragging: None
             planner.restore({"A": planner.yard.place(load_site("tjunction").sensors)}, "A", [])
-            planner.ask(cases=Cases(), most_price=float("inf"), classes=("vehicle",), scheme="early")
+            planner.ask(
+                cases=Cases(), most_price=float("inf"), classes=("vehicle",), scheme="early"
+            )

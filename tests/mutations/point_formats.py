@@ -21,7 +21,9 @@ def points() -> np.ndarray:
 
 def cloud() -> Any:
     cloud = from_points(points(), np.arange(200) % 3)
-    cloud.point["intensity"] = o3d.core.Tensor.from_numpy(np.linspace(0, 1, 200, dtype=np.float32)[:, None].copy())
+    cloud.point["intensity"] = o3d.core.Tensor.from_numpy(
+        np.linspace(0, 1, 200, dtype=np.float32)[:, None].copy()
+    )
     return cloud
 
 
@@ -41,22 +43,33 @@ def pcd(kind: str) -> Callable[[Path], None]:
     """As PCL and ROS write it, with padding between the fields."""
 
     def make(path: Path) -> None:
-        dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("p", "u1", 4), ("intensity", "<f4"), ("q", "u1", 12)]
+        dtype = [
+            ("x", "<f4"),
+            ("y", "<f4"),
+            ("z", "<f4"),
+            ("p", "u1", 4),
+            ("intensity", "<f4"),
+            ("q", "u1", 12),
+        ]
         rows = np.zeros(200, dtype)
         for axis, column in zip("xyz", points().T, strict=True):
             rows[axis] = column
         header = (
-            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F U F U\n"
-            f"COUNT 1 1 1 4 1 12\nWIDTH 200\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 200\nDATA {kind}\n"
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F "
+            "U F U\nCOUNT 1 1 1 4 1 12\nWIDTH 200\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS "
+            f"200\nDATA {kind}\n"
         ).encode()
         if kind == "ascii":
-            body = "\n".join(" ".join(str(v) for v in np.hstack([*row])) for row in rows.tolist()).encode()
+            body = "\n".join(
+                " ".join(str(v) for v in np.hstack([*row])) for row in rows.tolist()
+            ).encode()
         elif kind == "binary":
             body = rows.tobytes()
         else:
             columns = b"".join(rows[name].tobytes() for name in rows.dtype.names or ())
             packed = b"".join(
-                bytes([len(columns[k : k + 32]) - 1]) + columns[k : k + 32] for k in range(0, len(columns), 32)
+                bytes([len(columns[k : k + 32]) - 1]) + columns[k : k + 32]
+                for k in range(0, len(columns), 32)
             )
             body = np.array([len(packed), len(columns)], "<u4").tobytes() + packed
         path.write_bytes(header + body)
@@ -83,7 +96,9 @@ def bin(path: Path) -> None:
 def feather(path: Path) -> None:
     from pyarrow import feather
 
-    columns = dict(zip("xyz", points().T, strict=True)) | {"laser_number": np.arange(200, dtype=np.uint8)}
+    columns = dict(zip("xyz", points().T, strict=True)) | {
+        "laser_number": np.arange(200, dtype=np.uint8)
+    }
     feather.write_feather(pyarrow.table(columns), path)
 
 
@@ -95,7 +110,10 @@ def read_cloud(path: Path) -> None:
 
 
 def two_poses() -> dict[str, Any]:
-    return {"north": pose(1.0, 2.0, 5.0, yaw=1.0).tolist(), "south": pose(4.0, 2.0, 5.0, yaw=-1.0)[:3].tolist()}
+    return {
+        "north": pose(1.0, 2.0, 5.0, yaw=1.0).tolist(),
+        "south": pose(4.0, 2.0, 5.0, yaw=-1.0)[:3].tolist(),
+    }
 
 
 def poses_json(path: Path) -> None:
@@ -103,7 +121,9 @@ def poses_json(path: Path) -> None:
 
 
 def poses_text(path: Path) -> None:
-    path.write_text("\n".join(f"{name} {' '.join(map(str, np.ravel(p)))}" for name, p in two_poses().items()))
+    path.write_text(
+        "\n".join(f"{name} {' '.join(map(str, np.ravel(p)))}" for name, p in two_poses().items())
+    )
 
 
 def read_poses(path: Path) -> None:

@@ -1,9 +1,11 @@
-"""Damages every file format in every way and counts: `python tests/mutations/run.py 1500` prints the table.
+"""Damages every file format in every way and counts: `python tests/mutations/run.py 1500` prints
+the table.
 
-With `--structured` the damage knows the format; `--read` lists what was read all the same; `--seed` draws other
-mutants. With `--places` something that is no file is in the place of each, and must be refused. A reader may read a
-damaged file or refuse it with a ValueError or OSError of one line; it may do nothing else, take at most 20 s and 2 GB,
-and must leave the file as it is. Readers run in a process of their own, so that a crash is counted and named.
+With `--structured` the damage knows the format; `--read` lists what was read all the same; `--seed`
+draws other mutants. With `--places` something that is no file is in the place of each, and must be
+refused. A reader may read a damaged file or refuse it with a ValueError or OSError of one line; it
+may do nothing else, take at most 20 s and 2 GB, and must leave the file as it is. Readers run in a
+process of their own, so that a crash is counted and named.
 """
 
 import argparse
@@ -35,16 +37,24 @@ Case = tuple[str, int]  # name of the format, number of the mutant
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mutants", type=int, nargs="?", default=400)
-    parser.add_argument("--formats", nargs="*", help="part of the names of those wanted, all if not given")
-    parser.add_argument("--number", type=int, help="only this mutant of each format, with its traceback")
+    parser.add_argument(
+        "--formats", nargs="*", help="part of the names of those wanted, all if not given"
+    )
+    parser.add_argument(
+        "--number", type=int, help="only this mutant of each format, with its traceback"
+    )
     parser.add_argument("--structured", action="store_true", help="damage that knows the format")
-    parser.add_argument("--places", action="store_true", help="pipes, folders, devices and lost links for files")
+    parser.add_argument(
+        "--places", action="store_true", help="pipes, folders, devices and lost links for files"
+    )
     parser.add_argument("--seed", type=int, default=0, help="draw other mutants")
     parser.add_argument("--read", action="store_true", help="list what was read all the same")
     parser.add_argument("--worker", nargs="*", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.worker is not None:
-        cases = [(name, int(number)) for name, number in (case.rsplit(":", 1) for case in given.worker)]
+        cases = [
+            (name, int(number)) for name, number in (case.rsplit(":", 1) for case in given.worker)
+        ]
         _work(cases, given.structured, given.seed, given.places)
         return
     cases = planned(given.mutants, given.formats, given.structured)
@@ -62,8 +72,11 @@ def main() -> None:
     sys.exit(bool(failures))
 
 
-def planned(mutants: int, wanted: Sequence[str] | None = None, structured: bool = False) -> list[Case]:
-    """At least so many mutants, shared out among the formats, those that damage knows where `structured`."""
+def planned(
+    mutants: int, wanted: Sequence[str] | None = None, structured: bool = False
+) -> list[Case]:
+    """At least so many mutants, shared out among the formats, those that damage knows where
+    `structured`."""
     every = {name: kind for name, kind in formats().items() if kind.structured or not structured}
     each = mutants / sum(kind.share for kind in every.values())
     return [
@@ -74,12 +87,19 @@ def planned(mutants: int, wanted: Sequence[str] | None = None, structured: bool 
     ]
 
 
-def examined(cases: Sequence[Case], option: Sequence[str]) -> tuple[dict[Case, str], list[tuple[str, str]]]:
-    """Which cases fail and how, each read in another process, which is begun anew where it dies; what was read."""
+def examined(
+    cases: Sequence[Case], option: Sequence[str]
+) -> tuple[dict[Case, str], list[tuple[str, str]]]:
+    """Which cases fail and how, each read in another process, which is begun anew where it dies;
+    what was read."""
     failures: dict[Case, str] = {}
     read: list[tuple[str, str]] = []
     waiting = list(cases)
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "OMP_NUM_THREADS": "1"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(Path(__file__).parents[2]),
+        "OMP_NUM_THREADS": "1",
+    }
     while waiting:
         names = [f"{name}:{number}" for name, number in waiting]
         with tempfile.TemporaryFile() as said:
@@ -93,7 +113,11 @@ def examined(cases: Sequence[Case], option: Sequence[str]) -> tuple[dict[Case, s
             )
             said.seek(0)
             last_words = said.read().decode(errors="replace")[-1500:]
-        lines = [line for line in done.stdout.decode(errors="replace").splitlines() if line.startswith(("ok ", "no "))]
+        lines = [
+            line
+            for line in done.stdout.decode(errors="replace").splitlines()
+            if line.startswith(("ok ", "no "))
+        ]
         for case, line in zip(waiting, lines, strict=False):
             if line.startswith("ok read "):
                 read.append((case[0], line.removeprefix("ok read ")))
@@ -108,7 +132,10 @@ def examined(cases: Sequence[Case], option: Sequence[str]) -> tuple[dict[Case, s
 
 def table(cases: Iterable[Case], failures: Iterable[Case]) -> str:
     total, failed = (Counter(name for name, _ in some) for some in (cases, failures))
-    rows = [f"| {name} | {count} | {count - failed[name]} | {failed[name]} |" for name, count in total.items()]
+    rows = [
+        f"| {name} | {count} | {count - failed[name]} | {failed[name]} |"
+        for name, count in total.items()
+    ]
     whole, bad = sum(total.values()), sum(failed.values())
     head = ["| format | mutants | clean | failed |", "|---|---|---|---|"]
     return "\n".join([*head, *rows, f"| all | {whole} | {whole - bad} | {bad} |"])
@@ -132,7 +159,9 @@ def _work(cases: Sequence[Case], structured: bool, seed: int, in_place: bool) ->
             print(verdict.replace("\n", "\\n"), flush=True)
 
 
-def _verdict(kind: Format, name: str, number: int, sound: bytes, structured: bool, seed: int) -> str:
+def _verdict(
+    kind: Format, name: str, number: int, sound: bytes, structured: bool, seed: int
+) -> str:
     rng = np.random.default_rng([crc32(name.encode()), number, *([seed] if seed else [])])
     mutations = kind.structured if structured else kind.mutations
     mutation = mutations[int(rng.integers(len(mutations)))]
@@ -156,7 +185,9 @@ def _verdict(kind: Format, name: str, number: int, sound: bytes, structured: boo
             faulthandler.cancel_dump_traceback_later()
         if (more := peak() - before) > MEMORY:
             return f"no {what}: took {more / 1e9:.1f} GB"
-        same = [each.name for each in Path(folder).iterdir()] == [name] and path.read_bytes() == content
+        same = [each.name for each in Path(folder).iterdir()] == [
+            name
+        ] and path.read_bytes() == content
         if not (kind.owns or same):
             return f"no {what}: the file was touched, {hashlib.sha256(content).hexdigest()[:8]}"
     return f"ok {read}{what}"

@@ -1,8 +1,10 @@
-"""Damage that knows its format: what people, converters and attackers do to a file that still parses.
+"""Damage that knows its format: what people, converters and attackers do to a file that still
+parses.
 
-Units, swapped axes, doubled, misspelt and missing keys, huge counts, aliases, links, deep nesting, times that go back,
-long names, and files of a few kilobytes that unpack to gigabytes. Mutations are those of `mutants`: the content of a
-sound file and a generator in, what was done and the damaged content out.
+Units, swapped axes, doubled, misspelt and missing keys, huge counts, aliases, links, deep nesting,
+times that go back, long names, and files of a few kilobytes that unpack to gigabytes. Mutations are
+those of `mutants`: the content of a sound file and a generator in, what was done and the damaged
+content out.
 """
 
 import io
@@ -49,7 +51,13 @@ def places(document: Any) -> list[Place]:
     found, waiting = [], [document]
     while waiting:
         holder = waiting.pop()
-        keys = list(holder) if isinstance(holder, dict) else range(len(holder)) if isinstance(holder, list) else ()
+        keys = (
+            list(holder)
+            if isinstance(holder, dict)
+            else range(len(holder))
+            if isinstance(holder, list)
+            else ()
+        )
         for key in keys:
             found.append((holder, key))
             waiting.append(holder[key])
@@ -64,7 +72,21 @@ def json_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     document = json.loads(content)
     every = places([document])
     changes: tuple[Callable[[Any, list[Place], Rng], str], ...] = (
-        *(_scale, _scale, _swap, _count, _drop, _misspell, _repeat, _empty, _reverse, _rename, _comma, _time, _deepen),
+        *(
+            _scale,
+            _scale,
+            _swap,
+            _count,
+            _drop,
+            _misspell,
+            _repeat,
+            _empty,
+            _reverse,
+            _rename,
+            _comma,
+            _time,
+            _deepen,
+        ),
         *(_share, _dangle, _back, _frame, _far, _turn),
     )
     what = pick(rng, changes)(document, every, rng)
@@ -91,7 +113,9 @@ def _scale(document: Any, every: list[Place], rng: Rng) -> str:
 
 
 def _swap(document: Any, every: list[Place], rng: Rng) -> str:
-    _, key = _some(every, rng, lambda value: isinstance(value, list) and len(value) > 1 and is_number(value[0]))
+    _, key = _some(
+        every, rng, lambda value: isinstance(value, list) and len(value) > 1 and is_number(value[0])
+    )
     changed = 0
     for some, k in every:
         row = some[k]
@@ -102,7 +126,9 @@ def _swap(document: Any, every: list[Place], rng: Rng) -> str:
 
 
 def _count(document: Any, every: list[Place], rng: Rng) -> str:
-    holder, key = _some(every, rng, lambda value: isinstance(value, int) and not isinstance(value, bool))
+    holder, key = _some(
+        every, rng, lambda value: isinstance(value, int) and not isinstance(value, bool)
+    )
     holder[key] = pick(rng, COUNTS)
     return f"{key!r} is {holder[key]}"
 
@@ -124,7 +150,11 @@ def _misspell(document: Any, every: list[Place], rng: Rng) -> str:
 
 def _repeat(document: Any, every: list[Place], rng: Rng) -> str:
     holder, key = _some(every, rng, lambda value: isinstance(value, list) and bool(value))
-    times = pick(rng, (2, 1000)) if isinstance(holder[key], list) and len(json.dumps(holder[key])) < 3000 else 2
+    times = (
+        pick(rng, (2, 1000))
+        if isinstance(holder[key], list) and len(json.dumps(holder[key])) < 3000
+        else 2
+    )
     holder[key] = holder[key] * times if isinstance(holder[key], list) else [holder[key]] * times
     return f"{key!r} is there {times} times"
 
@@ -188,7 +218,11 @@ def _share(document: Any, every: list[Place], rng: Rng) -> str:
 
 
 def _dangle(document: Any, every: list[Place], rng: Rng) -> str:
-    tokens = [(h, k) for h, k in every if isinstance(k, str) and isinstance(h[k], str) and ("token" in k or "id" in k)]
+    tokens = [
+        (h, k)
+        for h, k in every
+        if isinstance(k, str) and isinstance(h[k], str) and ("token" in k or "id" in k)
+    ]
     holder, key = pick(rng, tokens or every)
     holder[key] = "0" * 32
     return f"{key!r} leads nowhere"
@@ -250,25 +284,41 @@ def text_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     changes: dict[str, Callable[[], str | bytes]] = {
         "decimal commas": lambda: re.sub(r"(\d)\.(\d)", r"\1,\2", text),
         "a word among the numbers": lambda: _on_number(text, rng, lambda number: "hello"),
-        "a number times 1000": lambda: _on_number(text, rng, lambda number: f"{float(number) * 1000:g}"),
+        "a number times 1000": lambda: _on_number(
+            text, rng, lambda number: f"{float(number) * 1000:g}"
+        ),
         "a column times 1000": lambda: "\n".join(_scaled_column(line, k % 4) for line in lines),
         "two columns exchanged": lambda: "\n".join(_swapped_columns(line) for line in lines),
-        "a line of a million characters": lambda: "\n".join([*lines[:k], "#" + "x" * 10**6, *lines[k:]]),
-        "a comment of 2,000 characters": lambda: "\n".join([*lines[:1], "comment " + "x" * 2000, *lines[1:]]),
+        "a line of a million characters": lambda: "\n".join(
+            [*lines[:k], "#" + "x" * 10**6, *lines[k:]]
+        ),
+        "a comment of 2,000 characters": lambda: "\n".join(
+            [*lines[:1], "comment " + "x" * 2000, *lines[1:]]
+        ),
         "a million empty lines": lambda: text + "\n" * 10**6,
         "in UTF-16": lambda: text.encode("utf-16"),
         "with CR alone": lambda: text.replace("\n", "\r"),
         "with a zero byte": lambda: text[: len(text) // 2] + "\0" + text[len(text) // 2 :],
         "backwards": lambda: "\n".join(lines[::-1]),
-        "columns in another unit": lambda: re.sub(r"\b[xyz]\b", lambda axis: f"{axis[0]}_{pick(rng, UNITS)}", text),
-        "columns of a frame": lambda: re.sub(r"\b[xyz]\b", lambda axis: f"{axis[0]}_{pick(rng, FRAMES)}", text),
+        "columns in another unit": lambda: re.sub(
+            r"\b[xyz]\b", lambda axis: f"{axis[0]}_{pick(rng, UNITS)}", text
+        ),
+        "columns of a frame": lambda: re.sub(
+            r"\b[xyz]\b", lambda axis: f"{axis[0]}_{pick(rng, FRAMES)}", text
+        ),
         "an offset in a comment": lambda: f"# offset: {OFFSET}\n{text}",
         "in UTM": lambda: "\n".join(_shifted_column(line, k % 3) for line in lines),
         "twice": lambda: f"{text}\n{text}",
         "with semicolons": lambda: re.sub(r"[ ,\t]+", ";", text),
-        "a row too long": lambda: "\n".join([*lines[:k], f"{lines[k] if lines else ''} 7 7 7", *lines[k + 1 :]]),
-        "a row too short": lambda: "\n".join([*lines[:k], " ".join((lines or [""])[k].split()[:-1]), *lines[k + 1 :]]),
-        "a terminal's escape": lambda: "\n".join([*lines[:k], "\x1b[2J\x1b]0;owned\x07\u202e", *lines[k:]]),
+        "a row too long": lambda: "\n".join(
+            [*lines[:k], f"{lines[k] if lines else ''} 7 7 7", *lines[k + 1 :]]
+        ),
+        "a row too short": lambda: "\n".join(
+            [*lines[:k], " ".join((lines or [""])[k].split()[:-1]), *lines[k + 1 :]]
+        ),
+        "a terminal's escape": lambda: "\n".join(
+            [*lines[:k], "\x1b[2J\x1b]0;owned\x07\u202e", *lines[k:]]
+        ),
     }
     what = pick(rng, list(changes))
     made = changes[what]()
@@ -311,14 +361,17 @@ def yaml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     key = pick(rng, keys)
     changes = {
         "aliases that unfold to gigabytes": bomb + text,
-        "aliases in place of values": bomb + re.sub(rf"^(\s*{key}:).*", r"\1 *a11", text, flags=re.M),
+        "aliases in place of values": bomb
+        + re.sub(rf"^(\s*{key}:).*", r"\1 *a11", text, flags=re.M),
         "merged with itself": f"base: &base\n  <<: *base\n{text}",
         "nested 5,000 deep": f"{text}\nmore: {'[' * 5000}{']' * 5000}\n",
         "a Python object": f"{text}\nmore: !!python/object/apply:os.system ['true']\n",
         f"{key} twice": f"{text}\n{key}: 1\n",
         f"{key} without value": re.sub(rf"^(\s*{key}:).*", r"\1", text, flags=re.M),
         f"{key} is a date": re.sub(rf"^(\s*{key}:).*", r"\1 2026-11-23", text, flags=re.M),
-        f"{key} is a name of a megabyte": re.sub(rf"^(\s*{key}:).*", rf"\1 {'N' * 10**6}", text, flags=re.M),
+        f"{key} is a name of a megabyte": re.sub(
+            rf"^(\s*{key}:).*", rf"\1 {'N' * 10**6}", text, flags=re.M
+        ),
         "a whole number of 5,000 digits": re.sub(r"\d+", "9" * 5000, text, count=1),
         "an integer in base 60": re.sub(r"\d+\.?\d*", "1:30:00", text, count=1),
     }
@@ -340,7 +393,9 @@ def xml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         return text[: chosen.start(2)] + other + text[chosen.end(2) :]
 
     def put_all(change: Callable[[float], float]) -> str:
-        return re.sub(rf'\b{name}="(-?[\d.]+)"', lambda found: f'{name}="{change(_float(found[1]))!r}"', text)
+        return re.sub(
+            rf'\b{name}="(-?[\d.]+)"', lambda found: f'{name}="{change(_float(found[1]))!r}"', text
+        )
 
     head, body = text.split("\n", 1) if "\n" in text else ("", text)
     entities = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 10))
@@ -365,16 +420,27 @@ def xml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
             text,
             count=int(rng.integers(1, 4)),
         ),
-        "two of one id": lambda: re.sub(r'\bid="[^"]*"', f'id="{pick(rng, ("1", "2", "100"))}"', text, count=3),
-        "entities that unfold to gigabytes": lambda: (
-            f'{head}<!DOCTYPE x [<!ENTITY e0 "lol">{entities}]>\n' + body.replace(chosen[0], f'{name}="&e9;"', 1)
+        "two of one id": lambda: re.sub(
+            r'\bid="[^"]*"', f'id="{pick(rng, ("1", "2", "100"))}"', text, count=3
         ),
-        "an entity of a file": lambda: f'{head}<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>\n{body}',
+        "entities that unfold to gigabytes": lambda: (
+            f'{head}<!DOCTYPE x [<!ENTITY e0 "lol">{entities}]>\n'
+            + body.replace(chosen[0], f'{name}="&e9;"', 1)
+        ),
+        "an entity of a file": lambda: (
+            f'{head}<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>\n{body}'
+        ),
         "a comment of a megabyte": lambda: f"{head}\n<!--{'- ' * 500000}-->\n{body}",
         "a comment that does not end": lambda: f"{head}\n<!--{'<' * 10**6}\n{body}",
-        "nested 100,000 deep": lambda: re.sub(r"(</\w+>\s*)$", "<a>" * 10**5 + "</a>" * 10**5 + r"\1", text),
+        "nested 100,000 deep": lambda: re.sub(
+            r"(</\w+>\s*)$", "<a>" * 10**5 + "</a>" * 10**5 + r"\1", text
+        ),
         "its elements 300 times": lambda: re.sub(
-            r"(<(?:way|object)\b.*?</(?:way|object)>)", lambda m: m[1] * 300, text, count=1, flags=re.S
+            r"(<(?:way|object)\b.*?</(?:way|object)>)",
+            lambda m: m[1] * 300,
+            text,
+            count=1,
+            flags=re.S,
         ),
     }
     what = pick(rng, list(changes))
@@ -391,7 +457,19 @@ def _float(text: str) -> float:
 STRUCTURED_XML: tuple[Mutation, ...] = (xml_change,)
 
 _ROAD_TAGS = {  # units, frames and sides of the road, as mappers write them and as they should not
-    "maxspeed": ("30 mph", "50 knots", "walk", "none", "signals", "DE:urban", "XX:rural", "1e9", "-5", "50;30", "٥٠"),
+    "maxspeed": (
+        "30 mph",
+        "50 knots",
+        "walk",
+        "none",
+        "signals",
+        "DE:urban",
+        "XX:rural",
+        "1e9",
+        "-5",
+        "50;30",
+        "٥٠",
+    ),
     "maxspeed:backward": ("20", "GB:nsl_single", "fast"),
     "oneway": ("-1", "reversible", "alternating", "yes;no", "1.0"),
     "oneway:bicycle": ("no",),
@@ -412,37 +490,62 @@ _ROAD_TAGS = {  # units, frames and sides of the road, as mappers write them and
 
 
 def osm_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
-    """A map whose places, roads or rules are in other units, of another side, of other kinds, or lack a partner."""
+    """A map whose places, roads or rules are in other units, of another side, of other kinds, or
+    lack a partner."""
     text = content.decode(errors="replace")
     key = pick(rng, list(_ROAD_TAGS))
     value = pick(rng, _ROAD_TAGS[key])
     tag, way = f'<tag k="{key}" v="{value}"/>', pick(rng, ["100", "101"])
     via = pick(
-        rng, ['type="node" ref="2"', 'type="node" ref="9999"', 'type="way" ref="101"', 'type="relation" ref="1"']
+        rng,
+        [
+            'type="node" ref="2"',
+            'type="node" ref="9999"',
+            'type="way" ref="101"',
+            'type="relation" ref="1"',
+        ],
     )
     kind = pick(rng, ["no_left_turn", "only_straight_on", "no_u_turn", "no", "", "no_entry"])
     turn = f'<relation id="7"><member type="way" ref="100" role="from"/><member {via} role="via"/>'
     turn += (
-        f'<member type="way" ref="{way}" role="to"/><tag k="type" v="restriction"/><tag k="restriction" v="{kind}"/>'
+        f'<member type="way" ref="{way}" role="to"/><tag k="type" v="restriction"/><tag '
+        f'k="restriction" v="{kind}"/>'
     )
     changes: dict[str, Callable[[], str]] = {
-        f"a road with {key}={value}": lambda: text.replace(f'<way id="{way}">', f'<way id="{way}">{tag}'),
-        f"a node with {key}={value}": lambda: re.sub(r'(<node id="2"[^>]*)/>', rf"\1>{tag}</node>", text),
-        "latitude and longitude exchanged": lambda: re.sub(r'lat="(.*?)" lon="(.*?)"', r'lat="\2" lon="\1"', text),
+        f"a road with {key}={value}": lambda: text.replace(
+            f'<way id="{way}">', f'<way id="{way}">{tag}'
+        ),
+        f"a node with {key}={value}": lambda: re.sub(
+            r'(<node id="2"[^>]*)/>', rf"\1>{tag}</node>", text
+        ),
+        "latitude and longitude exchanged": lambda: re.sub(
+            r'lat="(.*?)" lon="(.*?)"', r'lat="\2" lon="\1"', text
+        ),
         "places in thousandths": lambda: re.sub(
             r'(lat|lon)="([\d.]+)"', lambda found: f'{found[1]}="{float(found[2]) * 1000}"', text
         ),
         "a node that is missing": lambda: re.sub(rf'<node id="{pick(rng, "12345")}".*\n', "", text),
-        "a way that is deleted": lambda: text.replace(f'<way id="{way}"', f'<way action="delete" id="{way}"'),
+        "a way that is deleted": lambda: text.replace(
+            f'<way id="{way}"', f'<way action="delete" id="{way}"'
+        ),
         "a rule of turning": lambda: text.replace("</osm>", f"{turn}</relation></osm>"),
         "numbers of a draft": lambda: re.sub(r'(id|ref)="(\d+)"', r'\1="-\2"', text),
-        "Overpass ran out of time": lambda: text.replace("</osm>", "<remark>runtime error: timed out</remark></osm>"),
+        "Overpass ran out of time": lambda: text.replace(
+            "</osm>", "<remark>runtime error: timed out</remark></osm>"
+        ),
     }
     what = pick(rng, list(changes))
     return what, changes[what]().encode()
 
 
-_POLE_SYSTEMS = ("EPSG:25833", "urn:ogc:def:crs:EPSG::4326", "urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:2227", "", "31468")
+_POLE_SYSTEMS = (
+    "EPSG:25833",
+    "urn:ogc:def:crs:EPSG::4326",
+    "urn:ogc:def:crs:OGC:1.3:CRS84",
+    "EPSG:2227",
+    "",
+    "31468",
+)
 
 
 def geojson_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
@@ -509,7 +612,9 @@ def toml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         "a key of 30,000 dots": f"{'.'.join('a' * 30000)} = 1\n{text}",
         "a table 30,000 deep": f"{text}\n[{'.'.join('a' * 30000)}]\n",
         "itself again 300 times": text
-        + "\n".join(text.replace('name = "', f'name = "{k}').split("\n\n", 1)[-1] for k in range(300)),
+        + "\n".join(
+            text.replace('name = "', f'name = "{k}').split("\n\n", 1)[-1] for k in range(300)
+        ),
         "values of every number times 1000": re.sub(
             r"= (\d+\.?\d*)$", lambda found: f"= {float(found[1]) * 1000:g}", text, flags=re.M
         ),
@@ -530,12 +635,34 @@ def ply_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     vertex = next(i for i, line in enumerate(lines) if line.startswith("element vertex"))
     properties = [i for i, line in enumerate(lines) if line.startswith("property")]
     k = pick(rng, properties)
-    kinds = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double", "list uchar int", "half", "float128")
+    kinds = (
+        "char",
+        "uchar",
+        "short",
+        "ushort",
+        "int",
+        "uint",
+        "float",
+        "double",
+        "list uchar int",
+        "half",
+        "float128",
+    )
     changes: dict[str, list[str]] = {
         "a comment of 2,000 characters": [*lines[:2], "comment " + "x" * 2000, *lines[2:]],
         "a name of 2,000 characters": [*lines[:k], f"{lines[k]}{'x' * 2000}", *lines[k + 1 :]],
-        "an element before the points": [*lines[:vertex], "element camera 1", "property float fx", *lines[vertex:]],
-        "an empty element before": [*lines[:vertex], "element camera 0", "property float fx", *lines[vertex:]],
+        "an element before the points": [
+            *lines[:vertex],
+            "element camera 1",
+            "property float fx",
+            *lines[vertex:],
+        ],
+        "an empty element before": [
+            *lines[:vertex],
+            "element camera 0",
+            "property float fx",
+            *lines[vertex:],
+        ],
         "an element of lists before": [
             *lines[:vertex],
             "element face 1",
@@ -543,12 +670,20 @@ def ply_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
             *lines[vertex:],
         ],
         "an element after": [*lines, "element face 3", "property list uchar int vertex_indices"],
-        "a type changed": [*lines[:k], f"property {pick(rng, kinds)} {lines[k].split()[-1]}", *lines[k + 1 :]],
+        "a type changed": [
+            *lines[:k],
+            f"property {pick(rng, kinds)} {lines[k].split()[-1]}",
+            *lines[k + 1 :],
+        ],
         "a property twice": [*lines[: k + 1], lines[k], *lines[k + 1 :]],
         "a property gone": [*lines[:k], *lines[k + 1 :]],
         "the other order of bytes": [line.replace("little", "big") for line in lines],
         "the other format": [
-            re.sub(r"^format \w+", "format ascii" if "binary" in line else "format binary_little_endian", line)
+            re.sub(
+                r"^format \w+",
+                "format ascii" if "binary" in line else "format binary_little_endian",
+                line,
+            )
             for line in lines
         ],
         **{
@@ -557,7 +692,9 @@ def ply_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         },
         "points twice": [*lines, *lines[vertex : properties[-1] + 1]],
         "an offset in a comment": [*lines[:2], f"comment offset {OFFSET}", *lines[2:]],
-        "in another unit": [re.sub(r" ([xyz])$", rf" \1_{pick(rng, UNITS)}", line) for line in lines],
+        "in another unit": [
+            re.sub(r" ([xyz])$", rf" \1_{pick(rng, UNITS)}", line) for line in lines
+        ],
     }
     what = pick(rng, list(changes))
     return what, "\n".join(changes[what]).encode() + b"\n" + body
@@ -571,24 +708,52 @@ def pcd_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         [
             i
             for i, line in enumerate(lines)
-            if line.split()[0] in ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS", "VIEWPOINT")
+            if line.split()[0]
+            in ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS", "VIEWPOINT")
         ],
     )
     words = lines[k].split()
     j = int(rng.integers(1, len(words)))
-    others = ("0", "-1", "3", "8", "3000000", "4294967295", str(2**62), "x", "F", "U", "I", "nan", "1e9", "N" * 100000)
+    others = (
+        "0",
+        "-1",
+        "3",
+        "8",
+        "3000000",
+        "4294967295",
+        str(2**62),
+        "x",
+        "F",
+        "U",
+        "I",
+        "nan",
+        "1e9",
+        "N" * 100000,
+    )
     if rng.random() < 0.2 and b"binary_compressed" in body[:30]:
         at = body.index(b"\n") + 1
-        sizes = struct.pack("<II", int(pick(rng, (0, 10, 2**31, 2**32 - 1))), int(pick(rng, (0, 10, 2**31, 2**32 - 1))))
-        return "sizes of the packed points changed", content[:end] + body[:at] + sizes + body[at + 8 :]
+        sizes = struct.pack(
+            "<II",
+            int(pick(rng, (0, 10, 2**31, 2**32 - 1))),
+            int(pick(rng, (0, 10, 2**31, 2**32 - 1))),
+        )
+        return "sizes of the packed points changed", content[:end] + body[:at] + sizes + body[
+            at + 8 :
+        ]
     if rng.random() < 0.3 and not body.startswith(b"DATA ascii"):
         at, size = body.index(b"\n") + 1, int(pick(rng, (1, 3, 16, 32, 33)))
-        bodies = {"missing": body[:-size], "more": body + bytes(size), "zero": body[:at] + bytes(len(body) - at)}
+        bodies = {
+            "missing": body[:-size],
+            "more": body + bytes(size),
+            "zero": body[:at] + bytes(len(body) - at),
+        }
         what = pick(rng, list(bodies))
         return f"{size} bytes {what}", content[:end] + bodies[what]
     what = pick(rng, ("other", "gone", "doubled", "swapped", "row", "origin", "unit"))
     if what == "origin":
-        words = [f"# coview origin: {pick(rng, (OFFSET, '692000 5336000', '1e12 0 0', 'north 0 0'))}"]
+        words = [
+            f"# coview origin: {pick(rng, (OFFSET, '692000 5336000', '1e12 0 0', 'north 0 0'))}"
+        ]
     elif what == "unit":
         words[j] += f"_{pick(rng, UNITS)}"
     elif what == "other":
@@ -600,7 +765,9 @@ def pcd_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     elif what == "swapped":
         words[j], words[1] = words[1], words[j]
     lines[k : k + 1] = [] if what == "row" else [" ".join(words)]
-    return f"{words[0]} {j} {what} {words[min(j, len(words) - 1)][:20]}", "\n".join(lines).encode() + b"\n" + body
+    return f"{words[0]} {j} {what} {words[min(j, len(words) - 1)][:20]}", "\n".join(
+        lines
+    ).encode() + b"\n" + body
 
 
 def npy_bytes(array: np.ndarray, **header: Any) -> bytes:
@@ -616,7 +783,13 @@ def _headers(rng: Rng) -> dict[str, Any]:
         rng,
         (
             *({"shape": (n, 3)} for n in (10**6, 10**9, 10**12, 2**62)),
-            *({"shape": (0, 3)}, {"shape": (3, 200)}, {"shape": (600,)}, {"shape": ()}, {"shape": (1, 200, 3)}),
+            *(
+                {"shape": (0, 3)},
+                {"shape": (3, 200)},
+                {"shape": (600,)},
+                {"shape": ()},
+                {"shape": (1, 200, 3)},
+            ),
             *(
                 {"fortran_order": True},
                 {"descr": ">f4"},
@@ -625,7 +798,13 @@ def _headers(rng: Rng) -> dict[str, Any]:
                 {"descr": "<c8"},
                 {"descr": "|O"},
             ),
-            *({"descr": "|V4"}, {"descr": "<U1"}, {"descr": "|b1"}, {"descr": "<M8[s]"}, {"descr": [("x", "<f4")]}),
+            *(
+                {"descr": "|V4"},
+                {"descr": "<U1"},
+                {"descr": "|b1"},
+                {"descr": "<M8[s]"},
+                {"descr": [("x", "<f4")]},
+            ),
         ),
     )
 
@@ -658,19 +837,28 @@ def npz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     what = pick(rng, list(changes))
     arrays[name] = changes[what]()
     if rng.random() < 0.2:
-        extra[pick(rng, ("../up", "/up/x", "N" * 60000, "positions.npy", "\u202e"))] = npy_bytes(np.zeros(3))
+        extra[pick(rng, ("../up", "/up/x", "N" * 60000, "positions.npy", "\u202e"))] = npy_bytes(
+            np.zeros(3)
+        )
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made:
         for each, body in {**arrays, **extra}.items():
             if what.startswith("six") and each == name:
                 _write_zeros(made, f"{each}.npy", array)
             else:
                 made.writestr(f"{each}.npy", body)
-    return f"{name} is {what}{' beside ' + next(iter(extra))[:10] if extra else ''}", stream.getvalue()
+    return (
+        f"{name} is {what}{' beside ' + next(iter(extra))[:10] if extra else ''}",
+        stream.getvalue(),
+    )
 
 
-def _write_zeros(archive: zipfile.ZipFile, name: str, array: np.ndarray, size: int = 3 << 30) -> None:
+def _write_zeros(
+    archive: zipfile.ZipFile, name: str, array: np.ndarray, size: int = 3 << 30
+) -> None:
     width = max(1, int(np.prod(array.shape[1:], dtype=int))) * array.dtype.itemsize
-    header = npy_bytes(array[:0] if array.ndim else np.zeros(0), shape=(size // width, *array.shape[1:]))
+    header = npy_bytes(
+        array[:0] if array.ndim else np.zeros(0), shape=(size // width, *array.shape[1:])
+    )
     with archive.open(name, "w", force_zip64=True) as file:
         file.write(header)
         for _ in range(size // (1 << 24)):
@@ -708,7 +896,8 @@ def feather_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         table = table.slice(0, 0)
     else:
         zeros = pyarrow.RecordBatch.from_arrays(
-            [pyarrow.array(np.zeros(1 << 22, np.float32)).cast(pyarrow.float32())] * len(table.column_names),
+            [pyarrow.array(np.zeros(1 << 22, np.float32)).cast(pyarrow.float32())]
+            * len(table.column_names),
             names=table.column_names,
         )
         options = pyarrow.ipc.IpcWriteOptions(compression="zstd")
@@ -730,7 +919,8 @@ def bin_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         "in millimetres": rows * np.float32(1000),
         "of whole numbers": rows.astype("<i4"),
         "of zeros": rows * 0,
-        "with a run of zeros": rows * (np.abs(np.arange(len(rows)) - rng.integers(len(rows))) > len(rows) / 5)[:, None],
+        "with a run of zeros": rows
+        * (np.abs(np.arange(len(rows)) - rng.integers(len(rows))) > len(rows) / 5)[:, None],
         "one column in millimetres": rows * np.where(np.arange(4) == rng.integers(3), 1000, 1),
     }
     what = pick(rng, list(changes))
@@ -757,11 +947,14 @@ def stl_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
 
 
 def hdf5_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
-    """An HDF5 file of other units, axes, times or names, with links out of it or declared far larger than it is."""
+    """An HDF5 file of other units, axes, times or names, with links out of it or declared far
+    larger than it is."""
     stream = io.BytesIO(content)
     with h5py.File(stream, "r+") as file:
         datasets: list[str] = []
-        file.visititems(lambda name, node: datasets.append(name) if isinstance(node, h5py.Dataset) else None)
+        file.visititems(
+            lambda name, node: datasets.append(name) if isinstance(node, h5py.Dataset) else None
+        )
         name = pick(rng, datasets)
         was, attributes = file[name], dict(file[name].attrs)
         values, what = was[()], ""
@@ -771,7 +964,19 @@ def hdf5_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
             file[name] = text
             return f"{name}: {what}", _closed(file, stream)
         what = pick(
-            rng, ("units", "axes", "back", "doubled", "external", "storage", "virtual", "bomb", "names", "same")
+            rng,
+            (
+                "units",
+                "axes",
+                "back",
+                "doubled",
+                "external",
+                "storage",
+                "virtual",
+                "bomb",
+                "names",
+                "same",
+            ),
         )
         numeric = np.issubdtype(values.dtype, np.number)
         del file[name]
@@ -791,17 +996,25 @@ def hdf5_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         elif what == "external":
             file[name] = h5py.ExternalLink("/etc/hostname", "/there")
         elif what == "storage" and numeric:
-            file.create_dataset(name, was.shape, was.dtype, external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
+            file.create_dataset(
+                name, was.shape, was.dtype, external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)]
+            )
         elif what == "virtual" and numeric and values.ndim:
             layout = h5py.VirtualLayout(was.shape, was.dtype)
             layout[...] = h5py.VirtualSource("/etc/passwd", "x", was.shape)
             file.create_virtual_dataset(name, layout)
         elif what == "bomb" and numeric:
-            shape = (10**8 // max(1, int(np.prod(was.shape[1:]))) * 8, *was.shape[1:]) if was.ndim else (10**9,)
+            shape = (
+                (10**8 // max(1, int(np.prod(was.shape[1:]))) * 8, *was.shape[1:])
+                if was.ndim
+                else (10**9,)
+            )
             file.create_dataset(name, shape, was.dtype, chunks=True, compression="gzip")
         else:
             file[name] = (
-                np.full(values.shape, pick(rng, NAMES)[:2000].encode(), "S2000") if values.size < 2000 else values[:0]
+                np.full(values.shape, pick(rng, NAMES)[:2000].encode(), "S2000")
+                if values.size < 2000
+                else values[:0]
             )
             what = "names"
         if isinstance(file.get(name, getlink=True), h5py.HardLink):
@@ -826,7 +1039,8 @@ STRUCTURED_HDF5: tuple[Mutation, ...] = (hdf5_change,)
 
 
 def osm_gz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
-    """A packed map that unfolds to a comment or a map of gigabytes, or one whose text is changed."""
+    """A packed map that unfolds to a comment or a map of gigabytes, or one whose text is
+    changed."""
     import gzip
 
     text = gzip.decompress(content)
@@ -846,8 +1060,20 @@ def osm_gz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
 # Networks: what a header or a card declares
 
 _SIZES: dict[str, tuple[object, ...]] = {
-    "area": ([-2000, -2000, 2000, 2000], [-1e6, -1e6, 1e6, 1e6], [0, 0, 1e-9, 1e-9], [0, 0, 0, 0], [6.4, 6.4, 0, 0]),
-    "voxel_size": ([1e-6, 1e-6, 1e-6], [1e-3, 1e-3, 0.4], [0.2, 0.2, 1e-5], [1e6, 1e6, 1e6], [-1, 0.2, 0.4]),
+    "area": (
+        [-2000, -2000, 2000, 2000],
+        [-1e6, -1e6, 1e6, 1e6],
+        [0, 0, 1e-9, 1e-9],
+        [0, 0, 0, 0],
+        [6.4, 6.4, 0, 0],
+    ),
+    "voxel_size": (
+        [1e-6, 1e-6, 1e-6],
+        [1e-3, 1e-3, 0.4],
+        [0.2, 0.2, 1e-5],
+        [1e6, 1e6, 1e6],
+        [-1, 0.2, 0.4],
+    ),
     "height": ([0, 1e6], [-1e6, 1e6], [4, 0]),
     "max_points": (0, 10**9, 999_999, -1),
     "vfe_widths": ([10**5, 10**5], [999_999], [0], [8] * 5000),

@@ -1,4 +1,5 @@
-"""No damaged file makes a traceback, a crash or a hang, and none is touched: some hundred mutants, or very many."""
+"""No damaged file makes a traceback, a crash or a hang, and none is touched: some hundred mutants,
+or very many."""
 
 import subprocess
 import sys
@@ -11,12 +12,13 @@ from toolkit.datasets.recordings import LAYOUTS as LAYOUT_NAMES
 
 HERE = Path(__file__).parent
 ONE_HALF = (
-    "recording.hdf5 frames.packed network.safetensors classes.safetensors card.onnx checkpoint.pt published.pth "
-    "table.npz"
+    "recording.hdf5 frames.packed network.safetensors classes.safetensors card.onnx "
+    "checkpoint.pt published.pth table.npz"
 )
 OTHER_HALF = (
-    "published.hdf5 .ply .pcd cloud.npz .xyz .csv .npy .bin .feather poses site.json poles map. surrogate sqlite .obj "
-    "plan.json live.json plan-site.json result.json .png .jpg .stl .off .glb .gltf .toml"
+    "published.hdf5 .ply .pcd cloud.npz .xyz .csv .npy .bin .feather poses site.json poles map. "
+    "surrogate sqlite .obj plan.json live.json plan-site.json result.json .png .jpg .stl .off "
+    ".glb .gltf .toml"
 )
 HALVES = (ONE_HALF.split(), OTHER_HALF.split())
 LAYOUTS = ("in-",)  # a file of a recording in each layout
@@ -56,7 +58,10 @@ def test_what_is_no_file_is_refused_in_the_place_of_each():
 
 
 def test_every_layout_has_damaged_files_and_the_halves_are_all_formats():
-    text = printed("from layout_formats import FILES, NAMED; print(*{NAMED.get(f[0], f[0]) for f in FILES.values()})")
+    text = printed(
+        "from layout_formats import FILES, NAMED; print(*{NAMED.get(f[0], f[0]) for f in "
+        "FILES.values()})"
+    )
     assert set(text.split()) == set(LAYOUT_NAMES)
     for name in printed("from formats import formats; print(*formats())").split():
         assert sum(any(part in name for part in half) for half in (*HALVES, LAYOUTS)) == 1, name
@@ -75,9 +80,12 @@ def printed(code):
 
 
 def test_named_damage_is_one_line_each():
-    done = subprocess.run([sys.executable, HERE / "named_damage.py"], capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, HERE / "named_damage.py"], capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr
-    _, _, *rows = (line for line in done.stdout.splitlines() if line.startswith("|"))  # Open3D prints as well
+    # Open3D prints as well
+    _, _, *rows = (line for line in done.stdout.splitlines() if line.startswith("|"))
     assert len(rows) > 35
     for row in rows:
         assert row.count(" | ") == 2, row

@@ -1,7 +1,8 @@
-"""Recordings of which one file is gone, or of another time: refused in one line, or counted, and never without a word.
+"""Recordings of which one file is gone, or of another time: refused in one line, or counted, and
+never without a word.
 
-Each layout of `layout_formats` is written once and read with one file away. A reading that says nothing may only lack
-what was optional: what a frame then has is what it had before."""
+Each layout of `layout_formats` is written once and read with one file away. A reading that says
+nothing may only lack what was optional: what a frame then has is what it had before."""
 
 import shutil
 import sys
@@ -20,8 +21,16 @@ LAYOUTS = (
     *("rcooper", "nuscenes", "argoverse", "sustech", "ros2"),
 )
 NAMED = {"pair": "dair", "ros2": "rosbag"}
-OPTIONAL = ("maps/", "v1.0-coview/scene", "v1.0-coview/map", "v1.0-coview/log", "attribute", "visibility")
-ALONE = ("labels.json", "annotations.feather", "poses.txt", "cooperative/label_world/7.json")  # all labels or poses
+OPTIONAL = (
+    "maps/",
+    "v1.0-coview/scene",
+    "v1.0-coview/map",
+    "v1.0-coview/log",
+    "attribute",
+    "visibility",
+)
+# all labels or poses
+ALONE = ("labels.json", "annotations.feather", "poses.txt", "cooperative/label_world/7.json")
 
 
 @pytest.fixture
@@ -66,7 +75,9 @@ def test_one_file_is_gone(tmp_path, write, layout):
         assert "\n" not in refused
         if refused:
             continue
-        said = any(frame.problems != before.problems for frame, before in zip(read, sound, strict=False))
+        said = any(
+            frame.problems != before.problems for frame, before in zip(read, sound, strict=False)
+        )
         same = count(read) == count(sound)
         whole_frame = len(read) < len(sound) and all(each in count(sound) for each in count(read))
         if not (said or same or whole_frame or name.startswith(OPTIONAL) or name in ALONE):

@@ -1,5 +1,6 @@
-"""A small junction in a few moments, put together by hand, and sensors of both kinds round it; and a street on which
-everything is known: points that say which cars a sensor sees, and a detector that reads them."""
+"""A small junction in a few moments, put together by hand, and sensors of both kinds round it; and
+a street on which everything is known: points that say which cars a sensor sees, and a detector that
+reads them."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -36,26 +37,42 @@ PLACES = [((-22.0, -16.0, 6.0), 0.7), ((22.0, 16.0, 5.0), -2.4), ((0.0, -17.0, 4
 
 
 def sensors() -> tuple[Sensor, ...]:
-    cameras = [Sensor(f"camera{i}", CAMERA, look(at, heading, 0.3)) for i, (at, heading) in enumerate(PLACES)]
+    cameras = [
+        Sensor(f"camera{i}", CAMERA, look(at, heading, 0.3))
+        for i, (at, heading) in enumerate(PLACES)
+    ]
     return *cameras, Sensor("lidar", LIDAR, pose(3.0, 9.0, 3.5, yaw=2.0))
 
 
-def moment(site: Site, bodies: tuple[Body, ...], rng: np.random.Generator, count: int, time: float) -> Snapshot:
-    """Objects in rows, so that they stand before each other but do not overlap; some of them outside the area."""
-    chosen = np.where(rng.random(count) < 0.6, rng.integers(20, size=count), rng.integers(len(bodies), size=count))
+def moment(
+    site: Site, bodies: tuple[Body, ...], rng: np.random.Generator, count: int, time: float
+) -> Snapshot:
+    """Objects in rows, so that they stand before each other but do not overlap; some of them
+    outside the area."""
+    chosen = np.where(
+        rng.random(count) < 0.6, rng.integers(20, size=count), rng.integers(len(bodies), size=count)
+    )
     cells = rng.permutation(20)[:count]
     xy = np.column_stack([cells % 5 - 2, cells // 5 - 1.5]) * [12.0, 11.0]
     sizes = np.array([bodies[b].size for b in chosen]).reshape(-1, 3)
     boxes = np.column_stack([xy, sizes[:, 2] / 2, sizes, rng.uniform(-np.pi, np.pi, count)])
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
-    return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen, time)
+    return Snapshot(
+        Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen, time
+    )
 
 
 @pytest.fixture(scope="session")
 def small_traffic() -> Traffic:
     """Five frames, the third of them empty; the last two alike but for one object more."""
     house = Solid(np.array([[-4.0, 4.0], [2.0, 4.0], [2.0, 8.0], [-4.0, 8.0]]), -0.2, 5.0)
-    site = Site("small", np.array([-20.0, -14, 20, 14]), solids=(house,), sensors=sensors(), relief=Relief(0.05, 1))
+    site = Site(
+        "small",
+        np.array([-20.0, -14, 20, 14]),
+        solids=(house,),
+        sensors=sensors(),
+        relief=Relief(0.05, 1),
+    )
     bodies, rng = catalogue(), np.random.default_rng(5)
     moments = [moment(site, bodies, rng, count, 5.0 * i) for i, count in enumerate((12, 9, 0, 14))]
     last = moments[-1]
@@ -106,12 +123,20 @@ class Seen:
         return Estimate(share, share, subsets @ self.sent)
 
 
-def random_objective(mounts=6, poses=1, *, views=1, objects=60, seed=0, weights=FREE, capacity=2000.0, most=0.5):
+def random_objective(
+    mounts=6, poses=1, *, views=1, objects=60, seed=0, weights=FREE, capacity=2000.0, most=0.5
+):
     rng = np.random.default_rng(seed)
     candidates = candidates_on(mounts, poses, capacity=capacity, seed=seed)
-    seen = rng.random((len(candidates), objects)) < rng.uniform(0.1 * most, most, (len(candidates), 1))
+    seen = rng.random((len(candidates), objects)) < rng.uniform(
+        0.1 * most, most, (len(candidates), 1)
+    )
     sent = rng.uniform(100.0, 900.0, len(candidates))
-    return Objective(Setting(candidates=candidates, fidelity=Seen(seen, sent, views), scheme="early", weights=weights))
+    return Objective(
+        Setting(
+            candidates=candidates, fidelity=Seen(seen, sent, views), scheme="early", weights=weights
+        )
+    )
 
 
 @pytest.fixture(scope="session")
@@ -122,7 +147,8 @@ def make():
 NARROW, WIDE = DepthCamera(width=40, height=30), DepthCamera(width=80, height=30)
 CAR = np.array([4.0, 2.0, 1.5, 0.0])
 FRAMES = 8
-# Cars at these places in every frame, by sensor who sees them; sensor 2 also sees something at the last place.
+# Cars at these places in every frame, by sensor who sees them; sensor 2 also sees something at the
+# last place.
 CARS = np.array([[-12.0, 0.0], [0.0, 0.0], [12.0, 0.0], [0.0, 12.0]])
 SEES = np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 0, 1], [1, 0, 0, 0]], bool)
 GHOST = np.array([-14.0, -14.0])
@@ -137,7 +163,9 @@ class Street:
 
     def clouds(self, k, c):
         places = [*CARS[SEES[c]], *([GHOST] if c == 2 else [])]
-        return np.array([[x, y, 0.75] for x, y in places for _ in range(25)], np.float32).reshape(-1, 3)
+        return np.array([[x, y, 0.75] for x, y in places for _ in range(25)], np.float32).reshape(
+            -1, 3
+        )
 
     def objects(self, k):
         boxes = np.column_stack([CARS, np.full(4, 0.75), np.tile(CAR, (4, 1))])
@@ -153,7 +181,9 @@ class Reader:
     def __call__(self, points, /):
         places = np.unique(points[:, :2], axis=0).astype(float)
         scores = np.where((places == GHOST).all(axis=1), 0.99, 0.5 + 0.01 * np.arange(len(places)))
-        boxes = np.column_stack([places, np.full(len(places), 0.75), np.tile(CAR, (len(places), 1))])
+        boxes = np.column_stack(
+            [places, np.full(len(places), 0.75), np.tile(CAR, (len(places), 1))]
+        )
         return Detections(boxes.reshape(-1, 7), scores)
 
 
@@ -180,10 +210,16 @@ def street(blocks_of_four):
     posts = [(-15.0, -15.0), (15.0, -15.0), (15.0, 15.0), (-15.0, 15.0)]
     mounts = tuple(
         Mount(f"post{m}", np.array([x, y, 0.0]), price=p, capacity=c)
-        for m, ((x, y), p, c) in enumerate(zip(posts, (1.0, 1.0, 0.5, 3.0), (500.0, 500.0, 500.0, 500.0), strict=True))
+        for m, ((x, y), p, c) in enumerate(
+            zip(posts, (1.0, 1.0, 0.5, 3.0), (500.0, 500.0, 500.0, 500.0), strict=True)
+        )
     )
     sensors = tuple(
-        Sensor(f"post{m}_eye", (NARROW, WIDE)[m == 3], look((x, y, 5.0), float(np.arctan2(-y, -x)), 0.2))
+        Sensor(
+            f"post{m}_eye",
+            (NARROW, WIDE)[m == 3],
+            look((x, y, 5.0), float(np.arctan2(-y, -x)), 0.2),
+        )
         for m, (x, y) in enumerate(posts)
     )
     factors = np.array([[m, 0, 0, 0, int(m == 3)] for m in range(4)])
@@ -193,16 +229,26 @@ def street(blocks_of_four):
     objective = Objective(Setting(candidates=candidates, fidelity=Known(), scheme="late"))
     detected = Detected(Street(site, sensors), Reader(), "early")
     return SimpleNamespace(
-        site=site, candidates=candidates, objective=objective, detected=detected, judge=Judge((detected,))
+        site=site,
+        candidates=candidates,
+        objective=objective,
+        detected=detected,
+        judge=Judge((detected,)),
     )
 
 
 def random_visibility(candidates=12, objects=300, frames=20, seed=0):
     rng = np.random.default_rng(seed)
     shape = (candidates, objects)
-    points = np.where(rng.random(shape) < 0.3, np.rint(rng.lognormal(4, 1.5, shape)), 0).astype(np.float32)
+    points = np.where(rng.random(shape) < 0.3, np.rint(rng.lognormal(4, 1.5, shape)), 0).astype(
+        np.float32
+    )
     boxes = np.column_stack(
-        [rng.uniform(-30, 30, (objects, 2)), np.tile([0.7, 4.4, 1.8, 1.5], (objects, 1)), rng.uniform(-3, 3, objects)]
+        [
+            rng.uniform(-30, 30, (objects, 2)),
+            np.tile([0.7, 4.4, 1.8, 1.5], (objects, 1)),
+            rng.uniform(-3, 3, objects),
+        ]
     )
     sent, far = (rng.integers(100, 5000, (candidates, frames)).astype(np.float32) for _ in range(2))
     distance = rng.uniform(5, 60, shape).astype(np.float32)

@@ -13,10 +13,22 @@ from toolkit.sensors.error_profiles import POOR, TYPICAL, ErrorProfile
         ({"failing": True}, "failing must be 0 to 2 sensors, got True"),
         ({"failures": "median"}, "failures must be one of mean, worst, got 'median'"),
         ({"levels": 5}, "traffic has 1 to 4 levels, got 5"),
-        ({"errors": ("poor", "paper", "poor")}, "different ones, got poor, paper, poor: name each once"),
-        ({"errors": ("typical", ErrorProfile("ours", TYPICAL.terms))}, "different ones, got typical, ours"),
-        *(({"errors": ()}, "different ones, got none"), ({"errors": "fog"}, "unknown error profile 'fog'")),
-        *(({"iou": 1.5}, "iou must lie in"), ({"iou": (0.5, 0.5)}, "one or several different ones")),
+        (
+            {"errors": ("poor", "paper", "poor")},
+            "different ones, got poor, paper, poor: name each once",
+        ),
+        (
+            {"errors": ("typical", ErrorProfile("ours", TYPICAL.terms))},
+            "different ones, got typical, ours",
+        ),
+        *(
+            ({"errors": ()}, "different ones, got none"),
+            ({"errors": "fog"}, "unknown error profile 'fog'"),
+        ),
+        *(
+            ({"iou": 1.5}, "iou must lie in"),
+            ({"iou": (0.5, 0.5)}, "one or several different ones"),
+        ),
         *(({"iou": ()}, "one or several different ones"), ({"iou": "0.9:0.5"}, "iou must lie in")),
         ({"iou": "half"}, "as 0.7 or 0.5:0.95, got half"),
     ],
@@ -42,7 +54,10 @@ def test_equal_questions_and_results_state_what_was_asked():
         "profiles": [POOR.origin, TYPICAL.origin],
         "combine": "worst",
     }
-    assert [iou_text(each) for each in (0.7, (0.5, 0.6))] == ["0.7", "0.5 to 0.6 (mean of 2 thresholds)"]
+    assert [iou_text(each) for each in (0.7, (0.5, 0.6))] == [
+        "0.7",
+        "0.5 to 0.6 (mean of 2 thresholds)",
+    ]
     assert Cases(iou=(0.6, 0.7)).class_ious(Classes(("vehicle", "cyclist")), "cyclist") == 0.5
     rows, owners = Cases(failing=1).expand(np.array([[1, 1, 0], [0, 0, 1]], bool))
     assert rows.astype(int).tolist() == [[1, 1, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, 0]]
@@ -64,10 +79,13 @@ def test_what_failures_leave(failures, left):
 def test_levels_axes_and_shares_are_reduced():
     figures = np.array([[0.4, np.nan, np.nan], [0.6, 0.5, np.nan]])
     assert Cases(levels=2).over_levels(figures) == pytest.approx([0.4, 0.5, np.nan], nan_ok=True)
-    assert Cases(levels=2, levels_by="mean").over_levels(figures) == pytest.approx([0.5, 0.5, np.nan], nan_ok=True)
+    assert Cases(levels=2, levels_by="mean").over_levels(figures) == pytest.approx(
+        [0.5, 0.5, np.nan], nan_ok=True
+    )
     assert [len(part) for part in Cases(levels=4).split(np.arange(9))] == [3, 2, 2, 2]
     assert len(Cases(levels=4).split(np.arange(2))) == 2
-    figures = np.random.default_rng(0).random((2, 3, 2, 5, 4))  # of 2 sets, of 1 and of 2 sensors, and 4 resamples
+    # of 2 sets, of 1 and of 2 sensors, and 4 resamples
+    figures = np.random.default_rng(0).random((2, 3, 2, 5, 4))
     owners = np.array([0, 1, 0, 1, 1])
     cases = Cases(iou=(0.5, 0.7), failing=1, levels=3, errors=("paper", "poor"))
     found = cases.over_errors(cases.at_profiles(figures, owners, tie=0))
@@ -76,4 +94,7 @@ def test_levels_axes_and_shares_are_reduced():
     assert found == pytest.approx(by_hand)
     ap = np.array([[0.3, 0.5], [0.4, 0.2]])
     assert Cases(errors=("paper", "poor")).shares(ap).tolist() == [[1, 0], [0, 1]]
-    assert Cases(errors=("paper", "poor"), errors_by="mean").shares(ap).tolist() == [[0.5, 0.5], [0.5, 0.5]]
+    assert Cases(errors=("paper", "poor"), errors_by="mean").shares(ap).tolist() == [
+        [0.5, 0.5],
+        [0.5, 0.5],
+    ]

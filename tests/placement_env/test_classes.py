@@ -16,17 +16,29 @@ THREE = ("vehicle", "cyclist", "pedestrian")
         ({"names": ()}, "classes must be one or several different ones"),
         ({"names": "vehicle"}, "classes must be one or several different ones"),
         ({"names": ("vehicle", "vehicle")}, "classes must be one or several different ones"),
-        ({"names": ("tram",)}, "there is no class 'tram', it counts as heavy: choose among vehicle, cyclist"),
-        ({"names": THREE, "weights": (1.0, 1.0)}, "a weight above 0 for each of vehicle, cyclist, pedestrian"),
+        (
+            {"names": ("tram",)},
+            "there is no class 'tram', it counts as heavy: choose among vehicle, cyclist",
+        ),
+        (
+            {"names": THREE, "weights": (1.0, 1.0)},
+            "a weight above 0 for each of vehicle, cyclist, pedestrian",
+        ),
         ({"names": THREE, "weights": (1.0, 1.0, 0.0)}, "leave out a class that does not count"),
         ({"names": THREE, "weights": (1.0, 1.0, -1.0)}, "a weight above 0"),
         ({"names": THREE, "weights": (1.0, 1.0, float("nan"))}, "a weight above 0"),
         ({"names": THREE, "weights": (1.0, 1.0, float("inf"))}, "a weight above 0"),
         ({"names": THREE, "combine": "best"}, "combine must be one of mean, worst, got 'best'"),
-        ({"names": THREE, "weights": (1.0, 2.0, 1.0), "combine": "worst"}, "the worst class takes no weights"),
+        (
+            {"names": THREE, "weights": (1.0, 2.0, 1.0), "combine": "worst"},
+            "the worst class takes no weights",
+        ),
         ({"names": THREE, "ious": (0.5,)}, "an IoU for each of"),
         ({"names": THREE, "ious": (None, 0.5, 1.5)}, "iou must lie in"),
-        ({"names": THREE, "ious": (0.7, None, None)}, "the IoU of vehicles is that of the objective"),
+        (
+            {"names": THREE, "ious": (0.7, None, None)},
+            "the IoU of vehicles is that of the objective",
+        ),
     ],
 )
 def test_what_is_refused(arguments, message):
@@ -56,7 +68,9 @@ def test_settings_of_classes_their_digests_marks_and_words():
     assert find_classes("cyclist") == Classes(("cyclist",))
     assert find_classes(["vehicle", "heavy"]) == Classes(("vehicle", "heavy"))
     assert find_classes(VEHICLES) is VEHICLES
-    with pytest.raises((ValueError, TypeError), match=r"classes must be Classes or names|Type-check"):
+    with pytest.raises(
+        (ValueError, TypeError), match=r"classes must be Classes or names|Type-check"
+    ):
         find_classes(3)
     figures = np.random.default_rng(0).random((5, 1))
     np.testing.assert_array_equal(VEHICLES.combined(figures), figures[:, 0])
@@ -64,23 +78,39 @@ def test_settings_of_classes_their_digests_marks_and_words():
     assert Classes(THREE, (1.0, 1.0, 7.0)).combined(np.ones((1, 3)))[0] == 1.0
     assert VEHICLES.described(0.7) == VEHICLES.described() == "vehicle"
     assert Classes(THREE, combine="worst").described() == "worst of vehicle, cyclist and pedestrian"
-    assert Classes(THREE).described(0.7) == "mean of vehicle, cyclist (IoU 0.5) and pedestrian (IoU 0.5)"
-    assert Classes(("vehicle", "heavy"), (1.0, 3.0)).described(0.7) == "mean of 0.25 vehicle and 0.75 heavy"
+    assert (
+        Classes(THREE).described(0.7)
+        == "mean of vehicle, cyclist (IoU 0.5) and pedestrian (IoU 0.5)"
+    )
+    assert (
+        Classes(("vehicle", "heavy"), (1.0, 3.0)).described(0.7)
+        == "mean of 0.25 vehicle and 0.75 heavy"
+    )
 
 
 @given(
-    st.lists(st.lists(st.one_of(st.floats(0, 1), st.just(float("nan"))), min_size=3, max_size=3), min_size=1),
+    st.lists(
+        st.lists(st.one_of(st.floats(0, 1), st.just(float("nan"))), min_size=3, max_size=3),
+        min_size=1,
+    ),
     st.tuples(*[st.floats(0.1, 5)] * 3),
 )
 def test_mean_and_worst_are_over_the_classes_that_are_there(rows, weights):
     figures = np.array(rows)
-    mean, worst = Classes(THREE, weights).combined(figures), Classes(THREE, combine="worst").combined(figures)
+    mean, worst = (
+        Classes(THREE, weights).combined(figures),
+        Classes(THREE, combine="worst").combined(figures),
+    )
     for row, of_mean, of_worst in zip(rows, mean, worst, strict=True):
-        there = [(weight, value) for weight, value in zip(weights, row, strict=True) if value == value]
+        there = [
+            (weight, value) for weight, value in zip(weights, row, strict=True) if value == value
+        ]
         if not there:
             assert np.isnan(of_mean)
             assert np.isnan(of_worst)
             continue
-        assert of_mean == pytest.approx(sum(w * v for w, v in there) / sum(w for w, _ in there), abs=1e-12)
+        assert of_mean == pytest.approx(
+            sum(w * v for w, v in there) / sum(w for w, _ in there), abs=1e-12
+        )
         assert of_worst == min(value for _, value in there)
         assert of_worst <= of_mean + 1e-12

@@ -58,11 +58,16 @@ def test_sensors_whose_mean_fits_and_whose_load_does_not_are_in_no_answer():
 
 
 def test_narrow_links_are_named_with_what_they_need():
-    loads = [build_load("L1", 9.0, 30.0, 21.01, 20.0, limited=True), build_load("L2", 1, 2, 2, 20, limited=True)]
+    loads = [
+        build_load("L1", 9.0, 30.0, 21.01, 20.0, limited=True),
+        build_load("L2", 1, 2, 2, 20, limited=True),
+    ]
     assert [load.fits for load in loads] == [False, True]
     assert loads[0].share == pytest.approx(1.0505)
     text = describe_narrow_links(loads)
-    assert text.startswith("The link is too narrow for 95 % of the frames: L1 needs 21.01 of 20.00 Mbit/s; ")
+    assert text.startswith(
+        "The link is too narrow for 95 % of the frames: L1 needs 21.01 of 20.00 Mbit/s; "
+    )
     assert "links of 2101 kbit per frame (--capacity)" in text
     assert describe_narrow_links(loads[1:]) == ""
     assert build_load("L1", 9.0, 30.0, 21.01, 20.0, limited=False).fits

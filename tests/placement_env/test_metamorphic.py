@@ -1,7 +1,9 @@
-"""What must hold of every way to score sensor sets, however good it is: relations between scores, not their values.
+"""What must hold of every way to score sensor sets, however good it is: relations between scores,
+not their values.
 
-The scene is flat, with cars in the middle of 6 m cells; the detector reports a car in each cell that holds points, the
-better the more there are. Its sensors' points are drawn, not rendered, so that every relation is exact.
+The scene is flat, with cars in the middle of 6 m cells; the detector reports a car in each cell
+that holds points, the better the more there are. Its sensors' points are drawn, not rendered, so
+that every relation is exact.
 """
 
 from dataclasses import dataclass, replace
@@ -43,7 +45,8 @@ def site_at(x=0.0, y=0.0):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Points of each sensor on each car of each frame, as `placement_env.fidelity.detector.Measured`."""
+    """Points of each sensor on each car of each frame, as
+    `placement_env.fidelity.detector.Measured`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -56,7 +59,9 @@ class Scene:
     ghosts: tuple[int, ...] = ()  # frames in which nothing is there, and yet there are points
 
     def _boxes(self, k):
-        x, y = (np.random.default_rng([7, self.order[k]]).permutation(36)[:7] // np.array([[6], [1]])) % 6
+        x, y = (
+            np.random.default_rng([7, self.order[k]]).permutation(36)[:7] // np.array([[6], [1]])
+        ) % 6
         middles = np.stack([x, y], axis=1) * CELL - 15.0 + self.origin
         return np.column_stack([middles, np.full(7, 0.75), np.tile(CAR, (7, 1)), np.zeros(7)])
 
@@ -85,11 +90,15 @@ class Cells:
     digest: str = "untrained"
 
     def __call__(self, points):
-        cells, number = np.unique(np.floor((points[:, :2] - self.origin) / CELL), axis=0, return_counts=True)
+        cells, number = np.unique(
+            np.floor((points[:, :2] - self.origin) / CELL), axis=0, return_counts=True
+        )
         cells, number = cells[number >= self.fewest], number[number >= self.fewest]
         x, y = ((cells + 0.5) * CELL + self.origin).T.reshape(2, -1)
         size = np.tile(CAR, (len(cells), 1))
-        boxes = np.column_stack([x + 8.0 / number, y, np.full(len(cells), 0.75), size, np.zeros(len(cells))])
+        boxes = np.column_stack(
+            [x + 8.0 / number, y, np.full(len(cells), 0.75), size, np.zeros(len(cells))]
+        )
         return Detections(boxes, number / (number + 30.0))
 
 
@@ -138,7 +147,9 @@ def test_the_order_of_sensors_sets_and_frames_and_the_place_change_nothing(schem
     assert_same(detected(replace(SCENE, order=(2, 0, 1)), scheme)(SETS[FEW]), some(scores[scheme]))
     there = site_at(384.0, -192.0)
     moved = Scene(there, there.sensors, origin=(384.0, -192.0))
-    assert_same(detected(moved, scheme, Cells(origin=(384.0, -192.0)))(SETS[FEW]), some(scores[scheme]))
+    assert_same(
+        detected(moved, scheme, Cells(origin=(384.0, -192.0)))(SETS[FEW]), some(scores[scheme])
+    )
     assert scores[scheme].kbit == pytest.approx(SETS @ scores[scheme].kbit[1 << np.arange(4)])
     assert [figure[0] for figure in scores[scheme]] == [0, 0, 0]
     haunted = replace(SCENE, frames=FRAMES + 1, order=(*SCENE.order, 99), ghosts=(99,))
@@ -151,7 +162,9 @@ def test_the_order_of_sensors_sets_and_frames_and_the_place_change_nothing(schem
 def test_a_sensor_doubled_finds_nothing_new_late_and_sends_as_much_again():
     s0 = SCENE.sensors[0]
     twins = replace(SCENE, sensors=(*SCENE.sensors[:2], Sensor("s0'", s0.model, s0.pose)))
-    both = detected(twins, "late")(np.array([[True, True, False], [True, True, True], [True, False, False]]))
+    both = detected(twins, "late")(
+        np.array([[True, True, False], [True, True, True], [True, False, False]])
+    )
     assert both.ap[1] == both.ap[0]
     assert both.recall[1] == both.recall[0]
     assert both.kbit[1] == pytest.approx(both.kbit[0] + both.kbit[2])
@@ -162,7 +175,12 @@ def test_a_sensor_that_sees_nothing_adds_nothing_but_its_price(scheme):
     candidates = paper_candidates(SCENE.site)
     fidelity = detected(replace(SCENE, blind=("s3",)), scheme)
     objective = Objective(
-        Setting(candidates=candidates, fidelity=fidelity, scheme=scheme, weights=Weights(comm=0.0, price=0.01))
+        Setting(
+            candidates=candidates,
+            fidelity=fidelity,
+            scheme=scheme,
+            weights=Weights(comm=0.0, price=0.01),
+        )
     )
     without, with_it = objective.score([0, 2]), objective.score([0, 2, 3])
     assert with_it.ap == without.ap
@@ -189,7 +207,8 @@ CHANGES = {
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_what_changed_never_gets_an_old_score(change, tmp_path, scores):
-    """One file serves both; the changed one must get what it gets without any memory, and the first one its own."""
+    """One file serves both; the changed one must get what it gets without any memory, and the first
+    one its own."""
     memo = Cache(tmp_path / "memo.sqlite")
     changed, anew = CHANGES[change](), CHANGES[change]()
     changed.memo = memo
@@ -204,7 +223,9 @@ def test_what_changed_never_gets_an_old_score(change, tmp_path, scores):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_race_over_detections_finds_what_scoring_all_finds(scheme, scores):
     fidelity = detected(scheme=scheme)
-    result = race(lambda sets, frames: fidelity.partial(sets, frames.tolist()).ap, SETS, FRAMES, first=1)
+    result = race(
+        lambda sets, frames: fidelity.partial(sets, frames.tolist()).ap, SETS, FRAMES, first=1
+    )
     assert result.scores[0] == pytest.approx(scores[scheme].ap[result.winners[0]], abs=1e-12)
     assert result.scores[0] >= 0.8 * scores[scheme].ap.max()
     assert result.spent < result.full

@@ -1,4 +1,5 @@
-"""What must hold of what candidates see, and of coverage and surrogate on top of it: relations, on a rendered scene."""
+"""What must hold of what candidates see, and of coverage and surrogate on top of it: relations, on
+a rendered scene."""
 
 from dataclasses import replace
 
@@ -42,7 +43,8 @@ TWIN, AWAY = 3, 4
 
 
 def scene(x=0.0, y=0.0, turns=0, frames=range(3)):
-    """Traffic and candidates of a square junction, shifted (m) and turned to the left by quarters of a circle."""
+    """Traffic and candidates of a square junction, shifted (m) and turned to the left by quarters
+    of a circle."""
     turn = turns * np.pi / 2
     matrix = np.round([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     here = np.array([x, y])
@@ -51,29 +53,43 @@ def scene(x=0.0, y=0.0, turns=0, frames=range(3)):
         return np.asarray(xy) @ matrix.T + here
 
     sensors = tuple(
-        Sensor(name, LIDAR if name == "mast" else CAMERA, look((*place((u, v)), z), heading + turn, tilt))
+        Sensor(
+            name,
+            LIDAR if name == "mast" else CAMERA,
+            look((*place((u, v)), z), heading + turn, tilt),
+        )
         for name, (u, v, z, heading, tilt) in PLACES.items()
     )
-    mounts = tuple(Mount(f"m{i}", np.append(s.position[:2], 0.0), price=1.0 + i) for i, s in enumerate(sensors))
+    mounts = tuple(
+        Mount(f"m{i}", np.append(s.position[:2], 0.0), price=1.0 + i) for i, s in enumerate(sensors)
+    )
     wall = Solid(place([(-3.0, 3.0), (3.0, 3.0), (3.0, 4.0), (-3.0, 4.0)]), 0.0, 5.0)
     area = np.append(here - 20.0, here + 20.0)
     site = Site("square", area, solids=(wall,), mounts=mounts, sensors=sensors)
     models = tuple(dict.fromkeys(sensor.model for sensor in sensors))
-    factors = np.column_stack([np.arange(len(sensors)), np.zeros((len(sensors), 4), np.int64)])  # each on its mount
-    candidates = Candidates(sensors, mounts, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
+    # each on its mount
+    factors = np.column_stack([np.arange(len(sensors)), np.zeros((len(sensors), 4), np.int64)])
+    candidates = Candidates(
+        sensors, mounts, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models)
+    )
     bodies = tuple(body for body in catalogue() if body.label in (VEHICLE, HEAVY))
-    return Traffic(site, bodies, tuple(snapshot(bodies, place, turn, k) for k in frames)), candidates
+    return Traffic(
+        site, bodies, tuple(snapshot(bodies, place, turn, k) for k in frames)
+    ), candidates
 
 
 def snapshot(bodies, place, turn, k):
     rng = np.random.default_rng([3, k])
     chosen = rng.permutation(len(bodies))[:9]
     size = np.array([bodies[body].size for body in chosen])
-    columns, rows = np.meshgrid([-13.0, 0.0, 13.0], [-10.0, 8.0, 21.0])  # the last row has its centres outside
+    # the last row has its centres outside
+    columns, rows = np.meshgrid([-13.0, 0.0, 13.0], [-10.0, 8.0, 21.0])
     xy = place(np.column_stack([columns.ravel(), rows.ravel()]) + rng.uniform(-0.9, 0.9, (9, 2)))
     yaw = rng.uniform(-0.1, 0.1, 9) + turn
     boxes = np.column_stack([xy, size[:, 2] / 2, size, np.arctan2(np.sin(yaw), np.cos(yaw))])
-    return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen]), np.arange(9)), chosen)
+    return Snapshot(
+        Objects(boxes, np.array([bodies[b].label for b in chosen]), np.arange(9)), chosen
+    )
 
 
 MODELS = {  # made up
@@ -97,7 +113,9 @@ def seen():
 @pytest.fixture(scope="module", params=SCHEMES)
 def scored(request, seen):
     """Scheme, and its fidelities with the scores of all sets."""
-    return request.param, [(fidelity, fidelity(SETS)) for fidelity in fidelities(seen, request.param)]
+    return request.param, [
+        (fidelity, fidelity(SETS)) for fidelity in fidelities(seen, request.param)
+    ]
 
 
 def assert_same(one, other):
@@ -110,7 +128,9 @@ def test_the_scene_tells_sensors_apart_whose_points_are_sent(seen):
     assert 10 < seen.points.shape[1] < 27
     assert (seen.points.sum(axis=1) > 0).tolist() == [True, True, True, True, False, True]
     assert ((seen.points == 0).any(axis=0) & (seen.points > 0).any(axis=0)).any()
-    on_objects = np.stack([seen.points[:, seen.frame == k].sum(axis=1) for k in range(seen.frames)], axis=1)
+    on_objects = np.stack(
+        [seen.points[:, seen.frame == k].sum(axis=1) for k in range(seen.frames)], axis=1
+    )
     assert (on_objects <= seen.sent).all()
     assert (seen.far <= seen.sent).all()
     for figure in (seen.points, seen.sent, seen.far, seen.distance):
@@ -120,20 +140,28 @@ def test_the_scene_tells_sensors_apart_whose_points_are_sent(seen):
     traffic, candidates = scene()
     alone = see(traffic, candidates.select(order))
     chosen = seen.select(order)
-    for one, other in ((alone.points, chosen.points), (alone.sent, chosen.sent), (alone.far, chosen.far)):
+    for one, other in (
+        (alone.points, chosen.points),
+        (alone.sent, chosen.sent),
+        (alone.far, chosen.far),
+    ):
         assert one.tolist() == other.tolist()
     traffic, candidates = scene()
     assert paper_candidates(traffic.site).sensors == candidates.sensors
 
 
-@pytest.mark.parametrize("move", [{"x": 512.0, "y": -256.0}, {"turns": 1}, {"x": -64.0, "turns": 2}])
+@pytest.mark.parametrize(
+    "move", [{"x": 512.0, "y": -256.0}, {"turns": 1}, {"x": -64.0, "turns": 2}]
+)
 def test_moving_and_turning_site_traffic_and_sensors_together_changes_nothing(move, seen):
     there = see(*scene(**move))
     assert there.frame.tolist() == seen.frame.tolist()
     np.testing.assert_allclose(there.distance, seen.distance, atol=1e-3)
-    np.testing.assert_allclose(there.points, seen.points, rtol=0.01, atol=3)  # rays that graze go either way
+    # rays that graze go either way
+    np.testing.assert_allclose(there.points, seen.points, rtol=0.01, atol=3)
     for one, other in ((there.sent, seen.sent), (there.far, seen.far)):
-        np.testing.assert_allclose(one, other, rtol=0.2)  # level ground lies on the crop's edge, z > 0: by rounding
+        # level ground lies on the crop's edge, z > 0: by rounding
+        np.testing.assert_allclose(one, other, rtol=0.2)
     for scheme in SCHEMES:
         for moved, before in zip(fidelities(there, scheme), fidelities(seen, scheme), strict=True):
             np.testing.assert_allclose(moved(SETS).ap, before(SETS).ap, atol=0.06)
@@ -154,15 +182,20 @@ def test_frames_walls_points_and_names_change_nothing_else(seen):
     for more, less in ((0, 1), (1, 2), (3, 4), (4, 5)):
         assert (figures[more] >= figures[less]).all()
     traffic, candidates = scene()
-    renamed = tuple(replace(sensor, name=f"other{i}") for i, sensor in enumerate(candidates.sensors))
-    assert see(traffic, replace(candidates, sensors=renamed)).points.tolist() == seen.points.tolist()
+    renamed = tuple(
+        replace(sensor, name=f"other{i}") for i, sensor in enumerate(candidates.sensors)
+    )
+    assert (
+        see(traffic, replace(candidates, sensors=renamed)).points.tolist() == seen.points.tolist()
+    )
     traffic, candidates = scene()
     renders = Renders(traffic, candidates, noise_seed=None)
     for k in range(len(traffic)):
         boxes = seen.boxes[seen.frame == k]
         for c in range(len(candidates)):
             counted = count_points(renders.clouds(k, c), boxes)
-            np.testing.assert_allclose(counted, seen.points[c, seen.frame == k], rtol=0.1, atol=8)  # and its ground
+            # and its ground
+            np.testing.assert_allclose(counted, seen.points[c, seen.frame == k], rtol=0.1, atol=8)
 
 
 def test_order_and_sensors_that_look_away_change_nothing_but_the_price(seen, scored):
@@ -174,7 +207,12 @@ def test_order_and_sensors_that_look_away_change_nothing_but_the_price(seen, sco
     candidates = scene()[1]
     for fidelity, _ in with_scores:
         objective = Objective(
-            Setting(candidates=candidates, fidelity=fidelity, scheme=scheme, weights=Weights(comm=0.0, price=0.01))
+            Setting(
+                candidates=candidates,
+                fidelity=fidelity,
+                scheme=scheme,
+                weights=Weights(comm=0.0, price=0.01),
+            )
         )
         without, with_it = objective.score([0, 1]), objective.score([0, 1, AWAY])
         assert with_it.ap == without.ap
@@ -219,7 +257,10 @@ def test_a_cache_of_renders_is_shared_but_never_by_what_changed(tmp_path):
     east, cache = 2, Cache(tmp_path / "cache.sqlite")
     first = Renders(traffic, candidates, cache).clouds(0, east)
     assert Renders(traffic, candidates, cache).clouds(0, east).tobytes() == first.tobytes()
-    assert Renders(traffic, candidates.select([5, east]), cache).clouds(0, 1).tobytes() == first.tobytes()
+    assert (
+        Renders(traffic, candidates.select([5, east]), cache).clouds(0, 1).tobytes()
+        == first.tobytes()
+    )
     assert len(cache) == 2  # the empty site, and what changed
 
     sensors = list(candidates.sensors)
@@ -227,10 +268,19 @@ def test_a_cache_of_renders_is_shared_but_never_by_what_changed(tmp_path):
     changed = {
         "wall": (replace(traffic, site=replace(traffic.site, solids=())), candidates),
         "traffic": (scene(frames=[1])[0], candidates),
-        "area": (replace(traffic, site=replace(traffic.site, area=traffic.site.area / 2)), candidates),
+        "area": (
+            replace(traffic, site=replace(traffic.site, area=traffic.site.area / 2)),
+            candidates,
+        ),
         "pose": (traffic, replace(candidates, sensors=tuple(sensors))),
     }
     for what in changed.values():
         kept, anew = Renders(*what, cache).clouds(0, east), Renders(*what).clouds(0, east)
         assert kept.tobytes() == anew.tobytes() != first.tobytes()
-    assert len({Renders(*what).digest for what in changed.values()} | {Renders(traffic, candidates).digest}) == 4
+    assert (
+        len(
+            {Renders(*what).digest for what in changed.values()}
+            | {Renders(traffic, candidates).digest}
+        )
+        == 4
+    )

@@ -16,22 +16,34 @@ from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sensors.models import DepthCamera
 
-SEARCHES: dict[str, Any] = {"exhaustive": exhaustive.search, "greedy": greedy.search, "swap": swap.search}
+SEARCHES: dict[str, Any] = {
+    "exhaustive": exhaustive.search,
+    "greedy": greedy.search,
+    "swap": swap.search,
+}
 
 
 @pytest.fixture
 def priced(make):
-    """An objective of six mounts with two poses each, and the same with models that cost and a limit."""
+    """An objective of six mounts with two poses each, and the same with models that cost and a
+    limit."""
 
     def limited(most, seed=0, mounts=6):
         free = make(mounts=mounts, poses=2, seed=seed)
         plain = free.candidates
         factors = plain.factors.copy()
         factors[:, 4] = np.arange(len(plain)) % 2
-        axes = replace(plain.axes, models=(DepthCamera(), DepthCamera(width=80)), prices=(0.25, 1.0))
-        sensors = tuple(replace(s, model=axes.models[f]) for s, f in zip(plain.sensors, factors[:, 4], strict=True))
+        axes = replace(
+            plain.axes, models=(DepthCamera(), DepthCamera(width=80)), prices=(0.25, 1.0)
+        )
+        sensors = tuple(
+            replace(s, model=axes.models[f])
+            for s, f in zip(plain.sensors, factors[:, 4], strict=True)
+        )
         candidates = replace(plain, sensors=sensors, factors=factors, axes=axes)
-        return Objective(Setting(candidates=candidates, fidelity=free.scored_by, scheme="early", most_price=most))
+        return Objective(
+            Setting(candidates=candidates, fidelity=free.scored_by, scheme="early", most_price=most)
+        )
 
     return limited
 
@@ -65,14 +77,23 @@ def test_sums_are_not_refused_for_rounding_and_none_is_none(make):
     mounts = tuple(replace(mount, price=0.1) for mount in free.candidates.mounts)
     exact = Objective(
         Setting(
-            candidates=replace(free.candidates, mounts=mounts), fidelity=free.scored_by, scheme="early", most_price=0.3
+            candidates=replace(free.candidates, mounts=mounts),
+            fidelity=free.scored_by,
+            scheme="early",
+            most_price=0.3,
         )
     )
-    assert exact.feasible(np.ones((1, 3), bool))[0]  # 0.1 + 0.1 + 0.1 is more than 0.3 in floating point
+    assert exact.feasible(np.ones((1, 3), bool))[
+        0
+    ]  # 0.1 + 0.1 + 0.1 is more than 0.3 in floating point
     objective = make()
     with pytest.raises(ValueError, match="most_price must be 0 or more, got -1"):
-        Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=-1.0))
-    broke = Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=0.0))
+        Objective(
+            Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=-1.0)
+        )
+    broke = Objective(
+        Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=0.0)
+    )
     assert not broke.allowed([]).any()
     assert greedy.search(broke, 3).best.subset == ()
     assert swap.draw_set(broke, 3, np.random.default_rng(0)) == []

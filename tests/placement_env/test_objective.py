@@ -33,17 +33,30 @@ class Counting:
 
 
 @cache
-def candidates(mounts: int = 3, headings: int = 2, capacity: float = 2000.0, price: float = 2.0) -> Candidates:
+def candidates(
+    mounts: int = 3, headings: int = 2, capacity: float = 2000.0, price: float = 2.0
+) -> Candidates:
     site = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
-    poles = [Mount(f"m{i}", np.array([10.0 * i - 10, 12, 0]), price=price, capacity=capacity) for i in range(mounts)]
+    poles = [
+        Mount(f"m{i}", np.array([10.0 * i - 10, 12, 0]), price=price, capacity=capacity)
+        for i in range(mounts)
+    ]
     return pool(
-        site, heights=(5.0,), headings=headings, tilts=(0.3,), models=(DepthCamera(),), mounts=poles, blind=True
+        site,
+        heights=(5.0,),
+        headings=headings,
+        tilts=(0.3,),
+        models=(DepthCamera(),),
+        mounts=poles,
+        blind=True,
     )
 
 
 def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float) -> Objective:
     some = candidates(**kwargs)  # type: ignore[arg-type]
-    return Objective(Setting(candidates=some, fidelity=Counting(len(some)), scheme=scheme, weights=weights))  # type: ignore[arg-type]
+    return Objective(
+        Setting(candidates=some, fidelity=Counting(len(some)), scheme=scheme, weights=weights)
+    )  # type: ignore[arg-type]
 
 
 def test_objectives_sum_terms_by_hand_and_say_where_scores_come_from():
@@ -84,9 +97,24 @@ def test_objectives_sum_terms_by_hand_and_say_where_scores_come_from():
         Weights(comm=-1.0)
     with pytest.raises((ValueError, TypeError), match="of"):
         objective(scheme="middle")
-    origin = Objective(Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)).provenance
-    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
-    assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
+    origin = Objective(
+        Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)
+    ).provenance
+    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == (
+        "tjunction",
+        2,
+        0,
+        "table",
+    )
+    assert {
+        "scheme",
+        "codec",
+        "iou",
+        "candidates",
+        "hybrid_radius",
+        "weights",
+        "coview",
+    } <= origin.keys()
     assert origin["errors"]["profile"] == "paper"
     assert objective().provenance["fidelity"] == "counting"
     pool = candidates()
@@ -127,16 +155,28 @@ def test_members_that_there_are_not(bad: list[int | str]) -> None:
     ("cases", "fidelity", "message"),
     [
         (Cases(errors="typical"), "table", "errors typical are known to fidelity detector alone"),
-        (Cases(errors=("typical", "poor")), "surrogate", "errors typical and poor are known to fidelity detector"),
-        (Cases(levels=2), "table", "levels of traffic are known to fidelity coverage and surrogate, got 'table'"),
+        (
+            Cases(errors=("typical", "poor")),
+            "surrogate",
+            "errors typical and poor are known to fidelity detector",
+        ),
+        (
+            Cases(levels=2),
+            "table",
+            "levels of traffic are known to fidelity coverage and surrogate, got 'table'",
+        ),
     ],
 )
-def test_cases_that_a_fidelity_does_not_know_are_refused(cases: Cases, fidelity: Any, message: str) -> None:
+def test_cases_that_a_fidelity_does_not_know_are_refused(
+    cases: Cases, fidelity: Any, message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         Objective(Setting("tjunction", fidelity=fidelity, cases=cases))
 
 
-@pytest.mark.parametrize(("part", "message"), [("ap", "no vehicle"), ("kbit", "kbit must be finite")])
+@pytest.mark.parametrize(
+    ("part", "message"), [("ap", "no vehicle"), ("kbit", "kbit must be finite")]
+)
 def test_figures_must_be_finite(part: str, message: str) -> None:
     class Lost(Counting):
         def __call__(self, subsets: np.ndarray, /) -> Estimate:

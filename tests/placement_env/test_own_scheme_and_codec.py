@@ -1,4 +1,5 @@
-"""A fusion scheme and a codec written here run through evaluation, objective and search; no other file knows them."""
+"""A fusion scheme and a codec written here run through evaluation, objective and search; no other
+file knows them."""
 
 import zlib
 from dataclasses import dataclass, replace
@@ -51,7 +52,10 @@ class Thinned:
         def keep(points, sensor):
             return np.arange(len(points)) % self.every == 0
 
-        sent = [view.send_points(view.part(view.cloud(s), f"every {self.every}th", keep)) for s in sensors]
+        sent = [
+            view.send_points(view.part(view.cloud(s), f"every {self.every}th", keep))
+            for s in sensors
+        ]
         boxes = view.suppress([view.detect([each.arrived for each in sent])])
         return Fused(boxes.detections, np.array([each.bits for each in sent]), boxes.ms)
 
@@ -93,7 +97,10 @@ class Centimetres:
         return Message(data, 8 * len(data))
 
     def _unpacked(self, message, columns):
-        return np.frombuffer(zlib.decompress(message.content), np.int32).reshape(-1, columns) * self.step
+        return (
+            np.frombuffer(zlib.decompress(message.content), np.int32).reshape(-1, columns)
+            * self.step
+        )
 
 
 class Places:
@@ -137,9 +144,15 @@ def detector(small_traffic):
     return Places(np.concatenate([snapshot.objects.boxes for snapshot in small_traffic.snapshots]))
 
 
-recording = pytest.fixture(scope="module")(lambda small_traffic, candidates: Recording(small_traffic, candidates))
-renders = pytest.fixture(scope="module")(lambda small_traffic, candidates: Renders(small_traffic, candidates))
-seen = pytest.fixture(scope="module")(lambda small_traffic, candidates: see(small_traffic, candidates))
+recording = pytest.fixture(scope="module")(
+    lambda small_traffic, candidates: Recording(small_traffic, candidates)
+)
+renders = pytest.fixture(scope="module")(
+    lambda small_traffic, candidates: Renders(small_traffic, candidates)
+)
+seen = pytest.fixture(scope="module")(
+    lambda small_traffic, candidates: see(small_traffic, candidates)
+)
 
 
 def test_they_fit_the_protocols_and_a_site_takes_both_by_name():
@@ -149,7 +162,8 @@ def test_they_fit_the_protocols_and_a_site_takes_both_by_name():
         with pytest.raises((ValueError, TypeError), match="of"):
             evaluate_recording(None, None, Comparison(schemes=[scheme]))  # type: ignore[list-item]
     objective = Objective(
-        Setting("tjunction", scheme=Thinned(), fidelity="coverage", codec=Centimetres()), Run(frames=2)
+        Setting("tjunction", scheme=Thinned(), fidelity="coverage", codec=Centimetres()),
+        Run(frames=2),
     )
     paper = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2))
     assert greedy.search(objective, 2).best.kbit < greedy.search(paper, 2).best.kbit
@@ -159,13 +173,19 @@ def test_they_fit_the_protocols_and_a_site_takes_both_by_name():
     capacity = 1.5 * float(objective.sent[0])  # the paper's codec takes 2.4 times as much
     mounts = tuple(replace(mount, capacity=capacity) for mount in objective.candidates.mounts)
     made = objective.preparation
-    narrow = replace(made, setting=replace(made.setting, candidates=replace(objective.candidates, mounts=mounts)))
+    narrow = replace(
+        made, setting=replace(made.setting, candidates=replace(objective.candidates, mounts=mounts))
+    )
     assert cmaes.build_pose_scorer(narrow)([objective.candidates.sensors[:1]]) != [None]
     costly = replace(narrow, setting=replace(narrow.setting, codec=PAPER))
     assert cmaes.build_pose_scorer(costly)([objective.candidates.sensors[:1]]) == [None]
     by_detector = Objective(
         Setting(
-            "tjunction", scheme=Thinned(), fidelity="detector", codec=Centimetres(), detector=Places(np.zeros((0, 7)))
+            "tjunction",
+            scheme=Thinned(),
+            fidelity="detector",
+            codec=Centimetres(),
+            detector=Places(np.zeros((0, 7))),
         ),
         Run(frames=2),
     )
@@ -176,8 +196,12 @@ def test_they_fit_the_protocols_and_a_site_takes_both_by_name():
 
 def test_evaluation_takes_both_and_what_arrives_is_let_through(recording, detector):
     schemes, codec = [Thinned(), "early", Hybrid(radius=9.0, name="hybrid 9")], Centimetres()
-    rows = evaluate_recording(recording, detector, Comparison(schemes=schemes, codec=codec, iou_thresholds=[0.7]))
-    plain = evaluate_recording(recording, detector, Comparison(schemes=["early"], iou_thresholds=[0.7]))
+    rows = evaluate_recording(
+        recording, detector, Comparison(schemes=schemes, codec=codec, iou_thresholds=[0.7])
+    )
+    plain = evaluate_recording(
+        recording, detector, Comparison(schemes=["early"], iou_thresholds=[0.7])
+    )
     assert [row.scheme for row in rows] == ["thinned", "early", "hybrid 9"]
     assert 0 < rows[0].recall <= rows[1].recall
     assert 0 < rows[0].kbit_per_sensor < rows[1].kbit_per_sensor < plain[0].kbit_per_sensor
@@ -185,25 +209,39 @@ def test_evaluation_takes_both_and_what_arrives_is_let_through(recording, detect
     assert dict(rows.provenance["schemes"])["thinned"] == Thinned().digest
     with pytest.raises(ValueError, match="two schemes are called 'hybrid'"):
         evaluate_recording(recording, detector, Comparison(schemes=["hybrid", Hybrid(radius=9.0)]))
-    assert survey(recording, codec=codec).kbit_per_sensor.mean() == pytest.approx(rows[1].kbit_per_sensor)
-    coarse = fuse_frame("late", recording[0], detector, site=recording.site, codec=Centimetres(step=0.5))
+    assert survey(recording, codec=codec).kbit_per_sensor.mean() == pytest.approx(
+        rows[1].kbit_per_sensor
+    )
+    coarse = fuse_frame(
+        "late", recording[0], detector, site=recording.site, codec=Centimetres(step=0.5)
+    )
     assert len(coarse.detections)
     np.testing.assert_allclose(coarse.detections.boxes, np.round(coarse.detections.boxes * 2) / 2)
 
 
 def test_the_detector_fidelity_scores_what_evaluation_scores(recording, renders, detector):
-    """To the scores alone: noise is drawn otherwise for candidates than for a recording's sensors."""
+    """To the scores alone: noise is drawn otherwise for candidates than for a recording's
+    sensors."""
     detected = Detected(renders, detector, Thinned(), codec=Centimetres())
-    rows = evaluate_recording(recording, detector, Comparison([Thinned()], codec=Centimetres(), iou_thresholds=[0.7]))
+    rows = evaluate_recording(
+        recording, detector, Comparison([Thinned()], codec=Centimetres(), iou_thresholds=[0.7])
+    )
     estimate = detected(np.ones((1, len(renders.sensors)), bool))
     assert estimate.ap[0] == pytest.approx(rows[0].ap, abs=0.1)
-    assert estimate.kbit[0] / len(renders.sensors) == pytest.approx(rows[0].kbit_per_sensor, rel=0.02)
+    assert estimate.kbit[0] / len(renders.sensors) == pytest.approx(
+        rows[0].kbit_per_sensor, rel=0.02
+    )
 
 
 @pytest.mark.parametrize(
     ("scheme", "codec"),
     [
-        *((Thinned(2), Centimetres()), (Thinned(4), Centimetres(0.2)), ("early", Centimetres()), ("early", PAPER)),
+        *(
+            (Thinned(2), Centimetres()),
+            (Thinned(4), Centimetres(0.2)),
+            ("early", Centimetres()),
+            ("early", PAPER),
+        ),
         *(("late", Centimetres(0.2)), (Hybrid(radius=5.0), PAPER)),
     ],
 )
@@ -240,9 +278,12 @@ def test_objective_and_search_take_both(seen, renders, candidates, detector, fid
         "detector": lambda: Detected(renders, detector, scheme, codec=codec),
     }[fidelity]()
     objective = Objective(
-        Setting(candidates=candidates, fidelity=scored_by, scheme=scheme, codec=codec), visibility=seen
+        Setting(candidates=candidates, fidelity=scored_by, scheme=scheme, codec=codec),
+        visibility=seen,
     )
-    np.testing.assert_allclose(objective.sent, 64.0 / 1000 + 40.0 * seen.sent.mean(axis=1) / 4 / 1000, rtol=1e-6)
+    np.testing.assert_allclose(
+        objective.sent, 64.0 / 1000 + 40.0 * seen.sent.mean(axis=1) / 4 / 1000, rtol=1e-6
+    )
     assert objective.linked.all()
     found = greedy.search(objective, 2)
     assert found.best.reward == objective.scores(all_subsets(4)[[3, 5, 6, 9, 10, 12]]).reward.max()
@@ -261,9 +302,15 @@ def test_a_surrogate_may_be_fitted_to_them(seen, renders, detector, tmp_path):
 
 def test_where_nothing_fits_them_the_remedy_is_named(seen):
     for make, said in (
-        (lambda: Surrogate(seen, Thinned()), r"no surrogate of general for thinned .* fidelity detector or coverage"),
+        (
+            lambda: Surrogate(seen, Thinned()),
+            r"no surrogate of general for thinned .* fidelity detector or coverage",
+        ),
         (lambda: TableFidelity(load_table("tjunction"), Thinned()), "say --fidelity detector"),
-        (lambda: TableFidelity(load_table("tjunction"), Hybrid(radius=5.0)), "say --fidelity detector"),
+        (
+            lambda: TableFidelity(load_table("tjunction"), Hybrid(radius=5.0)),
+            "say --fidelity detector",
+        ),
         (lambda: TableFidelity(load_table("tjunction"), codec=Centimetres()), "paper's codec"),
         (lambda: Coverage(seen, Hybrid(radius=5.0)), "hybrid_radius"),
     ):
@@ -277,7 +324,9 @@ class Unhashable(Thinned):
     __hash__ = None  # type: ignore[assignment]
 
 
-@pytest.mark.parametrize("name", ["coview/SensorSelect-v0", "coview/SensorSubset-v0", "coview/SensorPose-v0"])
+@pytest.mark.parametrize(
+    "name", ["coview/SensorSelect-v0", "coview/SensorSubset-v0", "coview/SensorPose-v0"]
+)
 def test_environments_take_both(name):
     drawn, codec = [Unhashable(2), Unhashable(4)], Centimetres()
     env: Any = gym.make(name, scheme=drawn, codec=codec, fidelity="coverage", frames=1, budget=2)
@@ -285,7 +334,11 @@ def test_environments_take_both(name):
     env.reset(seed=0)
     for _ in range(8):
         env.reset()
-        legal = 0 if "Select" in name else np.eye(1, getattr(env.action_space, "n", 1), dtype=np.int8)[0]
+        legal = (
+            0
+            if "Select" in name
+            else np.eye(1, getattr(env.action_space, "n", 1), dtype=np.int8)[0]
+        )
         _, reward, _, _, info = env.step(env.action_space.sample() if "Pose" in name else legal)
         objective = env.unwrapped.placement()[0]
         assert objective.codec == codec

@@ -13,14 +13,22 @@ from placement_env.setting import Setting
 
 SETS = np.random.default_rng(1).random((60, 12)) < 0.35
 MADE: dict[str, Any] = {
-    **{f"surrogate, {s}": lambda seen, models, s=s: Surrogate(seen, s, models[s]) for s in ("early", "late", "hybrid")},
-    **{f"entropy, {s}": lambda seen, _, s=s: PerceptionEntropy(seen, s) for s in ("early", "late", "hybrid")},
+    **{
+        f"surrogate, {s}": lambda seen, models, s=s: Surrogate(seen, s, models[s])
+        for s in ("early", "late", "hybrid")
+    },
+    **{
+        f"entropy, {s}": lambda seen, _, s=s: PerceptionEntropy(seen, s)
+        for s in ("early", "late", "hybrid")
+    },
     "coverage": lambda seen, _: Coverage(seen),
 }
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_every_one_is_a_monotone_fidelity_that_ignores_what_is_beside_a_set(made_visibility, hit_models, name):
+def test_every_one_is_a_monotone_fidelity_that_ignores_what_is_beside_a_set(
+    made_visibility, hit_models, name
+):
     fidelity = MADE[name](made_visibility(), hit_models)
     assert isinstance(fidelity, Fidelity)
     estimate = fidelity(SETS)
@@ -37,5 +45,8 @@ def test_every_one_is_a_monotone_fidelity_that_ignores_what_is_beside_a_set(made
 
 
 def test_there_are_four_fidelities_by_name():
-    with pytest.raises(ValueError, match="fidelity must be one of coverage, surrogate, detector, table, got 'guess'"):
+    with pytest.raises(
+        ValueError,
+        match="fidelity must be one of coverage, surrogate, detector, table, got 'guess'",
+    ):
         Setting("tjunction", fidelity="guess")

@@ -12,7 +12,8 @@ SETS = all_subsets(8)[1:]
 
 
 class Recorded:
-    """AP of sets as means over frames of a figure that drifts, so that neighbours in time are alike."""
+    """AP of sets as means over frames of a figure that drifts, so that neighbours in time are
+    alike."""
 
     def __init__(self, sets=SETS, frames=200, seed=0, noise=0.3):
         rng = np.random.default_rng(seed)
@@ -82,7 +83,8 @@ def test_the_last_rung_has_all_frames_and_the_cost_is_bounded(sets, frames, eta,
     result = race(scores, chosen, frames, eta=eta, first=first, keep=keep, seed=seed)
     assert asked[-1] == frames
     assert result.spent <= result.full <= sets * frames
-    # Without noise the race is exact, and every distinct set that ties with the last winner wins too.
+    # Without noise the race is exact, and every distinct set that ties with the last winner wins
+    # too.
     distinct = np.sort(ap[np.unique(chosen, axis=0) @ (1 << np.arange(8))])[::-1]
     last = distinct[min(keep, len(distinct)) - 1]
     assert result.scores.tolist() == distinct[distinct >= last].tolist()
@@ -132,14 +134,17 @@ def test_equal_and_undefined_sets_in_a_race():
     assert len(result.winners) == 4
 
 
-@pytest.mark.parametrize("wrong", [{"eta": 1}, {"first": 0}, {"keep": 0}, {"frames": 0}, {"sets": SETS[:0]}])
+@pytest.mark.parametrize(
+    "wrong", [{"eta": 1}, {"first": 0}, {"keep": 0}, {"frames": 0}, {"sets": SETS[:0]}]
+)
 def test_race_refuses(wrong):
     with pytest.raises(ValueError, match="a race needs"):
         race(Recorded(), **({"sets": SETS, "frames": 9} | wrong))
 
 
 class Spread:
-    """Scores of single-sensor sets whose spread falls with the frames; what was asked for is kept in `asked`."""
+    """Scores of single-sensor sets whose spread falls with the frames; what was asked for is kept
+    in `asked`."""
 
     def __init__(self, true, noise=0.1, draws=400):
         self.true, self.noise, self.draws, self.asked = true, noise, draws, []
@@ -148,7 +153,9 @@ class Spread:
         rows = sets.argmax(axis=1)
         self.asked.append((rows.tolist(), frames.tolist()))
         drawn = np.random.default_rng(1).standard_normal((len(self.true), self.draws))
-        return Resampled(sets @ self.true, (self.true[:, None] + self.noise / np.sqrt(len(frames)) * drawn)[rows])
+        return Resampled(
+            sets @ self.true, (self.true[:, None] + self.noise / np.sqrt(len(frames)) * drawn)[rows]
+        )
 
 
 TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
@@ -156,10 +163,28 @@ TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
 
 def test_races_end_when_sure_or_by_budget():
     sure = Spread(TRUE, noise=0.0)
-    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12)).frames.max() == 12
-    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12, least=24)).frames.max() == 24
-    assert race_until(sure, np.eye(5, dtype=bool), np.arange(16), RaceRules(first=12, least=24)).frames.max() == 16
-    near = race_until(Spread(TRUE), np.eye(5, dtype=bool), np.arange(400), RaceRules(tolerance=0.05, confidence=0.9))
+    assert (
+        race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12)).frames.max()
+        == 12
+    )
+    assert (
+        race_until(
+            sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12, least=24)
+        ).frames.max()
+        == 24
+    )
+    assert (
+        race_until(
+            sure, np.eye(5, dtype=bool), np.arange(16), RaceRules(first=12, least=24)
+        ).frames.max()
+        == 16
+    )
+    near = race_until(
+        Spread(TRUE),
+        np.eye(5, dtype=bool),
+        np.arange(400),
+        RaceRules(tolerance=0.05, confidence=0.9),
+    )
     assert near.confidence >= 0.9
     assert near.frames.max() < 100
     exact = Spread(TRUE, noise=0.0)
@@ -167,7 +192,10 @@ def test_races_end_when_sure_or_by_budget():
     assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
     spread_out = Spread(TRUE)
     ran = race_until(
-        spread_out, np.eye(5, dtype=bool), np.arange(384)[::-1], RaceRules(first=12, tolerance=0.001, confidence=0.9)
+        spread_out,
+        np.eye(5, dtype=bool),
+        np.arange(384)[::-1],
+        RaceRules(first=12, tolerance=0.001, confidence=0.9),
     )
     assert [len(frames) for _, frames in spread_out.asked] == [12, 24, 48, 96, 192, 384]
     assert all(frames == list(range(383, 383 - len(frames), -1)) for _, frames in spread_out.asked)
@@ -178,7 +206,9 @@ def test_races_end_when_sure_or_by_budget():
     assert ran.frames.tolist()[3:] == [12, 12]
     assert ran.spent == sum(ran.frames)
     tight = Spread(TRUE, noise=2.0)
-    ran = race_until(tight, np.eye(5, dtype=bool), np.arange(96), RaceRules(most=60.0 + 12 * 3, tolerance=0.0))
+    ran = race_until(
+        tight, np.eye(5, dtype=bool), np.arange(96), RaceRules(most=60.0 + 12 * 3, tolerance=0.0)
+    )
     assert [len(sets) for sets, _ in tight.asked] == [5, 3]
     assert set(tight.asked[1][0]) == {1, 3, 4}
     assert ran.confidence < 0.95
@@ -197,14 +227,21 @@ def test_races_end_when_sure_or_by_budget():
 
 
 def test_doubt_is_the_share_of_draws_also_of_what_was_dropped():
-    draws = np.array([[0.5] * 8, [0.4] * 4 + [0.505] * 2 + [0.7, 0.6], [0.4] * 5 + [0.6] + [0.4] * 2])
+    draws = np.array(
+        [[0.5] * 8, [0.4] * 4 + [0.505] * 2 + [0.7, 0.6], [0.4] * 5 + [0.6] + [0.4] * 2]
+    )
     figures = np.array([0.5, 0.45, 0.42])
     ran = race_until(
-        lambda sets, _: Resampled(sets @ figures, draws[sets.argmax(axis=1)]), np.eye(3, dtype=bool), np.arange(6)
+        lambda sets, _: Resampled(sets @ figures, draws[sets.argmax(axis=1)]),
+        np.eye(3, dtype=bool),
+        np.arange(6),
     )
-    assert ran.confidence == 1 - 3 / 8  # draws 5, 6, 7: the second is better by 0.2 and 0.1, the third by 0.1
+    assert (
+        ran.confidence == 1 - 3 / 8
+    )  # draws 5, 6, 7: the second is better by 0.2 and 0.1, the third by 0.1
     assert ran.frames.tolist() == [6, 6, 6]
-    # The third is better in 1 of 200 draws of the first rung: dropped, and 0.005 of the doubt stays.
+    # The third is better in 1 of 200 draws of the first rung: dropped, and 0.005 of the doubt
+    # stays.
 
     def scores(sets, frames):
         rows = np.full((3, 200), 0.5)
@@ -236,7 +273,9 @@ def test_nobody_is_sure_by_the_few_blocks_there_was_time_for(blocks, confidence)
 def test_sets_go_by_figures_and_predictions_and_equal_rows_race_once():
     """The second leads by its figure, the fifth by what was predicted, within the noise."""
     predicted = TRUE + np.array([0.0, -0.04, 0.0, 0.0, 0.05]) - 0.2
-    ran = race_until(Spread(TRUE, noise=0.3), np.eye(5, dtype=bool), np.arange(24), predicted=predicted)
+    ran = race_until(
+        Spread(TRUE, noise=0.3), np.eye(5, dtype=bool), np.arange(24), predicted=predicted
+    )
     assert ran.ranking[0] == 4
     assert ran.figures[0] == TRUE[4]  # as measured
     assert ran.expected[0] > ran.expected[ran.ranking.tolist().index(1)]
@@ -258,7 +297,9 @@ def test_doubt_of_a_set_counts_each_rival_on_the_last_frames_that_both_saw():
     last = Rung(np.array([0, 1]), np.array([[0.5, 0.5, 0.5, 0.5], [0.6, 0.4, 0.4, 0.4]]))
     zeros = np.zeros(3)
     ran = Contest(np.arange(3), zeros, np.full(3, 8), 0.9, 24, zeros, (first, last), 0.01)
-    assert ran.doubt(0) == 0.25 + 1.0  # set 1 in a quarter of the last rung, set 2 in the whole first
+    assert (
+        ran.doubt(0) == 0.25 + 1.0
+    )  # set 1 in a quarter of the last rung, set 2 in the whole first
     assert ran.doubt(0, [2]) == 0.25
     assert ran.doubt(2) == 0.0  # it left after the first rung, where none beats it
     assert ran.sureness(2) == 1.0

@@ -11,7 +11,10 @@ from placement_env.setting import Setting, Weights
         ({"weights": 0.1}, r"pass Weights\(comm=..., price=...\)"),
         ({"most_price": -1}, "most_price must be 0 or more, got -1"),
         ({"rendering": "quick"}, "rendering must be one of auto, full, panorama, got 'quick'"),
-        *(({"scheme": "middle"}, "scheme"), ({"detector": "general"}, "detector must be a function")),
+        *(
+            ({"scheme": "middle"}, "scheme"),
+            ({"detector": "general"}, "detector must be a function"),
+        ),
         ({"classes": 3}, "classes must be"),
     ],
 )

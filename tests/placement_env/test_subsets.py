@@ -36,7 +36,9 @@ def test_blocks_together_are_all_sums_of_the_same_candidates():
     sets = np.random.default_rng(1).random((25, 6)) < 0.5
     blocks = list(MemberSums(rows).blocks(sets))
     assert len(blocks) > 1
-    np.testing.assert_array_equal(np.concatenate([sums for _, sums in blocks]), MemberSums(rows)(sets))
+    np.testing.assert_array_equal(
+        np.concatenate([sums for _, sums in blocks]), MemberSums(rows)(sets)
+    )
     assert [block.start for block, _ in blocks] == sorted(block.start for block, _ in blocks)
     with pytest.raises(ValueError, match="rows of 6 booleans"):
         MemberSums(np.zeros((6, 2))).blocks(np.zeros((2, 5), bool))

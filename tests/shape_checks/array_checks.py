@@ -1,4 +1,5 @@
-"""Checker of array shapes for `make test-all`. Other types are for mypy: tests hand over wrong ones on purpose."""
+"""Checker of array shapes for `make test-all`. Other types are for mypy: tests hand over wrong ones
+on purpose."""
 
 import typing
 from collections.abc import Callable

@@ -1,8 +1,8 @@
 """Changes the source of the rooms that carry figures and counts what no test notices.
 
-`python tests/source_mutations/run.py 20` prints a table of rooms and every change that survived. Each change is made in
-a copy of the tree, where the room's own tests run until one fails. A survivor is a missing test, or a change that means
-the same.
+`python tests/source_mutations/run.py 20` prints a table of rooms and every change that survived.
+Each change is made in a copy of the tree, where the room's own tests run until one fails. A
+survivor is a missing test, or a change that means the same.
 """
 
 import argparse
@@ -28,21 +28,49 @@ ANALYSIS, PLANNING, PORTFOLIO = (
     "placement_env/report/planning",
     "placement_env/search/portfolio",
 )
-ROOMS = (ANALYSIS, PLANNING, PORTFOLIO, "toolkit/detection/link", "toolkit/calibration", "toolkit/detection/metrics.py")
+ROOMS = (
+    ANALYSIS,
+    PLANNING,
+    PORTFOLIO,
+    "toolkit/detection/link",
+    "toolkit/calibration",
+    "toolkit/detection/metrics.py",
+)
 COMPARISONS = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
-}  # fmt: skip
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+}
 OPERATORS = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd, ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult,
-}  # fmt: skip
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+    ast.Pow: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+}
 PAIRS = (
-    ("min", "max"), ("minimum", "maximum"), ("argmin", "argmax"), ("sum", "mean"), ("any", "all"), ("floor", "ceil"),
-    ("zeros", "ones"), ("isnan", "isfinite"),
-)  # fmt: skip
+    ("min", "max"),
+    ("minimum", "maximum"),
+    ("argmin", "argmax"),
+    ("sum", "mean"),
+    ("any", "all"),
+    ("floor", "ceil"),
+    ("zeros", "ones"),
+    ("isnan", "isfinite"),
+)
 NAMES = {**dict(PAIRS), **{other: one for one, other in PAIRS}}
-SILENT = (ast.JoinedStr, ast.Raise, ast.Assert, ast.Import, ast.ImportFrom)  # words and declarations, not figures
+# words and declarations, not figures
+SILENT = (ast.JoinedStr, ast.Raise, ast.Assert, ast.Import, ast.ImportFrom)
 SKIPPED = ("annotation", "returns", "decorator_list")
 CHECKS = ("strict", "dtype")  # keywords that no figure depends on
 LONGEST = 600.0  # s that the tests of a room may take
@@ -67,7 +95,12 @@ def main() -> None:
     parser.add_argument("mutants", type=int, nargs="?", default=20, help="of each room")
     parser.add_argument("--rooms", nargs="*", default=ROOMS, help="folders or files of the source")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0, help="number of the first mutant, to go on where a run ended")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        help="number of the first mutant, to go on where a run ended",
+    )
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     rows = []
@@ -77,7 +110,10 @@ def main() -> None:
             mutants = draw_mutants(room, given.first + given.mutants, given.seed)[given.first :]
             rows.append((room, len(mutants), run_mutants(room, mutants, copies)))
     print(f"{'room':36} mutants  killed  survivors")
-    for room, count, left in [*rows, ("all", sum(row[1] for row in rows), sum(row[2] for row in rows))]:
+    for room, count, left in [
+        *rows,
+        ("all", sum(row[1] for row in rows), sum(row[2] for row in rows)),
+    ]:
         print(f"{room:36} {count:7} {count - left:7} {left:10}")
 
 
@@ -86,13 +122,16 @@ def draw_mutants(room: str, count: int, seed: int) -> list[Mutant]:
     start = ROOT / room
     paths = [start] if start.is_file() else sorted(start.glob("*.py"))
     texts = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in paths}
-    every = [(path, number) for path, text in texts.items() for number in range(count_mutants(text))]
+    every = [
+        (path, number) for path, text in texts.items() for number in range(count_mutants(text))
+    ]
     random.Random(f"{seed} {room}").shuffle(every)
     return [make_mutant(path, texts[path], number) for path, number in every[:count]]
 
 
 def run_mutants(room: str, mutants: Sequence[Mutant], copies: Sequence[Path]) -> int:
-    """Print and count the mutants that no test of the room notices. Raises RuntimeError if one fails unchanged."""
+    """Print and count the mutants that no test of the room notices. Raises RuntimeError if one
+    fails unchanged."""
     start = time.monotonic()
     if not passes(copies[0], room, LONGEST):
         raise RuntimeError(f"the tests of {room} fail without any change: mend them first")
@@ -120,14 +159,36 @@ def run_mutants(room: str, mutants: Sequence[Mutant], copies: Sequence[Path]) ->
 
 
 def passes(copy: Path, room: str, seconds: float, file: str = "") -> bool:
-    """Run the tests of a room in a copy of the tree, those of the changed file first, examples in docstrings last."""
+    """Run the tests of a room in a copy of the tree, those of the changed file first, examples in
+    docstrings last."""
     tests = copy / "tests" / room
-    found = [tests.with_name(f"test_{tests.name}")] if tests.suffix else sorted(tests.glob("test_*.py"))
+    found = (
+        [tests.with_name(f"test_{tests.name}")] if tests.suffix else sorted(tests.glob("test_*.py"))
+    )
     found.sort(key=lambda path: (path.stem == f"test_{tests.name}", path.stem != f"test_{file}"))
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *map(str, [*found, copy / room])]
-    environment = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        *map(str, [*found, copy / room]),
+    ]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(copy),
+        "OMP_NUM_THREADS": "1",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
     process = subprocess.Popen(
-        command, cwd=copy, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command,
+        cwd=copy,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     try:
         return process.wait(seconds) == 0
@@ -174,7 +235,10 @@ def make_mutant(path: str, text: str, number: int) -> Mutant:
     before, line = ast.unparse(node), getattr(node, "lineno", 1)
     change()
     after = ast.unparse(node)
-    same = next((k for k, pair in enumerate(zip(before, after, strict=False)) if pair[0] != pair[1]), len(before))
+    same = next(
+        (k for k, pair in enumerate(zip(before, after, strict=False)) if pair[0] != pair[1]),
+        len(before),
+    )
     line += before[:same].count("\n") if isinstance(node, ast.stmt) else 0
     said = (" ".join(words[max(0, same - 30) : same + 30].split()) for words in (before, after))
     where = "" if len(before) > 20 else f"  in  {text.splitlines()[line - 1].strip()}"
@@ -231,7 +295,9 @@ def _removable(statement: ast.stmt) -> bool:
     if isinstance(statement, ast.Expr):
         return not isinstance(statement.value, ast.Constant)
     if isinstance(statement, ast.Assign):
-        return all(isinstance(target, ast.Subscript | ast.Attribute) for target in statement.targets)
+        return all(
+            isinstance(target, ast.Subscript | ast.Attribute) for target in statement.targets
+        )
     return isinstance(statement, ast.AugAssign | ast.Raise | ast.Continue | ast.Break)
 
 

@@ -32,6 +32,8 @@ def test_without_jaxtyping_an_annotation_means_the_array(bare, name):
     assert getattr(bare, name)[np.ndarray, "n 3"] is np.ndarray
 
 
-@pytest.mark.parametrize(("array", "fits"), [(np.zeros((2, 3)), True), (np.zeros((2, 4)), False), (np.zeros(3), False)])
+@pytest.mark.parametrize(
+    ("array", "fits"), [(np.zeros((2, 3)), True), (np.zeros((2, 4)), False), (np.zeros(3), False)]
+)
 def test_a_shape_is_part_of_the_type(array, fits):
     assert isinstance(array, arrays.Float64[np.ndarray, "n 3"]) == fits

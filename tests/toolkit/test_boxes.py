@@ -11,7 +11,9 @@ CAR = [0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]
 def a_box(reach=6.0):
     number = lambda low, high: st.floats(low, high, allow_nan=False, width=64)  # noqa: E731
     sizes = (number(0.05, 12.0),) * 3
-    return st.tuples(*(number(-reach, reach),) * 2, number(-2, 2), *sizes, number(-10, 10)).map(list)
+    return st.tuples(*(number(-reach, reach),) * 2, number(-2, 2), *sizes, number(-10, 10)).map(
+        list
+    )
 
 
 some_boxes = st.lists(a_box(), min_size=1, max_size=6).map(np.array)
@@ -20,15 +22,23 @@ some_boxes = st.lists(a_box(), min_size=1, max_size=6).map(np.array)
 def random_boxes(rng, n, area=(80.0, 40.0)):
     columns = [rng.uniform(-s / 2, s / 2, n) for s in area]
     sizes = [rng.uniform(low, high, n) for low, high in ((3.5, 5.6), (1.6, 2.1), (1.4, 2.0))]
-    return np.column_stack([*columns, rng.uniform(0.5, 1, n), *sizes, rng.uniform(-np.pi, np.pi, n)])
+    return np.column_stack(
+        [*columns, rng.uniform(0.5, 1, n), *sizes, rng.uniform(-np.pi, np.pi, n)]
+    )
 
 
 def shapely_iou(a, b, metric):
     """The oracle: GEOS polygons, pair by pair."""
     p, q = shapely.polygons(bx.footprints(a))[:, None], shapely.polygons(bx.footprints(b))[None]
-    overlap, size_a, size_b = shapely.area(shapely.intersection(p, q)), shapely.area(p), shapely.area(q)
+    overlap, size_a, size_b = (
+        shapely.area(shapely.intersection(p, q)),
+        shapely.area(p),
+        shapely.area(q),
+    )
     if metric == "3d":
-        (low_a, top_a), (low_b, top_b) = ((c[:, 2] - c[:, 5] / 2, c[:, 2] + c[:, 5] / 2) for c in (a, b))
+        (low_a, top_a), (low_b, top_b) = (
+            (c[:, 2] - c[:, 5] / 2, c[:, 2] + c[:, 5] / 2) for c in (a, b)
+        )
         height = np.minimum(top_a[:, None], top_b[None]) - np.maximum(low_a[:, None], low_b[None])
         overlap, size_a, size_b = overlap * height.clip(0), size_a * a[:, 5:6], size_b * b[:, 5]
     return overlap / (size_a + size_b - overlap)
@@ -37,10 +47,17 @@ def shapely_iou(a, b, metric):
 @pytest.mark.parametrize(
     ("other", "bev", "volume"),
     [
-        *((CAR, 1.0, 1.0), ([0, 0, 0.75, 4, 2, 1.5, np.pi], 1.0, 1.0), ([0, 0, 0.75, 2, 4, 1.5, np.pi / 2], 1.0, 1.0)),
+        *(
+            (CAR, 1.0, 1.0),
+            ([0, 0, 0.75, 4, 2, 1.5, np.pi], 1.0, 1.0),
+            ([0, 0, 0.75, 2, 4, 1.5, np.pi / 2], 1.0, 1.0),
+        ),
         *(([2, 0, 0.75, 4, 2, 1.5, 0], 1 / 3, 1 / 3), ([0, 0, 1.5, 4, 2, 1.5, 0], 1.0, 1 / 3)),
         *(([0, 0, 2.25, 4, 2, 1.5, 0], 1.0, 0.0), ([4, 0, 0.75, 4, 2, 1.5, 0], 0.0, 0.0)),
-        *(([4, 2, 0.75, 4, 2, 1.5, 0], 0.0, 0.0), ([0, 0, 0.75, 4, 2, 1.5, np.pi / 2], 4 / 12, 4 / 12)),
+        *(
+            ([4, 2, 0.75, 4, 2, 1.5, 0], 0.0, 0.0),
+            ([0, 0, 0.75, 4, 2, 1.5, np.pi / 2], 4 / 12, 4 / 12),
+        ),
         ([0, 0, 0.75, 1, 1, 1.5, 0.3], 1 / 8, 1 / 8),
         ([0, 0, 0.75, np.sqrt(2), np.sqrt(2), 1.5, np.pi / 4], 2 / 8, 2 / 8),
         ([90, 0, 0.75, 4, 2, 1.5, 0], 0.0, 0.0),
@@ -72,7 +89,10 @@ def test_iou_is_symmetric_and_moves_with_the_world(a, b, yaw, offset):
     iou = bx.iou_3d(a, b)
     np.testing.assert_allclose(iou, bx.iou_3d(b, a).T, atol=1e-10)
     cos, sin = np.cos(yaw), np.sin(yaw)
-    moved = [np.column_stack([c[:, :2] @ [[cos, sin], [-sin, cos]] + offset, c[:, 2:6], c[:, 6] + yaw]) for c in (a, b)]
+    moved = [
+        np.column_stack([c[:, :2] @ [[cos, sin], [-sin, cos]] + offset, c[:, 2:6], c[:, 6] + yaw])
+        for c in (a, b)
+    ]
     np.testing.assert_allclose(bx.iou_3d(*moved), iou, atol=1e-5)
 
 
@@ -115,7 +135,12 @@ def test_corners_are_ordered_as_drawn(boxes):
 def test_degenerate_boxes_are_refused_with_their_row(row, message):
     with pytest.raises(ValueError, match=message):
         bx.check_boxes([CAR, row])
-    for use in (bx.corners, bx.footprints, lambda b: bx.nms(b, [1.0, 2.0], 0.5), lambda b: bx.iou_3d(b, b)):
+    for use in (
+        bx.corners,
+        bx.footprints,
+        lambda b: bx.nms(b, [1.0, 2.0], 0.5),
+        lambda b: bx.iou_3d(b, b),
+    ):
         with pytest.raises(ValueError, match="row 1"):
             use([CAR, row])
 
@@ -145,13 +170,18 @@ def test_boxes_suppress_equals_and_hold_points():
     assert bx.nms([], [], 0.5).shape == (0,)
     above = np.array([CAR, [0, 0, 9, 4, 2, 1.5, 0]])
     assert len(bx.nms(above, [1, 2], 0.1)) == 1
-    # A row of ten, 1 m apart and 3 m long: neighbours overlap by one half, and no round settles more than one
+    # A row of ten, 1 m apart and 3 m long: neighbours overlap by one half, and no round settles
+    # more than one
     # pair.
     row = np.array([[x, 0.0, 1.0, 3.0, 2.0, 1.5, 0.0] for x in range(10)])
     assert bx.iou_bev(row[:1], row[1:2]).item() == 0.5
     assert bx.nms(row, np.linspace(1, 0, 10), 0.5).tolist() == list(range(10))
-    assert bx.nms(row, np.linspace(1, 0, 10), np.nextafter(0.5, 0)).tolist() == list(range(0, 10, 2))
-    points = np.array([[0, 0, 0.5], [np.nan, 0, 0.5], [0, np.inf, 0.5], [-np.inf, 0, 0], [0, 0, np.nan]])
+    assert bx.nms(row, np.linspace(1, 0, 10), np.nextafter(0.5, 0)).tolist() == list(
+        range(0, 10, 2)
+    )
+    points = np.array(
+        [[0, 0, 0.5], [np.nan, 0, 0.5], [0, np.inf, 0.5], [-np.inf, 0, 0], [0, 0, np.nan]]
+    )
     assert bx.points_in_boxes(points, [CAR])[:, 0].tolist() == [True, False, False, False, False]
     assert bx.points_in_boxes(np.zeros((0, 3)), [CAR]).shape == (0, 1)
     assert bx.points_in_boxes(np.zeros((5, 3)), []).shape == (5, 0)
@@ -162,7 +192,9 @@ def test_boxes_suppress_equals_and_hold_points():
     rng = np.random.default_rng(5)
     points = rng.uniform(-6, 6, (500, 3))
     points[::50] = np.nan, np.inf, -np.inf
-    boxes = np.column_stack([rng.uniform(-5, 5, (9, 3)), rng.uniform(0.5, 6, (9, 3)), rng.uniform(-4, 4, 9)])
+    boxes = np.column_stack(
+        [rng.uniform(-5, 5, (9, 3)), rng.uniform(0.5, 6, (9, 3)), rng.uniform(-4, 4, 9)]
+    )
     inside = bx.points_in_boxes(points, boxes)
     assert inside.any()
     for box, rows in enumerate(bx.rows_in_boxes(points, boxes)):
@@ -173,7 +205,9 @@ def test_boxes_suppress_equals_and_hold_points():
     with pytest.raises(ValueError, match=r"truths must have shape \(n, 7\).* got \(3, 8\)"):
         bx.check_boxes(np.ones((3, 8)), "truths")
     assert bx.nms([CAR, CAR, CAR], [1, 2, 3], 0.5, labels=["a", "b", "a"]).tolist() == [2, 1]
-    with pytest.raises(ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"):
+    with pytest.raises(
+        ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"
+    ):
         bx.nms([CAR, CAR], [1, 2], 0.5, labels=[0])
 
 
@@ -198,7 +232,9 @@ def test_points_in_boxes_agrees_with_the_definition(boxes, seed):
         u, v = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
         expected = (abs(u) <= length / 2) & (abs(v) <= width / 2) & (abs(dz) <= height / 2)
         np.testing.assert_array_equal(bx.points_in_boxes(points, boxes)[:, column], expected)
-    np.testing.assert_array_equal(bx.count_points(points, boxes), bx.points_in_boxes(points, boxes).sum(axis=0))
+    np.testing.assert_array_equal(
+        bx.count_points(points, boxes), bx.points_in_boxes(points, boxes).sum(axis=0)
+    )
 
 
 @given(some_boxes, st.sampled_from([0.0, 5e5, 5e6]))

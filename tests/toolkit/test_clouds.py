@@ -42,17 +42,22 @@ def random_cloud(n=500, seed=0):
 
 def test_clouds_are_open3ds_with_noise_along_rays():
     depth = random_depth(CAMERA)
-    intrinsic = o3d.camera.PinholeCameraIntrinsic(200, 150, 100, 100, 100, 75)  # every second pixel: half of K
+    # every second pixel: half of K
+    intrinsic = o3d.camera.PinholeCameraIntrinsic(200, 150, 100, 100, 100, 75)
     theirs: Any = o3d.geometry.PointCloud.create_from_depth_image(
         o3d.geometry.Image(depth), intrinsic, depth_scale=1.0, depth_trunc=1000.0
     ).transform(CAMERA.pose)
-    np.testing.assert_allclose(positions(from_depth(CAMERA, depth)), np.asarray(theirs.points), atol=1e-4)
+    np.testing.assert_allclose(
+        positions(from_depth(CAMERA, depth)), np.asarray(theirs.points), atol=1e-4
+    )
     depth = random_depth(CAMERA)
     clean, noisy = (
         positions(from_depth(CAMERA, depth, rng=rng)).astype(np.float64) - CAMERA.position
         for rng in (None, np.random.default_rng(1))
     )
-    assert 0.005 < np.abs(np.linalg.norm(noisy, axis=1) - np.linalg.norm(clean, axis=1)).mean() < 0.03
+    assert (
+        0.005 < np.abs(np.linalg.norm(noisy, axis=1) - np.linalg.norm(clean, axis=1)).mean() < 0.03
+    )
     direction = np.cross(noisy, clean) / np.linalg.norm(clean, axis=1, keepdims=True) ** 2
     assert np.abs(direction).max() < 1e-5
 
@@ -61,7 +66,9 @@ def test_clouds_are_open3ds_with_noise_along_rays():
 def test_depth_is_measurement_times_ray_where_it_returned(sensor):
     depth = random_depth(sensor)
     cloud = from_depth(sensor, depth, sensor_id=4)
-    expected = transform(sensor.pose, (depth[..., None] * sensor.model.rays()).reshape(-1, 3).astype(np.float64))
+    expected = transform(
+        sensor.pose, (depth[..., None] * sensor.model.rays()).reshape(-1, 3).astype(np.float64)
+    )
     np.testing.assert_allclose(positions(cloud), expected, atol=1e-4)
     assert cloud.point.positions.dtype == o3d.core.float32
     assert cloud.point["sensor"].dtype == o3d.core.int32
@@ -74,10 +81,18 @@ def test_depth_is_measurement_times_ray_where_it_returned(sensor):
 
 
 def test_fused_and_empty_clouds_keep_points_and_sensors():
-    parts = [from_depth(CAMERA, random_depth(CAMERA), sensor_id=2), random_cloud(50), from_points(np.zeros((0, 3)))]
+    parts = [
+        from_depth(CAMERA, random_depth(CAMERA), sensor_id=2),
+        random_cloud(50),
+        from_points(np.zeros((0, 3))),
+    ]
     fused = fuse(parts)
-    np.testing.assert_array_equal(positions(fused), np.concatenate([positions(part) for part in parts]))
-    np.testing.assert_array_equal(sensor_numbers(fused), np.concatenate([sensor_numbers(part) for part in parts]))
+    np.testing.assert_array_equal(
+        positions(fused), np.concatenate([positions(part) for part in parts])
+    )
+    np.testing.assert_array_equal(
+        sensor_numbers(fused), np.concatenate([sensor_numbers(part) for part in parts])
+    )
     for empty in (fuse([]), crop(random_cloud(), (90, 90, 91, 91)), o3d.t.geometry.PointCloud()):
         assert positions(fuse([empty, empty])).shape == (0, 3)
         assert positions(crop(empty, AREA)).shape == (0, 3)
@@ -85,10 +100,15 @@ def test_fused_and_empty_clouds_keep_points_and_sensors():
 
 
 def test_crop_keeps_the_areas_edge_neither_ground_nor_ceiling_and_other_attributes():
-    points = np.array([[40, 20, 1], [40.01, 0, 1], [0, 0, 0], [0, 0, 4], [0, 0, 3.9], [-40, -20, 0.1]], np.float32)
+    points = np.array(
+        [[40, 20, 1], [40.01, 0, 1], [0, 0, 0], [0, 0, 4], [0, 0, 3.9], [-40, -20, 0.1]], np.float32
+    )
     cloud = from_points(points)
     np.testing.assert_array_equal(positions(crop(cloud, AREA)), points[[0, 4, 5]])
-    for low in (crop(cloud, AREA, 3.0), crop(cloud, Site("low", np.array(AREA, float), height=3.0))):
+    for low in (
+        crop(cloud, AREA, 3.0),
+        crop(cloud, Site("low", np.array(AREA, float), height=3.0)),
+    ):
         np.testing.assert_array_equal(positions(low), points[[0, 5]])
     cloud = random_cloud(20)
     cloud.point["intensity"] = o3d.core.Tensor(positions(cloud)[:, :1].copy())
@@ -109,9 +129,14 @@ def test_radii_are_horizontal_published_or_refused():
     in_camera = (positions(cloud) - CAMERA.position) @ CAMERA.pose[:3, :3]
     expected = np.hypot(in_camera[:, 0], in_camera[:, 2]) > 20
     for camera in (CAMERA, CAMERA.pose):
-        np.testing.assert_array_equal(is_beyond(positions(cloud), camera, 20.0, "published"), expected)
+        np.testing.assert_array_equal(
+            is_beyond(positions(cloud), camera, 20.0, "published"), expected
+        )
     for sensor in (Sensor("level", DepthCamera(), look((5.0, -3.0, 5.2), heading=1.0)), LIDAR):
-        both = [is_beyond(positions(cloud), sensor, 20.0, metric) for metric in ("horizontal", "published")]
+        both = [
+            is_beyond(positions(cloud), sensor, 20.0, metric)
+            for metric in ("horizontal", "published")
+        ]
         np.testing.assert_array_equal(*both)
     with pytest.raises(ValueError, match=r"'c' measures \(150, 200\) pixels"):
         from_depth(CAMERA, np.ones((3, 4), np.float32))
@@ -122,7 +147,9 @@ def test_radii_are_horizontal_published_or_refused():
 
 
 def test_points_per_box_by_hand():
-    boxes = np.array([[0, 0, 1, 4, 2, 1.5, 0.3], [20, 10, 1, 9, 9, 5, 1.0], [99, 99, 1, 4, 2, 1.5, 0]])
+    boxes = np.array(
+        [[0, 0, 1, 4, 2, 1.5, 0.3], [20, 10, 1, 9, 9, 5, 1.0], [99, 99, 1, 4, 2, 1.5, 0]]
+    )
     cloud = random_cloud(5000)
     counts = points_per_box(cloud, boxes)
     np.testing.assert_array_equal(counts, points_per_box(positions(cloud), boxes))
@@ -140,7 +167,8 @@ def test_files_keep_every_attribute(tmp_path, ending):
         ours, theirs = attributes(load(tmp_path / f"cloud.{ending}")), attributes(cloud)
         assert ours.keys() == theirs.keys()
         for name, column in ours.items():
-            single = ending == "pcd" and name in ("positions", "normals")  # see toolkit.point_writing
+            # see toolkit.point_writing
+            single = ending == "pcd" and name in ("positions", "normals")
             expected = theirs[name].astype(np.float32) if single else theirs[name]
             assert column.dtype == expected.dtype
             np.testing.assert_array_equal(column, expected, err_msg=name)
@@ -156,7 +184,9 @@ def test_files_that_cannot_be_are_refused(tmp_path):
         save(random_cloud(), tmp_path / "nowhere" / "a.ply")
     with pytest.raises(FileNotFoundError):
         load(tmp_path / "missing.ply")
-    (tmp_path / "damaged.ply").write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n")
+    (tmp_path / "damaged.ply").write_bytes(
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n"
+    )
     with pytest.raises(ValueError, match="no points that can be read"):
         load(tmp_path / "damaged.ply")
 
@@ -164,7 +194,10 @@ def test_files_that_cannot_be_are_refused(tmp_path):
 def test_clouds_own_their_memory_and_keep_points_when_thinned():
     clouds = [from_points(np.full((1000, 3), k, np.float32), k) for k in range(200)]
     gc.collect()
-    assert all((positions(cloud) == k).all() and (sensor_numbers(cloud) == k).all() for k, cloud in enumerate(clouds))
+    assert all(
+        (positions(cloud) == k).all() and (sensor_numbers(cloud) == k).all()
+        for k, cloud in enumerate(clouds)
+    )
     parts = [rich_cloud(20, 1), fuse([]), rich_cloud(30, 2)]
     fused = fuse(parts)
     for name in attributes(parts[0]):
@@ -176,7 +209,14 @@ def test_clouds_own_their_memory_and_keep_points_when_thinned():
     cloud = rich_cloud(3000)
     thin = down_sample(cloud, 4.0)
     cells = [
-        set(map(tuple, np.column_stack([np.floor(positions(c).astype(float) / 4.0), sensor_numbers(c)]).tolist()))
+        set(
+            map(
+                tuple,
+                np.column_stack(
+                    [np.floor(positions(c).astype(float) / 4.0), sensor_numbers(c)]
+                ).tolist(),
+            )
+        )
         for c in (cloud, thin)
     ]
     assert cells[0] == cells[1]
@@ -208,7 +248,8 @@ def rich_cloud(n=60, seed=0, *left_out):
 
 
 class TestFusingCloudsOfAnyKind:
-    """`fuse` takes tensor clouds, legacy clouds and arrays, in their sensors' frames where poses are given."""
+    """`fuse` takes tensor clouds, legacy clouds and arrays, in their sensors' frames where poses
+    are given."""
 
     FAR = pose(500_000.25, 5_400_000.5, 120.0, yaw=0.7)
 
@@ -219,7 +260,9 @@ class TestFusingCloudsOfAnyKind:
         theirs: Any = o3d.geometry.PointCloud(legacy).transform(self.FAR)
         fused = fuse([legacy], [self.FAR])
         np.testing.assert_allclose(positions(fused), np.asarray(theirs.points), atol=1e-6)
-        np.testing.assert_allclose(fused.point.normals.numpy(), np.asarray(theirs.normals), atol=1e-6)
+        np.testing.assert_allclose(
+            fused.point.normals.numpy(), np.asarray(theirs.normals), atol=1e-6
+        )
 
     def test_clouds_without_a_number_get_their_place(self):
         points = np.ones((2, 3), np.float32)
@@ -227,7 +270,9 @@ class TestFusingCloudsOfAnyKind:
         tensors = o3d.t.geometry.PointCloud(o3d.core.Tensor(points))
         fused = fuse([points, legacy, tensors, from_points(points, 7)], [np.eye(4)] * 4)
         assert sensor_numbers(fused).tolist() == [0, 0, 1, 1, 2, 2, 7, 7]
-        with pytest.raises(ValueError, match="cloud 1 has no sensor number, and another has number 1"):
+        with pytest.raises(
+            ValueError, match="cloud 1 has no sensor number, and another has number 1"
+        ):
             fuse([from_points(points, 1), points], [np.eye(4)] * 2)
 
     def test_a_fourth_column_is_the_intensity(self):

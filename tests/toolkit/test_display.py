@@ -35,7 +35,9 @@ def recording(name: str = "a") -> Listing:
 
 def pool(count: int = 12):
     site = load_site("tjunction")
-    return Objective(Setting(site, candidates="paper", fidelity="coverage"), Run(frames=1)).candidates
+    return Objective(
+        Setting(site, candidates="paper", fidelity="coverage"), Run(frames=1)
+    ).candidates
 
 
 NOUNS: dict[str, Callable[[str], Displayed]] = {
@@ -46,7 +48,9 @@ NOUNS: dict[str, Callable[[str], Displayed]] = {
     "objects": lambda name: Objects(BOXES),
     "detections": lambda name: Detections(BOXES, np.array([0.5, 0.25])),
     "candidates": lambda name: pool(),
-    "plan": lambda name: Plan({}, name, "", 0.7, "early", "EUR", Verdict(False, f"{name}: nothing may be built"), None),
+    "plan": lambda name: Plan(
+        {}, name, "", 0.7, "early", "EUR", Verdict(False, f"{name}: nothing may be built"), None
+    ),
 }
 
 
@@ -74,7 +78,9 @@ def test_reprs_are_short_and_pages_show_a_picture_and_a_table(kind):
     assert "\n" not in repr(noun)
     seen = tags(noun._repr_html_())
     assert len(seen.images) == (kind != "plan")
-    assert all(source.startswith("data:image/png;base64,") and len(source) > 2000 for source in seen.images)
+    assert all(
+        source.startswith("data:image/png;base64,") and len(source) > 2000 for source in seen.images
+    )
     assert ("table" in seen.opened) == (kind != "plan")
 
 
@@ -125,7 +131,9 @@ class TestFrames:
         found = Detections(BOXES, np.array([0.5, 0.25]), np.array([0, 2]))
         table = found.to_frame()
         assert list(table["label"]) == ["vehicle", "pedestrian"]
-        np.testing.assert_array_equal(table[["x", "y", "z", "length", "width", "height", "yaw"]], BOXES)
+        np.testing.assert_array_equal(
+            table[["x", "y", "z", "length", "width", "height", "yaw"]], BOXES
+        )
         np.testing.assert_array_equal(table["score"], found.scores)
         assert list(Objects(BOXES).to_frame()["id"]) == [0, 1]
 
@@ -135,7 +143,9 @@ class TestFrames:
         np.testing.assert_array_equal(history["reward"], result.history.reward)
         assert len(repr(result)) < 300
         assert tags(result._repr_html_()).images
-        with pytest.raises(ValueError, match="table must be one of history, front, got 'contenders'"):
+        with pytest.raises(
+            ValueError, match="table must be one of history, front, got 'contenders'"
+        ):
             result.to_frame("contenders")
 
     def test_plan_lists_what_was_considered(self):

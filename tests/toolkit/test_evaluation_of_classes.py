@@ -21,7 +21,8 @@ SENSORS = tuple(
 
 
 class Mixed:
-    """In each of 4 frames a car, two cyclists and a pedestrian; the last frame has no pedestrian."""
+    """In each of 4 frames a car, two cyclists and a pedestrian; the last frame has no
+    pedestrian."""
 
     site = Site("somewhere", np.array([-40.0, -20.0, 40.0, 20.0]))
     sensors = SENSORS
@@ -40,7 +41,8 @@ class Mixed:
 
 
 class Knows:
-    """Finds every car, one cyclist of the two, and calls the other one a pedestrian in two of the frames."""
+    """Finds every car, one cyclist of the two, and calls the other one a pedestrian in two of the
+    frames."""
 
     labels = ("pedestrian", "vehicle", "cyclist")
 
@@ -75,10 +77,15 @@ def test_classes_have_rows_figures_and_tables():
     given = mixed(["cyclist"], iou_thresholds=[0.6])
     assert [(row.label, row.iou) for row in given] == [("cyclist", 0.6)]
     assert (given.provenance["label"], given.provenance["iou"]) == ("cyclist", [0.6])
-    alone = {label: mixed([label], iou_thresholds=[0.5])[0] for label in ("vehicle", "cyclist", "pedestrian")}
+    alone = {
+        label: mixed([label], iou_thresholds=[0.5])[0]
+        for label in ("vehicle", "cyclist", "pedestrian")
+    }
     for row in mixed([2, "cyclist", "vehicle", "cyclist"], iou_thresholds=[0.5]):
         twin = alone[row.label]
-        assert (row.ap, row.recall, row.precision) == pytest.approx((twin.ap, twin.recall, twin.precision), nan_ok=True)
+        assert (row.ap, row.recall, row.precision) == pytest.approx(
+            (twin.ap, twin.recall, twin.precision), nan_ok=True
+        )
     rows = mixed(["vehicle", "pedestrian"])
     first, second = evaluation.format_table(rows).split("\n\n")
     assert first.splitlines()[0] == "vehicle, 4 to find"
@@ -88,29 +95,45 @@ def test_classes_have_rows_figures_and_tables():
     assert first.split("\n", 1)[1] == evaluation.format_table(rows[:3])
     lines = evaluation.format_class_table(rows.classes).splitlines()
     assert lines[0].split()[:3] == ["class", "scheme", "sensors"]
-    assert lines[2].split() == ["pedestrian", "early", "0,1,2", "3", "0.00", "0.000", "0.500", "0.700", "0.25"]
-    few, many = (replace(rows[0], ap=0.123456, recall=0.654321, truths=count) for count in (12, 1200))
+    assert lines[2].split() == [
+        "pedestrian",
+        "early",
+        "0,1,2",
+        "3",
+        "0.00",
+        "0.000",
+        "0.500",
+        "0.700",
+        "0.25",
+    ]
+    few, many = (
+        replace(rows[0], ap=0.123456, recall=0.654321, truths=count) for count in (12, 1200)
+    )
     assert [evaluation.format_table([each]).split()[7:10] for each in (few, many)] == [
         ["0,1,2", "0.12", "0.65"],
         ["0,1,2", "0.123", "0.654"],
     ]
     assert few.as_dict()["ap"] == 0.123456
     assert evaluation.format_table([]) == ""
-    with pytest.raises(ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"):
+    with pytest.raises(
+        ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"
+    ):
         mixed(["vehicle", "heavy"])
     with pytest.raises(ValueError, match="label must be one of"):
         mixed(["tram"])
     with pytest.raises(ValueError, match="a class and an IoU threshold"):
         mixed([])
     vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
-    assert [(c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)] == [
-        ("vehicle", 0.5, 4, 4, 4),
-        ("cyclist", 0.5, 4, 8, 6),
-        ("pedestrian", 0.25, 4, 3, 2),
-    ]
+    assert [
+        (c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)
+    ] == [("vehicle", 0.5, 4, 4, 4), ("cyclist", 0.5, 4, 8, 6), ("pedestrian", 0.25, 4, 3, 2)]
     assert (vehicle.recall, vehicle.precision, vehicle.false_alarms_per_frame) == (1, 1, 0)
     assert (cyclist.recall, cyclist.precision, cyclist.false_alarms_per_frame) == (0.75, 1, 0)
-    assert (pedestrian.recall, pedestrian.precision, pedestrian.false_alarms_per_frame) == (0, 0, 0.5)
+    assert (pedestrian.recall, pedestrian.precision, pedestrian.false_alarms_per_frame) == (
+        0,
+        0,
+        0.5,
+    )
     assert vehicle.reliability.error == pytest.approx(0.1)
     written = pedestrian.as_dict()
     assert written["calibration_error"] == pytest.approx(0.7)
@@ -126,6 +149,13 @@ def test_files_of_curves_are_named_by_class(tmp_path):
         *evaluation.curve_files(["vehicle", "pedestrian"], [0.5]),
     }
     assert list(evaluation.curve_files(["vehicle", "cyclist"])) == [
-        *("pr_0.7.png", "pr_0.8.png", "pr_0.9.png", "pr_cyclist_0.25.png", "pr_cyclist_0.5.png", "pr_cyclist_0.7.png")
+        *(
+            "pr_0.7.png",
+            "pr_0.8.png",
+            "pr_0.9.png",
+            "pr_cyclist_0.25.png",
+            "pr_cyclist_0.5.png",
+            "pr_cyclist_0.7.png",
+        )
     ]
     assert json.loads((tmp_path / "table.json").read_text())["classes"][1]["label"] == "pedestrian"

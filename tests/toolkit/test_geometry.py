@@ -3,7 +3,17 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from toolkit.geometry import check_pose, check_slope, invert, level_motion, level_rows, look, pose, tilt_rows, transform
+from toolkit.geometry import (
+    check_pose,
+    check_slope,
+    invert,
+    level_motion,
+    level_rows,
+    look,
+    pose,
+    tilt_rows,
+    transform,
+)
 
 metre, angle = st.floats(-1000, 1000), st.floats(-10, 10)
 points = arrays(np.float64, st.tuples(st.integers(0, 5), st.just(3)), elements=metre)
@@ -60,7 +70,10 @@ def test_transform_keeps_dtype_shape_and_levelled_rows():
 @pytest.mark.parametrize(
     ("turn", "forward", "left", "up"),
     [
-        *(({}, (1, 0, 0), (0, 1, 0), (0, 0, 1)), ({"yaw": np.pi / 2}, (0, 1, 0), (-1, 0, 0), (0, 0, 1))),
+        *(
+            ({}, (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+            ({"yaw": np.pi / 2}, (0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+        ),
         ({"pitch": np.pi / 2}, (0, 0, -1), (0, 1, 0), (1, 0, 0)),
         ({"roll": np.pi / 2}, (1, 0, 0), (0, 0, 1), (0, -1, 0)),
         ({"yaw": np.pi / 2, "pitch": np.pi / 2}, (0, 0, -1), (-1, 0, 0), (0, 1, 0)),
@@ -75,7 +88,9 @@ def test_look_looks_along_its_heading_with_level_rows(x, y, z, heading, tilt):
     camera = look((x, y, z), heading, tilt)
     right, down, ahead = check_pose(camera)[:3, :3].T
     level = np.cos(tilt)
-    np.testing.assert_allclose(ahead, [np.cos(heading) * level, np.sin(heading) * level, -np.sin(tilt)], atol=1e-12)
+    np.testing.assert_allclose(
+        ahead, [np.cos(heading) * level, np.sin(heading) * level, -np.sin(tilt)], atol=1e-12
+    )
     np.testing.assert_allclose(right, [np.sin(heading), -np.cos(heading), 0], atol=1e-12)
     assert down[2] < 0
     np.testing.assert_allclose(camera[:3, 3], [x, y, z])
@@ -84,7 +99,10 @@ def test_look_looks_along_its_heading_with_level_rows(x, y, z, heading, tilt):
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        *((np.eye(3), r"shape \(4, 4\), got \(3, 3\)"), (np.full((4, 4), np.nan), "NaN or infinite")),
+        *(
+            (np.eye(3), r"shape \(4, 4\), got \(3, 3\)"),
+            (np.full((4, 4), np.nan), "NaN or infinite"),
+        ),
         *((pose(1.0, 2.0, 3.0).T, "pass the transpose"), (np.diag([1.0, -1, 1, 1]), "it mirrors")),
         *((np.diag([2.0, 2, 2, 1]), "determinant 8"), (np.diag([1.0, 1, 0, 1]), "determinant 0")),
     ],
@@ -102,6 +120,8 @@ def test_levelling_is_levelled_about_a_place(p, sx, sy, x, y):
 
 @pytest.mark.parametrize("slope", [(0.3, 0.01), (np.nan, 0.0), (0.1,), (0.1, 0.1, 0.0)])
 def test_a_slope_is_two_numbers_and_not_too_steep(slope):
-    with pytest.raises(ValueError, match=r"relief\.slope must be a rise along x and along y, at most 30% together"):
+    with pytest.raises(
+        ValueError, match=r"relief\.slope must be a rise along x and along y, at most 30% together"
+    ):
         check_slope(slope, "relief.slope")
     assert check_slope(np.array([0.06, -0.01]), "slope") == (0.06, -0.01)

@@ -13,13 +13,21 @@ L_SHAPE = np.array([[0.0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
     [
         *((box((1, 2, 3), (5, 5, 5)), 6.0), (extrude(L_SHAPE, 1.0, 3.0), 6.0)),
         (extrude(L_SHAPE[::-1], 1.0, 3.0), 6.0),  # clockwise outlines too
-        *((tube([(0, 0, 0), (0, 0, 2)], 0.5, 64), np.pi / 2), (tube([(0, 0, 0), (0, 2, 0)], 0.5, 64), np.pi / 2)),
-        *((tube([(0, 0, 0), (2, 0, 0)], 0.5, 64), np.pi / 2), (ellipsoid((1, 1, 1), (1, 2, 3), 40, 40), 8 * np.pi)),
+        *(
+            (tube([(0, 0, 0), (0, 0, 2)], 0.5, 64), np.pi / 2),
+            (tube([(0, 0, 0), (0, 2, 0)], 0.5, 64), np.pi / 2),
+        ),
+        *(
+            (tube([(0, 0, 0), (2, 0, 0)], 0.5, 64), np.pi / 2),
+            (ellipsoid((1, 1, 1), (1, 2, 3), 40, 40), 8 * np.pi),
+        ),
         *((flip_sides(box((1, 2, 3), (5, 5, 5))), 6.0), (place(box((1, 2, 3)), 4.0, yaw=0.7), 6.0)),
     ],
 )
 def test_solids_are_closed_and_wound_outwards(mesh, expected):
-    assert trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False).volume == pytest.approx(expected, rel=0.02)
+    assert trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False).volume == pytest.approx(
+        expected, rel=0.02
+    )
 
 
 def test_triangles_face_up_turn_and_shift():
@@ -36,5 +44,7 @@ def test_triangles_face_up_turn_and_shift():
     assert np.allclose(cube.vertices.mean(axis=0), 0)
     first, second = box((1, 1, 1)), box((1, 1, 1))
     first.triangles[:] = 0
-    assert trimesh.Trimesh(second.vertices, second.triangles, process=False).volume == pytest.approx(1)
+    assert trimesh.Trimesh(
+        second.vertices, second.triangles, process=False
+    ).volume == pytest.approx(1)
     assert np.array_equal(second.triangles, box((1, 1, 1)).triangles)

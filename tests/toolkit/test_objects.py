@@ -3,7 +3,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toolkit.objects import CYCLIST, HEAVY, LABELS, Detections, Objects, check_known, known_labels, label_index
+from toolkit.objects import (
+    CYCLIST,
+    HEAVY,
+    LABELS,
+    Detections,
+    Objects,
+    check_known,
+    known_labels,
+    label_index,
+)
 
 CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 THREE = np.repeat(CAR, 3, axis=0) + np.arange(3)[:, None]
@@ -20,7 +29,10 @@ def test_labels_by_name_and_detectors_that_know_them():
     assert objects.ids.tolist() == [0, 1, 2]
     assert Detections(THREE, np.ones(3)).labels.tolist() == [0, 0, 0]
     boxes = np.ones((2, 7))
-    assert Objects(boxes, np.array(["cyclist", "heavy"], object)).labels.tolist() == [CYCLIST, HEAVY]
+    assert Objects(boxes, np.array(["cyclist", "heavy"], object)).labels.tolist() == [
+        CYCLIST,
+        HEAVY,
+    ]
     assert Objects(boxes, np.array([1.0, 3.0])).labels.tolist() == [CYCLIST, HEAVY]
     for share in (1.5, np.nan):
         with pytest.raises(ValueError, match="whole numbers"):
@@ -30,10 +42,14 @@ def test_labels_by_name_and_detectors_that_know_them():
     assert known_labels(Knows([1, 1])) == ("cyclist",)
     check_known(Knows(("heavy", "vehicle")), ["heavy"])
     check_known(lambda points: Detections.empty(), ["heavy"])
-    with pytest.raises(ValueError, match="the detector knows vehicle only, not heavy, cyclist: take one"):
+    with pytest.raises(
+        ValueError, match="the detector knows vehicle only, not heavy, cyclist: take one"
+    ):
         check_known(Knows(("vehicle",)), ["heavy", "vehicle", "cyclist"])
     for labels in ("vehicle", 3, ["tram"]):
-        with pytest.raises(ValueError, match=r"labels of a detector must be a list|label must be one of"):
+        with pytest.raises(
+            ValueError, match=r"labels of a detector must be a list|label must be one of"
+        ):
             known_labels(Knows(labels))
 
 

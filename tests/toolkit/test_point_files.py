@@ -43,16 +43,23 @@ def test_two_paddings_of_one_name(tmp_path, kind):
         *(("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1), ("_", "U", 1, 4)),
         *(("intensity", "F", 4, 1), ("t", "U", 4, 1), ("_", "U", 1, 24)),
     ]
-    rows = np.zeros(90, [(f"{k}", f"<{c.lower()}{size}", count) for k, (_, c, size, count) in enumerate(fields)])
+    rows = np.zeros(
+        90, [(f"{k}", f"<{c.lower()}{size}", count) for k, (_, c, size, count) in enumerate(fields)]
+    )
     for k in (0, 1, 2, 4, 5):
         rows[f"{k}"] = np.arange(90)[:, None] * (k + 1)
     if kind == "ascii":
-        body = "\n".join(" ".join(str(value) for value in np.hstack([*row])) for row in rows.tolist()).encode()
+        body = "\n".join(
+            " ".join(str(value) for value in np.hstack([*row])) for row in rows.tolist()
+        ).encode()
     else:
         body = rows.tobytes()
     if kind == "binary_compressed":
         plain = b"".join(rows[name].tobytes() for name in rows.dtype.names)
-        packed = b"".join(bytes([len(plain[i : i + 32]) - 1]) + plain[i : i + 32] for i in range(0, len(plain), 32))
+        packed = b"".join(
+            bytes([len(plain[i : i + 32]) - 1]) + plain[i : i + 32]
+            for i in range(0, len(plain), 32)
+        )
         body = np.array([len(packed), len(plain)], "<u4").tobytes() + packed
     (tmp_path / "a.pcd").write_bytes(header(fields, 90, kind) + body)
     read = read_pcd(tmp_path / "a.pcd")
@@ -64,7 +71,13 @@ def test_two_paddings_of_one_name(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", ["ascii", "binary"])
 def test_a_field_of_no_numbers_is_none(tmp_path, kind):
-    fields = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1), ("rgb", "F", 4, 0), ("i", "U", 1, 1)]
+    fields = [
+        ("x", "F", 4, 1),
+        ("y", "F", 4, 1),
+        ("z", "F", 4, 1),
+        ("rgb", "F", 4, 0),
+        ("i", "U", 1, 1),
+    ]
     body = b"1 2 3 7\n4 5 6 8\n"
     if kind == "binary":
         rows = np.array([(1, 2, 3, 7), (4, 5, 6, 8)], "<f4,<f4,<f4,u1")
@@ -72,7 +85,9 @@ def test_a_field_of_no_numbers_is_none(tmp_path, kind):
     (tmp_path / "a.pcd").write_bytes(header(fields, 2, kind) + body)
     read = read_pcd(tmp_path / "a.pcd")
     assert read["positions"].tolist() == [[1, 2, 3], [4, 5, 6]]
-    assert [sorted(each.ravel().tolist()) for name, each in read.items() if name != "positions"] == [[7, 8]]
+    assert [
+        sorted(each.ravel().tolist()) for name, each in read.items() if name != "positions"
+    ] == [[7, 8]]
 
 
 def test_columns_are_taken_apart_or_empty(tmp_path):
@@ -85,7 +100,9 @@ def test_columns_are_taken_apart_or_empty(tmp_path):
     for column in (word, word.view(np.float32), word[:, None]):
         colours = name_attributes({**AXES, "rgb": column})["colors"]
         assert colours.tolist() == [[255, 128, 1], [0, 0, 0], [0, 0, 255], [1, 2, 3]]
-    made = name_attributes({**{axis: np.arange(4) for axis in "xyz"}, "word": np.array(["a"] * 4), "t": np.arange(4)})
+    made = name_attributes(
+        {**{axis: np.arange(4) for axis in "xyz"}, "word": np.array(["a"] * 4), "t": np.arange(4)}
+    )
     assert made.keys() == {"positions", "t"}
     assert made["positions"].dtype == np.float64
     for kind in ("ascii", "binary", "binary_compressed"):
@@ -106,13 +123,25 @@ XYZ = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1)]
         (header(XYZ, 10**12, "binary") + bytes(12), "cut off, 12 of"),
         (header(XYZ, 2, "ascii") + b"1 2 3", "cut off, 1 of 2"),
         (header(XYZ, 1, "ascii") + b"1 2 north", "not a number"),
-        (header(XYZ, 9000, "ascii") + b"1 2 3\n" * 8999 + b"1 2 x" + b"y" * 3_000_000, "not a number"),
+        (
+            header(XYZ, 9000, "ascii") + b"1 2 3\n" * 8999 + b"1 2 x" + b"y" * 3_000_000,
+            "not a number",
+        ),
         (header(XYZ, 1, "ascii") + b"1 2 3\n4 5 6", "2 of 1 rows"),
         (header(XYZ, 1, "binary") + bytes(24), "says 1 points, 12 bytes, but 24"),
-        (header(XYZ, 1, "ascii").replace(b"POINTS 1", b"POINTS 9") + b"1 2 3", "one number of points"),
+        (
+            header(XYZ, 1, "ascii").replace(b"POINTS 1", b"POINTS 9") + b"1 2 3",
+            "one number of points",
+        ),
         (header(XYZ, 1, "zip") + bytes(12), "DATA must be"),
-        (header(XYZ, 1, "binary_compressed") + np.array([4, 99], "<u4").tobytes() + bytes(4), "take 12 bytes, but 99"),
-        (header(XYZ, 1, "binary_compressed") + np.array([4, 12], "<u4").tobytes() + bytes(4), "are damaged"),
+        (
+            header(XYZ, 1, "binary_compressed") + np.array([4, 99], "<u4").tobytes() + bytes(4),
+            "take 12 bytes, but 99",
+        ),
+        (
+            header(XYZ, 1, "binary_compressed") + np.array([4, 12], "<u4").tobytes() + bytes(4),
+            "are damaged",
+        ),
     ],
 )
 def test_damage_is_one_line(tmp_path, content, says):
@@ -124,8 +153,15 @@ def test_damage_is_one_line(tmp_path, content, says):
 
 def test_a_viewpoint_is_not_applied_and_that_is_said(tmp_path):
     content = header(XYZ, 1, "binary") + bytes(12)
-    for said, warned in (("0 0 0 1 0 0 0", 0), ("0.0 -0 0 1.00 0 0 0", 0), ("1 2 3 1 0 0 0", 1), ("0 0 0 0 1 0 0", 1)):
-        (tmp_path / "a.pcd").write_bytes(content.replace(b"DATA", f"VIEWPOINT {said}\nDATA".encode()))
+    for said, warned in (
+        ("0 0 0 1 0 0 0", 0),
+        ("0.0 -0 0 1.00 0 0 0", 0),
+        ("1 2 3 1 0 0 0", 1),
+        ("0 0 0 0 1 0 0", 1),
+    ):
+        (tmp_path / "a.pcd").write_bytes(
+            content.replace(b"DATA", f"VIEWPOINT {said}\nDATA".encode())
+        )
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             read_pcd(tmp_path / "a.pcd")
@@ -138,7 +174,8 @@ AXES = {axis: np.arange(4.0) for axis in "xyz"}
 @pytest.mark.parametrize("names", [("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz")])
 def test_normals_have_the_type_of_positions(names):
     made = name_attributes(
-        {axis: column.astype(np.float32) for axis, column in AXES.items()} | dict.fromkeys(names, AXES["x"])
+        {axis: column.astype(np.float32) for axis, column in AXES.items()}
+        | dict.fromkeys(names, AXES["x"])
     )
     assert made["normals"].shape == (4, 3)
     assert made["normals"].dtype == made["positions"].dtype == np.float32
@@ -194,10 +231,19 @@ def test_ply_of_open3d_is_read_as_it_was(tmp_path, way):
     [
         *((b"ply", "no header"), (ply("") + b"0 1 2 7\n4 north 6 8\n", "not a number")),
         *((ply("") + b"0 1 2 7\n", "cut off, 1 of 2"), (ply("") + b"0 1 2 7\n" * 3, "3 of 2 rows")),
-        *((ply("") + b"0 1 2 300\n" * 2, "does not fit"), (ply("<") + bytes(25), "cut off, 25 of 26")),
-        *((ply("<") + bytes(99), "2 points, 26 bytes, but 99"), (ply("", count="many"), "whole numbers")),
+        *(
+            (ply("") + b"0 1 2 300\n" * 2, "does not fit"),
+            (ply("<") + bytes(25), "cut off, 25 of 26"),
+        ),
+        *(
+            (ply("<") + bytes(99), "2 points, 26 bytes, but 99"),
+            (ply("", count="many"), "whole numbers"),
+        ),
         *((ply("<", count=10**15), "cut off"), (ply("<", LISTS) + b"\xff" + bytes(9), "cut off")),
-        *((ply("<", LISTS.replace("face 2", "face 9999999")), "points first"), (ply("", count=-1), "no count below")),
+        *(
+            (ply("<", LISTS.replace("face 2", "face 9999999")), "points first"),
+            (ply("", count=-1), "no count below"),
+        ),
         *(
             (ply("<").replace(b"float z", b"float w"), "x, y and z"),
             (ply("<").replace(b"uchar", b"half"), "unknown type"),

@@ -40,7 +40,9 @@ def frame():
 
 def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
     scene = frame()
-    for points, sensor, depth in zip(frame_points(scene, area=AREA), SENSORS, scene.measurements, strict=True):
+    for points, sensor, depth in zip(
+        frame_points(scene, area=AREA), SENSORS, scene.measurements, strict=True
+    ):
         expected = positions(crop(from_depth(sensor, depth), AREA))
         assert len(expected) > 50
         assert points.dtype == np.float32
@@ -48,7 +50,8 @@ def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
         np.testing.assert_array_equal(points, expected)
     scene = frame()
     first, again, clean = (
-        frame_points(scene, area=AREA, rng=rng) for rng in (*map(np.random.default_rng, (5, 5)), None)
+        frame_points(scene, area=AREA, rng=rng)
+        for rng in (*map(np.random.default_rng, (5, 5)), None)
     )
     for a, b, c in zip(first, again, clean, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -57,7 +60,9 @@ def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
     for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
         pixels = crop_image(scene.sensors[k], scene.images[k], Crop.of(AREA, 3.0))[1]
         sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
-        np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
+        np.testing.assert_allclose(
+            sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4
+        )
         assert (np.diff(pixels) > 0).all()
 
 
@@ -82,7 +87,10 @@ def test_points_move_and_areas_near_by_count():
     points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
     for metric in ("horizontal", "published"):
         level = is_beyond(
-            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
+            points * [1, 1, 0],
+            np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4),
+            5.0,
+            metric,
         )
         assert level.tolist() == [False, True, False]
     assert select_sensors(SENSORS) == [0, 1, 2]
@@ -119,7 +127,9 @@ def test_slopes_are_cropped_and_detected_in_as_level_ground():
     assert get_slope(steep) == slope
     assert get_slope((0, 0, 1, 1)) == (0.0, 0.0)
     np.testing.assert_array_equal(is_inside(level_rows(world, slope), steep.area, 3.0), kept)
-    np.testing.assert_array_equal(count_on_ground(world, tilt_rows(boxes, slope), steep), count_points(flat, boxes))
+    np.testing.assert_array_equal(
+        count_on_ground(world, tilt_rows(boxes, slope), steep), count_points(flat, boxes)
+    )
     np.testing.assert_allclose(positions(crop(from_points(world), steep)), world[kept], atol=1e-4)
     given = []
 
@@ -146,7 +156,10 @@ def test_unions_of_clouds_come_back_onto_the_slope():
 
         def unions(self, clouds, unions):
             given.append((clouds, unions))
-            return [Detections(np.array([[10.0, 20, 1, 4, 2, 1.5, 0.3]]), np.array([0.9])), Detections.empty()]
+            return [
+                Detections(np.array([[10.0, 20, 1, 4, 2, 1.5, 0.3]]), np.array([0.9])),
+                Detections.empty(),
+            ]
 
     assert isinstance(Detector(), UnionDetector)
     assert not isinstance(detect_on_ground, UnionDetector)
@@ -158,5 +171,7 @@ def test_unions_of_clouds_come_back_onto_the_slope():
     np.testing.assert_array_equal(given[0][1], unions)
     np.testing.assert_allclose(first.boxes, [[10.0, 20, 1.1, 4, 2, 1.5, 0.3]])
     assert len(second) == 0
-    np.testing.assert_allclose(detect_unions_on_ground(Detector(), clouds, unions, AREA)[0].boxes[0, 2], 1.0)
+    np.testing.assert_allclose(
+        detect_unions_on_ground(Detector(), clouds, unions, AREA)[0].boxes[0, 2], 1.0
+    )
     assert given[1][0][0] is clouds[0]

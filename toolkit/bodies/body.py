@@ -1,8 +1,9 @@
 """Bodies of moving objects: a triangle mesh and the ground truth box it stands in.
 
-A body's frame is its box: origin at the centre, x forward, y left, z up; wheels or soles touch its floor. The box is
-tight around the whole mesh, umbrellas and loads included, unless `truth` says otherwise: wing mirrors of drawn bodies
-stick out of their boxes, as annotators of real data leave them out."""
+A body's frame is its box: origin at the centre, x forward, y left, z up; wheels or soles touch its
+floor. The box is tight around the whole mesh, umbrellas and loads included, unless `truth` says
+otherwise: wing mirrors of drawn bodies stick out of their boxes, as annotators of real data leave
+them out."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,7 +22,9 @@ class Body:
     label: int
     vertices: Float32[np.ndarray, "k 3"] = field(repr=False)  # m, from the middle of the box
     triangles: Int32[np.ndarray, "m 3"] = field(repr=False)
-    truth: tuple[float, float, float] | None = None  # length, width, height (m) of the box if parts stick out of it
+    truth: tuple[float, float, float] | None = (
+        None  # length, width, height (m) of the box if parts stick out of it
+    )
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -36,15 +39,22 @@ class Body:
         """Middle x y z and length, width, height (m) of the whole mesh."""
         if self.truth is None:
             return np.array([0.0, 0.0, 0.0, *self.size])
-        low, high = self.vertices.min(axis=0).astype(np.float64), self.vertices.max(axis=0).astype(np.float64)
+        low, high = (
+            self.vertices.min(axis=0).astype(np.float64),
+            self.vertices.max(axis=0).astype(np.float64),
+        )
         return np.concatenate([(low + high) / 2, high - low])
 
 
-def make_body(name: str, label: int, vertices: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"]) -> Body:
+def make_body(
+    name: str, label: int, vertices: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"]
+) -> Body:
     """Make a body of a mesh, its box tight around it."""
     vertices = np.asarray(vertices, np.float64)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    return Body(name, label, (vertices - middle).astype(np.float32), np.asarray(triangles, np.int32))
+    return Body(
+        name, label, (vertices - middle).astype(np.float32), np.asarray(triangles, np.int32)
+    )
 
 
 def make_boxed_body(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
@@ -66,4 +76,6 @@ def stretch_randomly(body: Body, rng: Rng) -> Body:
     factors = 1 + 0.03 * np.clip(rng.standard_normal(3), -2, 2)
     length, width, height = (np.array(body.size) * factors).tolist()
     truth = None if body.truth is None else (length, width, height)
-    return Body(body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles, truth)
+    return Body(
+        body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles, truth
+    )

@@ -17,15 +17,22 @@ HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on
 FLEETS = ("catalogue", "own", "even", "meshes", "both")
 LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
 
-# How many are spawned of each class: at first, and per frame (30 objects, each seen in four frames), some to spare.
+# How many are spawned of each class: at first, and per frame (30 objects, each seen in four
+# frames), some to spare.
 _SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY: (6, 0.5)}
 
 
 def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple[Body, ...]:
-    """Bodies of the catalogue: cars, two-wheelers, pedestrians, trucks, buses, then those of a folder of meshes.
+    """Bodies of the catalogue: cars, two-wheelers, pedestrians, trucks, buses, then those of a
+    folder of meshes.
 
-    held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never trained on."""
-    ours = tuple(body for body in _procedural() if body.label != VEHICLE or (body.name in HELD_OUT) == held_out)
+    held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never
+    trained on."""
+    ours = tuple(
+        body
+        for body in _procedural()
+        if body.label != VEHICLE or (body.name in HELD_OUT) == held_out
+    )
     if meshes is None:
         return ours
     return ours + tuple(taken.body for taken in take_meshes(meshes))
@@ -36,9 +43,13 @@ class Fleet:
     """Bodies of traffic: fixed ones, drawn ones, or both."""
 
     fixed: tuple[Body, ...] = ()
-    drawn: tuple[int, ...] = ()  # classes drawn for each spawned object, half and half with the fixed ones of a class
-    mirrors: bool = False  # count wing mirrors into the boxes of drawn bodies, which end at the body otherwise
-    evenly: bool = False  # rare kinds of people and two-wheelers are drawn hardly more seldom than adults and bicycles
+    # classes drawn for each spawned object, half and half with the fixed ones of a class
+    drawn: tuple[int, ...] = ()
+    mirrors: bool = (
+        False  # count wing mirrors into the boxes of drawn bodies, which end at the body otherwise
+    )
+    # rare kinds of people and two-wheelers are drawn hardly more seldom than adults and bicycles
+    evenly: bool = False
     notes: tuple[str, ...] = ()  # a line on how each mesh of a folder was taken
 
     @property
@@ -47,7 +58,8 @@ class Fleet:
         return tuple(body.name for body in self.fixed) + (possible_names() if self.drawn else ())
 
     def bodies(self, frames: int, rng: Rng) -> tuple[Body, ...]:
-        """Bodies for `frames` frames of traffic; drawn ones suffice for `LARGEST_DRAW`, each used once."""
+        """Bodies for `frames` frames of traffic; drawn ones suffice for `LARGEST_DRAW`, each used
+        once."""
         if not self.drawn:
             return self.fixed
         bodies: list[Body] = []
@@ -63,44 +75,68 @@ class Fleet:
 
 
 def fleet_named(
-    name: str | None = None, meshes: str | Path | None = None, *, held_out: bool = False, mirrors: bool = False
+    name: str | None = None,
+    meshes: str | Path | None = None,
+    *,
+    held_out: bool = False,
+    mirrors: bool = False,
 ) -> Fleet:
     """Find one of `FLEETS` by name.
 
-    own: all bodies drawn; even: likewise, but with many prams and e-scooters, to learn from; catalogue: our 47 bodies
-    and any meshes; meshes: those of the folder, and drawn ones for the other classes; both: half drawn, half from the
-    folder, class by class; None: own, but meshes if a folder is given and catalogue if held-out cars are asked for.
-    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, also of meshes where they are seen
-    to stick out.
+    own: all bodies drawn; even: likewise, but with many prams and e-scooters, to learn from;
+    catalogue: our 47 bodies and any meshes; meshes: those of the folder, and drawn ones for the
+    other classes; both: half drawn, half from the folder, class by class; None: own, but meshes if
+    a folder is given and catalogue if held-out cars are asked for. held_out: see `catalogue`;
+    mirrors: count wing mirrors into ground truth boxes, also of meshes where they are seen to stick
+    out.
 
-    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other."""
+    Raises ValueError for another name, a folder missing or given in vain, and arguments that
+    exclude each other."""
     if name is None:
         name = "catalogue" if held_out else "own" if meshes is None else "meshes"
     if name not in FLEETS:
         raise ValueError(f"fleet must be one of {', '.join(FLEETS)}, got {name!r}")
     if held_out and name != "catalogue":
-        raise ValueError(f"held-out cars are of the catalogue, got fleet {name!r}: choose one or the other")
+        raise ValueError(
+            f"held-out cars are of the catalogue, got fleet {name!r}: choose one or the other"
+        )
     if name in ("own", "even"):
         if meshes is not None:
-            raise ValueError(f"fleet {name!r} takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'")
+            raise ValueError(
+                f"fleet {name!r} takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'"
+            )
         return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors, evenly=name == "even")
     if meshes is None and name != "catalogue":
         raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
     taken: tuple[TakenMesh, ...] = ()
     if meshes is not None:
         taken = take_meshes(meshes, mirrors=mirrors)
-    bodies, notes = tuple(each.body for each in taken), tuple(f"{each.file}: {each.how}" for each in taken)
+    bodies = tuple(each.body for each in taken)
+    notes = tuple(f"{each.file}: {each.how}" for each in taken)
     if name == "catalogue":
-        ours = tuple(include_mirrors(body) if mirrors else body for body in catalogue(held_out=held_out))
+        ours = tuple(
+            include_mirrors(body) if mirrors else body for body in catalogue(held_out=held_out)
+        )
         return Fleet(ours + bodies, (), mirrors, notes=notes)
     given = {body.label for body in bodies} if name == "meshes" else set()
-    return Fleet(bodies, tuple(label for label in range(len(LABELS)) if label not in given), mirrors, notes=notes)
+    return Fleet(
+        bodies,
+        tuple(label for label in range(len(LABELS)) if label not in given),
+        mirrors,
+        notes=notes,
+    )
 
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
     with_mirrors = ((VEHICLE, cars()), (HEAVY, trucks()))
     without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
-    bodies = [make_boxed_body(name, label, *meshes) for label, group in with_mirrors for name, meshes in group.items()]
-    bodies += [make_body(name, label, *mesh) for label, group in without for name, mesh in group.items()]
+    bodies = [
+        make_boxed_body(name, label, *meshes)
+        for label, group in with_mirrors
+        for name, meshes in group.items()
+    ]
+    bodies += [
+        make_body(name, label, *mesh) for label, group in without for name, mesh in group.items()
+    ]
     return tuple(sorted(bodies, key=lambda body: body.label))

@@ -1,11 +1,13 @@
 """Bodies from your own mesh files, checked for units, orientation and class.
 
-Files are in metres, x forward, z up. glTF files are y up and z forward, as their standard says, unless only z up gives
-a plausible body. The class is the name of a folder in the path (`vehicle/`, `cyclist/`, `pedestrian/`, `heavy/`) or the
-beginning of the file's name (`cyclist_old_bicycle.ply`); without either the shape must clearly be one's: a car or bus
-fills its box and is close to the ground between wheels on both sides, a two-wheeler stands on a line, a person stands
-upright and fills little. A mesh that seems to lie on its side, stand across or face backwards is refused, and so is one
-whose class is unclear; nothing is turned or scaled on a guess. A table, `meshes.toml`, overrides all this:
+Files are in metres, x forward, z up. glTF files are y up and z forward, as their standard says,
+unless only z up gives a plausible body. The class is the name of a folder in the path (`vehicle/`,
+`cyclist/`, `pedestrian/`, `heavy/`) or the beginning of the file's name
+(`cyclist_old_bicycle.ply`); without either the shape must clearly be one's: a car or bus fills its
+box and is close to the ground between wheels on both sides, a two-wheeler stands on a line, a
+person stands upright and fills little. A mesh that seems to lie on its side, stand across or face
+backwards is refused, and so is one whose class is unclear; nothing is turned or scaled on a guess.
+A table, `meshes.toml`, overrides all this:
 
     [[mesh]]
     file = "models/bus_12m.obj"   # below the folder
@@ -30,9 +32,12 @@ from toolkit.mesh import Mesh, Span, scale_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 from toolkit.runtime.files import name_errors, parse_toml, read_plain
 
-_POINTS, _CELLS = 30_000, 32
+_POINTS = 30_000
+_CELLS = 32
 _COARSE = 16  # cells along an axis in which symmetry is judged
-SYMMETRIC, ASKEW = 0.06, 0.12  # share of the surface without a counterpart: up to, from
+# share of the surface without a counterpart: up to, from
+SYMMETRIC = 0.06
+ASKEW = 0.12
 BACKWARDS = -0.18  # `Shape.ahead` of no car: a pick-up has -0.14
 
 
@@ -41,7 +46,8 @@ class Shape(NamedTuple):
 
     size: Float64[np.ndarray, "3"]  # of the bounds (m)
     fills: Float64[np.ndarray, "3"]  # covered share of the box's outline, seen along x, y, z
-    asymmetry: Float64[np.ndarray, "3"]  # share of the surface without a counterpart when mirrored along x, y, z
+    # share of the surface without a counterpart when mirrored along x, y, z
+    asymmetry: Float64[np.ndarray, "3"]
     stance: tuple[float, float]  # length and width (m) of its contact with the ground
     clearance: float  # lowest height over the middle (m)
     ahead: float  # how much lower the front is than the rear, as a part of the height
@@ -49,7 +55,8 @@ class Shape(NamedTuple):
 
 def measure_shape(mesh: Mesh) -> Shape:
     """Measure a mesh that stands with z up and x forward. Raises ValueError for a flat one."""
-    low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
+    low = mesh.vertices.min(axis=0)
+    size = np.ptp(mesh.vertices, axis=0)
     if not (size > 0).all():
         raise ValueError("has no volume")
     points = surface_points(mesh)
@@ -76,14 +83,28 @@ def is_clearly(shape: Shape, label: int) -> bool:
         stands = shape.stance[0] > 0.4 * length and shape.stance[1] > 0.45 * width
         if label == VEHICLE:
             sized = length < 6.1 and width < 2.4 and height < 2.1 and length > 1.25 * height
-            return bool(filled and stands and sized and length > 1.5 * width and shape.clearance < 0.55)
-        return bool(filled and stands and length > max(6.1, 1.9 * width) and height > 2.2 and shape.clearance < 1.3)
+            return bool(
+                filled and stands and sized and length > 1.5 * width and shape.clearance < 0.55
+            )
+        return bool(
+            filled
+            and stands
+            and length > max(6.1, 1.9 * width)
+            and height > 2.2
+            and shape.clearance < 1.3
+        )
     if label == CYCLIST:
         thin = width < 0.6 * length and fills[1] < 0.75 and fills[2] < 0.75
         on_a_line = shape.stance[1] < 0.22 and shape.stance[0] > 0.35 * length
         return bool(thin and on_a_line and length < 2.8)
     upright = height > 1.3 * max(length, width) and 1.35 < height < 2.15
-    return bool(label == PEDESTRIAN and upright and 0.22 < fills[0] < 0.75 and fills[1] < 0.8 and fills[2] < 0.85)
+    return bool(
+        label == PEDESTRIAN
+        and upright
+        and 0.22 < fills[0] < 0.75
+        and fills[1] < 0.8
+        and fills[2] < 0.85
+    )
 
 
 def find_wrong_stand(shape: Shape, label: int) -> str | None:
@@ -107,17 +128,21 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
     if not areas.sum() > 0:
         raise ValueError("has no surface")
     rng = np.random.default_rng(0)
-    chosen = np.searchsorted(np.cumsum(areas), (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()).clip(max=len(a) - 1)
+    chosen = np.searchsorted(
+        np.cumsum(areas), (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()
+    ).clip(max=len(a) - 1)
     u, v = rng.random((2, _POINTS, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     return np.concatenate([a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen], mesh.vertices])
 
 
 def mirror_span(mesh: Mesh) -> Span | None:
-    """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm or more. A mirror
-    sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths."""
+    """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm
+    or more. A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front
+    six tenths."""
     points = surface_points(mesh)
-    low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
+    low = mesh.vertices.min(axis=0)
+    size = np.ptp(mesh.vertices, axis=0)
     x, z = points[:, 0], points[:, 2] - low[2]
     sides = []
     for side in (-1.0, 1.0):
@@ -127,7 +152,8 @@ def mirror_span(mesh: Mesh) -> Span | None:
         near = (np.abs(x - tip[:, 0].mean()) < 0.3) & (z > 0.35 * size[2])
         body = float(outward[~near].max())
         sides.append(body if ahead and 0.03 < outward.max() - body < 0.45 else float(outward.max()))
-    right, left = -sides[0], sides[1]
+    right = -sides[0]
+    left = sides[1]
     return None if left - right > size[1] - 0.03 else (right, left)
 
 
@@ -151,11 +177,17 @@ def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     for shift in np.ndindex(3, 3, 3):
         near[inner, inner, inner] |= grid[tuple(slice(s, s + _COARSE) for s in shift)]
     mirrored = (np.where(np.eye(3, dtype=bool)[axis], 1 - 1e-9 - unit, unit) for axis in range(3))
-    return np.array([1 - near[tuple((each * _COARSE).astype(np.int64).T + 1)].mean() for each in mirrored])
+    return np.array(
+        [1 - near[tuple((each * _COARSE).astype(np.int64).T + 1)].mean() for each in mirrored]
+    )
 
 
 TABLE = "meshes.toml"
-_AXES = {sign + axis: (1 if not sign else -1) * np.eye(3)[i] for i, axis in enumerate("xyz") for sign in ("", "-")}
+_AXES = {
+    sign + axis: (1 if not sign else -1) * np.eye(3)[i]
+    for i, axis in enumerate("xyz")
+    for sign in ("", "-")
+}
 
 
 @dataclass(frozen=True)
@@ -175,13 +207,14 @@ class MeshEntry:
     @property
     def turn(self) -> Float64[np.ndarray, "3 3"]:
         """Rotation from the file's axes to x forward, y left, z up."""
-        forward, up = _AXES[self.forward or "x"], _AXES[self.up or "z"]
+        forward = _AXES[self.forward or "x"]
+        up = _AXES[self.up or "z"]
         return np.stack([forward, np.cross(up, forward), up])
 
 
 def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
-    """Read `meshes.toml` in a folder, by file; empty if there is none. Raises ValueError, naming the table and the
-    entry, for damaged TOML and impossible entries."""
+    """Read `meshes.toml` in a folder, by file; empty if there is none. Raises ValueError, naming
+    the table and the entry, for damaged TOML and impossible entries."""
     path = folder / TABLE
     if not lexists(path):
         return {}
@@ -206,30 +239,56 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
 def _entry(row: dict[str, Any], where: str) -> MeshEntry:
     known = {"file", "label", "up", "forward", "scale"}
     if not set(row) <= known:
-        raise ValueError(f"{where}: knows {', '.join(sorted(known))}, got {', '.join(sorted(set(row) - known))}")
+        raise ValueError(
+            f"{where}: knows {', '.join(sorted(known))}, got {', '.join(sorted(set(row) - known))}"
+        )
     for key in ("up", "forward"):
         if key in row and row[key] not in list(_AXES):
             raise ValueError(f"{where}: {key} must be one of {', '.join(_AXES)}, got {row[key]!r}")
-    up, forward, scale = row.get("up"), row.get("forward"), row.get("scale")
+    up = row.get("up")
+    forward = row.get("forward")
+    scale = row.get("scale")
     if (up or "z")[-1] == (forward or "x")[-1]:
-        raise ValueError(f"{where}: up {up or 'z'} and forward {forward or 'x'} lie on one axis: say both")
-    if scale is not None and (isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e6):
-        raise ValueError(f"{where}: scale must be a number above 0, metres of one unit, got {scale!r}")
+        raise ValueError(
+            f"{where}: up {up or 'z'} and forward {forward or 'x'} lie on one axis: say both"
+        )
+    if scale is not None and (
+        isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e6
+    ):
+        raise ValueError(
+            f"{where}: scale must be a number above 0, metres of one unit, got {scale!r}"
+        )
     label = row.get("label")
     if label not in (None, *LABELS):
         raise ValueError(f"{where}: label must be one of {', '.join(LABELS)}, got {label!r}")
-    return MeshEntry(None if label is None else LABELS.index(label), up, forward, scale and float(scale))
+    return MeshEntry(
+        None if label is None else LABELS.index(label), up, forward, scale and float(scale)
+    )
 
 
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 
 # Smallest and largest length, width and height (m) of a body of each class.
-PLAUSIBLE = {VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)), CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4))}
-PLAUSIBLE |= {PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)), HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8))}
-_TYPICAL = {VEHICLE: (4.5, 1.85, 1.55), CYCLIST: (1.75, 0.6, 1.7), PEDESTRIAN: (0.5, 0.5, 1.7), HEAVY: (9.0, 2.45, 3.1)}
+PLAUSIBLE = {
+    VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)),
+    CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4)),
+}
+PLAUSIBLE |= {
+    PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
+    HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
+}
+_TYPICAL = {
+    VEHICLE: (4.5, 1.85, 1.55),
+    CYCLIST: (1.75, 0.6, 1.7),
+    PEDESTRIAN: (0.5, 0.5, 1.7),
+    HEAVY: (9.0, 2.45, 3.1),
+}
 _FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
 _Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
-_TURNS = {"y up and z": _Y_UP_Z_FORWARD, "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
+_TURNS = {
+    "y up and z": _Y_UP_Z_FORWARD,
+    "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+}
 _TURNS["z up and y"] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 
@@ -245,19 +304,28 @@ class TakenMesh(NamedTuple):
 def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh, ...]:
     """Load the mesh files in `folder` and below, and say how each was taken.
 
-    mirrors: count visible wing mirrors into the ground truth boxes of vehicles. Raises FileNotFoundError for a missing
-    folder; ValueError, naming the file, for a mesh that is damaged, implausibly large or small, or of no clear class.
+    mirrors: count visible wing mirrors into the ground truth boxes of vehicles. Raises
+    FileNotFoundError for a missing folder; ValueError, naming the file, for a mesh that is damaged,
+    implausibly large or small, or of no clear class.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise FileNotFoundError(f"{folder} is not a folder: give one that holds mesh files ({' '.join(SUFFIXES)})")
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+        raise FileNotFoundError(
+            f"{folder} is not a folder: give one that holds mesh files ({' '.join(SUFFIXES)})"
+        )
+    paths = sorted(
+        path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file()
+    )
     if not paths:
-        raise ValueError(f"{folder} holds no mesh: put files in it that end in one of {' '.join(SUFFIXES)}")
+        raise ValueError(
+            f"{folder} holds no mesh: put files in it that end in one of {' '.join(SUFFIXES)}"
+        )
     table = read_mesh_table(folder)
     names = [path.relative_to(folder) for path in paths]
     entries = [table.get(name, MeshEntry()) for name in names]
-    return tuple(take_mesh(*each, mirrors=mirrors) for each in zip(paths, names, entries, strict=True))
+    return tuple(
+        take_mesh(*each, mirrors=mirrors) for each in zip(paths, names, entries, strict=True)
+    )
 
 
 def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = False) -> TakenMesh:
@@ -266,7 +334,9 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
     named = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named is None else (named,)
     gltf = path.suffix.lower() in (".glb", ".gltf")
-    turns = [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
+    turns = (
+        [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
+    )
     doubts = []
     for turn in turns:
         turned = Mesh(mesh.vertices @ turn.T, mesh.triangles)
@@ -276,32 +346,52 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
         try:
             shape = measure_shape(turned)
         except ValueError as error:
-            raise ValueError(f"{path}: {error}: export it again as a closed triangle mesh") from None
+            raise ValueError(
+                f"{path}: {error}: export it again as a closed triangle mesh"
+            ) from None
         clear = [label for label in fitting if named is not None or is_clearly(shape, label)]
         doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.has_frame else None
         if len(clear) == 1 and doubt is None:
             body = _body(called.with_suffix("").as_posix(), clear[0], turned, mirrors)
             return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named, turn))
-        may_be = " or ".join(f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in fitting)
-        doubts.append(doubt or f"by its size it may be {may_be}, but its shape is not clearly that of one")
+        may_be = " or ".join(
+            f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in fitting
+        )
+        doubts.append(
+            doubt or f"by its size it may be {may_be}, but its shape is not clearly that of one"
+        )
     size = " x ".join(f"{extent:.4g}" for extent in np.ptp(mesh.vertices, axis=0))
     remedy = _remedy(mesh, named)
     if doubts:
-        folders = f"put it into a folder {'/, '.join(LABELS)}/, or say in {TABLE} what it is, what is up and forward"
+        folders = (
+            f"put it into a folder {'/, '.join(LABELS)}/, or say in {TABLE} what it is, what is "
+            "up and forward"
+        )
         raise ValueError(f"{path}: {size} (x, y, z): {doubts[0]}: {remedy or folders}")
     wanted = f"a {LABELS[named]}" if named is not None else "any road user"
-    remedy = remedy or f"check its units and axes, move it to the folder of its class, or say in {TABLE} what it is"
-    raise ValueError(f"{path}: {size} (x, y, z) does not fit {wanted} in metres, x forward, z up: {remedy}")
+    remedy = remedy or (
+        f"check its units and axes, move it to the folder of its class, or say in {TABLE} "
+        "what it is"
+    )
+    raise ValueError(
+        f"{path}: {size} (x, y, z) does not fit {wanted} in metres, x forward, z up: {remedy}"
+    )
 
 
 def _body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
     whole = make_body(name, label, *mesh)
     may_stick_out = not mirrors and label in (VEHICLE, HEAVY)
-    span = mirror_span(Mesh(whole.vertices.astype(np.float64), mesh.triangles)) if may_stick_out else None
+    span = (
+        mirror_span(Mesh(whole.vertices.astype(np.float64), mesh.triangles))
+        if may_stick_out
+        else None
+    )
     if span is None:
         return whole
     aside, (length, _, height) = np.array([0, sum(span) / 2, 0], np.float32), whole.size
-    return Body(name, label, whole.vertices - aside, whole.triangles, (length, span[1] - span[0], height))
+    return Body(
+        name, label, whole.vertices - aside, whole.triangles, (length, span[1] - span[0], height)
+    )
 
 
 def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np.ndarray) -> str:
@@ -312,7 +402,11 @@ def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np
     forward, _, up = (axes[tuple(row)] for row in turn)
     frame = f"{up} up, {forward} forward"
     if not entry.has_frame and body.label == VEHICLE:
-        frame += " (its profile agrees)" if shape.ahead > _FRONT_CLEAR else " (assumed, its profile does not tell)"
+        frame += (
+            " (its profile agrees)"
+            if shape.ahead > _FRONT_CLEAR
+            else " (assumed, its profile does not tell)"
+        )
     elif not entry.has_frame:
         frame += " (front assumed)"
     mirrors = "" if body.truth is None else ", mirrors left out of its box"
@@ -327,35 +421,53 @@ def _read(path: Path) -> Mesh:
 
     try:
         loaded = trimesh.load_mesh(path, process=False)
-        triangles, vertices = np.asarray(loaded.faces, np.int64), np.asarray(loaded.vertices, np.float64)
-    except Exception as error:  # in a damaged file its parsers meet anything: struct, key, index, recursion errors, ...
+        triangles = np.asarray(loaded.faces, np.int64)
+        vertices = np.asarray(loaded.vertices, np.float64)
+    # in a damaged file its parsers meet anything: struct, key, index, recursion errors, ...
+    except Exception as error:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise ValueError(f"{path}: the mesh is damaged or empty ({reason}): export it again") from None
+        raise ValueError(
+            f"{path}: the mesh is damaged or empty ({reason}): export it again"
+        ) from None
     if not triangles.size:
         raise ValueError(f"{path}: has points but no triangles: export it again as a triangle mesh")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise ValueError(f"{path}: a triangle refers to a missing vertex: repair it or export it again")
+        raise ValueError(
+            f"{path}: a triangle refers to a missing vertex: repair it or export it again"
+        )
     used, corners = np.unique(triangles, return_inverse=True)
     if not np.isfinite(vertices[used]).all():
-        raise ValueError(f"{path}: holds vertices that are NaN or infinite: repair it or export it again")
+        raise ValueError(
+            f"{path}: holds vertices that are NaN or infinite: repair it or export it again"
+        )
     return Mesh(vertices[used], corners.reshape(-1, 3))
 
 
 def _find_label(called: Path) -> int | None:
     """Class named by a folder of the path or the start of the file's name."""
     parts = (part.lower() for part in (*reversed(called.parent.parts), called.stem))
-    return next((label for part in parts for label, name in enumerate(LABELS) if part.startswith(name)), None)
+    return next(
+        (label for part in parts for label, name in enumerate(LABELS) if part.startswith(name)),
+        None,
+    )
 
 
 def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
-    return all(low <= extent <= high for extent, (low, high) in zip(size, PLAUSIBLE[label], strict=True))
+    return all(
+        low <= extent <= high for extent, (low, high) in zip(size, PLAUSIBLE[label], strict=True)
+    )
 
 
 def _remedy(mesh: Mesh, named: int | None) -> str:
     """Describe units or orientation that would make it plausible, if any."""
-    best, remedy = (np.inf, np.inf), ""
-    for (unit, scale), (axes, turn) in product([("", 1.0), *_UNITS.items()], [("", np.eye(3)), *_TURNS.items()]):
-        ways = f"{axes} forward: scale it by {scale} and turn it" if axes else f"scale it by {scale}"
+    best = (np.inf, np.inf)
+    remedy = ""
+    for (unit, scale), (axes, turn) in product(
+        [("", 1.0), *_UNITS.items()], [("", np.eye(3)), *_TURNS.items()]
+    ):
+        ways = (
+            f"{axes} forward: scale it by {scale} and turn it" if axes else f"scale it by {scale}"
+        )
         what = f"in {unit}, {ways}" if unit else f"{axes} forward, turn it"
         read = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
         size = np.ptp(read.vertices, axis=0)
@@ -364,6 +476,9 @@ def _remedy(mesh: Mesh, named: int | None) -> str:
             if not _plausible(size, label) or off >= best:
                 continue
             shape = measure_shape(read)
-            if find_wrong_stand(shape, label) is None and (named is not None or is_clearly(shape, label)):
-                best, remedy = off, f"it seems to be {what}"
+            if find_wrong_stand(shape, label) is None and (
+                named is not None or is_clearly(shape, label)
+            ):
+                best = off
+                remedy = f"it seems to be {what}"
     return remedy

@@ -1,4 +1,5 @@
-"""People of the catalogue, on foot and riding, built limb by limb from the joints of a posed figure."""
+"""People of the catalogue, on foot and riding, built limb by limb from the joints of a posed
+figure."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.bodies.vehicles import make_wheel
-from toolkit.mesh import Mesh, Span, Vector, box, ellipsoid, flip_sides, loft, merge, place, scale_mesh, stand, tube
+from toolkit.mesh import (
+    Mesh,
+    Span,
+    Vector,
+    box,
+    ellipsoid,
+    flip_sides,
+    loft,
+    merge,
+    place,
+    scale_mesh,
+    stand,
+    tube,
+)
 
 Pair = tuple[Vector, Vector]  # left and right
 
@@ -23,8 +37,8 @@ AT_AN_EAR = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.0
 
 @dataclass(frozen=True)
 class Figure:
-    """Joints of a person 1 unit tall facing +x, y left. stout: breadth of trunk and limbs relative to an average
-    adult."""
+    """Joints of a person 1 unit tall facing +x, y left. stout: breadth of trunk and limbs relative
+    to an average adult."""
 
     hip: Vector = (0.0, 0.0, 0.52)
     neck: Vector = (0.01, 0.0, 0.83)
@@ -41,8 +55,10 @@ def hold(figure: Figure, elbows: Pair, hands: Pair) -> Figure:
 
 
 def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:
-    """Figure in mid-stride. step: between the ankles; swing: of the hands; both parts of the height."""
-    hip, neck = (0.0, 0.0, 0.52 - 0.18 * step**2), (lean, 0.0, 0.83 - 0.18 * step**2)
+    """Figure in mid-stride. step: between the ankles; swing: of the hands; both parts of the
+    height."""
+    hip = (0.0, 0.0, 0.52 - 0.18 * step**2)
+    neck = (lean, 0.0, 0.83 - 0.18 * step**2)
     knees = (0.45 * step + 0.02, 0.05, 0.28), (-0.15 * step, -0.05, 0.27)
     ankles = (0.5 * step, 0.05, 0.035), (-0.5 * step, -0.05, 0.055)
     elbows = (-0.25 * swing * step - 0.03, 0.14, 0.64), (0.2 * swing * step, -0.14, 0.64)
@@ -55,8 +71,15 @@ def person(figure: Figure, height: float) -> Mesh:
     stout = figure.stout
     head = _beyond(figure.neck, 0.012, 0.0, 0.105)
     parts = [ellipsoid(head, (0.055, 0.045, 0.066), 5, 8), tube([figure.neck, head], 0.032, 6)]
-    hip, neck = np.array(_beyond(figure.hip, 0.0, 0.0, -0.03)), np.array(figure.neck)
-    rings = [(0.0, 0.075, 0.098), (0.25, 0.072, 0.092), (0.55, 0.076, 0.100), (0.85, 0.070, 0.118), (1.0, 0.035, 0.050)]
+    hip = np.array(_beyond(figure.hip, 0.0, 0.0, -0.03))
+    neck = np.array(figure.neck)
+    rings = [
+        (0.0, 0.075, 0.098),
+        (0.25, 0.072, 0.092),
+        (0.55, 0.076, 0.100),
+        (0.85, 0.070, 0.118),
+        (1.0, 0.035, 0.050),
+    ]
     trunk = [hip + t * (neck - hip) + _circle() * [a * stout, b * stout, 1] for t, a, b in rings]
     parts.append(loft(np.stack(trunk)))  # chest and belly
     for side, y in ((0, 1), (1, -1)):
@@ -85,7 +108,9 @@ def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
 
 def umbrella(height: float) -> Mesh:
     """Open umbrella held in the right hand over the head."""
-    x, y, top = 0.12 * height, -0.10 * height, 1.2 * height
+    x = 0.12 * height
+    y = -0.10 * height
+    top = 1.2 * height
     bows = ((0.47, 0.26), (0.48, 0.24), (0.36, 0.1), (0.18, 0.02), (0.01, 0))
     dome = [_circle() * r + [x, y, top - drop] for r, drop in bows]
     return merge([loft(np.stack(dome)), tube([(x, y, 0.55 * height), (x, y, top)], 0.012, 5)])
@@ -95,7 +120,9 @@ def pushchair(height: float) -> Mesh:
     """Pushchair with a child, 0.75 m ahead of the person pushing."""
     wheels = [make_wheel(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
     seat = place(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
-    bars = [tube([(1.15, y, 0.12), (0.62, y, 0.72), (0.36, y, 1.0)], 0.015, 5) for y in (-0.22, 0.22)]
+    bars = [
+        tube([(1.15, y, 0.12), (0.62, y, 0.72), (0.36, y, 1.0)], 0.015, 5) for y in (-0.22, 0.22)
+    ]
     return merge([*wheels, seat, *bars, tube([(0.36, -0.22, 1.0), (0.36, 0.22, 1.0)], 0.015, 5)])
 
 
@@ -118,7 +145,11 @@ def backpack(height: float) -> Mesh:
 def hat(height: float) -> Mesh:
     """Hat with a brim, level with the crown of the head."""
     x, z = 0.022 * height, 0.965 * height
-    return tube([(x, 0, z), (x, 0, z + 0.02), (x, 0, z + 0.03), (x, 0, z + 0.10)], [0.17, 0.17, 0.10, 0.09], 10)
+    return tube(
+        [(x, 0, z), (x, 0, z + 0.02), (x, 0, z + 0.03), (x, 0, z + 0.10)],
+        [0.17, 0.17, 0.10, 0.09],
+        10,
+    )
 
 
 def stick(height: float) -> Mesh:
@@ -128,8 +159,10 @@ def stick(height: float) -> Mesh:
 
 def pedestrians() -> dict[str, Mesh]:
     """Fourteen people on foot, 1.1 to 1.95 m tall. Umbrellas, hats and loads come on top."""
-    arms_up, pushing = hold(Figure(), *AT_AN_EAR), hold(striding(0.22), *PUSHING)
-    elbows, hands = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68)), ((0.02, 0.15, 0.48), (0.065, -0.06, 0.74))
+    arms_up = hold(Figure(), *AT_AN_EAR)
+    pushing = hold(striding(0.22), *PUSHING)
+    elbows = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68))
+    hands = ((0.02, 0.15, 0.48), (0.065, -0.06, 0.74))
     holding = hold(striding(0.2), elbows, hands)
     people: dict[str, tuple[Figure, float, Callable[[float], Mesh] | None]] = {
         "man_standing": (Figure(), 1.80, None),
@@ -143,7 +176,11 @@ def pedestrians() -> dict[str, Mesh]:
         "woman_in_a_coat": (striding(0.16, stout=0.95), 1.62, lambda h: skirt(h, 0.20)),
         "man_with_umbrella": (holding, 1.77, umbrella),
         "woman_with_pushchair": (pushing, 1.69, pushchair),
-        "old_man_with_stick": (striding(0.18, lean=0.09), 1.65, lambda h: merge([stick(h), hat(h)])),
+        "old_man_with_stick": (
+            striding(0.18, lean=0.09),
+            1.65,
+            lambda h: merge([stick(h), hat(h)]),
+        ),
         "traveller_with_suitcase": (striding(0.34), 1.73, trolley),
         "man_telephoning": (arms_up, 1.76, None),
     }
@@ -164,24 +201,50 @@ def two_wheelers() -> dict[str, Mesh]:
     crate = box((0.42, 0.42, 0.36), (-0.62, 0, 0.95))
     people = {
         "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
-        "racing_bicycle": (bicycle(0.335), rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9)),
-        "child_bicycle": (scale_mesh(bicycle(0.34), 0.72), rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
-        "cargo_bicycle": (bicycle(0.33), crate, rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
-        "motorcycle": (motorcycle(), rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
-        "sport_motorcycle": (motorcycle(True), rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42))),
-        "scooter": (scooter(), rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32))),
+        "racing_bicycle": (
+            bicycle(0.335),
+            rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9),
+        ),
+        "child_bicycle": (
+            scale_mesh(bicycle(0.34), 0.72),
+            rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98),
+        ),
+        "cargo_bicycle": (
+            bicycle(0.33),
+            crate,
+            rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1),
+        ),
+        "motorcycle": (
+            motorcycle(),
+            rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36)),
+        ),
+        "sport_motorcycle": (
+            motorcycle(True),
+            rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
+        ),
+        "scooter": (
+            scooter(),
+            rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32)),
+        ),
     }
     return {name: merge(parts) for name, parts in people.items()}
 
 
 def rider(
-    height: float, saddle: float, grip: Vector, *, upright: float, stout: float = 1.0, rest: Span | None = None
+    height: float,
+    saddle: float,
+    grip: Vector,
+    *,
+    upright: float,
+    stout: float = 1.0,
+    rest: Span | None = None,
 ) -> Mesh:
     """Person on a saddle, hands at `grip` and its mirror image.
 
-    height: of the person; saddle: height of the saddle at x = -0.2 (m); upright: sine of the back's slope; rest: x and
-    z of the foot rests (m), None for pedals, one up and one down."""
-    back, x0 = 0.31, -0.2 / height
+    height: of the person; saddle: height of the saddle at x = -0.2 (m); upright: sine of the back's
+    slope; rest: x and z of the foot rests (m), None for pedals, one up and one down."""
+    back = 0.31
+    x0 = -0.2 / height
     hip = (x0, 0.0, saddle / height + 0.045)
     neck = (x0 + back * math.sqrt(1 - upright**2) + 0.03, 0.0, hip[2] + back * upright)
     hands = pair(grip[0] / height, grip[1] / height, grip[2] / height)
@@ -194,8 +257,10 @@ def rider(
 
 
 def _knee(hip: Vector, ankle: Vector) -> Vector:
-    """Knee in front of the line from hip to ankle. Thigh and shin are each a quarter of the height."""
-    a, b = np.array(hip), np.array(ankle)
+    """Knee in front of the line from hip to ankle. Thigh and shin are each a quarter of the
+    height."""
+    a = np.array(hip)
+    b = np.array(ankle)
     along = b - a
     bend = math.sqrt(max(0.245**2 - float(along @ along) / 4, 0.0004))
     forward = np.cross([0.0, 1.0, 0.0], along)
@@ -205,9 +270,20 @@ def _knee(hip: Vector, ankle: Vector) -> Vector:
 
 def bicycle(radius: float) -> Mesh:
     """Bicycle whose wheels have this radius (m)."""
-    rear, front, crank = (-0.52, 0.0, radius), (0.52, 0.0, radius), (-0.08, 0.0, 0.29)
-    seat, head, bar = (-0.2, 0.0, 0.88), (0.36, 0.0, 0.82), (0.40, 0.0, 1.0)
-    frame = [(crank, seat), (crank, head), (seat, head), (crank, rear), ((-0.18, 0.0, 0.78), rear), (bar, front)]
+    rear = (-0.52, 0.0, radius)
+    front = (0.52, 0.0, radius)
+    crank = (-0.08, 0.0, 0.29)
+    seat = (-0.2, 0.0, 0.88)
+    head = (0.36, 0.0, 0.82)
+    bar = (0.40, 0.0, 1.0)
+    frame = [
+        (crank, seat),
+        (crank, head),
+        (seat, head),
+        (crank, rear),
+        ((-0.18, 0.0, 0.78), rear),
+        (bar, front),
+    ]
     bars = [tube(list(ends), 0.018, 5) for ends in frame]
     grips = tube([(0.45, -0.28, 1.02), (0.40, 0.0, 1.0), (0.45, 0.28, 1.02)], 0.015, 5)
     saddle = ellipsoid((-0.21, 0.0, 0.92), (0.14, 0.08, 0.04), 3, 6)
@@ -216,7 +292,8 @@ def bicycle(radius: float) -> Mesh:
 
 def _tyre(x: float, radius: float, thickness: float) -> Mesh:
     """Ring of a wheel, open between the spokes, standing on z = 0."""
-    around, across = np.arange(21) * 2 * np.pi / 20, np.arange(5) * 2 * np.pi / 5
+    around = np.arange(21) * 2 * np.pi / 20
+    across = np.arange(5) * 2 * np.pi / 5
     distance = radius - thickness * (1 - np.cos(across))
     y = np.sin(across)[None] * thickness + 0 * around[:, None]
     x_and_z = x + np.sin(around)[:, None] * distance, radius - np.cos(around)[:, None] * distance
@@ -226,22 +303,40 @@ def _tyre(x: float, radius: float, thickness: float) -> Mesh:
 def motorcycle(fairing: bool = False) -> Mesh:
     """Motorcycle, bare or with a fairing and a top case."""
     parts = [make_wheel(-0.70, 0.0, 0.31, 0.16), make_wheel(0.74, 0.0, 0.30, 0.12)]
-    parts += [ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22)), ellipsoid((0.16, 0.0, 0.80), (0.30, 0.15, 0.16))]
-    parts += [tube([(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)], [0.06, 0.13, 0.12], 8)]
+    parts += [
+        ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22)),
+        ellipsoid((0.16, 0.0, 0.80), (0.30, 0.15, 0.16)),
+    ]
+    parts += [
+        tube([(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)], [0.06, 0.13, 0.12], 8)
+    ]
     parts += [tube([(0.74, y, 0.30), (0.46, y, 0.92)], 0.03, 5) for y in (-0.1, 0.1)]
     parts += [tube([(0.48, -0.33, 1.0), (0.50, 0.0, 0.96), (0.48, 0.33, 1.0)], 0.02, 5)]
     parts += [ellipsoid((0.60, 0.0, 0.86), (0.10, 0.10, 0.11))]
     parts += [tube([(-0.75, -0.17, 0.38), (0.0, -0.17, 0.28)], 0.06, 6)]
     if fairing:
-        parts += [ellipsoid((0.52, 0.0, 0.72), (0.36, 0.22, 0.34)), ellipsoid((-0.78, 0.0, 0.92), (0.26, 0.10, 0.09))]
+        parts += [
+            ellipsoid((0.52, 0.0, 0.72), (0.36, 0.22, 0.34)),
+            ellipsoid((-0.78, 0.0, 0.92), (0.26, 0.10, 0.09)),
+        ]
     return merge(parts)
 
 
 def scooter() -> Mesh:
     """Motor scooter with mirrors on its handlebar."""
     parts = [make_wheel(-0.58, 0.0, 0.24, 0.13), make_wheel(0.60, 0.0, 0.24, 0.11)]
-    parts += [ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19)), box((0.5, 0.34, 0.08), (0.05, 0, 0.30))]
-    parts += [tube([(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)], [0.10, 0.12, 0.06], 8, flat=1.9)]
+    parts += [
+        ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19)),
+        box((0.5, 0.34, 0.08), (0.05, 0, 0.30)),
+    ]
+    parts += [
+        tube(
+            [(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)],
+            [0.10, 0.12, 0.06],
+            8,
+            flat=1.9,
+        )
+    ]
     parts += [tube([(0.60, 0.0, 0.24), (0.38, 0.0, 0.92)], 0.04, 6)]
     grips = tube([(0.36, -0.30, 0.98), (0.38, 0.0, 0.95), (0.36, 0.30, 0.98)], 0.02, 5)
     arm = tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], 0.01, 4)

@@ -1,8 +1,8 @@
 """Cars, lofted from their proportions, and the cars, trucks and buses of the catalogue.
 
-A car is a row of cross-sections along x, all worked out at once. The side profile gives each its top, the plan outline
-its width; above the belt line the sides lean in (tumblehome), windscreen and tail bow in plan, and the wheel arches cut
-into the flanks."""
+A car is a row of cross-sections along x, all worked out at once. The side profile gives each its
+top, the plan outline its width; above the belt line the sides lean in (tumblehome), windscreen and
+tail bow in plan, and the wheel arches cut into the flanks."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,8 @@ from toolkit.arrays import Float64
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, stand, tube
 from toolkit.runtime.files import read_own_table
 
-Profile = tuple[tuple[float, float], ...]  # distance from the front and height of the top, as parts of both
+# distance from the front and height of the top, as parts of both
+Profile = tuple[tuple[float, float], ...]
 
 
 def _spread(count: int, step: int = 1) -> Float64[np.ndarray, " n"]:
@@ -28,14 +29,15 @@ _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
 
 @dataclass(frozen=True, eq=False)
 class Proportions:
-    """Proportions of one car; lengths in metres, stations from 0 (front) to 1. belt, lean, rounding and ends are parts
-    of height, half width, length and width."""
+    """Proportions of one car; lengths in metres, stations from 0 (front) to 1. belt, lean, rounding
+    and ends are parts of height, half width, length and width."""
 
     kind: str
     length: float
     width: float
     height: float
-    profile: Float64[np.ndarray, "k 2"]  # station and height of the body's top, as a part of the height
+    # station and height of the body's top, as a part of the height
+    profile: Float64[np.ndarray, "k 2"]
     axles: tuple[float, float]  # distances from the front
     wheel: float  # radius
     clearance: float
@@ -50,11 +52,14 @@ class Proportions:
     barrel: float = 0.05  # how much narrower both ends are
     tail: float = 0.12  # rise of the floor at the rear (m)
     tyre: float = 0.115  # width of a wheel, as a part of the car's
-    bed: tuple[float, float, float] | None = None  # begin and end of a pick-up's, its width as a part of the roof's
+    bed: tuple[float, float, float] | None = (
+        None  # begin and end of a pick-up's, its width as a part of the roof's
+    )
     spread: Float64[np.ndarray, " n"] = field(default_factory=lambda: _spread(13))
 
     def half_width(self, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Half the width at stations s. Nearly parallel flanks, superelliptic corners at both ends."""
+        """Half the width at stations s. Nearly parallel flanks, superelliptic corners at both
+        ends."""
         corners = []
         for distance, rounding, end in zip((s, 1 - s), self.rounding, self.ends, strict=True):
             beyond = np.maximum(0.0, 1 - distance / rounding)
@@ -65,7 +70,8 @@ class Proportions:
 def loft_parts(shape: Proportions) -> Mesh:
     """Body and wheels of a car, x forward, wheels on z = 0."""
     reach = shape.wheel * 1.13 / shape.length
-    rims = (-1.001, -0.98, -0.55, 0.55, 0.98, 1.001)  # of the wheel arches, where sections are dense too
+    # of the wheel arches, where sections are dense too
+    rims = (-1.001, -0.98, -0.55, 0.55, 0.98, 1.001)
     arches = [axle / shape.length + reach * c for axle in shape.axles for c in rims]
     stations = np.unique(np.round(np.clip(np.concatenate([shape.spread, arches]), 0, 1), 4))
     half = _half_sections(shape, stations[::-1])
@@ -79,9 +85,12 @@ def loft_parts(shape: Proportions) -> Mesh:
     return merge(parts)
 
 
-def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 13 3"]:
+def _half_sections(
+    shape: Proportions, s: Float64[np.ndarray, " n"]
+) -> Float64[np.ndarray, "n 13 3"]:
     """Left halves of the sections at stations s, from floor to roof."""
-    across, width = np.array(_ACROSS), shape.half_width(s)
+    across = np.array(_ACROSS)
+    width = shape.half_width(s)
     bow = shape.bow * across**2 * np.clip((s[:, None] - 0.55) * 6, -1, 1)
     near = np.linspace(-1, 1, shape.samples) * shape.soft
     tops = np.interp(np.clip((s[:, None] + bow)[..., None] + near, 0, 1), *shape.profile.T)
@@ -90,7 +99,9 @@ def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[
     floor = shape.clearance + np.interp(s, [0, 0.1, 0.85, 1], [0.06, 0, 0, shape.tail])
     nearest = np.abs(s[:, None] * shape.length - np.array(shape.axles)).min(axis=1)
     inside = 1.13 * shape.wheel > nearest
-    arch = np.where(inside, shape.wheel + np.sqrt(np.maximum((1.13 * shape.wheel) ** 2 - nearest**2, 0)), 0.0)
+    arch = np.where(
+        inside, shape.wheel + np.sqrt(np.maximum((1.13 * shape.wheel) ** 2 - nearest**2, 0)), 0.0
+    )
     crown = roof[:, 0]
     shoulder = np.minimum(shape.belt * shape.height, crown - 0.035)
     low = np.maximum(np.minimum(arch, shoulder - 0.07), floor + 0.02)
@@ -99,11 +110,26 @@ def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[
     edge = width * (0.965 - lean)
     glass = 0.4775 * width + 0.5 * edge + 0.012, shoulder + 0.52 * (crown - shoulder)
     eaves = crown - 0.25 * np.minimum(0.16, crown - shoulder)
-    middle, bottom = np.zeros_like(s), np.where(arch > floor, low, floor)
+    middle = np.zeros_like(s)
+    bottom = np.where(arch > floor, low, floor)
     y = [middle, *(part * width for part in (0.74, 0.74, 0.965, 1.0, 0.995, 0.965)), glass[0]]
     y += [edge, 0.93 * edge, 0.72 * edge, 0.38 * edge, middle]
-    z = [floor, floor, bottom, low, flank, flank + 0.6 * (shoulder - flank), shoulder, glass[1], eaves, *roof.T[1:]]
-    sections = np.stack(np.broadcast_arrays(shape.length * (0.5 - s)[:, None], np.stack(y, 1), np.stack(z, 1)), axis=-1)
+    z = [
+        floor,
+        floor,
+        bottom,
+        low,
+        flank,
+        flank + 0.6 * (shoulder - flank),
+        shoulder,
+        glass[1],
+        eaves,
+        *roof.T[1:],
+    ]
+    sections = np.stack(
+        np.broadcast_arrays(shape.length * (0.5 - s)[:, None], np.stack(y, 1), np.stack(z, 1)),
+        axis=-1,
+    )
     if shape.bed is not None:
         begin, end, wide = shape.bed
         open_ = (s > begin) & (s < end)
@@ -114,31 +140,67 @@ def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[
 
 def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 12) -> Mesh:
     """Make a wheel with its axle along y, standing on z = 0."""
-    line = np.column_stack([np.full(4, x), np.array([-0.5, -0.42, 0.42, 0.5]) * breadth + y, np.full(4, radius)])
+    line = np.column_stack(
+        [np.full(4, x), np.array([-0.5, -0.42, 0.42, 0.5]) * breadth + y, np.full(4, radius)]
+    )
     return stand(tube(line, np.array([0.86, 1, 1, 0.86]) * radius, sides))
 
 
 CAR_SHAPES = read_own_table(__file__, "cars.toml")
-CAR_PROFILES: dict[str, Profile] = {style: tuple(map(tuple, each)) for style, each in CAR_SHAPES["profiles"].items()}
+CAR_PROFILES: dict[str, Profile] = {
+    style: tuple(map(tuple, each)) for style, each in CAR_SHAPES["profiles"].items()
+}
 _CATALOGUE_SPREAD = _spread(20, 2)
 
 
 def _loft_catalogue_car(row: Sequence[Any]) -> tuple[Mesh, Mesh]:
     """Meshes of a car and of its wing mirrors, wheels on z = 0."""
-    style, length, width, height, wheelbase, wheel, clearance, belt, lean, rounding, rake, *rails = row
-    pickup, profile = style == "pickup", np.array(CAR_PROFILES[style])
+    (
+        style,
+        length,
+        width,
+        height,
+        wheelbase,
+        wheel,
+        clearance,
+        belt,
+        lean,
+        rounding,
+        rake,
+        *rails,
+    ) = row
+    pickup = style == "pickup"
+    profile = np.array(CAR_PROFILES[style])
     profile[2:-2, 0] += rake
-    overhang = (length - wheelbase) * (0.40 if pickup else 0.44)  # the front one is shorter, a pickup's rear is long
-    axles, bed = (overhang, overhang + wheelbase), (0.625 + rake, 0.985, 0.8) if pickup else None
-    figures = (0.62, 0.62), 0.035, 0.055, 0.018, 7, 0.06, 0.14, 0.12, bed, _CATALOGUE_SPREAD  # from `ends` on
-    measures = (length, width, height, profile, axles, wheel, clearance, belt, lean, (rounding, rounding))
+    # the front one is shorter, a pickup's rear is long
+    overhang = (length - wheelbase) * (0.40 if pickup else 0.44)
+    axles = (overhang, overhang + wheelbase)
+    bed = (0.625 + rake, 0.985, 0.8) if pickup else None
+    # from `ends` on
+    figures = ((0.62, 0.62), 0.035, 0.055, 0.018, 7, 0.06, 0.14, 0.12, bed, _CATALOGUE_SPREAD)
+    measures = (
+        length,
+        width,
+        height,
+        profile,
+        axles,
+        wheel,
+        clearance,
+        belt,
+        lean,
+        (rounding, rounding),
+    )
     shape = Proportions(style, *measures, *figures)
     glass = length * (0.5 - CAR_PROFILES[style][2][0] - max(rake, 0.0) - 0.035)
     mirror = ellipsoid((glass, width / 2 + 0.005, belt * height + 0.04), (0.09, 0.10, 0.075), 3, 6)
     parts = [loft_parts(shape)]
     if rails:
         z, y, x = height - 0.08, width * (0.5 - 0.48 * lean), length
-        rail = tube([(0.08 * x, y, z), (0.02 * x, y, z + 0.05), (-0.3 * x, y, z + 0.05), (-0.36 * x, y, z)], 0.02, 4)
+        rail = tube(
+            [(0.08 * x, y, z), (0.02 * x, y, z + 0.05), (-0.3 * x, y, z + 0.05), (-0.36 * x, y, z)],
+            0.02,
+            4,
+        )
         parts += [rail, flip_sides(rail)]
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
@@ -153,29 +215,57 @@ def cars() -> dict[str, tuple[Mesh, Mesh]]:
 
 def trucks() -> dict[str, tuple[Mesh, Mesh]]:
     """Trucks and buses, each with its wing mirrors beside it. x forward, wheels on z = 0."""
-    large, small, tipper = (7.6, 2.35, 2.5), (6.3, 2.05, 2.25), (7.9, 2.4, 2.75)
-    city, midi = (12.0, 2.55, 3.0), (8.9, 2.35, 2.85)
+    large = (7.6, 2.35, 2.5)
+    small = (6.3, 2.05, 2.25)
+    tipper = (7.9, 2.4, 2.75)
+    city = (12.0, 2.55, 3.0)
+    midi = (8.9, 2.35, 2.85)
     built = {
-        "box_truck": [_cab(*large), _cargo(7.6, 5.6, 2.45, 3.35), *make_axles((2.5, -1.8), 2.4, 0.45)],
-        "small_box_truck": [_cab(*small, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *make_axles((2.05, -1.55), 2.1, 0.37)],
+        "box_truck": [
+            _cab(*large),
+            _cargo(7.6, 5.6, 2.45, 3.35),
+            *make_axles((2.5, -1.8), 2.4, 0.45),
+        ],
+        "small_box_truck": [
+            _cab(*small, 1.7),
+            _cargo(6.3, 4.35, 2.15, 2.95),
+            *make_axles((2.05, -1.55), 2.1, 0.37),
+        ],
         "tipper": [_cab(*tipper), _skip(7.9, 5.5), *make_axles((2.6, -1.35, -2.65), 2.45, 0.50)],
         "city_bus": [_bus(*city), *make_axles((3.3, -2.6), 2.5, 0.48)],
         "midibus": [_bus(*midi), *make_axles((2.25, -2.15), 2.3, 0.42)],
     }
-    places = [(x / 2 - 0.15, width / 2 + 0.12, height * 0.72) for x, width, height in (large, small, tipper)]
-    mirrors = [*(box((0.12, 0.16, 0.42), place) for place in places), _bus_mirror(*city), _bus_mirror(*midi)]
+    places = [
+        (x / 2 - 0.15, width / 2 + 0.12, height * 0.72)
+        for x, width, height in (large, small, tipper)
+    ]
+    mirrors = [
+        *(box((0.12, 0.16, 0.42), place) for place in places),
+        _bus_mirror(*city),
+        _bus_mirror(*midi),
+    ]
     pairs = zip(built.items(), mirrors, strict=True)
-    return {name: (merge(parts), merge([mirror, flip_sides(mirror)])) for (name, parts), mirror in pairs}
+    return {
+        name: (merge(parts), merge([mirror, flip_sides(mirror)])) for (name, parts), mirror in pairs
+    }
 
 
-def loft_shell(stations: list[tuple[float, float, float, float]], corner: float, points: int = 3) -> Mesh:
-    """Loft through rounded rectangles (x, width, floor, roof), rear to front, with some points to a corner (m)."""
-    quarter, rings = np.linspace(0, np.pi / 2, points), []
+def loft_shell(
+    stations: list[tuple[float, float, float, float]], corner: float, points: int = 3
+) -> Mesh:
+    """Loft through rounded rectangles (x, width, floor, roof), rear to front, with some points to a
+    corner (m)."""
+    quarter = np.linspace(0, np.pi / 2, points)
+    rings = []
     for x, width, z0, z1 in stations:
-        y, r = width / 2, corner
+        y = width / 2
+        r = corner
         middles = ((y - r, z1 - r), (r - y, z1 - r), (r - y, z0 + r), (y - r, z0 + r))
         corners = zip(middles, (k * np.pi / 2 + quarter for k in range(4)), strict=True)
-        arcs = [(0 * turn + x, cy + r * np.cos(turn), cz + r * np.sin(turn)) for (cy, cz), turn in corners]
+        arcs = [
+            (0 * turn + x, cy + r * np.cos(turn), cz + r * np.sin(turn))
+            for (cy, cz), turn in corners
+        ]
         rings.append(np.concatenate([np.column_stack(arc) for arc in arcs]))
     return loft(np.stack(rings))
 
@@ -184,7 +274,10 @@ def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
     """Forward-control cab whose front is at length / 2."""
     front = length / 2
     stations = [(front - deep, width, 0.55, height), (front - 0.55, width, 0.45, height)]
-    stations += [(front - 0.25, width, 0.40, height - 0.12), (front - 0.07, width * 0.96, 0.40, height - 0.75)]
+    stations += [
+        (front - 0.25, width, 0.40, height - 0.12),
+        (front - 0.07, width * 0.96, 0.40, height - 0.75),
+    ]
     return loft_shell([*stations, (front, width * 0.88, 0.45, height - 1.25)], 0.09)
 
 
@@ -208,11 +301,13 @@ def _skip(length: float, deep: float) -> Mesh:
 
 def _bus(length: float, width: float, height: float) -> Mesh:
     """City bus: window band set 4 cm in, roof units, rounded ends."""
-    x, belt = length / 2, 1.05
+    x = length / 2
+    belt = 1.05
     ends = [(-x, width * 0.9, 0.4, height - 0.25), (-x + 0.12, width, 0.32, height - 0.06)]
     ends += [(-x + 0.4, width, 0.30, height), (x - 0.5, width, 0.30, height)]
     ends += [(x - 0.12, width * 0.98, 0.30, height - 0.10), (x, width * 0.90, 0.35, height - 0.45)]
-    body, wide = loft_shell(ends, 0.13), width + 0.04
+    body = loft_shell(ends, 0.13)
+    wide = width + 0.04
     pillar = box((0.14, wide, height - belt - 0.45), (0, 0, (belt + height - 0.25) / 2))
     pillars = [place(pillar, p) for p in np.arange(-x + 0.8, x - 0.7, 1.45)]
     skirt = box((length - 0.9, wide, belt - 0.4), (0, 0, (belt + 0.4) / 2 + 0.02))
@@ -222,7 +317,11 @@ def _bus(length: float, width: float, height: float) -> Mesh:
 
 def _bus_mirror(length: float, width: float, height: float) -> Mesh:
     x, y = length / 2, width / 2
-    path = [(x - 0.15, y, height - 0.35), (x + 0.12, y + 0.14, height - 0.5), (x + 0.12, y + 0.14, height - 0.95)]
+    path = [
+        (x - 0.15, y, height - 0.35),
+        (x + 0.12, y + 0.14, height - 0.5),
+        (x + 0.12, y + 0.14, height - 0.95),
+    ]
     return tube(path, [0.03, 0.05, 0.09], 6)
 
 

@@ -1,19 +1,25 @@
 """One sensor's view of a place without road users.
 
-`EmptyScene` is learnt from the sensor's frames, pixel by pixel. The measurements of a pixel over time, sorted, fall
-into clusters wherever two neighbours lie farther apart than noise explains; "nothing returned" is a cluster of its
-own, the farthest one. The scene of a pixel is
+`EmptyScene` is learnt from the sensor's frames, pixel by pixel. The measurements of a pixel over
+time, sorted, fall into clusters wherever two neighbours lie farther apart than noise explains;
+"nothing returned" is a cluster of its own, the farthest one. The scene of a pixel is
 
-    the farthest cluster with a tenth of the measurements: road users pass or park before the scene, never behind it;
-    and a nearer cluster, if it comes and goes at least a quarter as often as random draws would, and continues the
-    farthest surface of a pixel at most two off. So leaves that move and edges of a pole that sways belong to the
-    scene. A queue at a stop line does not, since it stands before ground that its neighbours see, nor does a parked
-    car, which comes once. Where nothing returns in the rest of the time, half of the measurements suffice: drop-outs.
+    the farthest cluster with a tenth of the measurements: road users pass or park before the scene,
+        never behind it;
+    and a nearer cluster, if it comes and goes at least a quarter as often as random draws would,
+        and continues the
+    farthest surface of a pixel at most two off. So leaves that move and edges of a pole that sways
+        belong to the
+    scene. A queue at a stop line does not, since it stands before ground that its neighbours see,
+        nor does a parked
+    car, which comes once. Where nothing returns in the rest of the time, half of the measurements
+        suffice: drop-outs.
 
-Each of the two has a median and a spread, the median deviation scaled to a standard deviation and never below the
-sensor model's own. Road users close to a surface fall into its cluster. So if a spread is more than twice the usual
-one at that distance, the densest stretch of the cluster takes its place. The more frequent of the two is `first`. A
-parked car that is away a tenth of the time is not in the scene; one that never leaves is.
+Each of the two has a median and a spread, the median deviation scaled to a standard deviation and
+never below the sensor model's own. Road users close to a surface fall into its cluster. So if a
+spread is more than twice the usual one at that distance, the densest stretch of the cluster takes
+its place. The more frequent of the two is `first`. A parked car that is away a tenth of the time is
+not in the scene; one that never leaves is.
 
 `Scenes` learns those of a recording on demand; clouds of a sensor become images of one grid first
 (`toolkit.calibration.empty_scene`). Sensors must stand still.
@@ -23,14 +29,16 @@ Rows and columns of a lidar, found in its clouds.
 Rows are, in order of preference,
 
 1. its lasers, if every point tells its laser: each at the median elevation of its points;
-2. the elevations where points crowd, as those of a spinning lidar or of even pixels do: peaks of the histogram of
-   elevations, if most points lie nearer to one than a third of the way to the next;
-3. else even steps of the usual angle between neighbouring points of a cloud, or of twice that if they lie as at random
-   (a pattern that does not repeat), so that most cells are hit in most clouds.
+2. the elevations where points crowd, as those of a spinning lidar or of even pixels do: peaks of
+   the histogram of elevations, if most points lie nearer to one than a third of the way to the
+   next;
+3. else even steps of the usual angle between neighbouring points of a cloud, or of twice that if
+   they lie as at random (a pattern that does not repeat), so that most cells are hit in most
+   clouds.
 
-Columns are even steps of the usual azimuth between neighbouring points of a row. Azimuths lie in the middle of their
-columns if they are the same in all clouds. Columns go all around or, if clouds leave a gap, from one side of it to the
-other."""
+Columns are even steps of the usual azimuth between neighbouring points of a row. Azimuths lie in
+the middle of their columns if they are the same in all clouds. Columns go all around or, if clouds
+leave a gap, from one side of it to the other."""
 
 import json
 import warnings
@@ -54,32 +62,41 @@ from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 NEAREST = 1.0  # m: nearer points do not tell angles
 TELLING_POINTS = 100  # of a sensor, in all clouds together
 MOST_PIXELS = 4_000_000
-SEAM_GAP = np.deg2rad(20.0)  # azimuth without a point: with a wider gap a lidar does not look all around
+# azimuth without a point: with a wider gap a lidar does not look all around
+SEAM_GAP = np.deg2rad(20.0)
 FARTHER = 1.25  # range of the sensor over its farthest point
 _LEAST_RANGE = 200.0  # m
 _BIN = np.deg2rad(0.01)  # of the histogram of elevations
 _SMOOTH = (3, 8, 20)  # bins, standard deviations of the smoothing, tried in turn
 _LEAST_PEAK = 0.1  # of the median height of peaks
-_CROWDED, _THIRD = 0.85, 1 / 3  # share of points that lie within this share of the distance between rows
+# share of points that lie within this share of the distance between rows
+_CROWDED = 0.85
+_THIRD = 1 / 3
 _SMALLEST_STEP = np.deg2rad(0.02)
-_AT_RANDOM = 2.5  # 90 % quantile of nearest-neighbour distances over the 10 % one: above this they are random
-_LEAST_PHASE = 0.3  # length of the mean of unit vectors by the phase of azimuths, 1 where all have the same
+# 90 % quantile of nearest-neighbour distances over the 10 % one: above this they are random
+_AT_RANDOM = 2.5
+_LEAST_PHASE = (
+    0.3  # length of the mean of unit vectors by the phase of azimuths, 1 where all have the same
+)
 _SOME = 20_000  # points of a cloud whose neighbours are looked for
 
 
 @dataclass(frozen=True)
 class LidarGrid:
-    """A grid of rows, columns and range (`model`). rings: laser of each row, empty if clouds do not tell it."""
+    """A grid of rows, columns and range (`model`). rings: laser of each row, empty if clouds do not
+    tell it."""
 
     model: RowLidar
     rings: tuple[int, ...] = ()
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of a sensor in its clouds. Raises ValueError below 100 points and above 4 million pixels."""
+    """Find the grid of a sensor in its clouds. Raises ValueError below 100 points and above 4
+    million pixels."""
     clouds = [cloud for cloud in clouds if len(cloud.points)]
     name = clouds[0].name if clouds else "the sensor"
-    kept, rings = [], []
+    kept = []
+    rings = []
     for cloud in clouds:
         angles = compute_angles(cloud.in_sensor())
         far = angles[2] > NEAREST
@@ -101,8 +118,10 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
         elevations, step = _even_rows(kept)
     heading, span = _span(azimuth)
     if span is None:
-        columns, width = max(1, round(2 * np.pi / step)), 2 * np.pi
-        middle = azimuth * columns - np.pi * (columns - 1)  # multiples of 2 pi in the middle of a column
+        columns = max(1, round(2 * np.pi / step))
+        width = 2 * np.pi
+        # multiples of 2 pi in the middle of a column
+        middle = azimuth * columns - np.pi * (columns - 1)
         mean = np.exp(1j * middle).mean()
         heading = float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
     else:
@@ -112,7 +131,9 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
         size = f"{len(elevations)} x {columns} pixels"
         raise ValueError(f"the image of {name} would have {size}: are its points in its own frame?")
     reach = float(max(_LEAST_RANGE, np.ceil(FARTHER * float(distance.max()))))
-    return LidarGrid(RowLidar(tuple(elevations.tolist()), columns, width, heading, max_range=reach), numbers)
+    return LidarGrid(
+        RowLidar(tuple(elevations.tolist()), columns, width, heading, max_range=reach), numbers
+    )
 
 
 def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
@@ -122,12 +143,16 @@ def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3
     return np.stack([np.arctan2(z, across), np.arctan2(y, x), np.hypot(across, z)])
 
 
-def nearest_row(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> Int64[np.ndarray, " n"]:
+def nearest_row(
+    elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
+) -> Int64[np.ndarray, " n"]:
     """Row, top first, of the nearest elevation."""
     return np.searchsorted(-(rows[1:] + rows[:-1]) / 2, -elevation, side="left").astype(np.int64)
 
 
-def _ring_rows(elevation: np.ndarray, ring: np.ndarray) -> tuple[Float64[np.ndarray, " m"], tuple[int, ...]]:
+def _ring_rows(
+    elevation: np.ndarray, ring: np.ndarray
+) -> tuple[Float64[np.ndarray, " m"], tuple[int, ...]]:
     numbers = np.unique(ring)
     middle = np.array([np.median(elevation[ring == number]) for number in numbers])
     order = np.argsort(-middle, kind="stable")
@@ -146,16 +171,27 @@ def _crowded_rows(elevation: np.ndarray) -> Float64[np.ndarray, " m"] | None:
     counts = np.concatenate([counts, np.zeros(100, np.int64)]).astype(np.float64)
     for smooth in _SMOOTH:
         smoothed = gaussian_filter1d(counts, smooth)
-        peak = np.flatnonzero((smoothed[1:-1] > smoothed[:-2]) & (smoothed[1:-1] >= smoothed[2:])) + 1
+        peak = (
+            np.flatnonzero((smoothed[1:-1] > smoothed[:-2]) & (smoothed[1:-1] >= smoothed[2:])) + 1
+        )
         if not len(peak):
             continue
         peak = peak[smoothed[peak] >= _LEAST_PEAK * np.median(smoothed[peak])]
         rows = (low + (peak + 0.5) * _BIN)[::-1]
         row = nearest_row(elevation, rows)
-        rows = np.array([np.median(elevation[row == k]) if (row == k).any() else rows[k] for k in range(len(rows))])
-        row, apart = nearest_row(elevation, rows), -np.diff(rows)
+        rows = np.array(
+            [
+                np.median(elevation[row == k]) if (row == k).any() else rows[k]
+                for k in range(len(rows))
+            ]
+        )
+        row = nearest_row(elevation, rows)
+        apart = -np.diff(rows)
         to_next = np.minimum(np.append(apart, np.inf), np.insert(apart, 0, np.inf))
-        if len(rows) > 1 and (np.abs(elevation - rows[row]) <= _THIRD * to_next[row]).mean() >= _CROWDED:
+        if (
+            len(rows) > 1
+            and (np.abs(elevation - rows[row]) <= _THIRD * to_next[row]).mean() >= _CROWDED
+        ):
             return rows
     return None
 
@@ -197,14 +233,15 @@ def _span(azimuth: np.ndarray) -> tuple[float, float | None]:
     return float(np.arctan2(np.sin(middle), np.cos(middle))), span
 
 
-SHARED_CELL, OUTSIDE_GRID = "points in a cell with a nearer one", "points outside the rows and columns of their sensor"
+SHARED_CELL = "points in a cell with a nearer one"
+OUTSIDE_GRID = "points outside the rows and columns of their sensor"
 
 
 @dataclass(frozen=True, eq=False)
 class CloudImage:
-    """A cloud as an image. measurement: ranges (m), 0 where nothing returned; cells: of every point of the cloud,
-    counted row by row, the nearest one for points outside; inside: mask of the points in the grid; shown: mask of those
-    that the image shows."""
+    """A cloud as an image. measurement: ranges (m), 0 where nothing returned; cells: of every point
+    of the cloud, counted row by row, the nearest one for points outside; inside: mask of the points
+    in the grid; shown: mask of those that the image shows."""
 
     grid: LidarGrid
     measurement: ImageRanges
@@ -215,7 +252,10 @@ class CloudImage:
     @property
     def left_out(self) -> dict[str, int]:
         """Number of points missing from the image, by kind."""
-        counts = {SHARED_CELL: int((self.inside & ~self.shown).sum()), OUTSIDE_GRID: int((~self.inside).sum())}
+        counts = {
+            SHARED_CELL: int((self.inside & ~self.shown).sum()),
+            OUTSIDE_GRID: int((~self.inside).sum()),
+        }
         return {kind: count for kind, count in counts.items() if count}
 
     @cached_property
@@ -227,21 +267,31 @@ class CloudImage:
 
 
 def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
-    """Return a cloud in its sensor's grid: points in the row of their laser, else in the nearest one if near enough."""
+    """Return a cloud in its sensor's grid: points in the row of their laser, else in the nearest
+    one if near enough."""
     model = grid.model
     elevation, azimuth, distance = compute_angles(cloud.in_sensor())
     rows = np.array(model.elevations)
     if grid.rings and cloud.ring is not None:
         numbers = np.array(grid.rings)
         order = np.argsort(numbers)
-        row = order[np.minimum(np.searchsorted(numbers[order], cloud.ring), len(numbers) - 1)].astype(np.int64)
+        row = order[
+            np.minimum(np.searchsorted(numbers[order], cloud.ring), len(numbers) - 1)
+        ].astype(np.int64)
         in_rows = numbers[row] == cloud.ring
     else:
-        row, apart = nearest_row(elevation, rows), -np.diff(rows)
-        widest = np.maximum(np.append(apart, 0), np.insert(apart, 0, 0)) if len(apart) else np.full(1, np.inf)
+        row = nearest_row(elevation, rows)
+        apart = -np.diff(rows)
+        widest = (
+            np.maximum(np.append(apart, 0), np.insert(apart, 0, 0))
+            if len(apart)
+            else np.full(1, np.inf)
+        )
         in_rows = np.abs(elevation - rows[row]) <= widest[row]
     turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
-    place = np.floor(turned / (model.azimuth_fov / model.columns) + model.columns / 2).astype(np.int64)
+    place = np.floor(turned / (model.azimuth_fov / model.columns) + model.columns / 2).astype(
+        np.int64
+    )
     column = np.clip(place, 0, model.columns - 1)
     in_columns = (place == column) | (model.azimuth_fov >= 2 * np.pi)
     ranges = distance.astype(np.float32)
@@ -260,12 +310,18 @@ SAMPLE = 128  # images kept of a sensor
 SIGMAS = 4.0  # spreads: a measurement this near a median shows the empty scene
 LEAST_SHARE = 0.1  # fraction of the measurements that makes a cluster part of the scene
 HALF = 0.5  # fraction of the measurements that makes a surface before no return part of the scene
-GAP_SIGMAS, GAP_SHARE = 4.0, 0.004  # gap between clusters: standard deviations of the model, share of the measurement
+# gap between clusters: standard deviations of the model, share of the measurement
+GAP_SIGMAS = 4.0
+GAP_SHARE = 0.004
 BROAD = 2.0  # times the usual spread at a distance: a broader cluster is more than one surface
 DISTANCES = 24  # steps of log distance, each with a usual spread
 NEIGHBOURS = 2  # pixels: a surface continues this far
-OTHER_SURFACE = 0.1  # fraction by which a depth must leave the plane through two others to be another surface
-LEAST_FLICKER = 0.25  # least rate at which a part of the scene comes and goes, relative to random draws
+OTHER_SURFACE = (
+    0.1  # fraction by which a depth must leave the plane through two others to be another surface
+)
+LEAST_FLICKER = (
+    0.25  # least rate at which a part of the scene comes and goes, relative to random draws
+)
 _MAD_TO_SIGMA = 1.4826
 _IMAGES = ("first", "spread", "share", "second", "second_spread", "second_share")
 _BLOCK = 1 << 21  # measurements sorted at once
@@ -274,15 +330,16 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """Empty scene of one sensor, by its name and model. Raises ValueError for an image that does not fit the model's
-    shape, or is negative or infinite."""
+    """Empty scene of one sensor, by its name and model. Raises ValueError for an image that does
+    not fit the model's shape, or is negative or infinite."""
 
     name: str
     model: SensorModel
     first: ImageRanges  # median measurement, 0 where nothing returns
     spread: ImageRanges  # its standard deviation
     share: ImageRanges  # fraction of the frames that show it
-    second: ImageRanges  # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
+    # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
+    second: ImageRanges
     second_spread: ImageRanges
     second_share: ImageRanges
     frames: int  # that it was learnt from
@@ -295,7 +352,9 @@ class EmptyScene:
                 raise ValueError(f"{name} of {self.name!r} must be float32 of {shape}, got {got}")
             known = image[~np.isnan(image)] if name == "second" else image
             if not (np.isfinite(known).all() and (known >= 0).all()):
-                raise ValueError(f"{name} of {self.name!r} must be finite and 0 or more: learn the scene again")
+                raise ValueError(
+                    f"{name} of {self.name!r} must be finite and 0 or more: learn the scene again"
+                )
             image.setflags(write=False)
         if self.frames < 1:
             raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
@@ -305,20 +364,30 @@ class EmptyScene:
         """Scene of a noise-free render, with the model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
-        always, never = np.ones_like(first), np.zeros_like(first)
+        always = np.ones_like(first)
+        never = np.zeros_like(first)
         none = np.full(first.shape, np.nan, np.float32)
-        return EmptyScene(sensor.name, sensor.model, first, spread, always, none, never, never.copy(), 1)
+        return EmptyScene(
+            sensor.name, sensor.model, first, spread, always, none, never, never.copy(), 1
+        )
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the scene's contents."""
-        digest = sha256(json.dumps([self.name, _describe_model(self.model), self.frames], sort_keys=True).encode())
+        digest = sha256(
+            json.dumps(
+                [self.name, _describe_model(self.model), self.frames], sort_keys=True
+            ).encode()
+        )
         for image in _IMAGES:
             digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
         return digest.hexdigest()
 
-    def shows(self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS) -> ImageMask:
-        """Mark pixels within `sigmas` spreads of one of its medians, or with no return where that may be."""
+    def shows(
+        self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS
+    ) -> ImageMask:
+        """Mark pixels within `sigmas` spreads of one of its medians, or with no return where that
+        may be."""
         self.check_shape(measurement)
         there = is_return(measurement, self.model.max_range)
         near = np.abs(measurement - self.first) <= sigmas * self.spread
@@ -329,7 +398,9 @@ class EmptyScene:
         """Raise ValueError unless an image has the scene's shape."""
         if measurement.shape != self.first.shape:
             shapes = f"{self.first.shape} pixels, got an image of {measurement.shape}"
-            raise ValueError(f"the empty scene of {self.name!r} has {shapes}: pass an image of the same sensor")
+            raise ValueError(
+                f"the empty scene of {self.name!r} has {shapes}: pass an image of the same sensor"
+            )
 
 
 class SceneLearner:
@@ -338,16 +409,22 @@ class SceneLearner:
     def __init__(self, sensor: Sensor, sample: int = SAMPLE) -> None:
         if sample < 2:
             raise ValueError(f"sample must be at least 2 images, got {sample}")
-        self.sensor, self.sample, self.frames = sensor, sample, 0
-        self._every, self._kept = 1, list[np.ndarray]()
+        self.sensor = sensor
+        self.sample = sample
+        self.frames = 0
+        self._every = 1
+        self._kept = list[np.ndarray]()
 
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
         """Add an image."""
         if measurement.shape != (shape := self.sensor.model.shape):
-            raise ValueError(f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}")
+            raise ValueError(
+                f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}"
+            )
         if self.frames % self._every == 0:
             if len(self._kept) == self.sample:
-                self._kept, self._every = self._kept[::2], self._every * 2
+                self._kept = self._kept[::2]
+                self._every = self._every * 2
             if self.frames % self._every == 0:
                 self._kept.append(np.array(measurement, np.float32))
         self.frames += 1
@@ -355,33 +432,46 @@ class SceneLearner:
     def scene(self) -> EmptyScene:
         """Return the empty scene as known so far. Raises ValueError before the first image."""
         if not self._kept:
-            raise ValueError(f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene")
+            raise ValueError(
+                f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene"
+            )
         model = self.sensor.model
         rows, columns = model.shape
         height = max(1, _BLOCK // (len(self._kept) * columns))
         tops = range(0, rows, height)
-        blocks = (_clusters(np.stack([image[top : top + height] for image in self._kept]), model) for top in tops)
+        blocks = (
+            _clusters(np.stack([image[top : top + height] for image in self._kept]), model)
+            for top in tops
+        )
         fars, nears, flickering = zip(*blocks, strict=True)
-        far, near = (_Mode(*map(np.concatenate, zip(*modes, strict=True))) for modes in (fars, nears))
+        far, near = (
+            _Mode(*map(np.concatenate, zip(*modes, strict=True))) for modes in (fars, nears)
+        )
         usual = _usual_spread(far, model)
         far, near = (_narrow_broad(mode, usual(mode.median), self._kept) for mode in (far, near))
         flickers = np.concatenate(flickering) & (near.share >= LEAST_SHARE)
         continues = _continuation_mask(near, far.median)
         kept = flickers & (continues | ((far.median == 0) & (near.share >= HALF)))
         nothing = np.zeros(model.shape, np.float32)
-        first, second = far, near.where(kept, _Mode(np.full_like(nothing, np.nan), *(nothing,) * 4))
+        first = far
+        second = near.where(kept, _Mode(np.full_like(nothing, np.nan), *(nothing,) * 4))
         swap = second.share > first.share
         first, second = second.where(swap, first), first.where(swap, second)
         images = dict(zip(_IMAGES, (*first[:3], *second[:3]), strict=True))
         return EmptyScene(self.sensor.name, model, frames=self.frames, **images)
 
 
-def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int | None = None) -> tuple[EmptyScene, ...]:
-    """Learn the empty scene of every sensor of a recording, in their order. sample: images that are looked at, spread
-    over the first `frames` frames, all if None. Raises ValueError without frames, and for frames of clouds."""
+def learn_empty_scenes(
+    recording: Frames, sample: int = SAMPLE, *, frames: int | None = None
+) -> tuple[EmptyScene, ...]:
+    """Learn the empty scene of every sensor of a recording, in their order. sample: images that are
+    looked at, spread over the first `frames` frames, all if None. Raises ValueError without frames,
+    and for frames of clouds."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
-        raise ValueError(f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}")
+        raise ValueError(
+            f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}"
+        )
     learners: list[SceneLearner] = []
     for k in np.unique(np.linspace(0, count - 1, min(sample, count)).astype(int)):
         frame = recording[int(k)]
@@ -393,14 +483,21 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
     """Write empty scenes as one .npz file with a checksum."""
-    said = [{"name": each.name, "model": _describe_model(each.model), "frames": each.frames} for each in scenes]
-    arrays = {f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES}
+    said = [
+        {"name": each.name, "model": _describe_model(each.model), "frames": each.frames}
+        for each in scenes
+    ]
+    arrays = {
+        f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES
+    }
     write_arrays(path, {"scenes": np.array(json.dumps(said)), **arrays})
 
 
 def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
-    """Read the empty scenes of a file. Raises FileNotFoundError; ValueError for any that is damaged or holds none."""
-    arrays, scenes = read_arrays(path), []
+    """Read the empty scenes of a file. Raises FileNotFoundError; ValueError for any that is damaged
+    or holds none."""
+    arrays = read_arrays(path)
+    scenes = []
     try:
         for k, each in enumerate(parse_json(str(arrays["scenes"]))):
             values = dict(each["model"])
@@ -409,7 +506,9 @@ def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
             scenes.append(EmptyScene(each["name"], model, frames=each["frames"], **images))
         return tuple(scenes)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} has no empty scenes ({error}): write them with save_empty_scenes") from None
+        raise ValueError(
+            f"{path} has no empty scenes ({error}): write them with save_empty_scenes"
+        ) from None
 
 
 GRID_SAMPLES = 8  # first frames, used to find the grids
@@ -425,16 +524,17 @@ class LearntScene:
     scene: EmptyScene
     grid: LidarGrid | None = None  # of the images of its clouds
     points: int = 0  # number of points of its clouds
-    left_out: dict[str, int] = field(default_factory=dict)  # those that its images do not show, by kind
+    # those that its images do not show, by kind
+    left_out: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
 class Scenes:
     """Empty scenes of a recording's sensors, all learnt when the first is asked for (`used`).
 
-    given: scenes in place of those the recording shows, found by the sensors' names; sample: images kept of each sensor
-    at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make no image; warns
-    if frames of clouds are few."""
+    given: scenes in place of those the recording shows, found by the sensors' names; sample: images
+    kept of each sensor at most. Raises ValueError, when asked, for an unknown sensor, one that
+    moves, and clouds that make no image; warns if frames of clouds are few."""
 
     recording: Frames
     given: Sequence[EmptyScene] | None = None
@@ -448,7 +548,9 @@ class Scenes:
     def __getitem__(self, name: str) -> LearntScene:
         """Scene and grid of the sensor of that name."""
         if name not in self.every:
-            raise ValueError(f"there are empty scenes of {', '.join(self.every) or 'no sensor'}, none of {name}")
+            raise ValueError(
+                f"there are empty scenes of {', '.join(self.every) or 'no sensor'}, none of {name}"
+            )
         return self.every[name]
 
     def image(self, cloud: SensorCloud) -> CloudImage:
@@ -456,10 +558,14 @@ class Scenes:
         return rasterize_cloud(cloud, self.grid(cloud.name))
 
     def grid(self, name: str) -> LidarGrid:
-        """Grid of the clouds of a sensor. Raises ValueError if its scene was learnt from images of its own."""
+        """Grid of the clouds of a sensor. Raises ValueError if its scene was learnt from images of
+        its own."""
         learnt = self[name]
         if learnt.grid is None:
-            raise ValueError(f"the scene of {name!r} was learnt from images of {learnt.scene.model}, not from clouds")
+            raise ValueError(
+                f"the scene of {name!r} was learnt from images of {learnt.scene.model}, not from "
+                "clouds"
+            )
         return learnt.grid
 
     @property
@@ -476,15 +582,29 @@ class Scenes:
         """Scenes of all sensors, by name."""
         self.used = True
         if self.given is not None:
-            grids = [LidarGrid(each.model) if type(each.model) is RowLidar else None for each in self.given]
-            return {each.name: LearntScene(each, grid) for each, grid in zip(self.given, grids, strict=True)}
+            grids = [
+                LidarGrid(each.model) if type(each.model) is RowLidar else None
+                for each in self.given
+            ]
+            return {
+                each.name: LearntScene(each, grid)
+                for each, grid in zip(self.given, grids, strict=True)
+            }
         if not (len(self.recording) and self.recording[0].has_images):
-            return learn_sample_scenes((self.recording[k] for k in range(len(self.recording))), sample=self.sample)
-        return {scene.name: LearntScene(scene) for scene in learn_empty_scenes(self.recording, self.sample)}
+            return learn_sample_scenes(
+                (self.recording[k] for k in range(len(self.recording))), sample=self.sample
+            )
+        return {
+            scene.name: LearntScene(scene)
+            for scene in learn_empty_scenes(self.recording, self.sample)
+        }
 
 
-def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
-    """Learn grid and empty scene of every sensor by name, of `sample` images at most. Raises ValueError as `Scenes`."""
+def learn_sample_scenes(
+    samples: Iterable[Frame], *, sample: int = SAMPLE
+) -> dict[str, LearntScene]:
+    """Learn grid and empty scene of every sensor by name, of `sample` images at most. Raises
+    ValueError as `Scenes`."""
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}
@@ -500,15 +620,23 @@ def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> di
     if not learners:
         raise ValueError("no cloud has a point: there is no empty scene to learn")
     if count < FEW_SAMPLES:
-        few = f"empty scenes are learnt from {count} samples, so who stands still in them is part of the scene"
+        few = (
+            f"empty scenes are learnt from {count} samples, so who stands still in them is part "
+            "of the scene"
+        )
         warnings.warn(f"{few}: give {FEW_SAMPLES} or more, spread over minutes", stacklevel=2)
     made = learners.items()
-    return {name: LearntScene(own.learner.scene(), own.grid, own.points, own.left_out) for name, own in made}
+    return {
+        name: LearntScene(own.learner.scene(), own.grid, own.points, own.left_out)
+        for name, own in made
+    }
 
 
 class _Learner:
     def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
-        self.grid, self.points, self.left_out = grid, 0, Counter[str]()
+        self.grid = grid
+        self.points = 0
+        self.left_out = Counter[str]()
         self._place: Float64[np.ndarray, "3"] | None = None
         kept = max(16, _KEPT_PIXELS // (grid.model.shape[0] * grid.model.shape[1]))
         self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
@@ -536,13 +664,20 @@ class _Mode(NamedTuple):
 
     def where(self, mask: ImageMask, other: "_Mode") -> "_Mode":
         """Return this mode inside the mask, the other outside."""
-        return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
+        return _Mode(
+            *(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True))
+        )
 
 
-def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel) -> tuple[_Mode, _Mode, ImageMask]:
-    """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask where that flickers."""
-    shape, n = images.shape[1:], len(images)
-    in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
+def _clusters(
+    images: Float32[np.ndarray, "n rows columns"], model: SensorModel
+) -> tuple[_Mode, _Mode, ImageMask]:
+    """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask where
+    that flickers."""
+    shape = images.shape[1:]
+    n = len(images)
+    # a row for each pixel
+    in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T
     values = np.sort(in_time)
     solid = np.where(np.isfinite(values), values, np.float32(0))
     gap = np.maximum(GAP_SIGMAS * np.asarray(model.deviation(solid)), GAP_SHARE * solid)[:, :-1]
@@ -551,8 +686,10 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
         begins[:, 1:] = values[:, 1:] - values[:, :-1] > gap
     starts = np.flatnonzero(begins)
     ends = np.append(starts[1:], values.size)
-    pixel, size = starts // n, ends - starts
-    enough, number = size >= min(n, max(2, int(np.ceil(LEAST_SHARE * n)))), np.arange(len(starts))
+    pixel = starts // n
+    size = ends - starts
+    enough = size >= min(n, max(2, int(np.ceil(LEAST_SHARE * n))))
+    number = np.arange(len(starts))
 
     def pick(rank: np.ndarray, eligible: np.ndarray) -> np.ndarray:
         """Pick each pixel's eligible cluster of highest rank."""
@@ -574,10 +711,16 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
 
 
 def _measure_mode(
-    values: np.ndarray, starts: np.ndarray, ends: np.ndarray, chosen: np.ndarray, n: int, model: SensorModel
+    values: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    chosen: np.ndarray,
+    n: int,
+    model: SensorModel,
 ) -> _Mode:
     """Measure one chosen cluster (-1: none) of every pixel."""
-    first, last = starts[chosen], ends[chosen]
+    first = starts[chosen]
+    last = ends[chosen]
     size = last - first
     median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2
     offset = np.arange(n)
@@ -596,46 +739,60 @@ def _measure_mode(
 def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[ImageRanges], ImageRanges]:
     """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
     clear = (far.share >= HALF) & (far.median > 0)
-    distance, spread = np.log(far.median[clear]), far.spread[clear]
+    distance = np.log(far.median[clear])
+    spread = far.spread[clear]
     if not len(distance):
         return lambda median: np.broadcast_to(model.deviation(np.nan_to_num(median)), median.shape)
     edges = np.linspace(distance.min(), distance.max() + 1e-6, DISTANCES + 1)
     step = np.digitize(distance, edges)
-    usual, middle = ([np.median(each[step == k]) for k in np.unique(step)] for each in (spread, distance))
+    usual, middle = (
+        [np.median(each[step == k]) for k in np.unique(step)] for each in (spread, distance)
+    )
 
     def at(median: ImageRanges) -> ImageRanges:
         known = np.log(np.where(median > 0, median, 1))
-        return np.maximum(np.interp(known, middle, usual), model.deviation(np.nan_to_num(median))).astype(np.float32)
+        return np.maximum(
+            np.interp(known, middle, usual), model.deviation(np.nan_to_num(median))
+        ).astype(np.float32)
 
     return at
 
 
 def _narrow_broad(mode: _Mode, usual: ImageRanges, images: Sequence[ImageRanges]) -> _Mode:
-    """Replace broad clusters by their densest stretch, `SIGMAS` usual spreads wide to either side."""
+    """Replace broad clusters by their densest stretch, `SIGMAS` usual spreads wide to either
+    side."""
     found = _Mode(*(each.copy() for each in mode))
     every = np.flatnonzero(mode.spread > BROAD * usual)
     for start in range(0, len(every), _AT_ONCE):
         broad = every[start : start + _AT_ONCE]
-        least, greatest, spread = (each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual))
+        least, greatest, spread = (
+            each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual)
+        )
         values = np.stack([image.ravel()[broad] for image in images], axis=1)
         values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf))
-        place, row = np.arange(values.shape[1]), np.arange(len(broad))
+        place = np.arange(values.shape[1])
+        row = np.arange(len(broad))
         within = values[:, None, :] <= values[:, :, None] + 2 * SIGMAS * spread[:, :, None]
         count = np.where(np.isfinite(values), within.sum(axis=2) - place, 0)
         begin = place[-1] - count[:, ::-1].argmax(axis=1)  # the farthest of the densest
         size = count[row, begin]
         median = (values[row, begin + (size - 1) // 2] + values[row, begin + size // 2]) / 2
         inside = (place >= begin[:, None]) & (place < (begin + size)[:, None])
-        deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf))[row, (size - 1) // 2]
+        deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf))[
+            row, (size - 1) // 2
+        ]
         found.median.ravel()[broad] = median
-        found.spread.ravel()[broad] = np.clip(_MAD_TO_SIGMA * deviation, spread[:, 0], BROAD * spread[:, 0])
+        found.spread.ravel()[broad] = np.clip(
+            _MAD_TO_SIGMA * deviation, spread[:, 0], BROAD * spread[:, 0]
+        )
         found.share.ravel()[broad] = size / len(images)
     return found
 
 
 def _continuation_mask(near: _Mode, far: ImageRanges) -> ImageMask:
-    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off, but not their own,
-    as ground goes on below the foot of a car: planes have inverse depths that are linear in the image."""
+    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off,
+    but not their own, as ground goes on below the foot of a car: planes have inverse depths that
+    are linear in the image."""
     within = np.maximum(SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     padded = np.pad(far, NEIGHBOURS, constant_values=np.nan)
@@ -651,4 +808,7 @@ def _continuation_mask(near: _Mode, far: ImageRanges) -> ImageMask:
 
 
 def _describe_model(model: SensorModel) -> dict[str, object]:
-    return {"class": type(model).__name__, **{key: value for key, value in asdict(model).items() if value is not None}}
+    return {
+        "class": type(model).__name__,
+        **{key: value for key, value in asdict(model).items() if value is not None},
+    }

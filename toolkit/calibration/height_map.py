@@ -1,4 +1,5 @@
-"""Height maps: ground as one height for each cell of a grid, drawn through the lowest points of the cells."""
+"""Height maps: ground as one height for each cell of a grid, drawn through the lowest points of the
+cells."""
 
 from dataclasses import dataclass
 
@@ -15,16 +16,28 @@ _MOST_CELLS = 4_000_000
 _NOTHING = 1e6  # m, the height of a cell without points
 MAP_REACH = 100.0  # m from the middle of the points that a map covers; farther out its edge holds
 _BAND = 2.0  # m above and below the plane where ground is looked for
-_SLOPE, _KERB = 0.08, 0.10  # beside the plane's own slope, and m of a kerb
+# beside the plane's own slope, and m of a kerb
+_SLOPE = 0.08
+_KERB = 0.10
 _WINDOW = 8.0  # m: a cell is not ground if something within this distance is lower
 _SCALES = (12.0, 6.0, 3.0, 1.5)  # m, of the Gaussian means
 _PRIOR = 1.0  # cells' worth of trust in the wider mean
-# For each drawing: height (m) above the map that a cell of ground may have, and the height at which it counts half.
-_DRAWINGS = ((0.25, np.inf), (0.25, np.inf), (0.20, np.inf), (0.20, 0.09), (0.20, 0.09), (0.20, 0.09), (0.12, 0.09))
+# For each drawing: height (m) above the map that a cell of ground may have, and the height at which
+# it counts half.
+_DRAWINGS = (
+    (0.25, np.inf),
+    (0.25, np.inf),
+    (0.20, np.inf),
+    (0.20, 0.09),
+    (0.20, 0.09),
+    (0.20, 0.09),
+    (0.12, 0.09),
+)
 
 
 def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
-    """Return one point for each cell of a grid, with a fraction `share` of the cell's points below it."""
+    """Return one point for each cell of a grid, with a fraction `share` of the cell's points below
+    it."""
     points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if not len(points):
         return np.empty((0, 3))
@@ -37,8 +50,11 @@ def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
     return points[order[first + np.floor(share * (count - 1)).astype(np.int64)]]
 
 
-def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bool[np.ndarray, " m"]:
-    """Mark cells with `others` of the twelve nearest at their height, to within a slope and a step."""
+def support_mask(
+    cells: _Cells, step: float, slope: float, *, others: int
+) -> Bool[np.ndarray, " m"]:
+    """Mark cells with `others` of the twelve nearest at their height, to within a slope and a
+    step."""
     from scipy.spatial import cKDTree
 
     near = min(13, len(cells))
@@ -50,9 +66,11 @@ def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bo
     return alike[:, 1:].sum(axis=1) >= others
 
 
-def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
-    """Mark cells than which none within the window (m) lies lower by more than slope and step. Raises ValueError if the
-    cells reach too far for an image."""
+def lowest_mask(
+    cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW
+) -> Bool[np.ndarray, " m"]:
+    """Mark cells than which none within the window (m) lies lower by more than slope and step.
+    Raises ValueError if the cells reach too far for an image."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -89,8 +107,8 @@ class HeightMap:
 
 
 def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
-    """Fit a map of heights to points with ground near z = 0. reach: distance (m) from the middle of the points that the
-    map covers. Raises ValueError unless it is above 0."""
+    """Fit a map of heights to points with ground near z = 0. reach: distance (m) from the middle of
+    the points that the map covers. Raises ValueError unless it is above 0."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND]
@@ -98,7 +116,10 @@ def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
         return HeightMap(np.zeros(2), np.zeros((1, 1)))
     middle = np.median(near[:, :2], axis=0).astype(np.float64)
     near = near[np.abs(near[:, :2] - middle).max(axis=1) <= reach]
-    origin = np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL) * GROUND_CELL + GROUND_CELL / 2
+    origin = (
+        np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL) * GROUND_CELL
+        + GROUND_CELL / 2
+    )
     shape = np.floor((near[:, :2].max(axis=0) - origin) / GROUND_CELL).astype(np.int64) + 2
     low = low_points(near, GROUND_CELL)
     low = low[support_mask(low, _KERB, _SLOPE, others=4)]
@@ -112,11 +133,14 @@ def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
 
 
 def redraw_map(surface: HeightMap, cells: _Cells, kept: float, kerb: float) -> HeightMap:
-    """Draw the map again through cells at most `kept` (m) above it, which count little, and twice that below."""
+    """Draw the map again through cells at most `kept` (m) above it, which count little, and twice
+    that below."""
     above = cells[:, 2] - surface.at(cells[:, :2])
     some = (above < kept) & (above > -2 * kept)
-    weight, cells = weigh_ground(above[some], kerb), cells[some]
-    known, total = np.zeros(surface.heights.shape), np.zeros(surface.heights.shape)
+    weight = weigh_ground(above[some], kerb)
+    cells = cells[some]
+    known = np.zeros(surface.heights.shape)
+    total = np.zeros(surface.heights.shape)
     i, j = np.round((cells[:, :2] - surface.origin) / surface.cell).astype(np.int64).T
     np.add.at(known, (i, j), weight)
     np.add.at(total, (i, j), weight * cells[:, 2])
@@ -128,12 +152,18 @@ def redraw_map(surface: HeightMap, cells: _Cells, kept: float, kerb: float) -> H
 
 
 def weigh_ground(above: Float64[np.ndarray, " n"], kerb: float) -> Float64[np.ndarray, " n"]:
-    """Weight of cells by their height (m) above a surface, at which ground is not: half at `kerb`."""
+    """Weight of cells by their height (m) above a surface, at which ground is not: half at
+    `kerb`."""
     return np.asarray(1 / (1 + (np.clip(above, 0, None) / kerb) ** 4))
 
 
-def sum_around(image: Float64[np.ndarray, "rows columns"], wide: float) -> Float64[np.ndarray, "rows columns"]:
-    """Sum an image about each of its cells, with Gaussian weights of width `wide` (cells) that begin at 1."""
+def sum_around(
+    image: Float64[np.ndarray, "rows columns"], wide: float
+) -> Float64[np.ndarray, "rows columns"]:
+    """Sum an image about each of its cells, with Gaussian weights of width `wide` (cells) that
+    begin at 1."""
     from scipy.ndimage import gaussian_filter
 
-    return np.asarray(gaussian_filter(image, wide, mode="constant", truncate=3.0) * (2 * np.pi * wide**2))
+    return np.asarray(
+        gaussian_filter(image, wide, mode="constant", truncate=3.0) * (2 * np.pi * wide**2)
+    )

@@ -1,9 +1,10 @@
 """Further levels of ground next to the main one: embankments, bridges, ramps and dips.
 
-A height map follows one smooth ground within two metres of a plane. A road on an embankment leaves it, and so does a
-deck or an underpass. The lowest points of the cells that leave it are linked where they continue each other. A linked
-surface is ground if it is below the main one, or if it is above with nothing of the main ground below it and is as wide
-and long as a road. Roofs, hedges and rows of lorries are too narrow or too short; they are counted, not followed."""
+A height map follows one smooth ground within two metres of a plane. A road on an embankment leaves
+it, and so does a deck or an underpass. The lowest points of the cells that leave it are linked
+where they continue each other. A linked surface is ground if it is below the main one, or if it is
+above with nothing of the main ground below it and is as wide and long as a road. Roofs, hedges and
+rows of lorries are too narrow or too short; they are counted, not followed."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,24 +16,44 @@ from toolkit.arrays import Bool, Float64, Int64, Points
 from toolkit.calibration.height_map import HeightMap, sum_around, weigh_ground
 
 LINK_M = 5.0  # farthest neighbour that continues a surface
-LINK_STEP_M, LINK_SLOPE = 0.08, 0.11  # rise that continues it
-JOIN_M, JOIN_SLOPE = 8.0, 0.07  # gap between pieces of one surface, and its rise
+# rise that continues it
+LINK_STEP_M = 0.08
+LINK_SLOPE = 0.11
+# gap between pieces of one surface, and its rise
+JOIN_M = 8.0
+JOIN_SLOPE = 0.07
 MIN_JOIN_CELLS = 12  # in a piece
 MAX_NEIGHBOURS = 12  # around a cell, nearest first
 FLAT_SHARE = 0.45  # part of a cell's neighbours that continue it
-OFF_M, EDGE_M = 0.3, 0.1  # from the main ground to a level's core and its edges
-SECTORS, MIN_SECTORS = 8, 6  # about a cell inside a road, and those with a neighbour in the ring
+# from the main ground to a level's core and its edges
+OFF_M = 0.3
+EDGE_M = 0.1
+# about a cell inside a road, and those with a neighbour in the ring
+SECTORS = 8
+MIN_SECTORS = 6
 RING_M = (2.3, 5.0)
-MIN_RAISED_CELLS, MIN_RAISED_M = 20, 28.0  # cells inside a raised road, and its length
-MIN_SUNKEN_CELLS, MIN_SUNKEN_M = 5, 10.0
+# cells inside a raised road, and its length
+MIN_RAISED_CELLS = 20
+MIN_RAISED_M = 28.0
+MIN_SUNKEN_CELLS = 5
+MIN_SUNKEN_M = 10.0
 MIN_LINKS = 2  # from a cell that extends a level
-EXTENSIONS, EXTENSION_M = 4, 0.2  # rounds, and height off the level
-MAX_BANK_M, BANK_SLOPES = 12.0, (0.25, 1.2)  # from the cells of both levels, and m per m
+# rounds, and height off the level
+EXTENSIONS = 4
+EXTENSION_M = 0.2
+# from the cells of both levels, and m per m
+MAX_BANK_M = 12.0
+BANK_SLOPES = (0.25, 1.2)
 MAX_BANK_BEND = 0.3  # part of its height, off the line from foot to edge
-BANK_CELLS_M, MIN_BANK_CELLS, BANK_STEP_M = 4.0, 5, 0.12  # cells that show one bank, and their height off its plane
+# cells that show one bank, and their height off its plane
+BANK_CELLS_M = 4.0
+MIN_BANK_CELLS = 5
+BANK_STEP_M = 0.12
 MAX_GAP_M = 15.0  # from a level's cells to what may be on it
 MAX_CLEARANCE_M = 0.5  # above a road user
-MIN_DOUBT_SHARE, MIN_DOUBT_M = 0.05, 0.8  # part of the points, and above the ground found
+# part of the points, and above the ground found
+MIN_DOUBT_SHARE = 0.05
+MIN_DOUBT_M = 0.8
 ON_GROUND_M = 0.3
 MAX_HEIGHT_M = 100.0  # from points above or below the main plane
 _SCALES_M = (12.0, 12.0, 12.0, 6.0, 6.0, 6.0, 3.0, 3.0, 1.5, 1.5)  # for the means that draw a level
@@ -58,8 +79,8 @@ class GroundLevel:
 def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[GroundLevel, ...]]:
     """Add further levels of ground to a map.
 
-    main: map of the main ground; points: (n, 3) m, level, as `fit_map` takes them. Return the map with
-    every level where it is nearest, and the levels; the same map where there is none."""
+    main: map of the main ground; points: (n, 3) m, level, as `fit_map` takes them. Return the map
+    with every level where it is nearest, and the levels; the same map where there is none."""
     if main.heights.size == 1:
         return main, ()
     squares = _Squares.sort(main, points)
@@ -84,7 +105,8 @@ def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[Ground
 
 
 def describe_levels(levels: tuple[GroundLevel, ...]) -> str | None:
-    """Return the largest doubt, else the largest further level, in one line; None for one ground without doubt."""
+    """Return the largest doubt, else the largest further level, in one line; None for one ground
+    without doubt."""
     for followed in (False, True):
         parts = [level for level in levels if level.followed == followed]
         share = sum(part.share for part in parts)
@@ -116,10 +138,14 @@ class _Squares(NamedTuple):
     def sort(grid: HeightMap, points: Points) -> "_Squares":
         rows, columns = grid.heights.shape
         place = np.floor((points[:, :2] - grid.origin) / grid.cell + 0.5)
-        inside = ((place >= 0) & (place < [rows, columns])).all(axis=1) & (np.abs(points[:, 2]) < MAX_HEIGHT_M)
-        points, place = points[inside], place[inside].astype(np.int64)
+        inside = ((place >= 0) & (place < [rows, columns])).all(axis=1) & (
+            np.abs(points[:, 2]) < MAX_HEIGHT_M
+        )
+        points = points[inside]
+        place = place[inside].astype(np.int64)
         key = place[:, 0] * columns + place[:, 1]
-        height = np.round((points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)  # mm, so that one key sorts both
+        # mm, so that one key sorts both
+        height = np.round((points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)
         order = np.argsort(key * round(3000 * MAX_HEIGHT_M) + height)
         sorted_key = key[order]
         first = np.flatnonzero(np.diff(sorted_key, prepend=-1))
@@ -128,7 +154,9 @@ class _Squares(NamedTuple):
         low = points[order[first + count // 10]]
         return _Squares(points[order, 2], square, low, points[order[first], 2])
 
-    def count_near(self, numbers: Int64[np.ndarray, " m"], count: int) -> Int64[np.ndarray, " count"]:
+    def count_near(
+        self, numbers: Int64[np.ndarray, " m"], count: int
+    ) -> Int64[np.ndarray, " count"]:
         """Number of points a step from the low points of the squares of each number."""
         on = np.abs(self.z - self.low[self.square, 2]) < ON_GROUND_M
         number = numbers[self.square[on]]
@@ -137,7 +165,8 @@ class _Squares(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """Cells, their neighbours (n, k) with a mask of what continues the cell, and a mask of flat cells."""
+    """Cells, their neighbours (n, k) with a mask of what continues the cell, and a mask of flat
+    cells."""
 
     cells: Float64[np.ndarray, "n 3"]
     other: Int64[np.ndarray, "n k"]
@@ -150,7 +179,8 @@ class _Surface:
 
         count = min(MAX_NEIGHBOURS + 1, len(cells))
         apart, other = cKDTree(cells[:, :2]).query(cells[:, :2], count)
-        apart, other = apart.reshape(len(cells), count)[:, 1:], other.reshape(len(cells), count)[:, 1:]
+        apart = apart.reshape(len(cells), count)[:, 1:]
+        other = other.reshape(len(cells), count)[:, 1:]
         rise = np.abs(cells[other, 2] - cells[:, None, 2])
         near = apart < LINK_M
         linked = near & (rise < LINK_STEP_M + LINK_SLOPE * apart)
@@ -158,16 +188,21 @@ class _Surface:
         return _Surface(cells, other, linked, flat)
 
     def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-        """Return the number of each cell's linked surface off the main ground, -1 for other cells."""
+        """Return the number of each cell's linked surface off the main ground, -1 for other
+        cells."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         side = np.where(np.abs(above) > EDGE_M, np.sign(above), 0.0)
         member = self.flat & (side != 0)
-        same = self.linked & member[:, None] & member[self.other] & (side[self.other] == side[:, None])
+        same = (
+            self.linked & member[:, None] & member[self.other] & (side[self.other] == side[:, None])
+        )
         one, place = np.nonzero(same)
         size = (len(above), len(above))
-        _, group = connected_components(coo_array((np.ones(len(one), bool), (one, self.other[one, place])), size))
+        _, group = connected_components(
+            coo_array((np.ones(len(one), bool), (one, self.other[one, place])), size)
+        )
         core = member & (np.abs(above) > OFF_M)
         enough = np.bincount(group[core], minlength=group.max(initial=0) + 1) >= MIN_SUNKEN_CELLS
         kept = member & enough[group]
@@ -175,7 +210,9 @@ class _Surface:
         numbers[kept] = np.unique(group[kept], return_inverse=True)[1]
         return self._join(numbers, side)
 
-    def _join(self, numbers: Int64[np.ndarray, " n"], side: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
+    def _join(
+        self, numbers: Int64[np.ndarray, " n"], side: Float64[np.ndarray, " n"]
+    ) -> Int64[np.ndarray, " n"]:
         """Give pieces of a road one number that road users and their shadows part."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
@@ -187,9 +224,12 @@ class _Surface:
         pairs: list[tuple[int, int]] = []
         large = [number for number in range(count) if len(rows[number]) >= MIN_JOIN_CELLS]
         for one, other in combinations(large, 2):
-            apart, place = trees[other].query(self.cells[rows[one], :2], distance_upper_bound=JOIN_M)
+            apart, place = trees[other].query(
+                self.cells[rows[one], :2], distance_upper_bound=JOIN_M
+            )
             near = np.flatnonzero(np.isfinite(apart))
-            mine, theirs = rows[one][near], rows[other][place[near]]
+            mine = rows[one][near]
+            theirs = rows[other][place[near]]
             rise = np.abs(self.cells[mine, 2] - self.cells[theirs, 2])
             fits = (rise < LINK_STEP_M + JOIN_SLOPE * apart[near]) & (side[mine] == side[theirs])
             if fits.sum() >= MIN_LINKS:
@@ -197,17 +237,24 @@ class _Surface:
         if not pairs:
             return numbers
         first, second = np.array(pairs).T
-        _, joined = connected_components(coo_array((np.ones(len(first), bool), (first, second)), (count, count)))
+        _, joined = connected_components(
+            coo_array((np.ones(len(first), bool), (first, second)), (count, count))
+        )
         return np.where(numbers < 0, -1, joined[numbers])
 
     def is_ground(
-        self, rows: Int64[np.ndarray, " k"], above: Float64[np.ndarray, " k"], covered: Bool[np.ndarray, " k"]
+        self,
+        rows: Int64[np.ndarray, " k"],
+        above: Float64[np.ndarray, " k"],
+        covered: Bool[np.ndarray, " k"],
     ) -> bool:
         """Return True for a surface that is wide and long enough, with no ground below it."""
         core = np.abs(above) > OFF_M
         xy = self.cells[rows[core], :2]
         sunken = np.median(above[core]) < 0
-        count, length = (MIN_SUNKEN_CELLS, MIN_SUNKEN_M) if sunken else (MIN_RAISED_CELLS, MIN_RAISED_M)
+        count, length = (
+            (MIN_SUNKEN_CELLS, MIN_SUNKEN_M) if sunken else (MIN_RAISED_CELLS, MIN_RAISED_M)
+        )
         inside = _count_inside(xy)
         along = np.linalg.svd(xy - xy.mean(axis=0), full_matrices=False)[2][0]
         extent = float(np.ptp(xy @ along))
@@ -223,16 +270,23 @@ def _count_inside(xy: Float64[np.ndarray, "n 2"]) -> int:
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     way = xy[pairs[:, 1]] - xy[pairs[:, 0]]
     far = np.hypot(*way.T) > RING_M[0]
-    sector = np.floor((np.arctan2(way[far, 1], way[far, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    sector = (
+        np.floor((np.arctan2(way[far, 1], way[far, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int)
+        % SECTORS
+    )
     met = np.zeros((len(xy), SECTORS), bool)
     met[pairs[far, 0], sector] = True
     return int((met.sum(axis=1) >= MIN_SECTORS).sum())
 
 
 def _draw_levels(
-    main: HeightMap, cells: Float64[np.ndarray, "n 3"], followed: list[Int64[np.ndarray, " k"]], links: "_Surface"
+    main: HeightMap,
+    cells: Float64[np.ndarray, "n 3"],
+    followed: list[Int64[np.ndarray, " k"]],
+    links: "_Surface",
 ) -> HeightMap:
-    """Draw each level through its cells, the main ground through the others, and take the nearest at each place."""
+    """Draw each level through its cells, the main ground through the others, and take the nearest
+    at each place."""
     from scipy.spatial import cKDTree
 
     number = np.full(len(cells), len(followed))
@@ -246,10 +300,15 @@ def _draw_levels(
     for _ in range(EXTENSIONS):
         for k, level_surface in enumerate(surfaces):
             rows = _extension(
-                level_surface, cells, number == k, on_main | (~is_rest & (number != k)), is_rest & supported
+                level_surface,
+                cells,
+                number == k,
+                on_main | (~is_rest & (number != k)),
+                is_rest & supported,
             )
             if len(rows):
-                number[rows], is_rest[rows] = k, False
+                number[rows] = k
+                is_rest[rows] = False
                 surfaces[k] = _draw_surface(main, cells[number == k])
     if on_main.sum() >= MIN_SUNKEN_CELLS:
         main = _draw_surface(main, cells[on_main])
@@ -269,46 +328,54 @@ def _draw_levels(
         bank_apart, place = cKDTree(cells[banks, :2]).query(places)
         on_bank = (bank_apart < apart) & (bank_apart < main.cell)
         rows = banks[place[on_bank]]
-        drawn[on_bank] = cells[rows, 2] + ((places[on_bank] - cells[rows, :2]) * slopes[rows]).sum(axis=1)
+        drawn[on_bank] = cells[rows, 2] + ((places[on_bank] - cells[rows, :2]) * slopes[rows]).sum(
+            axis=1
+        )
     return HeightMap(main.origin, drawn.reshape(main.heights.shape), main.cell)
 
 
 def _fit_banks(
-    cells: Float64[np.ndarray, "n 3"], links: "_Surface", number: Int64[np.ndarray, " n"], surfaces: list[HeightMap]
+    cells: Float64[np.ndarray, "n 3"],
+    links: "_Surface",
+    number: Int64[np.ndarray, " n"],
+    surfaces: list[HeightMap],
 ) -> Float64[np.ndarray, "n 2"]:
     """Return the slopes along x and y of cells on a bank between two levels, NaN for other cells.
 
-    Cells of no level are on a bank where those about them are on one plane, lower than one level and higher than
-    another; vehicles are not."""
+    Cells of no level are on a bank where those about them are on one plane, lower than one level
+    and higher than another; vehicles are not."""
     from scipy.spatial import cKDTree
 
     slopes = np.full((len(cells), 2), np.nan)
     rows = np.flatnonzero(number < 0)
     if not len(rows):
         return slopes
-    xy, z = cells[rows, :2], cells[rows, 2]
+    xy = cells[rows, :2]
+    z = cells[rows, 2]
     heights = np.stack([surface.at(xy) for surface in surfaces])
     apart = np.full(heights.shape, np.inf)
     for k in range(len(surfaces)):
         if (number == k).any():
             apart[k] = cKDTree(cells[number == k, :2]).query(xy)[0]
     far = apart > MAX_BANK_M
-    foot, edge = (
-        np.where(far, np.inf, heights).argmin(axis=0)[None],
-        np.where(far, -np.inf, heights).argmax(axis=0)[None],
-    )
+    foot = np.where(far, np.inf, heights).argmin(axis=0)[None]
+    edge = np.where(far, -np.inf, heights).argmax(axis=0)[None]
     foot_m, edge_m = (np.take_along_axis(heights, chosen, axis=0)[0] for chosen in (foot, edge))
     to_foot, to_edge = (np.take_along_axis(apart, chosen, axis=0)[0] for chosen in (foot, edge))
     risen = (z - foot_m) / np.maximum(edge_m - foot_m, KERB_M)
     along = to_foot / np.maximum(to_foot + to_edge, KERB_M)
-    between = (risen > 0) & (risen < 1) & (foot[0] != edge[0]) & (np.abs(risen - along) < MAX_BANK_BEND)
+    between = (
+        (risen > 0) & (risen < 1) & (foot[0] != edge[0]) & (np.abs(risen - along) < MAX_BANK_BEND)
+    )
     rows = rows[between]
     other = links.other[rows]
     way = cells[other] - cells[rows, None]
     near = (number[other] < 0) & (np.hypot(way[..., 0], way[..., 1]) < BANK_CELLS_M)
     flat = np.where(near[..., None], way[..., :2], 0.0)
     squares = flat.transpose(0, 2, 1) @ flat + 0.1 * np.eye(2)
-    fitted = np.linalg.solve(squares, flat.transpose(0, 2, 1) @ np.where(near, way[..., 2], 0.0)[..., None])
+    fitted = np.linalg.solve(
+        squares, flat.transpose(0, 2, 1) @ np.where(near, way[..., 2], 0.0)[..., None]
+    )
     off = np.where(near, way[..., 2] - (flat @ fitted)[..., 0], 0.0)
     count = near.sum(axis=1)
     residual = np.sqrt((off**2).sum(axis=1) / np.maximum(count, 1))
@@ -326,14 +393,16 @@ def _extension(
     others: Bool[np.ndarray, " n"],
     free: Bool[np.ndarray, " n"],
 ) -> Int64[np.ndarray, " m"]:
-    """Return the rows of free cells on a level's surface and nearer to its cells than to others, as far rings are."""
+    """Return the rows of free cells on a level's surface and nearer to its cells than to others, as
+    far rings are."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(free & ~others)
     on = np.abs(cells[rows, 2] - surface.at(cells[rows, :2])) < EXTENSION_M
     rows = rows[on]
     apart = cKDTree(cells[members, :2]).query(cells[rows, :2], distance_upper_bound=MAX_GAP_M)[0]
-    rows, apart = rows[np.isfinite(apart)], apart[np.isfinite(apart)]
+    rows = rows[np.isfinite(apart)]
+    apart = apart[np.isfinite(apart)]
     if not others.any():
         return rows
     return rows[apart < 2 * cKDTree(cells[others, :2]).query(cells[rows, :2])[0]]
@@ -345,33 +414,44 @@ def _number_rest(
     number: Int64[np.ndarray, " n"],
     surfaces: list[HeightMap],
 ) -> Int64[np.ndarray, " m"]:
-    """Return the surface of cells that have none and are below the nearest one: the highest below them, else -1."""
+    """Return the surface of cells that have none and are below the nearest one: the highest below
+    them, else -1."""
     from scipy.spatial import cKDTree
 
-    known, xy, top = number >= 0, cells[rest, :2], cells[rest, 2] + KERB_M
+    known = number >= 0
+    xy = cells[rest, :2]
+    top = cells[rest, 2] + KERB_M
     nearest = number[known][cKDTree(cells[known, :2]).query(xy)[1]]
     heights = np.stack([surface.at(xy) for surface in surfaces])
     impossible = np.take_along_axis(heights, nearest[None], axis=0)[0] > top
     for k in range(len(surfaces)):
-        apart = cKDTree(cells[number == k, :2]).query(xy)[0] if (number == k).any() else np.full(len(rest), np.inf)
+        apart = (
+            cKDTree(cells[number == k, :2]).query(xy)[0]
+            if (number == k).any()
+            else np.full(len(rest), np.inf)
+        )
         heights[k, (heights[k] > top) | (apart > MAX_GAP_M)] = -np.inf
     found = impossible & (cells[rest, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
     return np.where(found, heights.argmax(axis=0), -1)
 
 
 def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightMap:
-    """Draw one surface on the places of a grid: a plane, then ever finer means of what it leaves."""
+    """Draw one surface on the places of a grid: a plane, then ever finer means of what it
+    leaves."""
     last = np.array(grid.heights.shape) - 1
     i, j = np.clip(np.round((cells[:, :2] - grid.origin) / grid.cell).astype(np.int64), 0, last).T
     middle = cells[:, :2].mean(axis=0)
     flat = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
     prior = np.diag([1e-3, 1e-3, 0.0]) * len(cells)
     a, b, c = np.linalg.solve(flat.T @ flat + prior, flat.T @ cells[:, 2])
-    x, y = (grid.origin[k] + grid.cell * np.arange(grid.heights.shape[k]) - middle[k] for k in (0, 1))
+    x, y = (
+        grid.origin[k] + grid.cell * np.arange(grid.heights.shape[k]) - middle[k] for k in (0, 1)
+    )
     heights = a * x[:, None] + b * y[None] + c
     for scale in _SCALES_M:
         above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(cells[:, :2])
-        known, total = np.zeros(heights.shape), np.zeros(heights.shape)
+        known = np.zeros(heights.shape)
+        total = np.zeros(heights.shape)
         kerb = KERB_M if scale < MIN_FREE_SCALE_M else np.inf
         weight = weigh_ground(above, kerb)
         np.add.at(known, (i, j), weight)

@@ -1,12 +1,15 @@
-"""Poses of a recording's sensors, by their empty scenes: against a reference, or against each other.
+"""Poses of a recording's sensors, by their empty scenes: against a reference, or against each
+other.
 
-Joint alignment of sensors by the parts of a standing scene that several of them see, without a reference.
+Joint alignment of sensors by the parts of a standing scene that several of them see, without a
+reference.
 
 The pairs of all pairs of sensors make one linear system with six numbers per sensor (see
-`toolkit.calibration.registration`): a point of one sensor lies on the plane that another measured there. The common
-pose of all sensors is not observed, so steps are the smallest possible ones. Motions of a sensor that shares too little
-with the others are not observed either; objects that both see at the same time can determine them (`object_pairs`). The
-usual errors of mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say."""
+`toolkit.calibration.registration`): a point of one sensor lies on the plane that another measured
+there. The common pose of all sensors is not observed, so steps are the smallest possible ones.
+Motions of a sensor that shares too little with the others are not observed either; objects that
+both see at the same time can determine them (`object_pairs`). The usual errors of mounting,
+`USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say."""
 
 import json
 import shutil
@@ -21,8 +24,21 @@ import numpy as np
 
 from toolkit.arrays import Bool, BoxRows, Float64, Int64, Points, Pose
 from toolkit.calibration import registration as reference_fit
-from toolkit.calibration.empty_scene import GRID_SAMPLES, SAMPLE, STANDS_STILL, learn_empty_scenes, learn_sample_scenes
-from toolkit.calibration.registration import LEVER, Registration, Surface, motion_between, resistance, scene_points
+from toolkit.calibration.empty_scene import (
+    GRID_SAMPLES,
+    SAMPLE,
+    STANDS_STILL,
+    learn_empty_scenes,
+    learn_sample_scenes,
+)
+from toolkit.calibration.registration import (
+    LEVER,
+    Registration,
+    Surface,
+    motion_between,
+    resistance,
+    scene_points,
+)
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import CoopDataset, list_cameras
 from toolkit.datasets.doctor import Finding
@@ -40,7 +56,9 @@ from toolkit.sites.site import Site
 
 LEAST_FRAMES = 5  # of an empty scene that sensors are registered by
 LEAST_OVERLAP = 0.3  # fraction of a sensor's points that must have a counterpart
-WORTH_TURN, WORTH_MOVE = float(np.deg2rad(0.1)), 0.02  # a pose farther off than this has drifted
+# a pose farther off than this has drifted
+WORTH_TURN = float(np.deg2rad(0.1))
+WORTH_MOVE = 0.02
 _SURE = 3.0  # standard deviations
 
 
@@ -77,9 +95,12 @@ class FoundPose:
 
     @property
     def drifted(self) -> bool:
-        """True if the pose is off by more than 0.1° or 2 cm, and by more than three standard deviations."""
+        """True if the pose is off by more than 0.1° or 2 cm, and by more than three standard
+        deviations."""
         turn, move = self.deviation
-        return self.turn > max(WORTH_TURN, _SURE * turn) or self.distance > max(WORTH_MOVE, _SURE * move)
+        return self.turn > max(WORTH_TURN, _SURE * turn) or self.distance > max(
+            WORTH_MOVE, _SURE * move
+        )
 
     def __str__(self) -> str:
         if self.registration is None:
@@ -88,18 +109,29 @@ class FoundPose:
         unseen = "; ".join(map(describe_motion, self.registration.unobserved))
         turned = f"turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn):.2f}°)"
         moved = f"moved by {self.distance * 100:.1f} cm (± {move * 100:.1f} cm)"
-        return f"{self.sensor.name}: {turned}, {moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
+        return (
+            f"{self.sensor.name}: {turned}, "
+            f"{moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
+        )
 
     def described(self) -> dict[str, object]:
-        """Return figures for files (degrees, metres, world axes); deviations are infinite where not observed."""
+        """Return figures for files (degrees, metres, world axes); deviations are infinite where not
+        observed."""
         poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
         poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:
             return {**poses, "found": False, "why": self.refusal}
         turn, move = np.split(self.registration.deviations, 2)
-        said = poses | {"found": True, "turned_deg": float(np.rad2deg(self.turn)), "moved_m": self.distance}
+        said = poses | {
+            "found": True,
+            "turned_deg": float(np.rad2deg(self.turn)),
+            "moved_m": self.distance,
+        }
         said["drifted"] = self.drifted
-        said["standard_deviation"] = {"turn_deg": np.rad2deg(turn).tolist(), "move_m": move.tolist()}
+        said["standard_deviation"] = {
+            "turn_deg": np.rad2deg(turn).tolist(),
+            "move_m": move.tolist(),
+        }
         said["covariance_rad_m"] = self.registration.covariance.tolist()
         said["unobserved"] = [describe_motion(motion) for motion in self.registration.unobserved]
         return said | {"overlap": self.registration.overlap, "scatter_m": self.registration.scatter}
@@ -108,13 +140,23 @@ class FoundPose:
 def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
     """Describe a motion, turns times `LEVER`, in words."""
     motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
-    named = [f"{name} {share:.2f}" for name, share in zip(reference_fit.NAMES, motion, strict=True) if abs(share) > 0.1]
+    named = [
+        f"{name} {share:.2f}"
+        for name, share in zip(reference_fit.NAMES, motion, strict=True)
+        if abs(share) > 0.1
+    ]
     return ", ".join(named)
 
 
 def save_poses(path: str | Path, found: Sequence[FoundPose]) -> None:
-    """Write `FoundPose.described` of each sensor as JSON by name, for `toolkit.datasets.cloud_files.read_poses`."""
-    write_text(path, json.dumps(replace_infinite({each.sensor.name: each.described() for each in found}), indent=1))
+    """Write `FoundPose.described` of each sensor as JSON by name, for
+    `toolkit.datasets.cloud_files.read_poses`."""
+    write_text(
+        path,
+        json.dumps(
+            replace_infinite({each.sensor.name: each.described() for each in found}), indent=1
+        ),
+    )
 
 
 def find_poses(
@@ -129,17 +171,20 @@ def find_poses(
 ) -> tuple[FoundPose, ...]:
     """Find the pose of every sensor of a recording in the first frame.
 
-    It is found from the sensor's empty scene over the first `frames` frames, which a lidar known by its clouds learns
-    from their range images; if frames are fewer than five, or it moves, from its points in the first frame with any.
+    It is found from the sensor's empty scene over the first `frames` frames, which a lidar known by
+    its clouds learns from their range images; if frames are fewer than five, or it moves, from its
+    points in the first frame with any.
 
-    surface: what stands there; None to fit the sensors to each other. Then held: numbers or names of sensors that stay
-    at their believed poses (without any, all move as little as they can, and their common pose stays), and detector:
-    of road users in the cloud of one sensor, which say what the scene leaves open. sample: images kept of each sensor.
-    progress: called with the number of sensors done.
+    surface: what stands there; None to fit the sensors to each other. Then held: numbers or names
+    of sensors that stay at their believed poses (without any, all move as little as they can, and
+    their common pose stays), and detector: of road users in the cloud of one sensor, which say what
+    the scene leaves open. sample: images kept of each sensor. progress: called with the number of
+    sensors done.
 
-    Raises ValueError for too few frames of images, clouds without points, fewer than two sensors without a surface, and
-    unknown sensors."""
-    count, more = min(len(recording), len(recording) if frames is None else frames), None
+    Raises ValueError for too few frames of images, clouds without points, fewer than two sensors
+    without a surface, and unknown sensors."""
+    count = min(len(recording), len(recording) if frames is None else frames)
+    more = None
     if len(recording) and not recording[0].has_images:
         sensors, seen = _seen_in_clouds(recording, count)
         stay = select_sensors(sensors, held)
@@ -147,15 +192,21 @@ def find_poses(
         if count < LEAST_FRAMES:
             few = f"{count} frames are too few to tell what stands still from who passes"
             raise ValueError(f"{few}: give {LEAST_FRAMES} or more")
-        seen = [scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)]
+        seen = [
+            scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)
+        ]
         sensors = recording[0].sensors
         stay = select_sensors(sensors, held)
         if detector is not None:
-            chosen = np.unique(np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)).tolist()
+            chosen = np.unique(
+                np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)
+            ).tolist()
             site = getattr(recording, "site", None)
             if site is None:
                 raise ValueError("a detector is for a recording of a known site: leave it out")
-            more = partial(object_pairs, seen_objects([recording[k] for k in chosen], detector, site))
+            more = partial(
+                object_pairs, seen_objects([recording[k] for k in chosen], detector, site)
+            )
     if surface is None:
         return align_clouds([points for points, _ in seen], sensors, held=stay, more=more)
     found: list[FoundPose] = []
@@ -167,9 +218,14 @@ def find_poses(
 
 
 def find_pose(
-    points: Points, sensor: Sensor, surface: Surface, *, deviation: Float64[np.ndarray, " n"] | None = None
+    points: Points,
+    sensor: Sensor,
+    surface: Surface,
+    *,
+    deviation: Float64[np.ndarray, " n"] | None = None,
 ) -> FoundPose:
-    """Find the pose of one sensor, near the believed one, from points in its own frame and their deviations (m)."""
+    """Find the pose of one sensor, near the believed one, from points in its own frame and their
+    deviations (m)."""
     try:
         registration = reference_fit.register(points, surface, sensor.pose, deviation=deviation)
     except ValueError as error:
@@ -187,16 +243,25 @@ OBJECT_FRAMES = 40  # searched for road users
 
 
 def align_clouds(
-    clouds: list[np.ndarray], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: "MorePairs | None" = None
+    clouds: list[np.ndarray],
+    sensors: Sequence[Sensor],
+    *,
+    held: Sequence[int] = (),
+    more: "MorePairs | None" = None,
 ) -> tuple[FoundPose, ...]:
-    """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame. held:
-    numbers of sensors that stay; more: see `toolkit.calibration.poses.align`."""
+    """Fit the poses of sensors to each other by clouds of the same standing scene, each in its
+    sensor's frame. held: numbers of sensors that stay; more: see
+    `toolkit.calibration.poses.align`."""
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
-    alignment, found = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more), []
+    alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
+    found = []
     for k, sensor in enumerate(sensors):
         shared = int(alignment.shared[k].sum())
         if shared < LEAST_SHARED and k not in held:
-            few = f"it shares {shared} points with the other sensors, {LEAST_SHARED} are needed: give a reference"
+            few = (
+                f"it shares {shared} points with the other sensors, {LEAST_SHARED} are needed: "
+                "give a reference"
+            )
             found.append(FoundPose(sensor, None, few))
             continue
         own = slice(6 * k, 6 * k + 6)
@@ -211,16 +276,20 @@ def align_clouds(
 class Corrected(RecordingView):
     """Recording with its sensors at their found poses."""
 
-    corrections: Mapping[str, Pose]  # believed_SE3_found by name: each believed pose is multiplied by it
+    # believed_SE3_found by name: each believed pose is multiplied by it
+    corrections: Mapping[str, Pose]
 
     @staticmethod
     def of(recording: Recording, found: Iterable[FoundPose]) -> "Corrected":
         """Return a recording with found poses applied."""
-        return Corrected(recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found})
+        return Corrected(
+            recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found}
+        )
 
     def __getitem__(self, index: int) -> Frame:
         frame = self.recording[index]
-        sensors, measurements = [], []
+        sensors = []
+        measurements = []
         for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
             correction = self.corrections.get(sensor.name)
             if correction is not None:
@@ -239,32 +308,50 @@ _Seen = tuple[Points, Float64[np.ndarray, " n"] | None]  # points and their devi
 def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], list[_Seen]]:
     """Sensors of clouds, and their points of the standing scene, each in its own frame."""
     first = [recording[k] for k in range(min(count, GRID_SAMPLES))]
-    places, moves = dict[str, np.ndarray](), False
+    places = dict[str, np.ndarray]()
+    moves = False
     for frame in first:
         for cloud in frame.clouds:
             place = (frame.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
-            moves |= bool(np.linalg.norm(place - places.setdefault(cloud.name, place)) > STANDS_STILL)
+            moves |= bool(
+                np.linalg.norm(place - places.setdefault(cloud.name, place)) > STANDS_STILL
+            )
     if len(first) >= LEAST_FRAMES and not moves:
         learnt = learn_sample_scenes(recording[k] for k in range(count))
         points = {name: scene_points(each.scene)[0] for name, each in learnt.items()}
     else:
-        of_frames = ({cloud.name: cloud.in_sensor() for cloud in each.clouds if len(cloud.points)} for each in first)
+        of_frames = (
+            {cloud.name: cloud.in_sensor() for cloud in each.clouds if len(cloud.points)}
+            for each in first
+        )
         points = next(filter(None, of_frames), {})
         if not points:
             raise ValueError("no frame has a point to find a pose by")
-    placed = {cloud.name: cloud.world_SE3_sensor for frame in reversed(first) for cloud in frame.clouds}
-    return tuple(Sensor(name, RowLidar(), placed[name]) for name in points), [(own, None) for own in points.values()]
+    placed = {
+        cloud.name: cloud.world_SE3_sensor for frame in reversed(first) for cloud in frame.clouds
+    }
+    return tuple(Sensor(name, RowLidar(), placed[name]) for name in points), [
+        (own, None) for own in points.values()
+    ]
 
 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
-    """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording without poses.
-    Raises ValueError and OSError if the reference cannot be read."""
+    """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording
+    without poses. Raises ValueError and OSError if the reference cannot be read."""
     surface = reference_fit.read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
             return drift_findings(find_poses(recording, surface), str(reference))
     except (ValueError, OSError) as error:
-        return [Finding("warning", str(path), "its sensors' poses cannot be checked", str(error), "check them by hand")]
+        return [
+            Finding(
+                "warning",
+                str(path),
+                "its sensors' poses cannot be checked",
+                str(error),
+                "check them by hand",
+            )
+        ]
 
 
 def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
@@ -276,7 +363,9 @@ def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
             suspected = f"its pose cannot be checked against {reference}"
             findings.append(Finding("warning", where, suspected, each.refusal, "check by hand"))
         elif each.drifted:
-            off = f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm"
+            off = (
+                f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm"
+            )
             within = f"to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
             evidence = f"{off} against {reference}, {within}"
             said = "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate"
@@ -294,17 +383,23 @@ def write_corrected(recording: Recording, found: Sequence[FoundPose], out: Path)
 
 
 def copy_corrected(
-    recording: CoopDataset, poses: Mapping[str, Pose], out: str | Path, *, note: Mapping[str, object] | None = None
+    recording: CoopDataset,
+    poses: Mapping[str, Pose],
+    out: str | Path,
+    *,
+    note: Mapping[str, object] | None = None,
 ) -> None:
     """Copy a recording, whole or not at all, with other poses site_SE3_sensor by sensor name.
 
-    The extrinsics, the sensors of the site in the file and the plan it was made from change, nothing else. note: kept
-    as JSON in the attribute `calibration` of the file. Raises ValueError for an unknown sensor and for a pose that is
-    not rigid."""
+    The extrinsics, the sensors of the site in the file and the plan it was made from change,
+    nothing else. note: kept as JSON in the attribute `calibration` of the file. Raises ValueError
+    for an unknown sensor and for a pose that is not rigid."""
     names = [sensor.name for sensor in recording.sensors]
     for name, pose in poses.items():
         if name not in names:
-            raise ValueError(f"there is no sensor {name!r} in {recording.path}: choose among {', '.join(names)}")
+            raise ValueError(
+                f"there is no sensor {name!r} in {recording.path}: choose among {', '.join(names)}"
+            )
         check_pose(pose, f"pose of sensor {name!r}")
     with writing(out) as unfinished:
         shutil.copyfile(recording.path, unfinished)
@@ -316,36 +411,52 @@ def copy_corrected(
                     group = file[images if place is None else f"cameras/{cameras[place]}"]
                     pose = np.asarray(poses[sensor.name], np.float64)
                     if isinstance(group, h5py.Group):
-                        group["extrinsic"][...] = published.extrinsic(pose, recording.site.map_SE3_site)
+                        group["extrinsic"][...] = published.extrinsic(
+                            pose, recording.site.map_SE3_site
+                        )
                     if "site_SE3_sensor" in group.attrs:
                         group.attrs["site_SE3_sensor"] = pose
             if "coview/site" in file:
-                moved = (Sensor(s.name, s.model, poses.get(s.name, s.pose)) for s in recording.site.sensors)
+                moved = (
+                    Sensor(s.name, s.model, poses.get(s.name, s.pose))
+                    for s in recording.site.sensors
+                )
                 del file["coview/site"]
                 text = format_site(replace(recording.site, sensors=tuple(moved)))
                 file.create_dataset("coview/site", data=text, track_times=False)
             own = file.get("coview")
-            if own is not None and "plan" in own.attrs:  # a few numbers tell one recording's plan from another's
-                rounded = {name: np.asarray(poses[name])[:3].ravel().round(6).tolist() for name in sorted(poses)}
-                own.attrs["plan"] = json.dumps({**parse_json(str(own.attrs["plan"])), "calibrated": rounded})
+            if (
+                own is not None and "plan" in own.attrs
+            ):  # a few numbers tell one recording's plan from another's
+                rounded = {
+                    name: np.asarray(poses[name])[:3].ravel().round(6).tolist()
+                    for name in sorted(poses)
+                }
+                own.attrs["plan"] = json.dumps(
+                    {**parse_json(str(own.attrs["plan"])), "calibrated": rounded}
+                )
             if note is not None:
                 file.attrs["calibration"] = json.dumps(note)
 
 
-# Each level: radius (m) of the search for counterparts, voxel (m), least limit (m) of Tukey's weights.
+# Each level: radius (m) of the search for counterparts, voxel (m), least limit (m) of Tukey's
+# weights.
 _LEVELS = ((1.5, 0.8, 0.75), (0.7, 0.5, 0.35), (0.35, 0.4, 0.15), (0.2, 0.4, 0.08))
 _STEPS = 15  # limit for each level
 _SAME_SIDE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
 _RESISTS = 0.1  # fraction of a motion across the plane: less is the noise of normals
 _LEAST_POINTS = 5.0  # that must resist a motion for it to be observed
-USUAL_TURN, USUAL_MOVE = float(np.deg2rad(1.5)), 0.15  # standard deviations of the believed poses, per axis
+# standard deviations of the believed poses, per axis
+USUAL_TURN = float(np.deg2rad(1.5))
+USUAL_MOVE = 0.15
 
 Poses = Sequence[Pose]
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Rows of the linear system, each pulling sensors `one` and `other` together along a direction."""
+    """Rows of the linear system, each pulling sensors `one` and `other` together along a
+    direction."""
 
     one: int
     other: int
@@ -367,16 +478,18 @@ class Pairs:
         return reference_fit.tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
 
 
-MorePairs = Callable[[Poses, float], Sequence[Pairs]]  # further pairs for poses and a search radius (m)
+# further pairs for poses and a search radius (m)
+MorePairs = Callable[[Poses, float], Sequence[Pairs]]
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """Poses that fit each other.
 
-    covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual errors where nothing is
-    observed; unobserved: unit motions of all sensors, turns times `LEVER`, other than the common ones; shared: number
-    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows."""
+    covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual
+    errors where nothing is observed; unobserved: unit motions of all sensors, turns times `LEVER`,
+    other than the common ones; shared: number of rows that each two sensors share; scatter: robust
+    standard deviation (m) of each sensor's rows."""
 
     poses: tuple[Pose, ...]
     covariance: Float64[np.ndarray, "m m"]
@@ -392,17 +505,23 @@ class Alignment:
 
 
 def align(
-    surfaces: Sequence[Surface], believed: Poses, *, held: Sequence[int] = (), more: MorePairs | None = None
+    surfaces: Sequence[Surface],
+    believed: Poses,
+    *,
+    held: Sequence[int] = (),
+    more: MorePairs | None = None,
 ) -> Alignment:
     """Fit sensor poses, near the believed ones, to each other by their surfaces.
 
-    surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers of sensors that
-    stay; more: returns further pairs for poses and a search radius. Raises ValueError for fewer than two sensors, and
-    for an unknown held one."""
+    surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers
+    of sensors that stay; more: returns further pairs for poses and a search radius. Raises
+    ValueError for fewer than two sensors, and for an unknown held one."""
     count = len(surfaces)
     if count != len(believed) or count < 2:
         got = f"got {count} surfaces and {len(believed)} poses"
-        raise ValueError(f"alignment needs two or more sensors, each with a surface and a pose: {got}")
+        raise ValueError(
+            f"alignment needs two or more sensors, each with a surface and a pose: {got}"
+        )
     if any(not 0 <= sensor < count for sensor in held):
         raise ValueError(f"held must be sensor numbers from 0 to {count - 1}, got {list(held)}")
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
@@ -422,10 +541,14 @@ def align(
     motions = np.zeros((6, count, 6))  # of all sensors together, as if they hung on one frame
     for axis, direction in enumerate(np.eye(3)):
         for sensor, pose in enumerate(poses):
-            motions[axis, sensor] = [*(direction * LEVER), *np.cross(direction, pose[:3, 3] - middle)]
+            motions[axis, sensor] = [
+                *(direction * LEVER),
+                *np.cross(direction, pose[:3, 3] - middle),
+            ]
             motions[3 + axis, sensor, 3:] = direction
     hidden = system.hidden_motions(np.linalg.qr(motions.reshape(6, -1).T)[0].T)
-    shared, rows = np.zeros((count, count), np.int64), [[np.empty(0)] for _ in poses]
+    shared = np.zeros((count, count), np.int64)
+    rows = [[np.empty(0)] for _ in poses]
     for pair in pairs:
         counts = pair.weight > 0
         shared[pair.one, pair.other] += int(counts.sum())
@@ -439,7 +562,11 @@ def align(
 def face_sensor(surface: Surface) -> Surface:
     """Turn a surface's normals towards its sensor, the origin."""
     away = (surface.points * surface.normals).sum(axis=1) > 0
-    return Surface(surface.points, np.where(away[:, None], -surface.normals, surface.normals), surface.roughness)
+    return Surface(
+        surface.points,
+        np.where(away[:, None], -surface.normals, surface.normals),
+        surface.roughness,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -457,7 +584,8 @@ class _Joint:
         for pair in self.pairs:
             rows, where = pair.system_rows
             information[np.ix_(where, where)] += rows.T @ (rows * pair.weight[:, None])
-        information[~self.free], information[:, ~self.free] = 0.0, 0.0
+        information[~self.free] = 0.0
+        information[:, ~self.free] = 0.0
         values, vectors = np.linalg.eigh(information)
         largest = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
         resists = np.zeros(len(values))
@@ -475,19 +603,26 @@ class _Joint:
 
     @property
     def _usual(self) -> Float64[np.ndarray, " m"]:
-        return np.tile(np.repeat([(LEVER * USUAL_TURN) ** -2, USUAL_MOVE**-2], 3), len(self.free) // 6)
+        return np.tile(
+            np.repeat([(LEVER * USUAL_TURN) ** -2, USUAL_MOVE**-2], 3), len(self.free) // 6
+        )
 
     def step(self) -> Float64[np.ndarray, " m"]:
-        """Motion of all sensors that brings the pairs together, and moves back what they do not determine."""
+        """Motion of all sensors that brings the pairs together, and moves back what they do not
+        determine."""
         _, vectors, observed = self._modes
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:
             rows, where = pair.system_rows
             gradient[where] += rows.T @ (pair.weight * pair.residual)
-        determined = vectors @ np.where(observed, vectors.T @ np.where(self.free, gradient, 0.0), 0.0)
+        determined = vectors @ np.where(
+            observed, vectors.T @ np.where(self.free, gradient, 0.0), 0.0
+        )
         motion = np.zeros(len(self.free))
         free = np.ix_(self.free, self.free)
-        motion[self.free] = -np.linalg.solve(self._posterior[free], (determined + self._usual * self.off)[self.free])
+        motion[self.free] = -np.linalg.solve(
+            self._posterior[free], (determined + self._usual * self.off)[self.free]
+        )
         return motion
 
     def covariance(self) -> Float64[np.ndarray, "m m"]:
@@ -499,7 +634,8 @@ class _Joint:
         return unit[:, None] * covariance * unit
 
     def hidden_motions(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
-        """Orthonormal motions that hardly any pair resists, without the common ones if no sensor is held."""
+        """Orthonormal motions that hardly any pair resists, without the common ones if no sensor is
+        held."""
         _, vectors, observed = self._modes
         hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
         if self.free.all():
@@ -509,7 +645,10 @@ class _Joint:
 
 
 def _surface_pairs(
-    surfaces: Sequence[Surface], thinned: Sequence[np.ndarray], poses: Poses, limits: tuple[float, float]
+    surfaces: Sequence[Surface],
+    thinned: Sequence[np.ndarray],
+    poses: Poses,
+    limits: tuple[float, float],
 ) -> list[Pairs]:
     """Pair each thinned point with other sensors' nearest points, if they face the same way."""
     (radius, least), made = limits, []
@@ -519,16 +658,21 @@ def _surface_pairs(
         for other, seen in enumerate(surfaces):
             if other == one:
                 continue
-            apart, row = seen.tree.query(transform(invert(poses[other]), world), distance_upper_bound=radius)
+            apart, row = seen.tree.query(
+                transform(invert(poses[other]), world), distance_upper_bound=radius
+            )
             near = np.flatnonzero(np.isfinite(apart))
             normals = seen.normals[row[near]] @ poses[other][:3, :3].T
             alike = (facing[near] * normals).sum(axis=1) > _SAME_SIDE
-            near, normals = near[alike], normals[alike]
+            near = near[alike]
+            normals = normals[alike]
             there = transform(poses[other], seen.points[row[near]])
             rough = np.hypot(surface.roughness[some[near]], seen.roughness[row[near]])
             residual = ((world[near] - there) * normals).sum(axis=1)
             deviation = np.hypot(rough, reference_fit.LEAST_SCALE)
-            mine, theirs = (resistance(world[near], poses[sensor][:3, 3], normals) for sensor in (one, other))
+            mine, theirs = (
+                resistance(world[near], poses[sensor][:3, 3], normals) for sensor in (one, other)
+            )
             spread = deviation * np.sqrt(reference_fit.CORRELATED)
             limit = np.maximum(reference_fit.TUKEY * deviation, least)
             made.append(Pairs(one, other, mine, -theirs, residual, spread, limit))
@@ -539,7 +683,8 @@ PAIR_GATE = 1.5  # m: greatest distance between the centres that two sensors giv
 _LEAST_GATE = 0.8  # m
 _CENTRE = 0.25  # m, standard deviation of a centre along each axis
 _HEADING = float(np.deg2rad(4.0))  # standard deviation of a heading
-_WORST_HEADING = float(np.deg2rad(20.0))  # greatest difference of the headings of one road user, up to a half turn
+# greatest difference of the headings of one road user, up to a half turn
+_WORST_HEADING = float(np.deg2rad(20.0))
 _NO_MATCH = (np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
 
@@ -562,21 +707,32 @@ def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> lis
     seen: list[list[SeenBoxes]] = []
     for frame in frames:
         clouds = zip(frame_points(frame, area=site), frame.sensors, strict=True)
-        found = ((detect_on_ground(detector, cloud, site).boxes, sensor.pose) for cloud, sensor in clouds)
+        found = (
+            (detect_on_ground(detector, cloud, site).boxes, sensor.pose) for cloud, sensor in clouds
+        )
         seen.append([SeenBoxes.of(*each) for each in found])
     return seen
 
 
 def object_pairs(seen: Sequence[Sequence[SeenBoxes]], poses: Poses, radius: float) -> list[Pairs]:
-    """Rows of all road users that two sensors at `poses` see: three for the centre, one for the heading."""
-    gate, made = float(np.clip(radius, _LEAST_GATE, PAIR_GATE)), []
+    """Rows of all road users that two sensors at `poses` see: three for the centre, one for the
+    heading."""
+    gate = float(np.clip(radius, _LEAST_GATE, PAIR_GATE))
+    made = []
     for one, other in combinations(range(len(poses)), 2):
-        matches = [_match_boxes(frame[one], frame[other], poses[one], poses[other], gate) for frame in seen]
-        here, there, turn = (np.concatenate(parts) for parts in zip(_NO_MATCH, *matches, strict=True))
+        matches = [
+            _match_boxes(frame[one], frame[other], poses[one], poses[other], gate) for frame in seen
+        ]
+        here, there, turn = (
+            np.concatenate(parts) for parts in zip(_NO_MATCH, *matches, strict=True)
+        )
         if count := len(here):
             axes = np.repeat(np.eye(3), count, axis=0)
             about_z = np.tile([0.0, 0.0, 1 / LEVER, 0.0, 0.0, 0.0], (count, 1))
-            places = ((np.tile(here, (3, 1)), poses[one][:3, 3]), (np.tile(there, (3, 1)), poses[other][:3, 3]))
+            places = (
+                (np.tile(here, (3, 1)), poses[one][:3, 3]),
+                (np.tile(there, (3, 1)), poses[other][:3, 3]),
+            )
             mine, theirs = (np.concatenate([resistance(*place, axes), about_z]) for place in places)
             residual = np.concatenate([(here - there).T.ravel(), turn])
             deviation = np.repeat([np.sqrt(2) * _CENTRE, np.sqrt(2) * _HEADING], [3 * count, count])
@@ -589,7 +745,8 @@ def _match_boxes(
     mine: SeenBoxes, theirs: SeenBoxes, pose: Pose, other_pose: Pose, gate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres matched by two sensors, and the first one's headings less the other's (rad)."""
-    here, there = transform(pose, mine.centres), transform(other_pose, theirs.centres)
+    here = transform(pose, mine.centres)
+    there = transform(other_pose, theirs.centres)
     if not (len(here) and len(there)):
         return _NO_MATCH
     apart = np.hypot(*(here[:, None, :2] - there[None, :, :2]).transpose(2, 0, 1))

@@ -1,4 +1,5 @@
-"""Recordings: published, own and simulated files. Also the frames of clouds in any layout, and the doctor."""
+"""Recordings: published, own and simulated files. Also the frames of clouds in any layout, and the
+doctor."""
 
 from lazy_loader import attach_stub
 

@@ -1,1 +1,5 @@
-from .recordings import open_recording as open_recording, read as read, write_recording as write_recording
+from .recordings import (
+    open_recording as open_recording,
+    read as read,
+    write_recording as write_recording,
+)

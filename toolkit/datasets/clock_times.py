@@ -1,11 +1,13 @@
 """Times that names of clouds state: seconds, milli-, micro- or nanoseconds since 1970.
 
-A name is a whole number, a number of seconds with decimals, or seconds and their fraction of 3, 6 or 9 digits with `_`
-between them (`1688625741_047447463`, as TUM Traffic has them). Only times between 1973 and 2100 are believed, so that
-neither a frame's number nor a date such as 20230515101530 is taken for one.
+A name is a whole number, a number of seconds with decimals, or seconds and their fraction of 3, 6
+or 9 digits with `_` between them (`1688625741_047447463`, as TUM Traffic has them). Only times
+between 1973 and 2100 are believed, so that neither a frame's number nor a date such as
+20230515101530 is taken for one.
 
-Clouds of several sensors are one frame if they were measured together (`group_by_time`), whatever their order and
-number. Sensors that run freely are apart by a lag that stays; each cloud belongs to the one that it follows by it."""
+Clouds of several sensors are one frame if they were measured together (`group_by_time`), whatever
+their order and number. Sensors that run freely are apart by a lag that stays; each cloud belongs to
+the one that it follows by it."""
 
 import math
 import re
@@ -20,16 +22,18 @@ _WHOLE = re.compile(r"\d{9,19}")
 _DECIMAL = re.compile(r"\d{9,10}\.\d+")
 _PARTED = re.compile(r"(\d{9,10})_(\d{3}|\d{6}|\d{9})(?:_[A-Za-z].*)?")
 _TICKS_PER_SECOND = (1, 10**3, 10**6, 10**9)
-EARLIEST_S, LATEST_S = 1e8, 4.1e9  # since 1970
+# since 1970
+EARLIEST_S = 1e8
+LATEST_S = 4.1e9
 MAX_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
-MAX_JITTER_SHARE = (
-    0.5  # share of the fastest sensor's period that two clouds of one frame differ from their sensors' lag
-)
+# share of the fastest sensor's period that two clouds of one frame differ from their sensors' lag
+MAX_JITTER_SHARE = 0.5
 MAX_PERIOD_S = 0.2  # if a sensor measures all the time; slower recordings are samples of one
 UNPAIRED = "frames that lack the cloud of some sensor at their time"
 BY_ORDER = "frames put together by the order of their clouds, whose names are no times"
 
-Group = dict[str, int]  # of the sensors of a frame the number of its cloud, in order of the times given
+# of the sensors of a frame the number of its cloud, in order of the times given
+Group = dict[str, int]
 
 
 def parse_epoch(name: str) -> float:
@@ -59,8 +63,9 @@ def parse_epoch(name: str) -> float:
 def parse_time(value: object, name: str) -> float | None:
     """Parse a time that a file states, as seconds; None if it is missing or empty.
 
-    Numbers, also as text, are seconds, or smaller units since 1970 if they are that large; other text is a date and
-    time by ISO 8601, UTC unless it has a zone. Raises ValueError for anything else."""
+    Numbers, also as text, are seconds, or smaller units since 1970 if they are that large; other
+    text is a date and time by ISO 8601, UTC unless it has a zone. Raises ValueError for anything
+    else."""
     if value is None or value == "":
         return None
     text = str(value).strip()
@@ -70,7 +75,9 @@ def parse_time(value: object, name: str) -> float | None:
         try:
             moment = datetime.fromisoformat(text)
         except ValueError:
-            raise ValueError(f"{name} must be seconds or a date and time of ISO 8601, got {text[:40]!r}") from None
+            raise ValueError(
+                f"{name} must be seconds or a date and time of ISO 8601, got {text[:40]!r}"
+            ) from None
         return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     if not math.isfinite(seconds):
         return None
@@ -83,7 +90,8 @@ def parse_time(value: object, name: str) -> float | None:
 
 
 def parse_microseconds(ticks: float) -> float:
-    """Return seconds of a time in a format that has microseconds; what is too large for them is in nanoseconds.
+    """Return seconds of a time in a format that has microseconds; what is too large for them is in
+    nanoseconds.
 
     >>> parse_microseconds(500000), parse_microseconds(1700000000250000000)
     (0.5, 1700000000.25)
@@ -101,13 +109,16 @@ def find_epoch(name: str) -> float | None:
 def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Group]:
     """Group the clouds of several sensors by time, in order of time.
 
-    times_s: times (s, one clock) of each sensor's clouds, in any order. A group has at most one cloud of each sensor;
-    a cloud without partners is a group of one.
+    times_s: times (s, one clock) of each sensor's clouds, in any order. A group has at most one
+    cloud of each sensor; a cloud without partners is a group of one.
 
-    >>> group_by_time({"north": np.array([0.0, 0.1, 0.3]), "south": np.array([0.104, 0.204, 0.304])})
+    >>> stamps = {"north": np.array([0.0, 0.1, 0.3]), "south": np.array([0.104, 0.204, 0.304])}
+    >>> group_by_time(stamps)
     [{'north': 0}, {'north': 1, 'south': 0}, {'south': 1}, {'north': 2, 'south': 2}]
     """
-    order = {sensor: np.argsort(times, kind="stable") for sensor, times in times_s.items() if len(times)}
+    order = {
+        sensor: np.argsort(times, kind="stable") for sensor, times in times_s.items() if len(times)
+    }
     if not order:
         return []
     periods = {sensor: _find_period(times_s[sensor][rows]) for sensor, rows in order.items()}
@@ -127,7 +138,8 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
         centres = np.concatenate([centres, times_s[sensor][unpaired]])
         groups += [{sensor: row} for row in unpaired.tolist()]
         in_order = np.argsort(centres, kind="stable")
-        centres, groups = centres[in_order], [groups[place] for place in in_order]
+        centres = centres[in_order]
+        groups = [groups[place] for place in in_order]
     return [_sort_group(group, list(times_s)) for group in groups]
 
 
@@ -146,7 +158,8 @@ def _find_period(times: Float64[np.ndarray, " n"]) -> float:
 def _find_partners(
     times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"], period: float
 ) -> Int64[np.ndarray, " n"]:
-    """Number of the group that each cloud belongs to, -1 for none; a group gets one cloud at most. Times ascend."""
+    """Number of the group that each cloud belongs to, -1 for none; a group gets one cloud at most.
+    Times ascend."""
     lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
     nearest = _find_nearest(times - lag, centres)
     away = np.abs(times - lag - centres[nearest])
@@ -161,7 +174,9 @@ def _find_partners(
     return partners
 
 
-def _find_nearest(times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"]) -> Int64[np.ndarray, " n"]:
+def _find_nearest(
+    times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"]
+) -> Int64[np.ndarray, " n"]:
     """Number of the centre nearest to each time; the earlier of two."""
     after = np.clip(np.searchsorted(centres, times), 1, max(1, len(centres) - 1))
     before = after - 1

@@ -1,17 +1,20 @@
 """Recorded clouds from point files, and sensor poses to fuse them.
 
     .ply .pcd .npz       with all their attributes
-    .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line or
-                         comment that names the columns (`toolkit.point_columns`), kept if numeric
+    .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row,
+                         or under a line or comment that names the columns
+                         (`toolkit.point_columns`), kept if numeric
     .npy                 array (n, 3 or more), x y z first, no other column kept; or one with names
-    .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
+    .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z
+                         intensity ring
     .feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)
 
-A pose is world_SE3_sensor (world → sensor with `inverted`): 16 numbers (4×4 by rows), 12 (the first three rows, as
-KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON (one pose, a list of poses, or an object {name: pose})
-or text (one pose a line, with or without its name before it, or one pose in four lines, or rows under the names
-name, qw, qx, qy, qz, tx, ty, tz in any order). A pose's name is its cloud's file name without the ending. All is
-float64, so that map coordinates of a million metres keep their millimetres."""
+A pose is world_SE3_sensor (world → sensor with `inverted`): 16 numbers (4×4 by rows), 12 (the first
+three rows, as KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON (one pose, a list of
+poses, or an object {name: pose}) or text (one pose a line, with or without its name before it, or
+one pose in four lines, or rows under the names name, qw, qx, qy, qz, tx, ty, tz in any order). A
+pose's name is its cloud's file name without the ending. All is float64, so that map coordinates of
+a million metres keep their millimetres."""
 
 import csv
 import io
@@ -42,25 +45,33 @@ PLACE_COLUMNS = (("tx", "ty", "tz"), ("tx_m", "ty_m", "tz_m"), ("x", "y", "z"))
 NAME_COLUMNS = ("name", "sensor", "sensor_name", "frame", "file", "id")
 MAX_SHOWN = 60  # letters of a row in an error
 MAX_CHECKED_ROWS = 1000  # of a .bin file whose columns are compared with other widths
-_MOST_SPREAD = 5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
+_MOST_SPREAD = (
+    5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
+)
 
 
 def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointCloud":
-    """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at poses[k].
+    """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at
+    poses[k].
 
-    Normals turn with their pose. Attributes that all files have stay; a warning names the others, see `fuse`. Raises
-    FileNotFoundError, and ValueError for a file without points or an invalid pose."""
+    Normals turn with their pose. Attributes that all files have stay; a warning names the others,
+    see `fuse`. Raises FileNotFoundError, and ValueError for a file without points or an invalid
+    pose."""
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):
-        raise ValueError(f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file")
+        raise ValueError(
+            f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file"
+        )
     checked = [check_pose(pose, f"pose of {path}") for path, pose in zip(paths, poses, strict=True)]
     parts = []
     for number, path in enumerate(paths):
         recorded = _finite(read_recorded(path))
         returned = (recorded["positions"] != 0).any(axis=1)
         if nothing := int((~returned).sum()):
-            warnings.warn(f"{path}: {nothing} points at 0 0 0, of no return, are left out", stacklevel=2)
+            warnings.warn(
+                f"{path}: {nothing} points at 0 0 0, of no return, are left out", stacklevel=2
+            )
             recorded = {name: column[returned] for name, column in recorded.items()}
         if rounded := describe_rounding(recorded["positions"]):
             warnings.warn(f"{path}: {rounded}", stacklevel=2)
@@ -69,9 +80,15 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
 
 
 def crop_area(
-    cloud: "PointCloud", area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
+    cloud: "PointCloud",
+    area: Sequence[float],
+    height: float | None = None,
+    *,
+    floor: float = 0.0,
+    remedy: str = "",
 ) -> "PointCloud":
-    """Crop by `toolkit.clouds.crop`. Raises ValueError with the places of the points and `remedy` if none is left."""
+    """Crop by `toolkit.clouds.crop`. Raises ValueError with the places of the points and `remedy`
+    if none is left."""
     from toolkit.clouds import crop, positions
 
     cropped = crop(cloud, area, height, floor=floor)
@@ -80,8 +97,12 @@ def crop_area(
         if not len(points):
             raise ValueError("the clouds hold no point with finite coordinates: give others")
         low, high = points.min(axis=0), points.max(axis=0)
-        where = ", ".join(f"{axis} {a:.1f} to {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True))
-        raise ValueError(f"none of the {len(points)} points lies in the area: they lie at {where} m; {remedy}")
+        where = ", ".join(
+            f"{axis} {a:.1f} to {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True)
+        )
+        raise ValueError(
+            f"none of the {len(points)} points lies in the area: they lie at {where} m; {remedy}"
+        )
     return cropped
 
 
@@ -96,8 +117,8 @@ def _finite(recorded: Attributes) -> Attributes:
 
 
 def read_recorded(path: str | Path) -> Attributes:
-    """Attributes of one file by name, `positions` (float64) among them, also of points that are not finite. Raises
-    FileNotFoundError, and ValueError for a file that holds no points."""
+    """Attributes of one file by name, `positions` (float64) among them, also of points that are not
+    finite. Raises FileNotFoundError, and ValueError for a file that holds no points."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
@@ -114,17 +135,27 @@ def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
     some = points[:: len(points) // 1000 + 1]
     finite = some[np.isfinite(some).all(axis=1)]
     if len(some) and not np.isfinite(points).all(axis=1).any():
-        raise ValueError(f"none of its {len(points)} points has three finite coordinates: record it again")
-    away = np.linalg.norm(finite - np.median(finite, axis=0), axis=1) if len(finite) else np.zeros(1)
+        raise ValueError(
+            f"none of its {len(points)} points has three finite coordinates: record it again"
+        )
+    away = (
+        np.linalg.norm(finite - np.median(finite, axis=0), axis=1) if len(finite) else np.zeros(1)
+    )
     if len(finite) and np.median(np.abs(finite).max(axis=1)) > MAX_COORDINATE_M:
-        raise ValueError(f"half of its points are beyond {MAX_COORDINATE_M:g} m: give metres, or repair the file")
+        raise ValueError(
+            f"half of its points are beyond {MAX_COORDINATE_M:g} m: give metres, or repair the file"
+        )
     if np.median(away) > _MOST_SPREAD:
         wide = f"half of its points are more than {np.median(away) / 1000:.3g} km from their middle"
         raise ValueError(f"{wide}: give metres, or repair the file")
     tiny = (finite != 0) & (np.abs(finite) < _LEAST)
-    odd = np.unique(finite[(away > _MOST_SPREAD) | tiny.any(axis=1)] if len(finite) else finite, axis=0)
+    odd = np.unique(
+        finite[(away > _MOST_SPREAD) | tiny.any(axis=1)] if len(finite) else finite, axis=0
+    )
     if len(odd) > max(5, 0.1 * len(finite)):  # a driver's value of no return is always the same
-        raise ValueError(f"{len(odd)} of {len(finite)} points, such as {odd[0]}, are no places: repair the file")
+        raise ValueError(
+            f"{len(odd)} of {len(finite)} points, such as {odd[0]}, are no places: repair the file"
+        )
 
 
 def describe_rounding(points: Float64[np.ndarray, "n 3"]) -> str | None:
@@ -140,41 +171,58 @@ def describe_rounding(points: Float64[np.ndarray, "n 3"]) -> str | None:
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
-    """Poses of a file by name. Unnamed poses are called 0, 1, 2, ... Raises ValueError that names a bad pose."""
+    """Poses of a file by name. Unnamed poses are called 0, 1, 2, ... Raises ValueError that names a
+    bad pose."""
     path = Path(path)
     if not path.exists() or path.is_dir():
         raise FileNotFoundError(f"no such pose file: {path}")
     text = files.read_text(path)  # once: it may be a pipe, which has no ending either
     try:
         is_json = path.suffix.lower() == ".json" or text.lstrip()[:1] in ("[", "{")
-        numbers: Mapping[str, object] = _poses_of_json(files.parse_json(text)) if is_json else _poses_of_text(text)
+        numbers: Mapping[str, object] = (
+            _poses_of_json(files.parse_json(text)) if is_json else _poses_of_text(text)
+        )
     except ValueError as error:
         raise ValueError(f"{path} holds no poses: {error}") from None
-    poses = {name: parse_pose(values, f"pose {name!r} of {path}") for name, values in numbers.items()}
+    poses = {
+        name: parse_pose(values, f"pose {name!r} of {path}") for name, values in numbers.items()
+    }
     return {name: invert(pose) for name, pose in poses.items()} if inverted else poses
 
 
-def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False) -> list[Pose]:
+def load_poses(
+    paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False
+) -> list[Pose]:
     """Load the pose of each cloud file from one pose file for all clouds, or from one each."""
     if len(files) == 1:
         return match_poses(paths, read_poses(files[0], inverted=inverted))
     each = [list(read_poses(file, inverted=inverted).values()) for file in files]
     if len(files) != len(paths) or any(len(poses) != 1 for poses in each):
-        raise ValueError(f"give one pose file for all {len(paths)} clouds, or {len(paths)} files of one pose each")
+        raise ValueError(
+            f"give one pose file for all {len(paths)} clouds, or {len(paths)} files of one pose "
+            "each"
+        )
     return [pose for (pose,) in each]
 
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
-    """Pose of each cloud, matched by file name with or without its ending or folder, or by position if no pose has a
-    name."""
+    """Pose of each cloud, matched by file name with or without its ending or folder, or by position
+    if no pose has a name."""
     stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
-    for names in (stems, [Path(path).name for path in paths], [Path(path).as_posix() for path in paths]):
+    for names in (
+        stems,
+        [Path(path).name for path in paths],
+        [Path(path).as_posix() for path in paths],
+    ):
         if poses.keys() >= set(names) and len(set(names)) == len(names):
             return [poses[name] for name in names]
     if len(poses) == len(paths) and list(poses) == [str(k) for k in range(len(poses))]:
         return list(poses.values())
     whose = f"files {', '.join(stems)}, poses {', '.join(poses)}"
-    raise ValueError(f"cannot tell which pose is whose: {whose}; name each pose as its file, such as {stems[0]!r}")
+    raise ValueError(
+        f"cannot tell which pose is whose: {whose}; name each pose as its file, such as "
+        f"{stems[0]!r}"
+    )
 
 
 def parse_pose(numbers: object, name: str = "pose") -> Pose:
@@ -198,9 +246,14 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
 
 def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
     """Raise ValueError if the quaternion comes last, as in TUM's trajectories; warn if it might."""
-    is_first, is_last = (abs(np.linalg.norm(part) - 1) < 0.01 for part in (numbers[:4], numbers[3:]))
+    is_first, is_last = (
+        abs(np.linalg.norm(part) - 1) < 0.01 for part in (numbers[:4], numbers[3:])
+    )
     if is_last and not is_first:
-        raise ValueError(f"it ends in a quaternion of length 1, got {numbers.tolist()}: write qw qx qy qz tx ty tz")
+        raise ValueError(
+            f"it ends in a quaternion of length 1, got {numbers.tolist()}: write qw qx qy qz tx "
+            "ty tz"
+        )
     if is_last and np.any(numbers[4:6]):
         read = "qw qx qy qz tx ty tz, but might be tx ty tz qx qy qz qw: write a 4×4 matrix if so"
         warnings.warn(f"the pose {numbers.tolist()} is read as {read}", stacklevel=4)
@@ -210,7 +263,8 @@ def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
 
 
 def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
-    """Return True if a quaternion turns a sensor half round or over with w first, but keeps it upright with w last."""
+    """Return True if a quaternion turns a sensor half round or over with w first, but keeps it
+    upright with w last."""
     first, second, third, fourth = quaternion.tolist()
     if first == second == 0.0:
         return fourth != 0.0
@@ -219,11 +273,16 @@ def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
     return upright_first < 0 < upright_last
 
 
-def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
+def quaternion_pose(
+    quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]
+) -> Pose:
     """Pose from a unit quaternion w x y z and a translation (m)."""
     norm = float(np.linalg.norm(quaternion))
     if not 0.99 < norm < 1.01:
-        raise ValueError(f"a quaternion qw qx qy qz must have length 1, got {quaternion.tolist()} of length {norm:.4g}")
+        raise ValueError(
+            f"a quaternion qw qx qy qz must have length 1, got {quaternion.tolist()} of length "
+            f"{norm:.4g}"
+        )
     from scipy.spatial.transform import Rotation
 
     pose = np.eye(4)
@@ -233,7 +292,8 @@ def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[n
 
 
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
-    """Columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a damaged file."""
+    """Columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a
+    damaged file."""
     try:
         import pyarrow.ipc
     except ImportError:
@@ -243,7 +303,9 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
         content = files.read_plain(path)
         if content[:6] != b"ARROW1" or content[-6:] != b"ARROW1":
             raise ValueError("it is cut off or of another format: write it with pyarrow.feather")
-        stream, batches = pyarrow.py_buffer(content).slice(8), 0  # the file's footer could point elsewhere
+        # the file's footer could point elsewhere
+        stream = pyarrow.py_buffer(content).slice(8)
+        batches = 0
         for message in pyarrow.ipc.MessageReader.open_stream(stream):
             batches += message.type == "record batch"
             unpacked += _batch_size(message.metadata.to_pybytes(), message.body or b"")
@@ -253,14 +315,26 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
         table = pyarrow.ipc.open_stream(stream).read_all()
         table.validate(full=True)
         columns = {name: table[name].to_numpy() for name in table.column_names}
-        return {name: each.astype(np.float32) if each.dtype == np.float16 else each for name, each in columns.items()}
-    except (pyarrow.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError, struct.error) as error:
+        return {
+            name: each.astype(np.float32) if each.dtype == np.float16 else each
+            for name, each in columns.items()
+        }
+    except (
+        pyarrow.ArrowException,
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        MemoryError,
+        struct.error,
+    ) as error:
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"{path} is no feather file that can be read: {reason}") from None
 
 
 def _batch_size(message: bytes, body: Any) -> int:
-    """Bytes that a batch of an Arrow file declares to unpack to (its Message.fbs, a flat buffer)."""
+    """Bytes that a batch of an Arrow file declares to unpack to (its Message.fbs, a flat
+    buffer)."""
 
     def number(kind: str, at: int) -> int:
         return int(struct.unpack_from(f"<{kind}", message, at)[0])
@@ -275,20 +349,27 @@ def _batch_size(message: bytes, body: Any) -> int:
         return at + number("I", at)
 
     root = number("I", 0)
-    kind, batch = number("B", field(root, 1)), pointed(field(root, 2))
+    kind = number("B", field(root, 1))
+    batch = pointed(field(root, 2))
     if kind not in (_DICTIONARY, _BATCH):
         return 0
     batch = pointed(field(batch, 1)) if kind == _DICTIONARY else batch
-    columns, buffers = pointed(field(batch, 1)), pointed(field(batch, 2))
+    columns = pointed(field(batch, 1))
+    buffers = pointed(field(batch, 2))
     rows = number("q", field(batch, 0)) if field(batch, 0) else 0
-    size = rows * number("I", columns) * 8  # as NumPy's columns, also of nulls that take no bytes in the file
-    for k in range(number("I", buffers) if field(batch, 3) else 0):  # a compressed one begins with its size
-        at, length = number("q", buffers + 4 + 16 * k), number("q", buffers + 12 + 16 * k)
+    # as NumPy's columns, also of nulls that take no bytes in the file
+    size = rows * number("I", columns) * 8
+    for k in range(
+        number("I", buffers) if field(batch, 3) else 0
+    ):  # a compressed one begins with its size
+        at = number("q", buffers + 4 + 16 * k)
+        length = number("q", buffers + 12 + 16 * k)
         size += max(length, struct.unpack_from("<q", body, at)[0] if length else 0)
     return size
 
 
-_DICTIONARY, _BATCH = 2, 3
+_DICTIONARY = 2
+_BATCH = 3
 
 
 def _read(path: Path) -> Attributes:
@@ -312,20 +393,34 @@ def _read(path: Path) -> Attributes:
         if table.dtype.kind not in "fiu":
             raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
         if len(table) in (3, 4) and table.shape[1] > 20:
-            raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}: transpose it")
+            raise ValueError(
+                f"{path} must hold rows of x y z, got an array of shape {table.shape}: transpose it"
+            )
         return {"positions": table[:, :3]}
     if ending == ".bin":
-        names = ("x", "y", "z", "intensity", "ring")[: 5 if path.name.lower().endswith(".pcd.bin") else 4]
-        size, count = path.stat().st_size, len(names)
+        names = ("x", "y", "z", "intensity", "ring")[
+            : 5 if path.name.lower().endswith(".pcd.bin") else 4
+        ]
+        size = path.stat().st_size
+        count = len(names)
         if size % (4 * count):
-            raise ValueError(f"{path} must hold rows of {count} float32, but {size} bytes are no whole number of them")
+            raise ValueError(
+                f"{path} must hold rows of {count} float32, but {size} bytes are no whole number "
+                "of them"
+            )
         rows = np.frombuffer(files.read_plain(path), "<f4").reshape(-1, count)
         if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
-            held = f"{path} must hold rows of float32 {' '.join(names)}, but its intensities are below 0"
+            held = (
+                f"{path} must hold rows of float32 {' '.join(names)}, but its intensities are "
+                "below 0"
+            )
             raise ValueError(f"{held}: save other types or columns as .npy or .csv")
         if count == 4 and _has_five_columns(rows):
             five = "5 columns, the last of whole numbers, as nuScenes has them"
-            raise ValueError(f"{path} must hold rows of float32 {' '.join(names)}, but fits {five}: call it .pcd.bin")
+            raise ValueError(
+                f"{path} must hold rows of float32 {' '.join(names)}, but fits {five}: call it "
+                ".pcd.bin"
+            )
         return name_attributes(dict(zip(names, rows.T, strict=True)))
     if ending == ".feather":
         columns = read_table(path)
@@ -334,11 +429,14 @@ def _read(path: Path) -> Attributes:
         if any(columns[name].dtype.kind not in "fiu" for name in axes):
             raise ValueError(f"{path} must hold numbers in its columns {', '.join(axes)}")
         return name_attributes(columns)
-    raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
+    raise ValueError(
+        f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather"
+    )
 
 
 def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:
-    """Return True if rows of 4 numbers look like rows of 5, of which the fifth, a ring, is whole."""
+    """Return True if rows of 4 numbers look like rows of 5, of which the fifth, a ring, is
+    whole."""
     if rows.size % 5 or not len(rows):
         return False
     fifth = rows.reshape(-1, 5)[:MAX_CHECKED_ROWS, 4]
@@ -349,8 +447,8 @@ def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:
 
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a text file: by the names above its rows, else x, y and z first; others if they are named and purely
-    numeric."""
+    """Columns of a text file: by the names above its rows, else x, y and z first; others if they
+    are named and purely numeric."""
     text = files.read_text(path)
     rows = _drop_count(_rows(text.replace('"', "") if '"' in text else text))
     warn_of_offset(_first_comments(text))
@@ -373,30 +471,50 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     if names:
         repeated = {name for name in names if name and names.count(name) > 1}
         if repeated:
-            raise ValueError(f"{path} must have each column once, got {', '.join(sorted(repeated))} again")
+            raise ValueError(
+                f"{path} must have each column once, got {', '.join(sorted(repeated))} again"
+            )
         with files.name_errors(path):
             axes = find_axes(names).names
         places = {name: names.index(name) for name in axes}
     try:
-        table = {name: np.array([float(row[place]) for row in rows]) for name, place in places.items()}
+        table = {
+            name: np.array([float(row[place]) for row in rows]) for name, place in places.items()
+        }
     except (ValueError, IndexError):
-        row = next(row for row in rows if not all(len(row) > k and _is_number(row[k]) for k in places.values()))
+        row = next(
+            row
+            for row in rows
+            if not all(len(row) > k and _is_number(row[k]) for k in places.values())
+        )
         got = f"got {', '.join(row)[:MAX_SHOWN]!r}"
-        raise ValueError(f"{path} must hold x y z in every row, numbers with decimal points only, {got}") from None
+        raise ValueError(
+            f"{path} must hold x y z in every row, numbers with decimal points only, {got}"
+        ) from None
     if not names and max(widths, default=0) >= 6 and "," in text and "." not in text:
-        warnings.warn(f"{path}: all numbers are whole: if its commas are decimal, write points for them", stacklevel=2)
+        warnings.warn(
+            f"{path}: all numbers are whole: if its commas are decimal, write points for them",
+            stacklevel=2,
+        )
     for place, name in enumerate(names):
-        if name and name not in places and all(len(row) > place and _is_number(row[place]) for row in rows):
+        if (
+            name
+            and name not in places
+            and all(len(row) > place and _is_number(row[place]) for row in rows)
+        ):
             table[name.lower()] = np.array([float(row[place]) for row in rows])
     return table
 
 
-_DECIMAL_COMMA = r'(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d|"[-+]?\d+,\d+"'  # with blanks or quotes between the cells
+_DECIMAL_COMMA = (
+    r'(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d|"[-+]?\d+,\d+"'  # with blanks or quotes between the cells
+)
 _COMMENT = "#|//"
 
 
 def _drop_count(rows: list[list[str]]) -> list[list[str]]:
-    """Rows without a first one that holds their number, as PTS files and CloudCompare's text have it."""
+    """Rows without a first one that holds their number, as PTS files and CloudCompare's text have
+    it."""
     return rows[1:] if rows and rows[0] == [str(len(rows) - 1)] else rows
 
 
@@ -406,13 +524,24 @@ def _check_numbering(path: Path, rows: list[list[str]]) -> list[list[str]]:
     Raises ValueError if the first column numbers the rows, so that x would be their number."""
     width = len(rows[0])
     if width >= 3 and len(rows) > 1 and rows[0] == [str(k) for k in range(width)]:
-        warnings.warn(f"{path}: its first row, {' '.join(rows[0])}, numbers the columns and is left out", stacklevel=4)
+        warnings.warn(
+            f"{path}: its first row, {' '.join(rows[0])}, numbers the columns and is left out",
+            stacklevel=4,
+        )
         rows = rows[1:]
-    first, last = rows[0][0], rows[-1][0]
-    if width < 4 or len(rows) < MIN_NUMBERED_ROWS or first not in ("0", "1") or last != str(len(rows) - 1 + int(first)):
+    first = rows[0][0]
+    last = rows[-1][0]
+    if (
+        width < 4
+        or len(rows) < MIN_NUMBERED_ROWS
+        or first not in ("0", "1")
+        or last != str(len(rows) - 1 + int(first))
+    ):
         return rows
     if [row[0] for row in rows] == [str(k + int(first)) for k in range(len(rows))]:
-        raise ValueError(f"{path} numbers its rows in the first column: name the columns in a line above")
+        raise ValueError(
+            f"{path} numbers its rows in the first column: name the columns in a line above"
+        )
     return rows
 
 
@@ -439,7 +568,8 @@ def _split_header(line: str) -> list[str]:
 
 
 def _commented_header(text: str, width: int) -> list[str]:
-    """Names in the last comment above the rows if they are as many as cells and hold coordinates; [] if not."""
+    """Names in the last comment above the rows if they are as many as cells and hold coordinates;
+    [] if not."""
     comments = _first_comments(text)
     names = _split_header(comments[-1]) if comments else []
     try:
@@ -473,11 +603,17 @@ def _poses_of_json(content: object) -> dict[str, object]:
     if isinstance(content, dict):
         if not content:
             raise ValueError("it is empty")
-        placed = "world_SE3_sensor"  # of an object with more fields of a sensor, as coview calibrate writes them
-        return {name: pose.get(placed, pose) if isinstance(pose, dict) else pose for name, pose in content.items()}
+        # of an object with more fields of a sensor, as coview calibrate writes them
+        placed = "world_SE3_sensor"
+        return {
+            name: pose.get(placed, pose) if isinstance(pose, dict) else pose
+            for name, pose in content.items()
+        }
     if not isinstance(content, list) or not content:
         raise ValueError("it must be a pose, a list of poses, or an object {name: pose}")
-    single = np.array(content, dtype=object).size in (7, 12, 16) and not isinstance(content[0], dict)
+    single = np.array(content, dtype=object).size in (7, 12, 16) and not isinstance(
+        content[0], dict
+    )
     return {str(k): pose for k, pose in enumerate([content] if single else content)}
 
 
@@ -510,7 +646,13 @@ def _poses_of_text(text: str) -> Mapping[str, object]:
         return _poses_of_table(named_columns, rows[1:])
     if [len(row) for row in rows] in ([4] * 4, [4] * 3):
         return {"0": [number for row in rows for number in row]}
-    named = [row[0].removesuffix(":") if len(row) in (8, 13, 17) else str(k) for k, row in enumerate(rows)]
+    named = [
+        row[0].removesuffix(":") if len(row) in (8, 13, 17) else str(k)
+        for k, row in enumerate(rows)
+    ]
     if len(set(named)) < len(named):
         raise ValueError(f"two poses have one name: {', '.join(named)}")
-    return {name: row[1:] if len(row) in (8, 13, 17) else row for name, row in zip(named, rows, strict=True)}
+    return {
+        name: row[1:] if len(row) in (8, 13, 17) else row
+        for name, row in zip(named, rows, strict=True)
+    }

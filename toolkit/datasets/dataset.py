@@ -1,20 +1,30 @@
-"""A recording of images as one HDF5 file: frames in the published layout, with our fields beside it in `coview`.
+"""A recording of images as one HDF5 file: frames in the published layout, with our fields beside it
+in `coview`.
 
-`CoopDataset` reads files of `coview simulate` and the published ones alike; `encode` and `join` write them.
+`CoopDataset` reads files of `coview simulate` and the published ones alike; `encode` and `join`
+write them.
 
-dslices                float32 [T, C, H, W]  depth along the axis (m), 1000 where nothing returned; only every
-                                             stride-th pixel is measured, the others hold 0
-slices                 uint8 [T, 0, H, W, 3] no colour images; the published viewer asks for their number
-cameras/{d00..}        intrinsic, extrinsic  in the published convention; attributes name, stride, sigma, ...
+dslices                float32 [T, C, H, W]  depth along the axis (m), 1000 where nothing returned;
+                                             only every stride-th pixel is measured, the others
+                                             hold 0
+slices                 uint8 [T, 0, H, W, 3] no colour images; the published viewer asks for their
+                                             number
+cameras/{d00..}        intrinsic, extrinsic  in the published convention; attributes name, stride,
+                                             sigma, ...
 objects/{k}            float64 [n, 10]       see `toolkit.datasets.published_layout`
-coview                 attributes schema, version, plan, sensors (names, in the order of a Frame's measurements)
-coview/site            the site as GeoJSON text;  coview/bodies  names of the bodies, JSON list
+coview                 attributes            schema, version, plan, sensors (names, in the order of
+                                             a Frame's measurements)
+coview/site            text                  the site as GeoJSON
+coview/bodies          JSON list             names of the bodies
 coview/time            float64 [T]           seconds
-coview/object_start    int64 [T + 1]         frame k has objects object_start[k]:object_start[k + 1] of the next two
+coview/object_start    int64 [T + 1]         frame k has objects object_start[k]:object_start[k + 1]
+                                             of the next two
 coview/object_ids, coview/object_bodies      int64 [N]
-coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where nothing returned; attributes as those
-                                             of cameras: name, model (its class), fields of the model
-coview/depth/{name}    the same of what measures depth and cannot share `dslices`: cameras that differ in size"""
+coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where nothing returned;
+                                             attributes as for cameras: name, model (its class),
+                                             fields of the model
+coview/depth/{name}    float32 [T, rows, columns]  depths that cannot share `dslices`: cameras that
+                                             differ in size"""
 
 import json
 import operator
@@ -52,7 +62,8 @@ class UnknownSite(ValueError):
 
 
 class StoredChannel(NamedTuple):
-    """A sensor, the dataset of its measurements, its place in `dslices`, and the step of its measured pixels there."""
+    """A sensor, the dataset of its measurements, its place in `dslices`, and the step of its
+    measured pixels there."""
 
     sensor: Sensor
     name: str
@@ -63,19 +74,23 @@ class StoredChannel(NamedTuple):
 class CoopDataset(DisplayedRecording, Sequence[Frame]):
     """Noise-free frames of an HDF5 file, in the site frame.
 
-    `dataset[k]` is a `Frame`; a slice is a list of them. The file is opened when needed, and again in every process it
-    is sent to. Usable in a `with` statement.
+    `dataset[k]` is a `Frame`; a slice is a list of them. The file is opened when needed, and again
+    in every process it is sent to. Usable in a `with` statement.
 
-    path: a file of `coview simulate` or one in the published layout. site: the place it shows; our files name it,
-    published ones are recognised if they show a built-in site. drop_invalid: leave out rows that no object can have
-    (NaN, no size, kilometres away, see `published_layout.wrong_rows`), with one warning that counts them. Otherwise
-    reading the frame of the first such row raises ValueError.
+    path: a file of `coview simulate` or one in the published layout. site: the place it shows; our
+    files name it, published ones are recognised if they show a built-in site. drop_invalid: leave
+    out rows that no object can have (NaN, no size, kilometres away, see
+    `published_layout.wrong_rows`), with one warning that counts them. Otherwise reading the frame
+    of the first such row raises ValueError.
 
-    Raises FileNotFoundError; OSError for a file that is cut off or not HDF5; ValueError, which names what is wrong in
-    the file, for another layout; IndexError for an unknown frame."""
+    Raises FileNotFoundError; OSError for a file that is cut off or not HDF5; ValueError, which
+    names what is wrong in the file, for another layout; IndexError for an unknown frame."""
 
-    def __init__(self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False) -> None:
-        self.path, self.drop_invalid = Path(path), drop_invalid
+    def __init__(
+        self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False
+    ) -> None:
+        self.path = Path(path)
+        self.drop_invalid = drop_invalid
         self._open: tuple[int, h5py.File, dict[str, h5py.Dataset]] | None = None
         file, _ = self._file()
         try:
@@ -87,16 +102,23 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             self._area = Rectangle((xmin, ymin, xmax, ymax))
             self.times = hdf5.find_array(file, "coview/time", axes=1)
             self._starts = hdf5.find_array(file, "coview/object_start", axes=1)
-            lengths = {channel.name: self.stored(channel.name).shape[0] for channel in self.channels}
+            lengths = {
+                channel.name: self.stored(channel.name).shape[0] for channel in self.channels
+            }
             lengths |= {} if self.times is None else {"coview/time": len(self.times)}
             if len(set(lengths.values())) != 1:
-                raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
+                raise ValueError(
+                    f"its datasets must have one length, the number of frames, got {lengths}"
+                )
             self._length = next(iter(lengths.values()))
-            starts, count = self._starts, self._length + 1
+            starts = self._starts
+            count = self._length + 1
             whole = starts is None or (starts.dtype.kind in "iu" and len(starts) == count)
             if starts is not None and (not whole or (np.diff(starts.astype(np.int64)) < 0).any()):
                 got = f"{len(starts)} of {starts.dtype}"
-                raise ValueError(f"coview/object_start must be {count} whole numbers that ascend, got {got}")
+                raise ValueError(
+                    f"coview/object_start must be {count} whole numbers that ascend, got {got}"
+                )
             if drop_invalid:
                 self._warn_of_invalid(file)
         except (ValueError, OSError) as error:
@@ -115,7 +137,10 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             return [self._frame(k) for k in range(*index.indices(len(self)))]
         k = operator.index(index)
         if not -len(self) <= k < len(self):
-            raise IndexError(f"frame {k} is out of range: {self.path} has {len(self)} frames, 0 to {len(self) - 1}")
+            raise IndexError(
+                f"frame {k} is out of range: {self.path} has {len(self)} frames, 0 to "
+                f"{len(self) - 1}"
+            )
         return self._frame(k % len(self))
 
     def __iter__(self) -> Iterator[Frame]:
@@ -128,7 +153,8 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         self._open = None
 
     def stored(self, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
-        """Dataset of the file, such as that of a channel. It is checked when it is first asked for."""
+        """Dataset of the file, such as that of a channel. It is checked when it is first asked
+        for."""
         file, checked = self._file()
         if name not in checked:
             checked[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
@@ -144,7 +170,9 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return {**self.__dict__, "_open": None}
 
     def _file(self) -> tuple[h5py.File, dict[str, h5py.Dataset]]:
-        if self._open is None or self._open[0] != os.getpid():  # a forked process must not share the parent's handle
+        if (
+            self._open is None or self._open[0] != os.getpid()
+        ):  # a forked process must not share the parent's handle
             self._open = os.getpid(), open_file(self.path), {}
         return self._open[1:]
 
@@ -153,10 +181,13 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         try:
             names = dict.fromkeys(channel.name for channel in self.channels)
             images = {name: hdf5.rows(self.stored(name), name, k) for name in names}
-            shared = [(images[c.name][c.place], c.stride) for c in self.channels if c.place is not None]
+            shared = [
+                (images[c.name][c.place], c.stride) for c in self.channels if c.place is not None
+            ]
             measured = iter(published.measured(shared))
             measurements = tuple(
-                images[each.name].astype(np.float32) if each.place is None else next(measured) for each in self.channels
+                images[each.name].astype(np.float32) if each.place is None else next(measured)
+                for each in self.channels
             )
             objects = self._objects(file, k)
         except OSError as error:
@@ -166,24 +197,33 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         time = 0.0 if self.times is None else float(self.times[k])
         frame = partial(Frame, complete=self._area, map_SE3_world=self.site.map_SE3_site)
         categories = tuple(LABELS[label] for label in objects.labels.tolist())
-        return frame(self.sensors, measurements, objects, time, k, name=f"{k:06d}", categories=categories)
+        return frame(
+            self.sensors, measurements, objects, time, k, name=f"{k:06d}", categories=categories
+        )
 
     def _objects(self, file: h5py.File, k: int) -> Objects:
-        name, ids = f"objects/{k}", None
+        name = f"objects/{k}"
+        ids = None
         rows = object_rows(file, name)
         if self._starts is not None:
             stored = self.stored("coview/object_ids", axes=1, kinds="iu")
             ids = hdf5.rows(stored, "coview/object_ids", slice(*self._starts[k : k + 2].tolist()))
             if len(ids) != len(rows):
-                raise ValueError(f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for it")
+                raise ValueError(
+                    f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for "
+                    "it"
+                )
         if self.drop_invalid:
             sound = published.wrong_rows(rows) == ""
-            rows, ids = rows[sound], None if ids is None else ids[sound]
+            rows = rows[sound]
+            ids = None if ids is None else ids[sound]
         return published.parse_rows(rows, self.site.map_SE3_site, ids, name)
 
     def _warn_of_invalid(self, file: h5py.File) -> None:
         """Warn how many objects are left out, and what is wrong with the first of them."""
-        faults = {k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)}
+        faults = {
+            k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)
+        }
         frames = [k for k, words in faults.items() if (words != "").any()]
         if frames:
             count = sum(int((words != "").sum()) for words in faults.values())
@@ -195,11 +235,16 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
 
 
 def open_file(path: str | Path) -> h5py.File:
-    """Open an HDF5 file for reading. Raises FileNotFoundError or OSError, which say in one line what is wrong."""
+    """Open an HDF5 file for reading. Raises FileNotFoundError or OSError, which say in one line
+    what is wrong."""
     path = Path(path)
     if not path.exists():
         unfinished = path.with_name(path.name + ".parts").is_dir()
-        hint = "its simulation is not finished, start it again to go on" if unfinished else "check the path"
+        hint = (
+            "its simulation is not finished, start it again to go on"
+            if unfinished
+            else "check the path"
+        )
         raise FileNotFoundError(f"no dataset {path}: {hint}")
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: give the HDF5 file itself")
@@ -212,17 +257,22 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
     if rows is None:
         raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")
     if not rows.ndim:
-        raise ValueError(f"{name} must have {len(published.OBJECT_COLUMNS)} columns, got a single number")
+        raise ValueError(
+            f"{name} must have {len(published.OBJECT_COLUMNS)} columns, got a single number"
+        )
     return rows if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
 
 
 def check_kinds(file: h5py.File) -> tuple[str, ...]:
-    """Check that groups and datasets stand where the layout expects; return `list_cameras`. Raises ValueError for a
-    dataset in the place of a group, for a group in the place of a dataset, and for a file of recorded clouds."""
+    """Check that groups and datasets stand where the layout expects; return `list_cameras`. Raises
+    ValueError for a dataset in the place of a group, for a group in the place of a dataset, and for
+    a file of recorded clouds."""
     if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
     cameras = list_cameras(file)
-    for name, kind in hdf5.find_kinds(file, ("dslices", *_GROUPS, *(f"cameras/{name}" for name in cameras))).items():
+    for name, kind in hdf5.find_kinds(
+        file, ("dslices", *_GROUPS, *(f"cameras/{name}" for name in cameras))
+    ).items():
         expected = h5py.Dataset if name == "dslices" else h5py.Group
         if not issubclass(kind, expected):
             words = f"{expected.__name__.lower()}, got a {kind.__name__.lower()}"
@@ -231,30 +281,42 @@ def check_kinds(file: h5py.File) -> tuple[str, ...]:
 
 
 def list_cameras(file: h5py.File) -> tuple[str, ...]:
-    """Names of the depth cameras in the order of `dslices`: those that start with d, in alphabetical order."""
+    """Names of the depth cameras in the order of `dslices`: those that start with d, in
+    alphabetical order."""
     return tuple(sorted(name for name in hdf5.child_names(file, "cameras") if name.startswith("d")))
 
 
 def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
-    """Site of a file: the one it holds, else the built-in one that most cameras or objects stand in or beside."""
+    """Site of a file: the one it holds, else the built-in one that most cameras or objects stand in
+    or beside."""
     if hdf5.contains(file, "coview/site"):
         try:
             return parse(parse_json(hdf5.text(file, "coview/site")))
         except (ValueError, OSError) as error:
-            raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
+            raise UnknownSite(
+                f"coview/site is damaged ({error}): pass site= to read the file all the same"
+            ) from None
     matrices = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in cameras]
     usable = [matrix for matrix in matrices if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
-    some = (hdf5.array(file, f"objects/{k}", kinds="fiub") for k in islice(hdf5.child_names(file, "objects"), 20))
+    some = (
+        hdf5.array(file, f"objects/{k}", kinds="fiub")
+        for k in islice(hdf5.child_names(file, "objects"), 20)
+    )
     centres = [objects[:, :2] for objects in some if objects.ndim == 2 and objects.shape[1] > 1]
     for site in map(load_site, BUILT_IN):
         carla_to_site = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
         for places in (positions, centres):
-            xy = np.concatenate([np.zeros((0, 2)), *places]) @ carla_to_site[:2, :2].T + carla_to_site[:2, 3]
+            xy = (
+                np.concatenate([np.zeros((0, 2)), *places]) @ carla_to_site[:2, :2].T
+                + carla_to_site[:2, 3]
+            )
             inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
             if len(xy) and inside.mean() > 0.5:
                 return site
-    raise UnknownSite(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
+    raise UnknownSite(
+        f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site="
+    )
 
 
 def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[StoredChannel, ...]:
@@ -262,15 +324,22 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
     if has_images := hdf5.contains(file, "dslices"):
         depth = hdf5.dataset(file, "dslices", kinds="fiub")
         if depth.ndim != 4 or depth.dtype.kind != "f":
-            raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
+            raise ValueError(
+                f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape "
+                f"{depth.shape}"
+            )
         if len(cameras) != depth.shape[1]:
             there = f"{len(cameras)} whose name starts with d: {', '.join(cameras) or 'none'}"
-            raise ValueError(f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {there}")
+            raise ValueError(
+                f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {there}"
+            )
         for place, name in enumerate(cameras):
             sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
             every.append(StoredChannel(sensor, "dslices", place, stride))
     own_images = (f"coview/{kind}" for kind in OWN_IMAGES.values())
-    for name in [f"{group}/{name}" for group in own_images for name in hdf5.child_names(file, group)]:
+    for name in [
+        f"{group}/{name}" for group in own_images for name in hdf5.child_names(file, group)
+    ]:
         images = hdf5.dataset(file, name, axes=3)
         sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
         if images.shape[1:] != sensor.model.shape:
@@ -278,36 +347,51 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
         every.append(StoredChannel(sensor, name))
     if not has_images and not every:
         held = hdf5.child_names(file, "/") or "nothing"
-        raise ValueError(f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {held}")
+        raise ValueError(
+            f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {held}"
+        )
     channels = {channel.sensor.name: channel for channel in every}
     if len(channels) < len(every):
         names = ", ".join(channel.sensor.name for channel in every)
         raise ValueError(f"every sensor needs a name of its own, got {names}")
-    own = hdf5.read_node_attributes(file["coview"], "coview") if hdf5.contains(file, "coview") else {}
+    own = (
+        hdf5.read_node_attributes(file["coview"], "coview") if hdf5.contains(file, "coview") else {}
+    )
     written = own.get("sensors", "[]")  # in the order of a frame's measurements
     try:
         order = parse_json(written) if isinstance(written, str) else None
     except ValueError:
         order = None
     if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
-        raise ValueError(f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}")
+        raise ValueError(
+            f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}"
+        )
     if order and sorted(order) != sorted(channels):
-        raise ValueError(f"attribute coview:sensors names {order}, but measurements are there of {sorted(channels)}")
+        raise ValueError(
+            f"attribute coview:sensors names {order}, but measurements are there of "
+            f"{sorted(channels)}"
+        )
     return tuple(channels[name] for name in order or channels)
 
 
 def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:
-    """Camera of a group, and its stride. It is our sensor only where the published matrices agree."""
+    """Camera of a group, and its stride. It is our sensor only where the published matrices
+    agree."""
     where = group.name.lstrip("/")
     intrinsic, extrinsic = (hdf5.find_array(group, name) for name in ("intrinsic", "extrinsic"))
     if intrinsic is None or extrinsic is None:
         raise ValueError(f"{where}/{'intrinsic' if intrinsic is None else 'extrinsic'} is missing")
-    attributes, ours, stride = hdf5.read_node_attributes(group, where), None, None
+    attributes = hdf5.read_node_attributes(group, where)
+    ours = None
+    stride = None
     if "site_SE3_sensor" in attributes:
         ours = _own_sensor(attributes, where)
         camera = ours.model
         if not isinstance(camera, DepthCamera):
-            raise ValueError(f"{where} is a {type(camera).__name__}, which dslices cannot hold: write the file again")
+            raise ValueError(
+                f"{where} is a {type(camera).__name__}, which dslices cannot hold: write the file "
+                "again"
+            )
         stride = camera.stride
         written = published.intrinsic(camera), published.extrinsic(ours.pose, site.map_SE3_site)
         pairs = zip(written, (intrinsic, extrinsic), strict=True)
@@ -327,9 +411,15 @@ def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
         raise ValueError(f"{where} has no attribute {missing[0]}: write the file again")
     try:
         kind = str(attributes["model"])
-        entries = [entry.name for entry in fields(find_model_class(kind)) if entry.name in attributes]
+        entries = [
+            entry.name for entry in fields(find_model_class(kind)) if entry.name in attributes
+        ]
         values = {name: np.asarray(attributes[name]).tolist() for name in entries}
-        return Sensor(str(attributes["name"]), make_model(kind, values), np.asarray(attributes["site_SE3_sensor"]))
+        return Sensor(
+            str(attributes["name"]),
+            make_model(kind, values),
+            np.asarray(attributes["site_SE3_sensor"]),
+        )
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
         wrong = f"attributes of {where} describe no sensor ({error})"
         raise ValueError(f"{wrong}: the file is damaged, restore it") from None
@@ -342,7 +432,8 @@ OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sens
 
 @dataclass(frozen=True)
 class Header:
-    """Values shared by all frames of a recording. plan: of its simulation, see `toolkit.datasets.simulation`."""
+    """Values shared by all frames of a recording. plan: of its simulation, see
+    `toolkit.datasets.simulation`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -351,18 +442,23 @@ class Header:
 
     @property
     def images(self) -> tuple[str, ...]:
-        """Storage place of each sensor's measurements. The cameras of one common size share `dslices`."""
+        """Storage place of each sensor's measurements. The cameras of one common size share
+        `dslices`."""
         pinholes = self.pinholes
         shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
         return tuple(
-            "dslices" if shared and s.name in pinholes else f"coview/{OWN_IMAGES[s.model.measures]}/{s.name}"
+            "dslices"
+            if shared and s.name in pinholes
+            else f"coview/{OWN_IMAGES[s.model.measures]}/{s.name}"
             for s in self.sensors
         )
 
     @property
     def pinholes(self) -> dict[str, DepthCamera]:
         """Cameras that the published layout can hold, by sensor name."""
-        return {each.name: each.model for each in self.sensors if isinstance(each.model, DepthCamera)}
+        return {
+            each.name: each.model for each in self.sensors if isinstance(each.model, DepthCamera)
+        }
 
 
 @dataclass(frozen=True)
@@ -374,9 +470,11 @@ class Scene:
 
 
 def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
-    """Bytes of a complete file of `scenes`. They are made in memory, so that they can be written all or not at all."""
+    """Bytes of a complete file of `scenes`. They are made in memory, so that they can be written
+    all or not at all."""
     objects = [len(scene.frame.objects) for scene in scenes]
-    images, pinholes = header.images, header.pinholes
+    images = header.images
+    pinholes = header.pinholes
     with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
         _create(file, header, len(scenes), sum(objects))
         start = np.concatenate([[0], np.cumsum(objects, dtype=np.int64)])
@@ -384,13 +482,19 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
         for k, scene in enumerate(scenes):
             frame = scene.frame
             file["coview/time"][k] = frame.time
-            _add(file, f"objects/{k}", published.format_objects(frame.objects, header.site.map_SE3_site))
+            _add(
+                file,
+                f"objects/{k}",
+                published.format_objects(frame.objects, header.site.map_SE3_site),
+            )
             file["coview/object_ids"][start[k] : start[k + 1]] = frame.objects.ids
             file["coview/object_bodies"][start[k] : start[k + 1]] = scene.bodies
             channel = 0
             for sensor, measurement, name in zip(header.sensors, frame.images, images, strict=True):
                 if name == "dslices":
-                    file[name][k, channel] = published.expand_image(measurement, pinholes[sensor.name])
+                    file[name][k, channel] = published.expand_image(
+                        measurement, pinholes[sensor.name]
+                    )
                     channel += 1
                 else:
                     file[name][k] = published.rounded(measurement)
@@ -399,8 +503,10 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
 
 
 def join(header: Header, parts: Sequence[Path], out: Path) -> None:
-    """Write the frames of all parts, in order, as one file. Compressed images are copied as they are."""
-    lengths, objects = [], []
+    """Write the frames of all parts, in order, as one file. Compressed images are copied as they
+    are."""
+    lengths = []
+    objects = []
     for part in parts:
         with h5py.File(part) as file:
             lengths.append(len(file["coview/time"]))
@@ -418,27 +524,41 @@ def join(header: Header, parts: Sequence[Path], out: Path) -> None:
                 for k in range(frames):
                     _add(joined, f"objects/{first + k}", part[f"objects/{k}"][:])
                 for name in dict.fromkeys(header.images):
-                    source, target = part[name].id, joined[name].id
+                    source = part[name].id
+                    target = joined[name].id
                     for i in range(source.get_num_chunks()):
                         place = source.get_chunk_info(i).chunk_offset
                         mask, compressed = source.read_direct_chunk(place)
                         target.write_direct_chunk((first + place[0], *place[1:]), compressed, mask)
             check()
-            first, first_object = first + frames, first_object + count
+            first = first + frames
+            first_object = first_object + count
 
 
 def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
     own = file.create_group("coview")
-    own.attrs.update(schema=RECORDING_SCHEMA, plan=header.plan, sensors=json.dumps([s.name for s in header.sensors]))
+    own.attrs.update(
+        schema=RECORDING_SCHEMA,
+        plan=header.plan,
+        sensors=json.dumps([s.name for s in header.sensors]),
+    )
     _add(own, "site", format_site(header.site))
     _add(own, "bodies", json.dumps(header.bodies))
-    lengths = {"time": frames, "object_start": frames + 1, "object_ids": objects, "object_bodies": objects}
+    lengths = {
+        "time": frames,
+        "object_start": frames + 1,
+        "object_ids": objects,
+        "object_bodies": objects,
+    }
     for name, length in lengths.items():
-        own.create_dataset(name, (length,), np.float64 if name == "time" else np.int64, track_times=False)
+        own.create_dataset(
+            name, (length,), np.float64 if name == "time" else np.int64, track_times=False
+        )
     own["time"].attrs["unit"] = "s"
     file.create_group("objects").attrs["columns"] = json.dumps(published.OBJECT_COLUMNS)
     file.create_group("cameras")
-    digits, channel = max(2, len(str(len(header.sensors)))), 0
+    digits = max(2, len(str(len(header.sensors))))
+    channel = 0
     for sensor, name in zip(header.sensors, header.images, strict=True):
         if name == "dslices":
             node = file.create_group(f"cameras/d{channel:0{digits}d}")
@@ -450,17 +570,26 @@ def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
             node = _create_images(file, name, (frames, *sensor.model.shape))
         # numbers that restore the sensor to the last bit: `toolkit.datasets.dataset` reads them
         numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
-        node.attrs.update(name=sensor.name, model=type(sensor.model).__name__, site_SE3_sensor=sensor.pose)
+        node.attrs.update(
+            name=sensor.name, model=type(sensor.model).__name__, site_SE3_sensor=sensor.pose
+        )
         node.attrs.update(numbers)
     if channel:
         images = _create_images(file, "dslices", (frames, channel, camera.height, camera.width))
         images.attrs.update(unit="m", no_return=published.NO_RETURN)
-        file.create_dataset("slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False)
+        file.create_dataset(
+            "slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False
+        )
 
 
 def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
     chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
-    packed = {"compression": "gzip", "compression_opts": _GZIP_LEVEL, "shuffle": True, "track_times": False}
+    packed = {
+        "compression": "gzip",
+        "compression_opts": _GZIP_LEVEL,
+        "shuffle": True,
+        "track_times": False,
+    }
     return file.create_dataset(name, shape, np.float32, chunks=chunks, **packed)
 
 

@@ -1,10 +1,12 @@
-"""Doctor of stored images: suspicious sensors and objects. A sensor is frozen where an image repeats an earlier one,
-although its objects have left, and blind where it returns far less than usual while other sensors do not.
+"""Doctor of stored images: suspicious sensors and objects. A sensor is frozen where an image
+repeats an earlier one, although its objects have left, and blind where it returns far less than
+usual while other sensors do not.
 
-Suspected mistakes in a recording's conventions: each classic mistake is undone and the fits are compared. The
-evidence is motion. Sensors stand still, so a pixel that is nearer than in other frames shows an object. Points of such
-pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core. `fit` is the share
-of moving points that do. A mistake is suspected if undoing it raises the fit clearly."""
+Suspected mistakes in a recording's conventions: each classic mistake is undone and the fits are
+compared. The evidence is motion. Sensors stand still, so a pixel that is nearer than in other
+frames shows an object. Points of such pixels must lie on the objects' boxes: inside them, and near
+their surface rather than in their core. `fit` is the share of moving points that do. A mistake is
+suspected if undoing it raises the fit clearly."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,18 +32,30 @@ from toolkit.sites.site import Site
 SHOWN = 20  # points that show an object
 USUAL = 0.9  # quantile of the number of returns that is usual
 HALF_OF_IT = 0.5  # of the usual number: with fewer returns a sensor is blind
-UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is unknown
+UNKNOWN = (
+    "somewhere"  # name of the site of a recording whose place, and so detection area, is unknown
+)
 MOST_FRAMES = 60  # that are checked, evenly spread over the file
 DISAGREES = 0.5  # share of a sensor's moving points on boxes: below this its pose is in doubt
-LOOKS_AWAY = 0.01  # share of a sensor's points in the detection area: below this it sees nothing of it
+LOOKS_AWAY = (
+    0.01  # share of a sensor's points in the detection area: below this it sees nothing of it
+)
 UNSEEN = 0.3  # share of the objects in the area without a point: above this something is wrong
 FLOATING = 0.25  # m between a box's floor and the ground
-_UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts of the far plane, 0 to 1"}
+_UNITS = {
+    0.01: "centimetres",
+    0.001: "millimetres",
+    published.NO_RETURN: "parts of the far plane, 0 to 1",
+}
 
 
-def frozen_frames(view: "SensorImages", rows: "Sequence[Rows]", site: Site) -> Bool[np.ndarray, " frames"]:
-    """Mask of frames in which a sensor repeats an image whose objects have left. rows: the published ones by frame."""
-    frozen, first = np.zeros(len(view.depth), bool), 0
+def frozen_frames(
+    view: "SensorImages", rows: "Sequence[Rows]", site: Site
+) -> Bool[np.ndarray, " frames"]:
+    """Mask of frames in which a sensor repeats an image whose objects have left. rows: the
+    published ones by frame."""
+    frozen = np.zeros(len(view.depth), bool)
+    first = 0
     for k in range(1, len(view.depth)):
         if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
             first = k
@@ -53,7 +67,8 @@ def frozen_frames(view: "SensorImages", rows: "Sequence[Rows]", site: Site) -> B
 
 
 def blind_frames(views: "Sequence[SensorImages]") -> Bool[np.ndarray, "sensors frames"]:
-    """Mask of the frames in which a sensor has far fewer returns than in most frames, while others do not."""
+    """Mask of the frames in which a sensor has far fewer returns than in most frames, while others
+    do not."""
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
     blind = returned < HALF_OF_IT * np.quantile(returned, USUAL, axis=1)[:, None]
     return np.asarray(blind & ~blind.all(axis=0))
@@ -62,24 +77,38 @@ def blind_frames(views: "Sequence[SensorImages]") -> Bool[np.ndarray, "sensors f
 def failing_sensors(
     views: "Sequence[SensorImages]", rows: "Sequence[Rows]", site: Site, frames: Sequence[int]
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Yield place, suspicion, evidence and remedy per failing sensor. frames: numbers of the images."""
+    """Yield place, suspicion, evidence and remedy per failing sensor. frames: numbers of the
+    images."""
     if not views or not frames:
         return
     for view, dark in zip(views, blind_frames(views), strict=True):
         frozen = frozen_frames(view, rows, site)
         for chosen, suspected, evidence in (
             (frozen, "it is frozen", "show objects where nobody is any more"),
-            (dark, "it goes blind", "return less than half of what is usual, other sensors see as ever"),
+            (
+                dark,
+                "it goes blind",
+                "return less than half of what is usual, other sensors see as ever",
+            ),
         ):
             if chosen.any():
                 first = f"the first is {frames[int(chosen.argmax())]},"
-                some = f"{int(chosen.sum())} of {len(frames)} frames that were looked at, {first} {evidence}"
-                yield f"sensor {view.sensor.name}", suspected, some, "leave these frames out, or the sensor"
+                some = (
+                    f"{int(chosen.sum())} of {len(frames)} frames that were looked at, {first} "
+                    f"{evidence}"
+                )
+                yield (
+                    f"sensor {view.sensor.name}",
+                    suspected,
+                    some,
+                    "leave these frames out, or the sensor",
+                )
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One suspicion. where: dataset, sensor or frame of the file; evidence: the numbers behind it."""
+    """One suspicion. where: dataset, sensor or frame of the file; evidence: the numbers behind
+    it."""
 
     severity: Literal["error", "warning"]
     where: str
@@ -97,11 +126,14 @@ _error = partial(Finding, "error")
 def check_measurements(
     dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
-    """Check some of the frames. tables: the published rows of all frames; units: factors that may turn depth into
-    metres; the factor is taken that makes points and boxes agree best."""
-    frames = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)).tolist()
+    """Check some of the frames. tables: the published rows of all frames; units: factors that may
+    turn depth into metres; the factor is taken that makes points and boxes agree best."""
+    frames = np.unique(
+        np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)
+    ).tolist()
     raw, findings = _views(dataset, frames)
-    shared = [channel.place is not None for channel in dataset.channels]  # in dslices, which alone is in doubt
+    # in dslices, which alone is in doubt
+    shared = [channel.place is not None for channel in dataset.channels]
     examined = []
     for unit in units:
         views = []
@@ -112,8 +144,14 @@ def check_measurements(
         examined.append(_Examination(dataset.site, views, tables, frames))
     best = max(range(len(units)), key=lambda i: examined[i].explained)
     if units[best] != 1:
-        largest = max(float(view.depth.max(initial=0)) for view, doubt in zip(raw, shared, strict=True) if doubt)
-        evidence = f"the largest number is {largest:g}, the far plane lies at {published.NO_RETURN:g} m"
+        largest = max(
+            float(view.depth.max(initial=0))
+            for view, doubt in zip(raw, shared, strict=True)
+            if doubt
+        )
+        evidence = (
+            f"the largest number is {largest:g}, the far plane lies at {published.NO_RETURN:g} m"
+        )
         words = f"depth in {_UNITS.get(units[best], 'another unit')} instead of metres"
         findings.append(_error("dslices", words, evidence, f"multiply by {units[best]:g}"))
     exam = examined[best]
@@ -127,9 +165,14 @@ class _Examination:
     """Agreement of points and boxes, with and without the suspected mistakes."""
 
     def __init__(
-        self, site: Site, views: "Sequence[SensorImages]", tables: Sequence[np.ndarray], frames: Sequence[int]
+        self,
+        site: Site,
+        views: "Sequence[SensorImages]",
+        tables: Sequence[np.ndarray],
+        frames: Sequence[int],
     ) -> None:
-        self.site, self.views = site, views
+        self.site = site
+        self.views = views
         sensors = [view.sensor for view in views]
         pixels = witnesses(views)
         clouds = collect_clouds(pixels, sensors, len(frames))
@@ -156,7 +199,9 @@ class _Examination:
         kinds = dict.fromkeys(suspicion and suspicion.mistake for suspicion in self.doubts.values())
         for kind in kinds:
             doubts = {
-                name: suspicion for name, suspicion in self.doubts.items() if (suspicion and suspicion.mistake) == kind
+                name: suspicion
+                for name, suspicion in self.doubts.items()
+                if (suspicion and suspicion.mistake) == kind
             }
             where = f"sensor{'s' * (len(doubts) > 1)} {', '.join(doubts)}"
             evidence = self._evidence(doubts)
@@ -170,7 +215,9 @@ class _Examination:
     def _evidence(self, doubts: "Mapping[str, Suspicion | None]") -> str:
         """Fits of the sensors in doubt, each under its name if there are several."""
         words = {
-            name: f"{self.fits[name]:.0%} of the moving points lie on boxes" if doubt is None else doubt.evidence
+            name: f"{self.fits[name]:.0%} of the moving points lie on boxes"
+            if doubt is None
+            else doubt.evidence
             for name, doubt in doubts.items()
         }
         if len(words) == 1:
@@ -182,12 +229,19 @@ class _Examination:
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(view.points(frame) for view in trusted)]
-            yield published.parse_rows(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
+            yield (
+                published.parse_rows(self.rows[frame], self.site.map_SE3_site),
+                np.concatenate(points),
+            )
 
 
-def _views(dataset: CoopDataset, frames: Sequence[int]) -> "tuple[list[SensorImages], list[Finding]]":
-    """Measurements of some frames as stored, in any unit. Frames that cannot be read become findings."""
-    views, findings = [], []
+def _views(
+    dataset: CoopDataset, frames: Sequence[int]
+) -> "tuple[list[SensorImages], list[Finding]]":
+    """Measurements of some frames as stored, in any unit. Frames that cannot be read become
+    findings."""
+    views = []
+    findings = []
     for sensor, name, place, stride in dataset.channels:
         images = dataset.stored(name)
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
@@ -195,12 +249,16 @@ def _views(dataset: CoopDataset, frames: Sequence[int]) -> "tuple[list[SensorIma
             try:
                 image = hdf5.rows(images, name, k if place is None else (k, place))
             except OSError as error:
-                findings.append(_error(f"{name}, frame {k}", "damaged image", str(error), "restore the file"))
+                findings.append(
+                    _error(f"{name}, frame {k}", "damaged image", str(error), "restore the file")
+                )
                 continue
             with np.errstate(over="ignore"):
                 depth[i] = image[::stride, ::stride]
         depth = np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
-        views.append(SensorImages(sensor, sensor.model.rays().reshape(-1, 3), depth.reshape(len(frames), -1)))
+        views.append(
+            SensorImages(sensor, sensor.model.rays().reshape(-1, 3), depth.reshape(len(frames), -1))
+        )
     return views, findings
 
 
@@ -209,38 +267,68 @@ def _no_points(views: "Sequence[SensorImages]", frames: Sequence[int]) -> Iterat
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:
         remedy = "check its images and their unit, or leave it out"
-        yield _error(f"sensor {name}", "no points", f"not one pixel of {len(frames)} frames returned", remedy)
+        yield _error(
+            f"sensor {name}", "no points", f"not one pixel of {len(frames)} frames returned", remedy
+        )
     dark = [k for i, k in enumerate(frames) if not any(view.depth[i].any() for view in views)]
     if dark and len(blind) < len(views):
-        evidence = f"{len(dark)} of {len(frames)} frames that were looked at, the first is {dark[0]}"
-        yield _error(f"frame {dark[0]}", "frames without points", evidence, "restore their images or leave them out")
+        evidence = (
+            f"{len(dark)} of {len(frames)} frames that were looked at, the first is {dark[0]}"
+        )
+        yield _error(
+            f"frame {dark[0]}",
+            "frames without points",
+            evidence,
+            "restore their images or leave them out",
+        )
 
 
 def _posture(exam: _Examination) -> Iterator[Finding]:
-    """Find sensors under the ground, upside down, or looking away from the detection area, unless explained."""
+    """Find sensors under the ground, upside down, or looking away from the detection area, unless
+    explained."""
     site = exam.site
     for view in exam.views:
-        sensor, where = view.sensor, f"sensor {view.sensor.name}"
+        sensor = view.sensor
+        where = f"sensor {view.sensor.name}"
         if exam.doubts.get(sensor.name) is not None:
             continue
-        ahead, up = sensor.world_SE3_body[:2, 0], sensor.world_SE3_body[2, 2]
+        ahead = sensor.world_SE3_body[:2, 0]
+        up = sensor.world_SE3_body[2, 2]
         height = float(sensor.position[2] - site.ground(sensor.position[:2]))
         if height < 0:
-            yield _error(where, "it stands under the ground", f"height {height:.2f} m", "check z and signs of its pose")
+            yield _error(
+                where,
+                "it stands under the ground",
+                f"height {height:.2f} m",
+                "check z and signs of its pose",
+            )
         if up < -0.1:
-            yield _error(where, "it hangs upside down", f"its up has z {up:.2f}", "check the signs in its pose")
+            yield _error(
+                where,
+                "it hangs upside down",
+                f"its up has z {up:.2f}",
+                "check the signs in its pose",
+            )
         points = np.concatenate([view.points(frame) for frame in range(min(len(view.depth), 5))])
         inside = _in_area(points[:, :2], site)
         if len(points) and site.name != UNKNOWN and inside.mean() < LOOKS_AWAY:
             to_centre = (site.area[:2] + site.area[2:]) / 2 - sensor.position[:2]
-            turn = np.rad2deg(np.arctan2(ahead[0] * to_centre[1] - ahead[1] * to_centre[0], ahead @ to_centre))
+            turn = np.rad2deg(
+                np.arctan2(ahead[0] * to_centre[1] - ahead[1] * to_centre[0], ahead @ to_centre)
+            )
             left = f"whose centre lies {turn:.0f} degrees to its left"
             evidence = f"{inside.mean():.1%} of its points in the area, {left}"
-            yield _error(where, "it looks away from the detection area", evidence, "check its heading and the area")
+            yield _error(
+                where,
+                "it looks away from the detection area",
+                evidence,
+                "check its heading and the area",
+            )
 
 
 def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
-    """Find objects outside the site, perhaps by a mirrored axis. Returns the rows without that mistake too."""
+    """Find objects outside the site, perhaps by a mirrored axis. Returns the rows without that
+    mistake too."""
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
     flips = {"": np.ones(10), "y": np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])}
     site_from_carla = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
@@ -255,7 +343,9 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
         remedy = "pass the site where this was recorded, or check the coordinates"
         return [_error("objects", "objects elsewhere than the site", evidence, remedy)], rows
     evidence += f", {nearby['y']:.0%} with y negated"
-    return [_error("objects", "mirrored y axis", evidence, MIRROR_Y)], [table * flips["y"] for table in rows]
+    return [_error("objects", "mirrored y axis", evidence, MIRROR_Y)], [
+        table * flips["y"] for table in rows
+    ]
 
 
 def _ground(exam: _Examination) -> Iterator[Finding]:
@@ -265,7 +355,9 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
         points = level_rows(cloud[::4], exam.site.relief.slope)
         for x, y, z, length, width, height, _ in level_rows(objects.boxes, exam.site.relief.slope):
             away = np.hypot(points[:, 0] - x, points[:, 1] - y)
-            beside = points[(away > np.hypot(length, width) / 2) & (away < np.hypot(length, width) / 2 + 2), 2]
+            beside = points[
+                (away > np.hypot(length, width) / 2) & (away < np.hypot(length, width) / 2 + 2), 2
+            ]
             if len(beside) >= 20:
                 gaps.append(z - height / 2 - np.percentile(beside, 10))
     if len(gaps) >= 10 and abs(np.median(gaps)) > FLOATING:
@@ -287,7 +379,9 @@ def _unseen(exam: _Examination) -> Iterator[Finding]:
     if len(unseen) >= 10 and unseen.mean() > UNSEEN:
         evidence = f"{unseen.sum()} of {len(unseen)} objects in the detection area"
         remedy = "check poses and boxes, and that images and objects belong to the same frames"
-        yield Finding("warning", "objects", "objects without a point from any sensor", evidence, remedy)
+        yield Finding(
+            "warning", "objects", "objects without a point from any sensor", evidence, remedy
+        )
 
 
 def _in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
@@ -296,36 +390,60 @@ def _in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
 
 
 def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
-    """Diagnose a dataset, ours or a published one; no findings for a healthy one. All tables of objects are checked,
-    and the measurements of some frames. Raises FileNotFoundError for a missing file; all other damage is a finding."""
+    """Diagnose a dataset, ours or a published one; no findings for a healthy one. All tables of
+    objects are checked, and the measurements of some frames. Raises FileNotFoundError for a missing
+    file; all other damage is a finding."""
     try:
         with open_file(path) as file:
             check_kinds(file)
             units, (tables, whole, damaged) = _depth_units(file), _tables(file)
         try:
             dataset = CoopDataset(path, site)
-        except UnknownSite:  # the file, or its coordinates, do not tell: any site serves to check it
+        except (
+            UnknownSite
+        ):  # the file, or its coordinates, do not tell: any site serves to check it
             dataset = CoopDataset(path, Site(UNKNOWN, np.array([-1.0, -1, 1, 1])))
         with dataset:
             if not len(dataset):
-                return [_error("dslices", "no frames", "it has 0 frames", "record some, or restore the file")]
+                return [
+                    _error(
+                        "dslices",
+                        "no frames",
+                        "it has 0 frames",
+                        "record some, or restore the file",
+                    )
+                ]
             times = [] if dataset.times is None else [*suspect_times(dataset.times)]
-            return damaged + times + _repetitions(tables, whole) + check_measurements(dataset, tables, units)
+            return (
+                damaged
+                + times
+                + _repetitions(tables, whole)
+                + check_measurements(dataset, tables, units)
+            )
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
         return [_error(str(path), "it cannot be read", str(error), "repair it or restore it")]
 
 
-SHORTEST_STEP, LONGEST_STEP = 1e-3, 300.0  # s from frame to frame
+# s from frame to frame
+SHORTEST_STEP = 1e-3
+LONGEST_STEP = 300.0
 
 
 def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
     """Find times of frames (s) that cannot follow each other."""
     steps = np.diff(times[np.isfinite(times)])
-    if (back := int((steps <= 0).sum())) > max(1, len(steps) / 10):  # a new scene or sensor may begin again
+    if (back := int((steps <= 0).sum())) > max(
+        1, len(steps) / 10
+    ):  # a new scene or sensor may begin again
         evidence = f"{back} of {len(steps)} steps, the smallest of {steps.min():g} s"
-        yield _error("frames", "times that repeat or go back", evidence, "check the times, or sort the frames")
+        yield _error(
+            "frames",
+            "times that repeat or go back",
+            evidence,
+            "check the times, or sort the frames",
+        )
     elif len(steps) and not SHORTEST_STEP < np.median(steps) < LONGEST_STEP:
         evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
         said = "times in another unit than seconds", evidence, "check the unit of the times"
@@ -345,17 +463,21 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
         return (published.NO_RETURN,)  # CARLA's own encoding, parts of the far plane
     if largest <= 1.01 * published.NO_RETURN:
         return (1.0,)
-    return tuple(unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN) or (0.001,)
+    return tuple(
+        unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN
+    ) or (0.001,)
 
 
 def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
-    """Sound published rows of all frames, which frames are whole, and findings for the first three that are not."""
+    """Sound published rows of all frames, which frames are whole, and findings for the first three
+    that are not."""
     images = [*hdf5.find_kinds(file, ("dslices", "coview/time"))]
     shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
     tables: list[np.ndarray] = []
     faults: list[str] = []
     for k in range(shape[0] if shape else 0):
-        table, fault = np.zeros((0, len(published.OBJECT_COLUMNS))), ""
+        table = np.zeros((0, len(published.OBJECT_COLUMNS)))
+        fault = ""
         try:
             rows = object_rows(file, f"objects/{k}")
             words = published.wrong_rows(rows)
@@ -380,14 +502,23 @@ def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Fi
     if empty:
         evidence = f"{len(empty)} of {len(tables)} frames, the first is {empty[0]}"
         remedy = "right if nothing was there, else restore their objects"
-        findings.append(Finding("warning", f"objects/{empty[0]}", "frames without objects", evidence, remedy))
+        findings.append(
+            Finding("warning", f"objects/{empty[0]}", "frames without objects", evidence, remedy)
+        )
     first: dict[bytes, int] = {}
-    twins = [(first.setdefault(table.tobytes(), k), k) for k, table in enumerate(tables) if len(table)]
+    twins = [
+        (first.setdefault(table.tobytes(), k), k) for k, table in enumerate(tables) if len(table)
+    ]
     twins = [(original, copy) for original, copy in twins if original != copy]
     if twins:
-        evidence = f"{len(twins)} of {len(tables)} frames, frame {twins[0][1]} has the objects of frame {twins[0][0]}"
+        evidence = (
+            f"{len(twins)} of {len(tables)} frames, frame {twins[0][1]} has the objects of frame "
+            f"{twins[0][0]}"
+        )
         remedy = "leave the copies out, or they count twice in training and AP"
-        findings.append(Finding("warning", f"objects/{twins[0][1]}", "duplicated frames", evidence, remedy))
+        findings.append(
+            Finding("warning", f"objects/{twins[0][1]}", "duplicated frames", evidence, remedy)
+        )
     return findings
 
 
@@ -399,14 +530,16 @@ _SLACK = 0.1  # m a point may lie outside its box
 _CORE = 0.6  # fraction of a vehicle's box where a sensor sees nothing
 _POINTS_PER_FRAME = 100  # of each sensor
 
-_FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # of x right, y down, z forward
+# of x right, y down, z forward
+_FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 Rows = Float64[np.ndarray, "_ 10"]
 
 
 @dataclass(frozen=True, eq=False)
 class SensorImages:
-    """Images of one sensor. rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no return."""
+    """Images of one sensor. rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no
+    return."""
 
     sensor: Sensor
     rays: Float32[np.ndarray, "pixels 3"]
@@ -414,7 +547,8 @@ class SensorImages:
 
     def moving(self) -> Bool[np.ndarray, "frames pixels"]:
         """Mask of the pixels that show a moving object, one that is missing in another frame."""
-        seen = self.depth[(self.depth > 0).any(axis=1)]  # a frame without any return tells nothing about the scene
+        # a frame without any return tells nothing about the scene
+        seen = self.depth[(self.depth > 0).any(axis=1)]
         if len(seen) < 3:
             return np.zeros(self.depth.shape, bool)
         background = np.where(seen > 0, seen, np.inf).max(axis=0)
@@ -446,7 +580,10 @@ class Suspicion(NamedTuple):
     @property
     def evidence(self) -> str:
         """Both fits in words."""
-        return f"{self.before:.0%} of the moving points lie on boxes as it is, {self.after:.0%} with that undone"
+        return (
+            f"{self.before:.0%} of the moving points lie on boxes as it is, {self.after:.0%} with "
+            "that undone"
+        )
 
 
 class Mistake(NamedTuple):
@@ -460,25 +597,49 @@ class Mistake(NamedTuple):
 _COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
 _FULL = "full extents stored where half extents belong: the boxes are twice too large"
 _HALVED = "half of the half extents stored: the boxes are half as large as their objects"
-_RADIANS, _TWICE = "yaw in radians where degrees belong", "yaw turned from radians to degrees twice"
+_RADIANS = "yaw in radians where degrees belong"
+_TWICE = "yaw turned from radians to degrees twice"
 _NEGATE_YAW = "negate column 5 of objects: CARLA's y points the other way, so does its yaw"
 MIRROR_Y = "negate columns 1 (y) and 5 (yaw) of objects"
 _MIRRORED = "mirrored y axis: a right-handed world where CARLA's left-handed one belongs"
 _MIRROR_X = "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)"
 _SWAP = "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)"
-_END = "the centre of the {} stored where the centre of the box belongs: the boxes {} by half their height"
+_END = (
+    "the centre of the {} stored where the centre of the box belongs: the boxes {} by half their "
+    "height"
+)
 _ADD = "add column 8 (half height) to column 2 (z) of objects"
 _SUBTRACT = "subtract column 8 (half height) from column 2 (z) of objects"
 OBJECT_MISTAKES = (
     Mistake(_FULL, "halve columns 6 to 8 of objects", lambda o: {key: o[key] / 2 for key in "lwh"}),
-    Mistake(_HALVED, "double columns 6 to 8 of objects", lambda o: {key: o[key] * 2 for key in "lwh"}),
-    Mistake("length and width swapped", "swap columns 6 and 7 of objects", lambda o: {"l": o["w"], "w": o["l"]}),
-    Mistake(_RADIANS, "multiply column 5 of objects by 180 / pi", lambda o: {"yaw": np.rad2deg(o["yaw"])}),
-    Mistake(_TWICE, "multiply column 5 of objects by pi / 180", lambda o: {"yaw": np.deg2rad(o["yaw"])}),
+    Mistake(
+        _HALVED, "double columns 6 to 8 of objects", lambda o: {key: o[key] * 2 for key in "lwh"}
+    ),
+    Mistake(
+        "length and width swapped",
+        "swap columns 6 and 7 of objects",
+        lambda o: {"l": o["w"], "w": o["l"]},
+    ),
+    Mistake(
+        _RADIANS,
+        "multiply column 5 of objects by 180 / pi",
+        lambda o: {"yaw": np.rad2deg(o["yaw"])},
+    ),
+    Mistake(
+        _TWICE, "multiply column 5 of objects by pi / 180", lambda o: {"yaw": np.deg2rad(o["yaw"])}
+    ),
     Mistake("yaw counted the other way round", _NEGATE_YAW, lambda o: {"yaw": -o["yaw"]}),
-    Mistake("yaw a quarter turn off", "add 90 degrees to column 5 of objects", lambda o: {"yaw": o["yaw"] + 90}),
+    Mistake(
+        "yaw a quarter turn off",
+        "add 90 degrees to column 5 of objects",
+        lambda o: {"yaw": o["yaw"] + 90},
+    ),
     Mistake(_MIRRORED, MIRROR_Y, lambda o: {"y": -o["y"], "yaw": -o["yaw"]}),
-    Mistake("mirrored y axis, of the positions alone", "negate column 1 (y) of objects", lambda o: {"y": -o["y"]}),
+    Mistake(
+        "mirrored y axis, of the positions alone",
+        "negate column 1 (y) of objects",
+        lambda o: {"y": -o["y"]},
+    ),
     Mistake("mirrored x axis", _MIRROR_X, lambda o: {"x": -o["x"], "yaw": 180 - o["yaw"]}),
     Mistake("x and y swapped", _SWAP, lambda o: {"x": o["y"], "y": o["x"], "yaw": 90 - o["yaw"]}),
     Mistake(_END.format("floor", "are sunk"), _ADD, lambda o: {"z": o["z"] + o["h"]}),
@@ -488,8 +649,14 @@ OBJECT_MISTAKES = (
 
 LIFTED = tuple(
     Mistake(
-        f"the boxes {'float above' if lift > 0 else 'are sunk into'} the ground, by about {abs(lift):.1f} m",
-        f"{'subtract' if lift > 0 else 'add'} {abs(lift):.1f} m {'from' if lift > 0 else 'to'} column 2 (z) of objects",
+        (
+            f"the boxes {'float above' if lift > 0 else 'are sunk into'} the ground, by about "
+            f"{abs(lift):.1f} m"
+        ),
+        (
+            f"{'subtract' if lift > 0 else 'add'} {abs(lift):.1f} m {'from' if lift > 0 else 'to'} "
+            "column 2 (z) of objects"
+        ),
         lambda o, lift=lift: {"z": o["z"] - lift},
     )
     for lift in (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, -0.3, -0.4, -0.5, -0.6, -0.8, -1.0)
@@ -505,13 +672,15 @@ def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
             pixels = np.flatnonzero(moving)
             if len(pixels) > _POINTS_PER_FRAME:
                 pixels = rng.choice(pixels, _POINTS_PER_FRAME, replace=False)
-            rays, depth = view.rays[pixels].astype(np.float64), view.depth[frame, pixels].astype(np.float64)
+            rays = view.rays[pixels].astype(np.float64)
+            depth = view.depth[frame, pixels].astype(np.float64)
             chosen.append(Witness(frame, i, rays, depth))
     return chosen
 
 
 def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) -> float:
-    """Share of points on the boxes of their frame. clouds: (n, 3) in the site's frame, one for each frame."""
+    """Share of points on the boxes of their frame. clouds: (n, 3) in the site's frame, one for each
+    frame."""
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
         if not len(points) or not len(table):
@@ -527,7 +696,9 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) 
     return on_boxes / max(1, sum(map(len, clouds)))
 
 
-def collect_clouds(some: Sequence[Witness], sensors: Sequence[Sensor], frames: int) -> list[Float64[np.ndarray, "_ 3"]]:
+def collect_clouds(
+    some: Sequence[Witness], sensors: Sequence[Sensor], frames: int
+) -> list[Float64[np.ndarray, "_ 3"]]:
     """Points of the witnesses in each frame, site frame."""
     parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
     for w in some:
@@ -538,17 +709,24 @@ def collect_clouds(some: Sequence[Witness], sensors: Sequence[Sensor], frames: i
 def suspect_objects(
     chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Pose
 ) -> tuple[list[Suspicion], list[Rows], float]:
-    """Find the mistake, or pair of mistakes, in the objects. Returns it, the rows without it, and the fit of these."""
+    """Find the mistake, or pair of mistakes, in the objects. Returns it, the rows without it, and
+    the fit of these."""
     clouds = collect_clouds(chosen, sensors, len(rows))
     if sum(map(len, clouds)) < ENOUGH:
         return [], list(rows), 1.0
     current = fit(clouds, rows, map_SE3_site)
-    for attempts in (list(combinations(OBJECT_MISTAKES + LIFTED, 1)), list(combinations(OBJECT_MISTAKES, 2))):
+    for attempts in (
+        list(combinations(OBJECT_MISTAKES + LIFTED, 1)),
+        list(combinations(OBJECT_MISTAKES, 2)),
+    ):
         undone = [[_without(mistakes, table) for table in rows] for mistakes in attempts]
         fits = [fit(clouds, tables, map_SE3_site) for tables in undone]
         best = int(np.argmax(fits))
         if fits[best] >= current + CLEAR and fits[best] >= FITS:
-            found = [Suspicion(mistake, remedy, current, fits[best]) for mistake, remedy, _ in attempts[best]]
+            found = [
+                Suspicion(mistake, remedy, current, fits[best])
+                for mistake, remedy, _ in attempts[best]
+            ]
             return found, undone[best], fits[best]
         if current >= FITS:
             break
@@ -565,13 +743,21 @@ def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
 
 _FOR_ANOTHER = "its extrinsic is for a right-handed world and a camera with"
 _SENSOR_MISTAKES = {  # with their remedies
-    "its extrinsic is camera → world, the inverse of what belongs there": "store the inverse of extrinsic",
-    f"{_FOR_ANOTHER} x right, y down, z forward": "turn extrinsic into CARLA's world (y negated) and a camera with X "
-    "forward, Y right, Z up",
-    f"{_FOR_ANOTHER} x forward, y left, z up": "negate y of the world and of the camera in extrinsic",
-    "its depth is the distance along the ray, not along the optical axis": "divide each depth by the length of its ray "
-    "whose X is 1",
-    "it looks away: in the opposite direction": "turn extrinsic by 180 degrees about the camera's Z",
+    "its extrinsic is camera → world, the inverse of what belongs there": (
+        "store the inverse of extrinsic"
+    ),
+    f"{_FOR_ANOTHER} x right, y down, z forward": (
+        "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up"
+    ),
+    f"{_FOR_ANOTHER} x forward, y left, z up": (
+        "negate y of the world and of the camera in extrinsic"
+    ),
+    "its depth is the distance along the ray, not along the optical axis": (
+        "divide each depth by the length of its ray whose X is 1"
+    ),
+    "it looks away: in the opposite direction": (
+        "turn extrinsic by 180 degrees about the camera's Z"
+    ),
 }
 
 
@@ -583,8 +769,13 @@ def suspect_sensor(
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
         pose = published.parse_extrinsic(matrix, map_SE3_site)
-        rays = [w.rays / np.linalg.norm(w.rays, axis=1, keepdims=True) if along_ray else w.rays for w in chosen]
-        clouds = [transform(pose, ray * w.depth[:, None]) for ray, w in zip(rays, chosen, strict=True)]
+        rays = [
+            w.rays / np.linalg.norm(w.rays, axis=1, keepdims=True) if along_ray else w.rays
+            for w in chosen
+        ]
+        clouds = [
+            transform(pose, ray * w.depth[:, None]) for ray, w in zip(rays, chosen, strict=True)
+        ]
         return fit(clouds, [rows[witness.frame] for witness in chosen], map_SE3_site)
 
     current = measure_fit(stored)
@@ -609,14 +800,20 @@ CLEARLY = 0.2  # least gain in fit that raises suspicion of shifted frames
 
 
 def suspect_frames(
-    clouds: Sequence[Float[np.ndarray, "_ 3"]], tables: Sequence[Rows], frames: Sequence[int], map_SE3_site: Pose
+    clouds: Sequence[Float[np.ndarray, "_ 3"]],
+    tables: Sequence[Rows],
+    frames: Sequence[int],
+    map_SE3_site: Pose,
 ) -> tuple[Suspicion | None, list[Rows]]:
-    """Find the number of frames by which objects are off. Returns it and the rows that belong to `frames`. clouds:
-    moving points of `frames`, site frame; tables: rows of all frames of the file."""
+    """Find the number of frames by which objects are off. Returns it and the rows that belong to
+    `frames`. clouds: moving points of `frames`, site frame; tables: rows of all frames of the
+    file."""
     best: Suspicion | None = None
     rows = [tables[k] for k in frames]
     for off in [sign * n for n in range(1, MOST_FRAMES_OFF + 1) for sign in (1, -1)]:
-        there = [0 <= k + off < len(tables) and len(tables[k]) and len(tables[k + off]) for k in frames]
+        there = [
+            0 <= k + off < len(tables) and len(tables[k]) and len(tables[k + off]) for k in frames
+        ]
         usable = np.flatnonzero(there).tolist()
         some = [clouds[i] for i in usable]
         if sum(map(len, some)) < ENOUGH:
@@ -628,5 +825,7 @@ def suspect_frames(
             mistake = f"labels lie about {count} {'behind' if off > 0 else 'ahead of'} the images"
             remedy = f"store objects/K as objects/{'K-' if off > 0 else 'K+'}{abs(off)}"
             best = Suspicion(mistake, remedy, before, after)
-            rows = [tables[k + off] if 0 <= k + off < len(tables) else tables[k][:0] for k in frames]
+            rows = [
+                tables[k + off] if 0 <= k + off < len(tables) else tables[k][:0] for k in frames
+            ]
     return best, rows

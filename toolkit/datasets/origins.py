@@ -1,8 +1,9 @@
 """Origins of recordings whose coordinates are far from zero, such as UTM's.
 
-float32 holds a tenth of a millimetre at a kilometre, but half a metre at a northing of 5336 km. Clouds are float32, so
-an origin goes into their sensors' poses, which are float64. Layouts that keep clouds in one world frame get frames that
-are counted from one origin for the whole recording (`near_frames`); `map_SE3_world` holds it."""
+float32 holds a tenth of a millimetre at a kilometre, but half a metre at a northing of 5336 km.
+Clouds are float32, so an origin goes into their sensors' poses, which are float64. Layouts that
+keep clouds in one world frame get frames that are counted from one origin for the whole recording
+(`near_frames`); `map_SE3_world` holds it."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
@@ -42,12 +43,16 @@ def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
 
 @dataclass(frozen=True)
 class Middles:
-    """Middles of the sensors' first clouds, from which all their clouds are counted if they are far away.
+    """Middles of the sensors' first clouds, from which all their clouds are counted if they are far
+    away.
 
-    files: each sensor's first cloud by its name; for a sensor without one it is the first cloud that is read."""
+    files: each sensor's first cloud by its name; for a sensor without one it is the first cloud
+    that is read."""
 
     files: Mapping[str, Path] = field(default_factory=dict)
-    _by_sensor: dict[str, Float64[np.ndarray, "3"]] = field(default_factory=dict, repr=False, compare=False)
+    _by_sensor: dict[str, Float64[np.ndarray, "3"]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def find(self, sensor: str, middle: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
         """Return a sensor's middle (m); `middle` is its cloud's that is being read."""
@@ -59,7 +64,8 @@ class Middles:
 
 
 def find_origin(frame: Frame) -> Float64[np.ndarray, "3"]:
-    """Return an origin (m, world frame) near a frame's sensors, else its points or objects; zeros if all are near."""
+    """Return an origin (m, world frame) near a frame's sensors, else its points or objects; zeros
+    if all are near."""
     positions = np.array([sensor.position for sensor in frame.sensors]).reshape(-1, 3)
     for places in (positions, frame.points(), frame.objects.boxes[:, :3]):
         middle = find_far_middle(places)
@@ -72,7 +78,8 @@ def rebase(frame: Frame, origin: Float64[np.ndarray, "3"]) -> Frame:
     """Return a frame whose world frame begins at `origin` (m) of what was its world frame."""
     if not origin.any():
         return frame
-    old_SE3_new, new_SE3_old = translation(origin), translation(-origin)
+    old_SE3_new = translation(origin)
+    new_SE3_old = translation(-origin)
     clouds = [_rebase_cloud(cloud, new_SE3_old) for cloud in frame.clouds]
     rows = np.array([*origin, 0, 0, 0, 0])
     return replace(
@@ -85,7 +92,8 @@ def rebase(frame: Frame, origin: Float64[np.ndarray, "3"]) -> Frame:
 
 
 def near_frames(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Yield frames counted from the origin of the first, so that float32 holds their clouds in the world frame."""
+    """Yield frames counted from the origin of the first, so that float32 holds their clouds in the
+    world frame."""
     remaining = iter(frames)
     first = next(remaining, None)
     if first is None:

@@ -1,12 +1,13 @@
-"""Times of a cloud's points in seconds, from a column whose unit its name, its type or its numbers tell.
+"""Times of a cloud's points in seconds, from a column whose unit its name, its type or its numbers
+tell.
 
 - A unit at the end of the name counts: `offset_ns`, `time_us`, `timestamp_ms`.
 - Numbers since 1970 show their unit: seconds, milli-, micro- or nanoseconds.
-- Other whole numbers are nanoseconds, as Ouster, Livox and Argoverse have them, others seconds, as Velodyne, Hesai and
-  RoboSense have them.
+- Other whole numbers are nanoseconds, as Ouster, Livox and Argoverse have them, others seconds, as
+  Velodyne, Hesai and RoboSense have them.
 
-A sweep takes a millisecond to ten seconds. Where another unit would give that and this one does not, the unit is not
-known, and no times are better than wrong ones."""
+A sweep takes a millisecond to ten seconds. Where another unit would give that and this one does
+not, the unit is not known, and no times are better than wrong ones."""
 
 import re
 
@@ -27,7 +28,9 @@ def is_time(name: str) -> bool:
     return name != "offset" and COLUMN.fullmatch(name) is not None
 
 
-def parse_point_times(name: str, times: Shaped[np.ndarray, " n"]) -> Float64[np.ndarray, " n"] | None:
+def parse_point_times(
+    name: str, times: Shaped[np.ndarray, " n"]
+) -> Float64[np.ndarray, " n"] | None:
     """Return seconds since the first point, None if the unit of the column is not known.
 
     >>> parse_point_times("t", np.array([0, 50_000_000], np.uint32))
@@ -36,7 +39,11 @@ def parse_point_times(name: str, times: Shaped[np.ndarray, " n"]) -> Float64[np.
     True
     """
     whole = times.dtype.kind in "iu"
-    ticks = times.astype(np.int64) if whole else np.nan_to_num(times.astype(np.float64), posinf=0.0, neginf=0.0)
+    ticks = (
+        times.astype(np.int64)
+        if whole
+        else np.nan_to_num(times.astype(np.float64), posinf=0.0, neginf=0.0)
+    )
     if not len(ticks):
         return np.zeros(0)
     since = ticks - ticks.min()
@@ -60,4 +67,6 @@ def _stated_unit(name: str) -> float | None:
 
 def _epoch_unit(time: float) -> float | None:
     """Seconds of the unit in which a number is a time since 1970."""
-    return next((unit for unit in UNITS_S.values() if EPOCH_S[0] <= time * unit <= EPOCH_S[1]), None)
+    return next(
+        (unit for unit in UNITS_S.values() if EPOCH_S[0] <= time * unit <= EPOCH_S[1]), None
+    )

@@ -1,11 +1,15 @@
-"""Conventions of the published dataset: CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
+"""Conventions of the published dataset: CARLA's left-handed world, forward-first cameras, boxes in
+degrees and halves.
 
-    world   x, y, z up, metres, left-handed: y is minus the y of a right-handed map of the same place
-    camera  X forward, Y right, Z up; a pixel (u, v) of depth d is X = d, Y = (u - cu) d / f, Z = -(v - cv) d / f
+    world   x, y, z up, metres, left-handed: y is minus the y of a right-handed map of the same
+            place
+    camera  X forward, Y right, Z up; a pixel (u, v) of depth d is X = d, Y = (u - cu) d / f,
+            Z = -(v - cv) d / f
     K       [[cu, f, 0], [cv, 0, -f], [1, 0, 0]]
     object  x y z (centre), pitch roll yaw (degrees), half extents (m), class
 
-Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and `Objects`."""
+Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and
+`Objects`."""
 
 from collections.abc import Iterable
 
@@ -16,7 +20,18 @@ from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.models import DepthCamera
 
-OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
+OBJECT_COLUMNS = (
+    "x",
+    "y",
+    "z",
+    "pitch",
+    "roll",
+    "yaw",
+    "half length",
+    "half width",
+    "half height",
+    "class",
+)
 NO_RETURN = 1000.0  # m, CARLA's far plane, the depth of the sky
 DEPTH_STEP = 1 / 1024  # m: stored depth is rounded to it, so that it compresses
 LARGEST_EXTENT = 500.0  # m, half of a length, width or height
@@ -31,16 +46,27 @@ class InvalidObjects(ValueError):
 
 
 def extrinsic(site_SE3_sensor: Pose, map_SE3_site: Pose) -> Pose:
-    """Published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site frame."""
+    """Published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site
+    frame."""
     return invert(MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED)
 
 
-def parse_extrinsic(published: Float[np.ndarray, "rows columns"], map_SE3_site: Pose, name: str = "extrinsic") -> Pose:
-    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError unless it is a rigid motion."""
+def parse_extrinsic(
+    published: Float[np.ndarray, "rows columns"], map_SE3_site: Pose, name: str = "extrinsic"
+) -> Pose:
+    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError unless it is a rigid
+    motion."""
     matrix = np.asarray(published, np.float64)
     if matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) < 1e-6:
-        raise ValueError(f"{name} is singular (determinant {np.linalg.det(matrix):.3g}): it belongs to no camera")
-    return invert(map_SE3_site) @ MAP_FROM_CARLA @ invert(check_pose(matrix, name)) @ _OPENCV_FROM_PUBLISHED.T
+        raise ValueError(
+            f"{name} is singular (determinant {np.linalg.det(matrix):.3g}): it belongs to no camera"
+        )
+    return (
+        invert(map_SE3_site)
+        @ MAP_FROM_CARLA
+        @ invert(check_pose(matrix, name))
+        @ _OPENCV_FROM_PUBLISHED.T
+    )
 
 
 def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
@@ -52,21 +78,28 @@ def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
 def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
-    """Camera, of every second pixel, behind a published intrinsic matrix and image size. Raises ValueError unless the
-    matrix is a forward-first one with one focal length."""
+    """Camera, of every second pixel, behind a published intrinsic matrix and image size. Raises
+    ValueError unless the matrix is a forward-first one with one focal length."""
     matrix = np.asarray(published, np.float64)
     form = "[[cu, f, 0], [cv, 0, -f], [1, 0, 0]]"
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not matrix[0, 1] > 0:
-        raise ValueError(f"{name} must be a finite 3×3 matrix {form} with f > 0, got {matrix.tolist()}")
+        raise ValueError(
+            f"{name} must be a finite 3×3 matrix {form} with f > 0, got {matrix.tolist()}"
+        )
     centre = (float(matrix[0, 0]), float(matrix[1, 0]))
     if not (0 <= centre[0] <= width and 0 <= centre[1] <= height):
-        raise ValueError(f"{name} must have its centre (cu, cv) in the image of {width}×{height} pixels, got {centre}")
+        raise ValueError(
+            f"{name} must have its centre (cu, cv) in the image of {width}×{height} pixels, got "
+            f"{centre}"
+        )
     central = np.allclose(centre, (width / 2, height / 2))
     fov = 2 * float(np.arctan(width / 2 / matrix[0, 1]))
     camera = DepthCamera(width, height, fov=fov, centre=None if central else centre)
     if not np.allclose(matrix, intrinsic(camera), rtol=1e-3):
         rows = matrix.round(3).tolist()
-        raise ValueError(f"{name} must be {form}, forward first and one f for both axes, got {rows}")
+        raise ValueError(
+            f"{name} must be {form}, forward first and one f for both axes, got {rows}"
+        )
     return camera
 
 
@@ -81,10 +114,14 @@ def format_objects(objects: Objects, map_SE3_site: Pose) -> Float64[np.ndarray, 
 
 
 def parse_rows(
-    rows: Shaped[np.ndarray, "..."], map_SE3_site: Pose, ids: np.ndarray | None = None, name: str = "objects"
+    rows: Shaped[np.ndarray, "..."],
+    map_SE3_site: Pose,
+    ids: np.ndarray | None = None,
+    name: str = "objects",
 ) -> Objects:
-    """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi. Raises ValueError if
-    the rows have another width, and InvalidObjects for a row that is no object, see `wrong_rows`."""
+    """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi.
+    Raises ValueError if the rows have another width, and InvalidObjects for a row that is no
+    object, see `wrong_rows`."""
     if np.asarray(rows).dtype.kind not in "fiub":
         raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
     rows = np.asarray(rows, np.float64)
@@ -101,13 +138,15 @@ def parse_rows(
     yaw = -np.deg2rad(rows[:, 5]) - _turn(map_SE3_site)
     yaw = np.arctan2(np.sin(yaw), np.cos(yaw))
     ids = np.arange(len(rows)) if ids is None else ids
-    return Objects(np.column_stack([centres, 2 * rows[:, 6:9], yaw]), rows[:, 9].astype(np.int64), ids)
+    return Objects(
+        np.column_stack([centres, 2 * rows[:, 6:9], yaw]), rows[:, 9].astype(np.int64), ids
+    )
 
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
-    """Fault of each row in words, "" for none; tables of another width have no wrong rows. Faults are NaN or infinity,
-    an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond `MAX_COORDINATE_M`, and a
-    yaw beyond `MOST_TURNED`."""
+    """Fault of each row in words, "" for none; tables of another width have no wrong rows. Faults
+    are NaN or infinity, an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a
+    place beyond `MAX_COORDINATE_M`, and a yaw beyond `MOST_TURNED`."""
     words = np.full(len(rows) if np.ndim(rows) else 0, "", dtype=object)
     if np.ndim(rows) != 2 or np.shape(rows)[1] != len(OBJECT_COLUMNS):
         return words
@@ -115,12 +154,17 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     extents = f"has half extents {{}}: they must be positive and at most {LARGEST_EXTENT:g} m"
     classes = f"has class {{}}: there are classes 0..{len(LABELS) - 1} {LABELS}"
     with np.errstate(invalid="ignore"):
-        half, far = rows[:, 6:9], np.abs(rows[:, :3]) > MAX_COORDINATE_M
+        half = rows[:, 6:9]
+        far = np.abs(rows[:, :3]) > MAX_COORDINATE_M
         rules = (
             (~np.isfinite(rows).all(axis=1), slice(None), "holds NaN or infinity: {}"),
             (~((half > 0) & (half <= LARGEST_EXTENT)).all(axis=1), slice(6, 9), extents),
             (far.any(axis=1), slice(3), f"lies at {{}}, beyond {MAX_COORDINATE_M:g} m"),
-            (np.abs(rows[:, 5]) > MOST_TURNED, slice(5, 6), f"has yaw {{}}, beyond {MOST_TURNED:g} degrees"),
+            (
+                np.abs(rows[:, 5]) > MOST_TURNED,
+                slice(5, 6),
+                f"has yaw {{}}, beyond {MOST_TURNED:g} degrees",
+            ),
             (~np.isin(rows[:, 9], range(len(LABELS))), slice(9, 10), classes),
         )
     for wrong, columns, what in rules:
@@ -141,7 +185,8 @@ def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[Ima
     """Measured pixels of published depth images and the steps between them, 0 without a return."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
-    return [np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0)) for depth in depths]  # NaN is none either
+    # NaN is none either
+    return [np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0)) for depth in depths]
 
 
 def rounded(measurement: ImageRanges) -> ImageRanges:

@@ -1,8 +1,10 @@
-"""Recordings in any layout: opened, written and cut. A layout is a module of `toolkit.datasets.layouts`, or plugs in by
-an entry point of the group `coview.layouts`, whose name is the layout's and whose value is a `Layout`.
+"""Recordings in any layout: opened, written and cut. A layout is a module of
+`toolkit.datasets.layouts`, or plugs in by an entry point of the group `coview.layouts`, whose name
+is the layout's and whose value is a `Layout`.
 
-A frame as real sensors would measure it, with errors that are drawn when the frame is read. Sensors stand at their
-believed poses, and their measurements are those of their true poses. Objects stay the truth."""
+A frame as real sensors would measure it, with errors that are drawn when the frame is read. Sensors
+stand at their believed poses, and their measurements are those of their true poses. Objects stay
+the truth."""
 
 import inspect
 import itertools
@@ -24,7 +26,13 @@ from toolkit.datasets.records import BAG_ENDINGS, ENDINGS, Listing, list_bags
 from toolkit.frame import Frame, Frames, Recording, RecordingView
 from toolkit.objects import label_index
 from toolkit.runtime.files import writing_folder
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, find_profile, only_own_noise
+from toolkit.sensors.error_profiles import (
+    PAPER_ERRORS,
+    ErrorProfile,
+    check_drawn,
+    find_profile,
+    only_own_noise,
+)
 from toolkit.sensors.error_terms import TrueImage, velocities
 from toolkit.sensors.sensor import Sensor
 
@@ -33,8 +41,9 @@ GROUP = "coview.layouts"
 
 @dataclass(frozen=True)
 class Layout:
-    """A way to write recordings down. module: where its functions are; reader: from a path to a recording; writer: of
-    frames at a path, None for a layout that is only read; file: it writes one file instead of a folder."""
+    """A way to write recordings down. module: where its functions are; reader: from a path to a
+    recording; writer: of frames at a path, None for a layout that is only read; file: it writes one
+    file instead of a folder."""
 
     name: str
     module: str
@@ -49,7 +58,8 @@ class Layout:
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """The writer, which returns the number of frames; a folder appears whole. ValueError for a read-only layout."""
+        """The writer, which returns the number of frames; a folder appears whole. ValueError for a
+        read-only layout."""
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")
         writer = getattr(import_module(self.module), self.writer)
@@ -64,8 +74,13 @@ class Layout:
         return write_whole
 
 
-_BUILT_IN = "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag hdf5"
-_MODULES, _READERS = {"v2xset": "opv2v", "v2xreal": "opv2v"}, {"v2xset": "opv2v"}  # of layouts that share them
+_BUILT_IN = (
+    "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag "
+    "hdf5"
+)
+# of layouts that share them
+_MODULES = {"v2xset": "opv2v", "v2xreal": "opv2v"}
+_READERS = {"v2xset": "opv2v"}
 LAYOUTS = {
     name: Layout(
         *(name, f"toolkit.datasets.layouts.{_MODULES.get(name, name)}", _READERS.get(name, name)),
@@ -86,14 +101,21 @@ def find_layout(name: str) -> Layout:
     """Return a layout by name. Raises ValueError for an unknown one."""
     layout = LAYOUTS.get(name) or load_plugins().get(name)
     if layout is None:
-        raise ValueError(f"there is no layout {name!r}: choose among {', '.join([*LAYOUTS, *load_plugins()])}")
+        raise ValueError(
+            f"there is no layout {name!r}: choose among {', '.join([*LAYOUTS, *load_plugins()])}"
+        )
     return layout
 
 
 _SIGNS = {  # files, one of which only folders of these layouts have
     ("folder",): ("poses.json", "poses.txt", "poses.csv", "labels.json"),
     ("kitti",): ("training/velodyne", "label_2"),
-    ("dair",): ("label/virtuallidar", "label/lidar", "infrastructure-side", "cooperative-vehicle-infrastructure"),
+    ("dair",): (
+        "label/virtuallidar",
+        "label/lidar",
+        "infrastructure-side",
+        "cooperative-vehicle-infrastructure",
+    ),
     ("nuscenes",): ("v1.0*/sample_data.json", "sample_data.json"),
     ("argoverse",): ("sensors/lidar/*.feather",),
     ("sustech",): ("lidar/../label/*.json",),
@@ -105,25 +127,43 @@ _HDF5 = (".hdf5", ".h5")
 
 
 def guess_layout(path: str | Path) -> str:
-    """Guess the layout of a path by its ending or, in a folder, by files that only one layout has. Raises ValueError
-    for a folder that several layouts might have written, and a file that none writes."""
+    """Guess the layout of a path by its ending or, in a folder, by files that only one layout has.
+    Raises ValueError for a folder that several layouts might have written, and a file that none
+    writes."""
     path = Path(path)
     if not path.is_dir():
         ending = path.suffix.lower()
         layout = "folder" if ending in ENDINGS else "rosbag" if ending in BAG_ENDINGS else "hdf5"
-        if layout == "hdf5" and ending not in _HDF5 and path.is_file() and not _head(path).startswith(b"\x89HDF"):
+        if (
+            layout == "hdf5"
+            and ending not in _HDF5
+            and path.is_file()
+            and not _head(path).startswith(b"\x89HDF")
+        ):
             raise ValueError(
-                f"{path} is no recording: its ending is none of {', '.join((*_HDF5, *BAG_ENDINGS, *ENDINGS))}"
+                f"{path} is no recording: its ending is none of "
+                f"{', '.join((*_HDF5, *BAG_ENDINGS, *ENDINGS))}"
             )
         return layout
-    guessed = next((names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ())
-    if guessed == ("folder",) and (labels := path / "labels.json").is_file() and b'"openlabel"' in _head(labels):
+    guessed = next(
+        (names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ()
+    )
+    if (
+        guessed == ("folder",)
+        and (labels := path / "labels.json").is_file()
+        and b'"openlabel"' in _head(labels)
+    ):
         guessed = ("openlabel",)
     if not guessed and list_bags(path):
-        has_clouds = any(file.suffix.lower() in ENDINGS for file in (*path.glob("*"), *path.glob("*/*")))
+        has_clouds = any(
+            file.suffix.lower() in ENDINGS for file in (*path.glob("*"), *path.glob("*/*"))
+        )
         guessed = () if has_clouds else ("rosbag",)
     if not guessed:
-        some = next((each for each in (*path.glob("*.json"), *path.glob("*/*.json")) if each.is_file()), None)
+        some = next(
+            (each for each in (*path.glob("*.json"), *path.glob("*/*.json")) if each.is_file()),
+            None,
+        )
         return "openlabel" if some is not None and b'"openlabel"' in _head(some) else "folder"
     if len(guessed) > 1:
         raise ValueError(f"{path} has layout {' or '.join(guessed)}: say by --layout which it is")
@@ -138,21 +178,25 @@ def _head(path: Path) -> bytes:
 def open_recording(path: str | Path, layout: str | None = None, **options: object) -> Recording:
     """Open a recording; its frames are read one by one.
 
-    layout: a name of `LAYOUTS` or of a plug-in, guessed by the path when None. options: of its reader, such as poses
-    and inverted of folder, site and drop_invalid of hdf5; None and False are not given. Invalid labels and points are
-    left out, and counted in `Frame.problems`.
+    layout: a name of `LAYOUTS` or of a plug-in, guessed by the path when None. options: of its
+    reader, such as poses and inverted of folder, site and drop_invalid of hdf5; None and False are
+    not given. Invalid labels and points are left out, and counted in `Frame.problems`.
 
-    Raises FileNotFoundError for a missing recording; ValueError for an unknown layout, an option that its
-    reader does not have, and a damaged file."""
+    Raises FileNotFoundError for a missing recording; ValueError for an unknown layout, an option
+    that its reader does not have, and a damaged file."""
     path, name = Path(path), layout or guess_layout(path)
     if layout is None and name not in ("folder", "hdf5"):
         warnings.warn(f"{path} is read as layout {name}: say --layout for another", stacklevel=2)
     reader = find_layout(name).open
-    given = {key: value for key, value in options.items() if value is not None and value is not False}
+    given = {
+        key: value for key, value in options.items() if value is not None and value is not False
+    }
     unknown = given.keys() - inspect.signature(reader).parameters.keys()
     if unknown:
         listed = ", ".join(f"--{key.replace('_', '-')}" for key in options if key in unknown)
-        raise ValueError(f"{listed} does not go with layout {name}, which has its own: leave it out")
+        raise ValueError(
+            f"{listed} does not go with layout {name}, which has its own: leave it out"
+        )
     if not path.exists() and name != "hdf5":
         raise FileNotFoundError(f"no such recording: {path}")
     recording = reader(path, **given)
@@ -165,7 +209,8 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
 
 @dataclass(frozen=True, eq=False)
 class _Loader:
-    """Read a frame by its name, also after a copy or in another process, where the recording is opened again.
+    """Read a frame by its name, also after a copy or in another process, where the recording is
+    opened again.
 
     Attributes:
         path: of the recording.
@@ -199,27 +244,35 @@ class _Loader:
         return self
 
 
-def read(path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None) -> Iterator[Frame]:
-    """Yield the frames of a recording with only their objects of `classes`. Raises the errors of `open_recording`."""
+def read(
+    path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None
+) -> Iterator[Frame]:
+    """Yield the frames of a recording with only their objects of `classes`. Raises the errors of
+    `open_recording`."""
     return filter_classes(open_recording(path, layout), classes)
 
 
 def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None) -> Iterator[Frame]:
-    """Yield frames with only their objects of some classes, None for all. Raises ValueError for an unknown class."""
+    """Yield frames with only their objects of some classes, None for all. Raises ValueError for an
+    unknown class."""
     wanted = None if classes is None else [label_index(label) for label in classes]
-    return (frame if wanted is None else frame.of(np.isin(frame.objects.labels, wanted)) for frame in frames)
+    return (
+        frame if wanted is None else frame.of(np.isin(frame.objects.labels, wanted))
+        for frame in frames
+    )
 
 
 def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
-    """Write frames in a layout; return how many. Boxes come back within a millimetre and a hundredth of a degree;
-    classes get the layout's names for ours. Raises ValueError for a read-only layout."""
+    """Write frames in a layout; return how many. Boxes come back within a millimetre and a
+    hundredth of a degree; classes get the layout's names for ours. Raises ValueError for a
+    read-only layout."""
     return find_layout(layout).write(frames, Path(path))
 
 
 @dataclass(frozen=True)
 class Part(RecordingView):
-    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th. Raises ValueError for
-    numbers below 1, and for a recording without frames."""
+    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th. Raises
+    ValueError for numbers below 1, and for a recording without frames."""
 
     frames: int | None = None
     every: int = 1
@@ -246,18 +299,21 @@ class Part(RecordingView):
 class Reads:
     """Options for reading a recording: sensor errors and length.
 
-    errors: a profile or its name, only `paper` for recorded clouds, whose sensors have errors of their own; noise_seed:
-    of the errors, None for no noise; frames: read only the first ones."""
+    errors: a profile or its name, only `paper` for recorded clouds, whose sensors have errors of
+    their own; noise_seed: of the errors, None for no noise; frames: read only the first ones."""
 
     errors: ErrorProfile | str = PAPER_ERRORS
     noise_seed: int | None = 0
     frames: int | None = None
 
     def count(self, recording: Frames) -> int:
-        """Number of frames to be read. Raises ValueError if it is 0, and for a `frames` that is not whole."""
+        """Number of frames to be read. Raises ValueError if it is 0, and for a `frames` that is not
+        whole."""
         total = min(len(recording), len(recording) if self.frames is None else self.frames)
         if total < 1 or isinstance(self.frames, float):
-            raise ValueError(f"need one frame at least, a whole number, got {self.frames} of {len(recording)}")
+            raise ValueError(
+                f"need one frame at least, a whole number, got {self.frames} of {len(recording)}"
+            )
         return total
 
     def profile(self) -> ErrorProfile:
@@ -274,25 +330,33 @@ class ReadRecording(RecordingView):
     reads: Reads = Reads()
 
     def __getitem__(self, index: int) -> Frame:
-        return read_frame(self.recording, index, errors=self.reads.errors, noise_seed=self.reads.noise_seed)
+        return read_frame(
+            self.recording, index, errors=self.reads.errors, noise_seed=self.reads.noise_seed
+        )
 
 
 def read_frame(
     frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
 ) -> Frame:
-    """Read frame k with its sensors' errors, drawn from the seed; None for no noise, which only `paper` allows. Raises
-    ValueError for an unknown profile, a negative seed, and a clock's offset if frames lie too far apart to know
-    velocities."""
-    errors, frame = find_profile(errors), frames[k]
+    """Read frame k with its sensors' errors, drawn from the seed; None for no noise, which only
+    `paper` allows. Raises ValueError for an unknown profile, a negative seed, and a clock's offset
+    if frames lie too far apart to know velocities."""
+    errors = find_profile(errors)
+    frame = frames[k]
     check_drawn(errors, noise_seed)
     if noise_seed is None or not frame.has_images:
         if noise_seed is not None and errors.name != PAPER_ERRORS.name:
-            raise ValueError(f"recorded clouds have errors of their own, got errors {errors.name!r}: leave them out")
+            raise ValueError(
+                f"recorded clouds have errors of their own, got errors {errors.name!r}: leave "
+                "them out"
+            )
         return frame
     speed = None
     if errors.needs_velocities:
         around = [frames[other] for other in (k - 1, k + 1) if 0 <= other < len(frames)]
-        speed = velocities(frame.objects, frame.time, [(each.objects, each.time) for each in around])
+        speed = velocities(
+            frame.objects, frame.time, [(each.objects, each.time) for each in around]
+        )
     return with_errors(frame, errors, noise_seed, velocities=speed)
 
 
@@ -309,24 +373,39 @@ def with_errors(
     velocities: Float64[np.ndarray, "n 3"] | None = None,
     numbers: Sequence[int] | None = None,
 ) -> Frame:
-    """Add sensor errors to a frame, drawn from the seed, its index and each sensor's name, so that a sensor measures
-    the same whichever others are used. velocities: of its objects (m/s), needed for a clock's offset; numbers: in place
-    of the sensors' names when drawing. Raises ValueError for a negative seed."""
+    """Add sensor errors to a frame, drawn from the seed, its index and each sensor's name, so that
+    a sensor measures the same whichever others are used. velocities: of its objects (m/s), needed
+    for a clock's offset; numbers: in place of the sensors' names when drawing. Raises ValueError
+    for a negative seed."""
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     errors = find_profile(errors)
-    numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors] if numbers is None else numbers
+    numbers = (
+        [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors]
+        if numbers is None
+        else numbers
+    )
     each_sensor = list(zip(frame.sensors, frame.images, numbers, strict=True))
     if only_own_noise(errors):  # as `errors.read` draws it
         rngs = [np.random.default_rng([seed, frame.index, number]) for number in numbers]
-        drawn = [each.model.noisy(image, rng) for (each, image, _), rng in zip(each_sensor, rngs, strict=True)]
+        drawn = [
+            each.model.noisy(image, rng)
+            for (each, image, _), rng in zip(each_sensor, rngs, strict=True)
+        ]
         return replace(frame, measurements=tuple(drawn))
-    readings, believed = [], []
+    readings = []
+    believed = []
     for sensor, measurement, number in each_sensor:
         true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
         reading = errors.read(true, seed=seed, sensor=number, frame=frame.index)
         readings.append(reading)
-        believed.append(sensor if reading.pose is sensor.pose else Sensor(sensor.name, sensor.model, reading.pose))
-    measurements, shifts = (tuple(getattr(each, name) for each in readings) for name in ("measurement", "shift"))
+        believed.append(
+            sensor
+            if reading.pose is sensor.pose
+            else Sensor(sensor.name, sensor.model, reading.pose)
+        )
+    measurements, shifts = (
+        tuple(getattr(each, name) for each in readings) for name in ("measurement", "shift")
+    )
     shifts = shifts if any(shift is not None for shift in shifts) else ()
     return replace(frame, sensors=tuple(believed), measurements=measurements, shifts=shifts)

@@ -1,6 +1,6 @@
-"""Shared reading tools of all layouts: records, poses, labels, clouds and our own files of boxes. Damage becomes one
-line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a little off; anything
-worse is a ValueError."""
+"""Shared reading tools of all layouts: records, poses, labels, clouds and our own files of boxes.
+Damage becomes one line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
+rotations may be a little off; anything worse is a ValueError."""
 
 import json
 import re
@@ -19,7 +19,14 @@ from toolkit.class_names import CATEGORIES
 from toolkit.datasets.cloud_files import check_extent, describe_rounding, read_recorded
 from toolkit.datasets.origins import Middles, find_far_middle, translation
 from toolkit.datasets.point_times import is_time, parse_point_times
-from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
+from toolkit.frame import (
+    DisplayedRecording,
+    Frame,
+    Frames,
+    OtherObjects,
+    RecordingView,
+    SensorCloud,
+)
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, pose, transform
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.point_files import pcd_bytes
@@ -31,16 +38,26 @@ Problems = dict[str, int]  # number of labels and points left out, by kind
 
 _WHOLE_NUMBER = re.compile(r"(?<![0-9])(?<![0-9]\.)([0-9]{1,300})")
 NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
-_DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ArithmeticError, RecursionError)
+_DAMAGE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    AttributeError,
+    OverflowError,
+    ArithmeticError,
+    RecursionError,
+)
 
 
 @dataclass(frozen=True)
 class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
-    labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;
-    known: those that have a cloud, `names` if None; noted: what was left out of the whole recording, by kind. The first
-    frame counts the labels without a cloud, and what was noted, in its problems."""
+    labelled: names, times or tokens by which labels say what they belong to, also of clouds that
+    are not there; known: those that have a cloud, `names` if None; noted: what was left out of the
+    whole recording, by kind. The first frame counts the labels without a cloud, and what was noted,
+    in its problems."""
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]
@@ -72,21 +89,32 @@ class Listing(DisplayedRecording):
         return tuple(name for name in dict.fromkeys(self.labelled) if name not in known)
 
     def describe_strays(self) -> str:
-        """Return how many labels have no cloud, with an example of either, as a line; empty if none."""
+        """Return how many labels have no cloud, with an example of either, as a line; empty if
+        none."""
         if not self.strays:
             return ""
-        count, every = len(self.strays), len(set(self.labelled))
+        count = len(self.strays)
+        every = len(set(self.labelled))
         there = next(iter(self.names if self.known is None else self.known), "")
-        return f"{count} of the {every} {STRAY}, such as {self.strays[0][:60]!r}, where clouds have {there[:60]!r}"
+        return (
+            f"{count} of the {every} {STRAY}, such as {self.strays[0][:60]!r}, where clouds have "
+            f"{there[:60]!r}"
+        )
 
 
 def check_labels(recording: Frames, frames: int | None = None) -> None:
-    """Raise ValueError where no label has a cloud, or where the first frames of an unknown site have no label."""
-    count, site = len(recording) if frames is None else frames, getattr(recording, "site", None)
+    """Raise ValueError where no label has a cloud, or where the first frames of an unknown site
+    have no label."""
+    count = len(recording) if frames is None else frames
+    site = getattr(recording, "site", None)
     source = recording
     while isinstance(source, RecordingView):
         source = source.recording
-    if isinstance(source, Listing) and source.strays and len(source.strays) == len(set(source.labelled)):
+    if (
+        isinstance(source, Listing)
+        and source.strays
+        and len(source.strays) == len(set(source.labelled))
+    ):
         strays = source.describe_strays()
         raise ValueError(f"no label can be used: {strays}; name both alike, times in the same unit")
     shown = (recording[k] for k in range(count))
@@ -96,9 +124,11 @@ def check_labels(recording: Frames, frames: int | None = None) -> None:
 
 
 @contextmanager
-def named_damage(path: str | Path, what: str, kinds: tuple[type[Exception], ...] = _DAMAGE) -> Iterator[None]:
-    """Turn damage met in the block into one ValueError that names the file. Overflowing numbers give no warnings.
-    kinds: of errors that tell of damage, but for OSError."""
+def named_damage(
+    path: str | Path, what: str, kinds: tuple[type[Exception], ...] = _DAMAGE
+) -> Iterator[None]:
+    """Turn damage met in the block into one ValueError that names the file. Overflowing numbers
+    give no warnings. kinds: of errors that tell of damage, but for OSError."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -136,7 +166,8 @@ def as_number(value: Unchecked, name: str = "entry") -> float:
 
 
 def numbers(values: Unchecked, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
-    """Return `count` numbers, nested or flat, also as strings. Raises ValueError for another count."""
+    """Return `count` numbers, nested or flat, also as strings. Raises ValueError for another
+    count."""
     try:
         flat = np.array(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -159,14 +190,17 @@ def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
 
 
 def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
-    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation."""
+    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a
+    translation."""
     matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
     pose = np.eye(4)
     pose[:3, 3] = numbers(translation, 3, f"translation of {name}")
     if not np.isfinite(matrix).all() or np.abs(matrix).max() > 2 or np.linalg.det(matrix) <= 0:
         raise ValueError(f"{name} must turn by a rotation, got {matrix.tolist()}")
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > NOT_RIGID:
-        raise ValueError(f"{name} must turn by a rotation, got one that stretches: {matrix.tolist()}")
+        raise ValueError(
+            f"{name} must turn by a rotation, got one that stretches: {matrix.tolist()}"
+        )
     u, _, v = np.linalg.svd(matrix)
     pose[:3, :3] = u @ v
     return check_pose(pose, name)
@@ -178,14 +212,20 @@ def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
     placed = rigid(matrix[:3, :3], matrix[:3, 3], name)
     if len(matrix) == 4 and not np.allclose(matrix[3], _LAST_ROW, atol=1e-3):
-        raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: give its transpose?")
+        raise ValueError(
+            f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: give its transpose?"
+        )
     return placed
 
 
 def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
-    """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction, from above."""
+    """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction,
+    from above."""
     yaw = np.asarray(yaw, np.float64)
-    forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1) @ target_SE3_source[:3, :3].T
+    forward = (
+        np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+        @ target_SE3_source[:3, :3].T
+    )
     return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))
 
 
@@ -196,7 +236,9 @@ SAME = 1e-3  # m and rad; two boxes that differ by less are one label given twic
 NOT_FINITE = "labels with NaN or infinite numbers"
 NO_SIZE = "boxes of no size"
 TOO_LARGE = "boxes too large or too far away to be"
-THINNEST_BOX, LONGEST_BOX = 0.01, 100.0  # m; no side of a road user is shorter or longer
+# m; no side of a road user is shorter or longer
+THINNEST_BOX = 0.01
+LONGEST_BOX = 100.0
 OTHER_KINDS = "labels of other kinds than ours"
 STRAY = "names, times or tokens of labels have no cloud"
 UNLABELLED = "frames without labels among labelled ones, whose objects are unknown"
@@ -207,11 +249,18 @@ TILTED = "boxes tilted by more than 20 degrees, of which only the heading is kep
 MIN_LEVEL = np.cos(np.deg2rad(8.0))  # cosine of a road's slope, which tilts a vehicle's frame
 MIN_UPRIGHT = np.cos(np.deg2rad(20.0))  # cosine of the tilt of a road user's box
 
-COMMON_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}  # when written
+# when written
+COMMON_NAMES = {
+    "vehicle": "Car",
+    "cyclist": "Cyclist",
+    "pedestrian": "Pedestrian",
+    "heavy": "Truck",
+}
 
 
 class Labelled(NamedTuple):
-    """Labels of one frame as `toolkit.frame.Frame` holds them: objects, their names, own counts of points, others."""
+    """Labels of one frame as `toolkit.frame.Frame` holds them: objects, their names, own counts of
+    points, others."""
 
     objects: Objects
     categories: tuple[str, ...]
@@ -226,14 +275,16 @@ def labelled(
     problems: Problems,
     counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
 ) -> Labelled:
-    """Turn label rows, world frame, into objects. Left-out rows are added to `problems`. ids: track ids of any kind;
-    row numbers if None. counts: the dataset's own, below 0 if nobody counted."""
+    """Turn label rows, world frame, into objects. Left-out rows are added to `problems`. ids: track
+    ids of any kind; row numbers if None. counts: the dataset's own, below 0 if nobody counted."""
     boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
     finite = np.isfinite(boxes).all(axis=1)
     sized = (boxes[:, 3:6] >= THINNEST_BOX).all(axis=1)
-    there = ((boxes[:, 3:6] <= LONGEST_BOX) & (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M)).all(axis=1)
+    there = ((boxes[:, 3:6] <= LONGEST_BOX) & (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M)).all(
+        axis=1
+    )
     keep = np.ones(len(boxes), bool)
     for problem, sound in ((NOT_FINITE, finite), (NO_SIZE, sized), (TOO_LARGE, there)):
         add_problem(problems, problem, int((keep & ~sound).sum()))
@@ -254,17 +305,23 @@ def labelled(
     boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
     count_full_turns(yaws[rows], problems)
     own = np.full(len(boxes), -1) if counts is None else np.asarray(counts, np.int64)
-    others, rows = rows[classes[rows] < 0], rows[classes[rows] >= 0]
+    others = rows[classes[rows] < 0]
+    rows = rows[classes[rows] >= 0]
     add_problem(problems, OTHER_KINDS, len(others))
     tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
-    known, known_others = (None if counts is None or (own[some] < 0).any() else own[some] for some in (rows, others))
-    own_names, other_names = (tuple(str(categories[k]) for k in some.tolist()) for some in (rows, others))
+    known, known_others = (
+        None if counts is None or (own[some] < 0).any() else own[some] for some in (rows, others)
+    )
+    own_names, other_names = (
+        tuple(str(categories[k]) for k in some.tolist()) for some in (rows, others)
+    )
     found = Objects(boxes[rows], classes[rows], tracks)
     return Labelled(found, own_names, known, OtherObjects(boxes[others], other_names, known_others))
 
 
 def level_frame(map_SE3_frame: Pose) -> Pose:
-    """Return the pose of a frame of boxes, turned level if it is a sensor's rather than a vehicle's: tilted far."""
+    """Return the pose of a frame of boxes, turned level if it is a sensor's rather than a
+    vehicle's: tilted far."""
     if map_SE3_frame[2, 2] >= MIN_LEVEL:
         return map_SE3_frame
     return pose(*map_SE3_frame[:3, 3], yaw=float(heading(map_SE3_frame, 0.0)))
@@ -299,8 +356,11 @@ def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None
     add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
 
 
-def find_headings(turned: Float64[np.ndarray, "n 3 3"], problems: Problems) -> Float64[np.ndarray, " n"]:
-    """Headings (rad) of boxes' rotations, from above; boxes that no road tilts so far are counted in `problems`."""
+def find_headings(
+    turned: Float64[np.ndarray, "n 3 3"], problems: Problems
+) -> Float64[np.ndarray, " n"]:
+    """Headings (rad) of boxes' rotations, from above; boxes that no road tilts so far are counted
+    in `problems`."""
     with np.errstate(invalid="ignore"):
         add_problem(problems, TILTED, int((turned[:, 2, 2] < MIN_UPRIGHT).sum()))
     return np.asarray(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
@@ -310,7 +370,8 @@ MAX_TRACK = 10**16  # below it a number's text is short enough to stay a number
 
 
 def track_number(name: object) -> int:
-    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text."""
+    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number
+    of its text."""
     if type(name) is int and abs(name) < MAX_TRACK:
         return name
     text = str(name).strip()
@@ -328,7 +389,9 @@ FAR_POINTS = "points a kilometre from the middle of their cloud"
 EMPTY = "clouds without points"
 UNPLACED = "clouds far from their sensor's origin: the sensor counts as in their middle"
 COARSE_POINTS = "clouds in float32 so far from their origin that it holds no centimetres"
-FARTHEST_POINT = 1e5  # m from the sensor or the cloud's middle; farther out float32 loses centimetres
+FARTHEST_POINT = (
+    1e5  # m from the sensor or the cloud's middle; farther out float32 loses centimetres
+)
 _FAR = 1000.0  # m from the middle, where no sensor for traffic measures
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
@@ -337,12 +400,14 @@ UNTIMED = "clouds whose points have times of an unknown unit, which were left ou
 
 
 def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> list[Path]:
-    """Files and folders in a folder in `natural_order`, without hidden ones and those that macOS adds to archives
-    (`._NAME`)."""
+    """Files and folders in a folder in `natural_order`, without hidden ones and those that macOS
+    adds to archives (`._NAME`)."""
     if not recursive:
         files = [file for file in folder.glob(pattern) if not _is_hidden((file.name,))]
     else:
-        files = [file for file in folder.rglob(pattern) if not _is_hidden(file.relative_to(folder).parts)]
+        files = [
+            file for file in folder.rglob(pattern) if not _is_hidden(file.relative_to(folder).parts)
+        ]
     return sorted(files, key=_path_order)
 
 
@@ -385,10 +450,12 @@ def read_cloud(
     stamp_s: float | None = None,
     middles: Middles | None = None,
 ) -> SensorCloud:
-    """Read the cloud of a file, as `build_cloud`. Raises FileNotFoundError, and ValueError for a file without readable
-    points."""
+    """Read the cloud of a file, as `build_cloud`. Raises FileNotFoundError, and ValueError for a
+    file without readable points."""
     attributes = read_recorded(path)
-    return build_cloud(attributes, name, world_SE3_sensor, problems, stamp_s=stamp_s, middles=middles)
+    return build_cloud(
+        attributes, name, world_SE3_sensor, problems, stamp_s=stamp_s, middles=middles
+    )
 
 
 def build_cloud(
@@ -403,9 +470,9 @@ def build_cloud(
 ) -> SensorCloud:
     """Build a cloud of `positions` and other columns.
 
-    Points kilometres from their origin, such as those in UTM without their sensor's pose, are counted from the middle
-    of the sensor's first cloud, which moves into the pose. middles: of the recording's sensors. Raises ValueError for
-    points that are too far apart to be metres."""
+    Points kilometres from their origin, such as those in UTM without their sensor's pose, are
+    counted from the middle of the sensor's first cloud, which moves into the pose. middles: of the
+    recording's sensors. Raises ValueError for points that are too far apart to be metres."""
     recorded = np.asarray(attributes["positions"], np.float64)
     check_extent(recorded)
     returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
@@ -413,7 +480,8 @@ def build_cloud(
     if middle.any():
         add_problem(problems, COARSE_POINTS, int(describe_rounding(recorded) is not None))
         if frame == "world":
-            recorded, frame = transform(invert(world_SE3_sensor), recorded), "sensor"
+            recorded = transform(invert(world_SE3_sensor), recorded)
+            frame = "sensor"
             middle = find_far_middle(recorded)
     if middle.any():
         add_problem(problems, UNPLACED, 1)
@@ -428,7 +496,11 @@ def build_cloud(
     add_problem(problems, EMPTY, int(not keep.any()))
     if keep.any():
         middle = np.median(recorded[keep][:: int(keep.sum()) // 1000 + 1], axis=0)
-        add_problem(problems, FAR_POINTS, int((np.linalg.norm(recorded[keep] - middle, axis=1) > _FAR).sum()))
+        add_problem(
+            problems,
+            FAR_POINTS,
+            int((np.linalg.norm(recorded[keep] - middle, axis=1) > _FAR).sum()),
+        )
 
     def columns(names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
         """Columns of these names, the first where one is `wide`."""
@@ -437,22 +509,31 @@ def build_cloud(
                 yield (column if column.ndim == 1 else column[:, 0])[keep]
 
     intensity = next(columns(_INTENSITIES, wide=True), None)  # OPV2V keeps it in the red
-    rings = (each for each in columns(_RINGS) if each.dtype.kind in "iu" or (np.abs(each) < _MOST_RINGS).all())
+    rings = (
+        each
+        for each in columns(_RINGS)
+        if each.dtype.kind in "iu" or (np.abs(each) < _MOST_RINGS).all()
+    )
     ring = next((each for each in rings if (each % 1 == 0).all()), None)
     timed = [key for key in attributes if is_time(key) and np.size(attributes[key]) == len(keep)]
     seconds = parse_point_times(timed[0], next(columns(timed[:1]))) if timed else None
     add_problem(problems, UNTIMED, int(bool(timed) and seconds is None))
     kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
     intensity = None if intensity is None else intensity.astype(np.float32)
-    return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s)
+    return SensorCloud(
+        name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s
+    )
 
 
 def clock_time(frame: Frame, number: int) -> float:
-    """Return the time (s) to write of a frame, `number` tenths where it has none. Raises ValueError for a time that is
-    none since 1970, which no layout with clock times holds."""
+    """Return the time (s) to write of a frame, `number` tenths where it has none. Raises ValueError
+    for a time that is none since 1970, which no layout with clock times holds."""
     time = frame.time if np.isfinite(frame.time) else 0.1 * number
     if not 0 <= time < 2**31:
-        raise ValueError(f"frame {frame.name!r} must have seconds since 1970, below 2^31, got {time:g}: mend its time")
+        raise ValueError(
+            f"frame {frame.name!r} must have seconds since 1970, below 2^31, got {time:g}: mend "
+            "its time"
+        )
     return time
 
 
@@ -468,7 +549,8 @@ def frame_time(clouds: Sequence[SensorCloud]) -> float:
 
 
 def finite_time(value: Unchecked, name: str) -> float | None:
-    """Return a time of a file (s), None if it is missing or empty. Raises ValueError for anything but a number."""
+    """Return a time of a file (s), None if it is missing or empty. Raises ValueError for anything
+    but a number."""
     if value is None or value == "":
         return None
     seconds = as_number(value, name)
@@ -483,7 +565,8 @@ def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
 
 
 def one_cloud(sample: Frame) -> SensorCloud:
-    """Merge all clouds of a frame in its world frame. Intensities are kept if all clouds have some."""
+    """Merge all clouds of a frame in its world frame. Intensities are kept if all clouds have
+    some."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
     whole = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
@@ -517,15 +600,29 @@ def boxes_record(
     stamps_s: times of the sensors' clouds by name (`SensorCloud.stamp_s`)."""
     objects = []
     for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
-        row = {"label": LABELS[label], **dict(zip(_SIZES, box[:6], strict=True)), "yaw_deg": float(np.rad2deg(box[6]))}
-        row |= {"score": float(boxes.scores[k])} if isinstance(boxes, Detections) else {"id": int(boxes.ids[k])}
+        row = {
+            "label": LABELS[label],
+            **dict(zip(_SIZES, box[:6], strict=True)),
+            "yaw_deg": float(np.rad2deg(box[6])),
+        }
+        row |= (
+            {"score": float(boxes.scores[k])}
+            if isinstance(boxes, Detections)
+            else {"id": int(boxes.ids[k])}
+        )
         objects.append(row if counts is None else row | {"points": int(counts[k])})
-    content = {"name": name, "time": time, **({"clouds": dict(stamps_s)} if stamps_s else {}), "objects": objects}
+    content = {
+        "name": name,
+        "time": time,
+        **({"clouds": dict(stamps_s)} if stamps_s else {}),
+        "objects": objects,
+    }
     return json.dumps(replace_infinite(content), indent=1, allow_nan=False)
 
 
 def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:
-    """Write a file of frame entries (`boxes_record`), whole or not at all. more: further fields of the file."""
+    """Write a file of frame entries (`boxes_record`), whole or not at all. more: further fields of
+    the file."""
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
     head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
     rows = ",".join("\n  " + text.replace("\n", "\n  ") for text in entries)
@@ -536,10 +633,16 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
     """Entries of a file by the names of their frames. Raises ValueError, which names the file."""
     with named_damage(path, "file of boxes"):
         content = load_json(path)
-        if not isinstance(content, dict) or (content.get("coview"), content.get("version")) != ("boxes", _VERSION):
+        if not isinstance(content, dict) or (content.get("coview"), content.get("version")) != (
+            "boxes",
+            _VERSION,
+        ):
             raise ValueError(f"its form must be {_FORM}, got {_describe_form(content)}")
         if (frame := content.get("frame", "world")) != "world":
-            raise ValueError(f"its boxes must be in the frame world, got {str(frame)[:40]!r}: move them by poses.json")
+            raise ValueError(
+                f"its boxes must be in the frame world, got {str(frame)[:40]!r}: move them by "
+                "poses.json"
+            )
         entries = as_list(entry(content, "samples"), "samples")
         named = {str(entry(each, "name")): each for each in entries}
         if len(named) < len(entries):
@@ -578,8 +681,11 @@ def parse_objects(path: str | Path, each: Unchecked, problems: Problems) -> Labe
                 raise ValueError(f"objects[{k}] of {sample}: {error}") from None
         boxes = np.array([box for box, _, _ in parsed]).reshape(-1, 7)
         boxes[:, 6] = np.deg2rad(boxes[:, 6])
-        names, counts = [name for _, name, _ in parsed], [count for _, _, count in parsed]
-        return labelled(boxes, names, [row.get("id", k) for k, row in enumerate(rows)], problems, counts)
+        names = [name for _, name, _ in parsed]
+        counts = [count for _, _, count in parsed]
+        return labelled(
+            boxes, names, [row.get("id", k) for k, row in enumerate(rows)], problems, counts
+        )
 
 
 def _parse_object(row: Unchecked) -> tuple[list[float], str, int]:

@@ -1,7 +1,8 @@
 """Simulated datasets: traffic, rendered frame by frame, in a run that may be killed at any moment.
 
-Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number of workers nor an interruption
-changes a byte. A finished block is one shard, a complete small dataset, in `FILE.parts/`; the last step joins them.
+Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number of workers nor
+an interruption changes a byte. A finished block is one shard, a complete small dataset, in
+`FILE.parts/`; the last step joins them.
 
 Recordings of random junctions, a few frames each, to train a detector for any.
 
@@ -35,7 +36,9 @@ from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import INTERVAL, MOST_OBJECTS, Mix, simulate, sumo_step
 
-FRAMES, BLOCK = 1000, 50  # usual number of frames; frames with a seed of their own
+# usual number of frames; frames with a seed of their own
+FRAMES = 1000
+BLOCK = 50
 
 
 def simulate_dataset(
@@ -51,22 +54,31 @@ def simulate_dataset(
 ) -> int:
     """Simulate frames at a site and write them to HDF5.
 
-    `toolkit.datasets.dataset.CoopDataset` reads the file. A run that was killed continues with its block when called
-    again, and ends with the same bytes.
+    `toolkit.datasets.dataset.CoopDataset` reads the file. A run that was killed continues with its
+    block when called again, and ends with the same bytes.
 
-    site: a site, the name of a built-in one, or the path of a saved one; run: number of frames (`FRAMES` by default),
-    seed and processes, which change no byte; with several, a script must call it under `if __name__ == "__main__":`;
-    sensors: None for the site's own; fleet: all bodies drawn by default, afresh for every block of frames; interval:
-    seconds between frames, 5 or e.g. 0.1; traffic begins anew every `BLOCK` frames; strays: share of road users that
-    are anywhere, see `Mix`; overwrite: replace a file, or drop an unfinished run, of another plan.
+    site: a site, the name of a built-in one, or the path of a saved one; run: number of frames
+    (`FRAMES` by default), seed and processes, which change no byte; with several, a script must
+    call it under `if __name__ == "__main__":`; sensors: None for the site's own; fleet: all bodies
+    drawn by default, afresh for every block of frames; interval: seconds between frames, 5 or e.g.
+    0.1; traffic begins anew every `BLOCK` frames; strays: share of road users that are anywhere,
+    see `Mix`; overwrite: replace a file, or drop an unfinished run, of another plan.
 
-    Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError for arguments that do
-    not fit; FileExistsError if `out`, or an unfinished run, has another plan; OSError, with the number of frames that
-    are safe, if the disk is full."""
+    Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError
+    for arguments that do not fit; FileExistsError if `out`, or an unfinished run, has another plan;
+    OSError, with the number of frames that are safe, if the disk is full."""
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
     frames = int(run.frames_or(FRAMES))
-    job = Job(site, chosen, fleet_named() if fleet is None else fleet, frames, int(run.seed), float(interval), strays)
+    job = Job(
+        site,
+        chosen,
+        fleet_named() if fleet is None else fleet,
+        frames,
+        int(run.seed),
+        float(interval),
+        strays,
+    )
     out = Path(os.path.realpath(out))  # the target of a link is written
     shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
     if out.exists() and not overwrite:
@@ -102,7 +114,9 @@ class Job:
         self.mix  # noqa: B018  # raises for an impossible share
         if not self.sensors:
             which = "coview plan or coview search --out says which to build, coview site import"
-            raise ValueError(f"site {self.site.name!r} has no sensors: {which} --sensors N places some")
+            raise ValueError(
+                f"site {self.site.name!r} has no sensors: {which} --sensors N places some"
+            )
         names = [sensor.name for sensor in self.sensors]
         for name in names:
             if names.count(name) > 1 or "/" in name or name in ("", "."):
@@ -144,7 +158,8 @@ class Job:
         return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
-        """Build the static parts, once per process; return the function that makes the scenes of a block."""
+        """Build the static parts, once per process; return the function that makes the scenes of a
+        block."""
         from toolkit.rendering.renderer import Renderer
 
         empty = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
@@ -152,19 +167,29 @@ class Job:
 
         def scenes(block: int) -> Iterator[Scene]:
             seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
-            frames, renderer, numbers, once = self.block_frames(block), empty, np.arange(len(self.fleet.fixed)), False
+            frames = self.block_frames(block)
+            renderer = empty
+            numbers = np.arange(len(self.fleet.fixed))
+            once = False
             if self.fleet.drawn:
-                bodies = self.fleet.bodies(len(frames), np.random.default_rng([self.seed, block, 1]))
-                renderer, once = empty.of(bodies), True
+                bodies = self.fleet.bodies(
+                    len(frames), np.random.default_rng([self.seed, block, 1])
+                )
+                renderer = empty.of(bodies)
+                once = True
                 numbers = np.array([number_of[body.name] for body in bodies])
             traffic = partial(simulate, self.site, interval=self.interval, mix=self.mix)
             snapshots = traffic(renderer.bodies, frames=len(frames), seed=seed, once=once)
             for index, snapshot in zip(frames, snapshots, strict=True):
                 seen = snapshot.objects
-                objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)  # other blocks, other tracks
+                # other blocks, other tracks
+                objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)
                 measurements = renderer.render(snapshot).measurements
                 time = block * BLOCK * self.interval + snapshot.time
-                yield Scene(Frame(self.sensors, measurements, objects, time, index), numbers[snapshot.bodies])
+                yield Scene(
+                    Frame(self.sensors, measurements, objects, time, index),
+                    numbers[snapshot.bodies],
+                )
 
         return scenes
 
@@ -182,9 +207,13 @@ def describe_fleet(fleet: Fleet) -> str:
         bodies.update(body.vertices.tobytes() + body.triangles.tobytes())
     drawn = ""
     if fleet.drawn:
-        code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if fleet.mirrors else "without"
+        code = code_digest("toolkit.bodies.drawn_bodies")[:12]
+        mirrors = "with" if fleet.mirrors else "without"
         how = "drawn evenly" if fleet.evenly else "drawn"
-        drawn = f" and {how} {' '.join(LABELS[label] for label in fleet.drawn)} {mirrors} mirrors {code}"
+        drawn = (
+            f" and {how} {' '.join(LABELS[label] for label in fleet.drawn)} {mirrors} mirrors "
+            f"{code}"
+        )
     return f"{len(fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}"
 
 
@@ -206,8 +235,11 @@ def _digest(text: str) -> str:
 
 
 _FRAMES = 20  # usual number, of each site
-FEWEST_SENSORS, MOST_SENSORS = 3, 10
-FEWEST_PARKED, MOST_PARKED = 4, 20  # range of the greatest number of parked vehicles
+FEWEST_SENSORS = 3
+MOST_SENSORS = 10
+# range of the greatest number of parked vehicles
+FEWEST_PARKED = 4
+MOST_PARKED = 20
 MOST_STRAYS = 0.7  # share of road users that are anywhere, at most
 _NOTE = b"left out "  # start of the file of a recording that failed
 _LONGEST_NOTE = 4096
@@ -215,7 +247,8 @@ _Made = TypeVar("_Made")
 
 
 class RandomRecording(NamedTuple):
-    """Frames of a random site. empty: each sensor's measurement without traffic, (rows, columns) m."""
+    """Frames of a random site. empty: each sensor's measurement without traffic, (rows, columns)
+    m."""
 
     site: Site
     frames: tuple[Frame, ...]
@@ -223,18 +256,27 @@ class RandomRecording(NamedTuple):
 
 
 def random_recording(
-    seed: int, number: int, frames: int, *, fleet: Fleet | None = None, sites: Sequence[str | Path] = ()
+    seed: int,
+    number: int,
+    frames: int,
+    *,
+    fleet: Fleet | None = None,
+    sites: Sequence[str | Path] = (),
 ) -> RandomRecording:
-    """Simulate a random junction with three to ten random sensors, noise-free, and random traffic. number: of the
-    recording under this seed; fleet: by default all bodies are drawn; a fleet that draws none has each body stretched a
-    little; sites: files to take in turn instead of drawing junctions. Raises the errors of the sites and of SUMO."""
+    """Simulate a random junction with three to ten random sensors, noise-free, and random traffic.
+    number: of the recording under this seed; fleet: by default all bodies are drawn; a fleet that
+    draws none has each body stretched a little; sites: files to take in turn instead of drawing
+    junctions. Raises the errors of the sites and of SUMO."""
     rng = np.random.default_rng([seed, number])
     site = load_site(sites[number % len(sites)]) if sites else random_site(rng)
     return record_randomly(site, rng, frames, fleet=fleet)
 
 
-def record_randomly(site: Site, rng: Rng, frames: int, *, fleet: Fleet | None = None) -> RandomRecording:
-    """Simulate a site as `random_recording` does, with random sensors on its mounts and random traffic."""
+def record_randomly(
+    site: Site, rng: Rng, frames: int, *, fleet: Fleet | None = None
+) -> RandomRecording:
+    """Simulate a site as `random_recording` does, with random sensors on its mounts and random
+    traffic."""
     from toolkit.rendering.renderer import Renderer
 
     sensors = random_sensors(site, rng, int(rng.integers(FEWEST_SENSORS, MOST_SENSORS + 1)))
@@ -265,26 +307,40 @@ def random_recordings_file(
     sites: Sequence[str | Path] = (),
     overwrite: bool = False,
 ) -> _Made:
-    """Write random recordings to one file, joined from one file per recording. A run that was killed continues when
-    called again, and ends with the same bytes; every finished recording lies in `FILE.parts/`. A recording that fails
-    is left out with a warning that says why. run: number of frames (20 by default), seed and processes, which change no
-    byte; encode: content of the file of a recording, called in the process that made it; join: called with the files in
-    order and the target, its result is returned; fleet, sites: see `random_recording`; overwrite: drop an unfinished
-    run of another count, seed, fleet, site or code. Raises FileExistsError for such a run, and OSError, with the number
-    of safe recordings, if the disk is full."""
+    """Write random recordings to one file, joined from one file per recording. A run that was
+    killed continues when called again, and ends with the same bytes; every finished recording lies
+    in `FILE.parts/`. A recording that fails is left out with a warning that says why. run: number
+    of frames (20 by default), seed and processes, which change no byte; encode: content of the file
+    of a recording, called in the process that made it; join: called with the files in order and the
+    target, its result is returned; fleet, sites: see `random_recording`; overwrite: drop an
+    unfinished run of another count, seed, fleet, site or code. Raises FileExistsError for such a
+    run, and OSError, with the number of safe recordings, if the disk is full."""
     if count < 1:
         raise ValueError(f"need at least one site, got {count}")
     described = describe_fleet(fleet_named() if fleet is None else fleet)
-    frames, code = run.frames_or(_FRAMES), code_digest(__name__, encode.__module__)[:12]
-    plan = {"random sites": count, "frames": frames, "seed": run.seed, "fleet": described, "code": code}
-    plan |= {"sites": _digest(" ".join(format_site(load_site(site)) for site in sites))} if sites else {}
+    frames = run.frames_or(_FRAMES)
+    code = code_digest(__name__, encode.__module__)[:12]
+    plan = {
+        "random sites": count,
+        "frames": frames,
+        "seed": run.seed,
+        "fleet": described,
+        "code": code,
+    }
+    plan |= (
+        {"sites": _digest(" ".join(format_site(load_site(site)) for site in sites))}
+        if sites
+        else {}
+    )
     shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
     with shards.lock(), shards.explain_disk_errors(out, len):
         shards.open(overwrite)
         report = run.stage("sites drawn", count, before=len(shards.check_shards()))
         job = _Job(run.seed, frames, encode, fleet, tuple(sites))
         make_shards(job, shards, range(count), workers=run.count, ray=run.ray, progress=report)
-        return shards.publish(out, lambda paths, target: join(_without_failed(paths, run.seed), target))
+        return shards.publish(
+            out, lambda paths, target: join(_without_failed(paths, run.seed), target)
+        )
 
 
 def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
@@ -311,10 +367,15 @@ class _Job:
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
         def make(number: int) -> Iterator[bytes]:
             try:
-                made = random_recording(self.seed, number, self.frames, fleet=self.fleet, sites=self.sites)
+                made = random_recording(
+                    self.seed, number, self.frames, fleet=self.fleet, sites=self.sites
+                )
                 yield self.encode_one(made)
             except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
-                yield _NOTE + f"{number} {type(error).__name__}: {error}".encode()[: _LONGEST_NOTE // 2]
+                yield (
+                    _NOTE
+                    + f"{number} {type(error).__name__}: {error}".encode()[: _LONGEST_NOTE // 2]
+                )
 
         return make
 

@@ -1,12 +1,13 @@
 """Coordinate frames over time, as the topics /tf and /tf_static of a ROS bag state them.
 
-- A static transform holds at all times, whatever its stamp. A later one of the same frame replaces it from the time on
-  at which it was recorded, as a listener would see it.
-- The pose of a moving frame is interpolated between two transforms to one parent; before the first, after the last and
-  while its parent changes, the pose is the nearest transform's. `gap_s` is how far away that is.
+- A static transform holds at all times, whatever its stamp. A later one of the same frame replaces
+  it from the time on at which it was recorded, as a listener would see it.
+- The pose of a moving frame is interpolated between two transforms to one parent; before the first,
+  after the last and while its parent changes, the pose is the nearest transform's. `gap_s` is how
+  far away that is.
 - A frame that both topics place is static: tf2 keeps one history for a frame.
-- A transform that tf2 would not take is left out and counted: a quaternion not of length 1, numbers that are not
-  finite, a frame without a name or in itself."""
+- A transform that tf2 would not take is left out and counted: a quaternion not of length 1, numbers
+  that are not finite, a frame without a name or in itself."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -19,12 +20,16 @@ from toolkit.datasets.cloud_files import quaternion_pose
 
 MAX_LINKS = 64  # from a sensor's frame to the root; longer chains run in a circle
 NS_PER_S = 10**9
-MALFORMED = "transforms that tf2 would not take: quaternion not of length 1, not finite, or of a frame in itself"
+MALFORMED = (
+    "transforms that tf2 would not take: quaternion not of length 1, not finite, or of a frame "
+    "in itself"
+)
 TWICE_PLACED = "frames that both /tf and /tf_static place, taken as static"
 
 
 class TransformLink(NamedTuple):
-    """One transform: child in parent, stamped and recorded at these times (ns); pose None if it is malformed."""
+    """One transform: child in parent, stamped and recorded at these times (ns); pose None if it is
+    malformed."""
 
     child: str
     parent: str
@@ -35,7 +40,8 @@ class TransformLink(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Pose of a frame in its root, and the time (s) to the farthest transform that had to stand in for one."""
+    """Pose of a frame in its root, and the time (s) to the farthest transform that had to stand in
+    for one."""
 
     root: str
     root_SE3_frame: Pose
@@ -55,7 +61,9 @@ class FrameHistory:
         """Sort the transforms of one frame by time."""
         times = sorted(by_time)
         links = [by_time[time] for time in times]
-        poses = np.stack([link.parent_SE3_child for link in links if link.parent_SE3_child is not None])
+        poses = np.stack(
+            [link.parent_SE3_child for link in links if link.parent_SE3_child is not None]
+        )
         return FrameHistory(np.array(times, np.int64), tuple(link.parent for link in links), poses)
 
     def last_before(self, time_ns: int) -> tuple[str, Pose]:
@@ -64,7 +72,8 @@ class FrameHistory:
         return self.parents[row], self.poses[row]
 
     def interpolate(self, time_ns: int) -> tuple[str, Pose, float]:
-        """Parent, pose and gap at a time: how far (s) the nearest transform is if none is of this time."""
+        """Parent, pose and gap at a time: how far (s) the nearest transform is if none is of this
+        time."""
         later = int(np.searchsorted(self.times_ns, time_ns))
         if later < len(self.times_ns) and self.times_ns[later] == time_ns:
             return self.parents[later], self.poses[later], 0.0
@@ -72,7 +81,11 @@ class FrameHistory:
             before, after = self.times_ns[later - 1 : later + 1].tolist()
             share = (time_ns - before) / (after - before)
             gap = min(time_ns - before, after - time_ns) / NS_PER_S
-            return self.parents[later], between(self.poses[later - 1], self.poses[later], share), gap
+            return (
+                self.parents[later],
+                between(self.poses[later - 1], self.poses[later], share),
+                gap,
+            )
         row = max(0, later - 1)
         is_single = len(self.times_ns) == 1  # nothing else is known of the frame
         gap = 0.0 if is_single else abs(time_ns - int(self.times_ns[row])) / NS_PER_S
@@ -99,7 +112,12 @@ class TransformTree:
         moving: dict[str, dict[int, TransformLink]] = {}
         malformed = 0
         for link in links:
-            if link.parent_SE3_child is None or not link.child or not link.parent or link.child == link.parent:
+            if (
+                link.parent_SE3_child is None
+                or not link.child
+                or not link.parent
+                or link.child == link.parent
+            ):
                 malformed += 1
             elif link.is_static:
                 static.setdefault(link.child, {})[link.recorded_ns] = link
@@ -109,20 +127,29 @@ class TransformTree:
         counted = {MALFORMED: malformed, TWICE_PLACED: len(twice)}
         return TransformTree(
             {child: FrameHistory.from_links(by_time) for child, by_time in static.items()},
-            {child: FrameHistory.from_links(by_time) for child, by_time in moving.items() if child not in twice},
+            {
+                child: FrameHistory.from_links(by_time)
+                for child, by_time in moving.items()
+                if child not in twice
+            },
             {kind: count for kind, count in counted.items() if count},
         )
 
     def knows(self, frame: str) -> bool:
         """True for a frame that some transform mentions."""
         histories = (*self.static.values(), *self.moving.values())
-        return frame in self.static or frame in self.moving or any(frame in history.parents for history in histories)
+        return (
+            frame in self.static
+            or frame in self.moving
+            or any(frame in history.parents for history in histories)
+        )
 
     def find(self, frame: str, stamp_ns: int, recorded_ns: int) -> Placed:
         """Pose of a frame in its root for a message of this stamp that was recorded at this time.
 
         Raises ValueError if the transforms run in a circle."""
-        placed, gap = np.eye(4), 0.0
+        placed = np.eye(4)
+        gap = 0.0
         for _ in range(MAX_LINKS):
             if frame in self.static:
                 frame, pose = self.static[frame].last_before(recorded_ns)
@@ -140,7 +167,9 @@ def between(a: Pose, b: Pose, share: float) -> Pose:
     from scipy.spatial.transform import Rotation, Slerp
 
     pose = np.eye(4)
-    pose[:3, :3] = Slerp([0, 1], Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]])))(share).as_matrix()
+    pose[:3, :3] = Slerp([0, 1], Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]])))(
+        share
+    ).as_matrix()
     pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
     return pose
 

@@ -1,9 +1,10 @@
 """Background of an empty site, and detectors that know it.
 
-A point in or beside a voxel of the empty site shows the site. Any other point shows a road user, whichever sensor sees
-it. Some parts of a site look like road users to a detector: a bush, a container, a gap in a hedge. They stand there in
-every frame. Most points of a road user lie where the empty site has none, so a detection with hardly any such points is
-dropped. This costs recall only for objects that stood there while the site was learnt and never left."""
+A point in or beside a voxel of the empty site shows the site. Any other point shows a road user,
+whichever sensor sees it. Some parts of a site look like road users to a detector: a bush, a
+container, a gap in a hedge. They stand there in every frame. Most points of a road user lie where
+the empty site has none, so a detection with hardly any such points is dropped. This costs recall
+only for objects that stood there while the site was learnt and never left."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -39,8 +40,9 @@ MOST_VOXELS = 1 << 28
 class Background:
     """Voxels of the empty site and its ground height.
 
-    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
-    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m)."""
+    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz),
+    including one layer round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky)
+    height of the ground (m)."""
 
     origin: Float64[np.ndarray, "3"]
     voxel: float
@@ -52,12 +54,17 @@ class Background:
     def learn(points: Points, voxel: float = VOXEL, cell: float = 1.0) -> "Background":
         """Learn from points of the empty site, best several sweeps."""
         if not len(points):
-            raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
+            raise ValueError(
+                "the background needs at least one point of the empty site, got none: crop less?"
+            )
         size = np.ptp(points, axis=0)
         if not np.isfinite(points).all() or np.prod(size / voxel + 5.0) > MOST_VOXELS:
-            raise ValueError(f"the background must be finite and small, got {size} m: crop to the area")
+            raise ValueError(
+                f"the background must be finite and small, got {size} m: crop to the area"
+            )
         origin = points.min(axis=0).astype(np.float64) - 2 * voxel
-        index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)  # at least 2, but for rounding
+        # at least 2, but for rounding
+        index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)
         occupied = np.zeros(index.max(axis=0) + 3, bool)
         occupied[tuple(index.T)] = True
         for axis in range(3):
@@ -67,7 +74,8 @@ class Background:
     def holds(self, points: Points) -> Mask:
         """Mark points in or beside an empty-site voxel."""
         index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
-        return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
+        # the outermost layer is never occupied
+        return self.occupied[tuple(index.astype(np.int64).T)]
 
     @cached_property
     def digest(self) -> str:
@@ -88,7 +96,8 @@ class Background:
 
 
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Estimate the ground in cells: the 5 % quantile of their points, then the least within two cells."""
+    """Estimate the ground in cells: the 5 % quantile of their points, then the least within two
+    cells."""
     from scipy.ndimage import minimum_filter
 
     place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
@@ -111,8 +120,8 @@ LEAST_NEW = 0.2  # least share of points in a box that must not be background
 class KnownBackground:
     """Detector that leaves out its detections of the background.
 
-    Points are in the frame of the background. least: share, above 0 to 1, of the points in a detection's box that must
-    not be background. Raises ValueError for another."""
+    Points are in the frame of the background. least: share, above 0 to 1, of the points in a
+    detection's box that must not be background. Raises ValueError for another."""
 
     detector: Detector
     background: Background
@@ -120,7 +129,9 @@ class KnownBackground:
 
     def __post_init__(self) -> None:
         if not 0 < self.least <= 1:
-            raise ValueError(f"least must be a share above 0, at most 1, got {self.least}: such as {LEAST_NEW}")
+            raise ValueError(
+                f"least must be a share above 0, at most 1, got {self.least}: such as {LEAST_NEW}"
+            )
 
     @property
     def name(self) -> str:
@@ -153,7 +164,9 @@ class KnownBackground:
         found = self._unsure(points)
         return self._keep(found, points, self._new(points)) if len(found) else found
 
-    def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
+    def unions(
+        self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+    ) -> list[Detections]:
         """Detect in several unions of the same clouds."""
         if isinstance(self._unsure, UnionDetector):
             found = self._unsure.unions(clouds, unions)
@@ -161,23 +174,29 @@ class KnownBackground:
             found = [self._unsure(join_clouds(clouds, union)) for union in unions]
         new = [self._new(cloud) for cloud in clouds]
         pairs = zip(found, unions, strict=True)
-        return [self._keep(each, join_clouds(clouds, union), join_clouds(new, union)) for each, union in pairs]
+        return [
+            self._keep(each, join_clouds(clouds, union), join_clouds(new, union))
+            for each, union in pairs
+        ]
 
     def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
         finite = points[np.isfinite(points).all(axis=1)]
         return finite[~self.background.holds(finite)]
 
-    def _keep(self, found: Detections, points: Float[np.ndarray, "p 3"], new: Float[np.ndarray, "q 3"]) -> Detections:
+    def _keep(
+        self, found: Detections, points: Float[np.ndarray, "p 3"], new: Float[np.ndarray, "q 3"]
+    ) -> Detections:
         """Keep detections with enough points outside the background."""
-        there, outside = count_points(points, found.boxes), count_points(new, found.boxes)
+        there = count_points(points, found.boxes)
+        outside = count_points(new, found.boxes)
         kept = found[(outside > 0) & (outside >= self.least * there)]
         surer = getattr(self.detector, "score_known", None)  # networks know what is left then
         return kept if surer is None else surer(kept)
 
 
 def recording_background(recording: "CoopDataset") -> Background:
-    """Learn the background of a recording: the scenery of its site if known, else what lies behind all that moves.
-    Objects that park throughout become background."""
+    """Learn the background of a recording: the scenery of its site if known, else what lies behind
+    all that moves. Objects that park throughout become background."""
     if recording.site.solids:
         return site_background(recording.site)
     return Background.learn(np.concatenate(list(empty_sweeps(recording))))
@@ -185,7 +204,8 @@ def recording_background(recording: "CoopDataset") -> Background:
 
 def empty_sweeps(recording: "CoopDataset") -> Iterator[Float32[np.ndarray, "_ 3"]]:
     """Yield levelled points of four noisy sweeps without road users."""
-    empty, rng = empty_scene(recording), np.random.default_rng(0)
+    empty = empty_scene(recording)
+    rng = np.random.default_rng(0)
     for _ in range(SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
             yield level_rows(points, recording.site.relief.slope)
@@ -198,16 +218,20 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 def site_background(site: Site) -> Background:
     """Return the background of a site's scenery on level ground."""
-    crop, slope = Crop.of(site), site.relief.slope
-    voxel, mesh = choose_voxel(crop), build_scenery(site)
+    crop = Crop.of(site)
+    slope = site.relief.slope
+    voxel = choose_voxel(crop)
+    mesh = build_scenery(site)
     level, (xmin, ymin, xmax, ymax) = level_rows(mesh.vertices, slope)[mesh.triangles], crop.area
     near = (level.max(axis=1) >= [xmin, ymin, _FLOOR]).all(axis=1)
     near &= (level.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
-    corners, rng = mesh.vertices[mesh.triangles[near]], np.random.default_rng(0)
+    corners = mesh.vertices[mesh.triangles[near]]
+    rng = np.random.default_rng(0)
     edges = corners[:, 1:] - corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     number = rng.poisson(area * (PER_VOXEL / voxel**2))
-    owner, points = np.repeat(np.arange(len(number)), number), [np.zeros((0, 3), np.float32)]
+    owner = np.repeat(np.arange(len(number)), number)
+    points = [np.zeros((0, 3), np.float32)]
     for start in range(0, len(owner), _AT_ONCE):  # random points on all triangles
         of = owner[start : start + _AT_ONCE]
         share = rng.random((len(of), 2))

@@ -1,9 +1,10 @@
 """`Codec`: messages of points and boxes, and their bits.
 
-A codec of your own is a class with the members of `Codec`. Pass it as an object, `codec=MyCodec()`; nothing else needs
-to know about it. `PAPER` counts as the paper does (section IV-A): a point costs 3 float32, a box 8 (its 7 numbers and a
-score), and nothing is lost on the way. A codec that is also an `ImageCodec` gets the image behind the points wherever
-it is known, and the centre makes points of the image that arrives."""
+A codec of your own is a class with the members of `Codec`. Pass it as an object, `codec=MyCodec()`;
+nothing else needs to know about it. `PAPER` counts as the paper does (section IV-A): a point costs
+3 float32, a box 8 (its 7 numbers and a score), and nothing is lost on the way. A codec that is also
+an `ImageCodec` gets the image behind the points wherever it is known, and the centre makes points
+of the image that arrives."""
 
 import math
 from dataclasses import dataclass
@@ -19,14 +20,16 @@ Amount = float | Shaped[np.ndarray, "*shape"]
 
 
 class Message(NamedTuple):
-    """Message from a sensor to the fusion centre. content: bytes, or anything else that the codec decodes again."""
+    """Message from a sensor to the fusion centre. content: bytes, or anything else that the codec
+    decodes again."""
 
     content: Any
     bits: int
 
 
 class Origin(NamedTuple):
-    """Origin of a message: the sensor, where it is believed to be, with time (s) and number of the measurement."""
+    """Origin of a message: the sensor, where it is believed to be, with time (s) and number of the
+    measurement."""
 
     sensor: Sensor
     time: float = 0.0
@@ -35,7 +38,8 @@ class Origin(NamedTuple):
 
 @runtime_checkable
 class Codec(Protocol):
-    """Codec of points and boxes. A lossless one returns the very array it was given: its detections are shared."""
+    """Codec of points and boxes. A lossless one returns the very array it was given: its detections
+    are shared."""
 
     @property
     def digest(self) -> str:
@@ -98,8 +102,14 @@ class PaperCodec(Parameters):
 
     def __post_init__(self) -> None:
         for name, bits in vars(self).items():
-            if isinstance(bits, bool) or not isinstance(bits, int | float) or not 0 <= bits < math.inf:
-                raise ValueError(f"{name} must be finite bits, 0 or more, got {bits!r}: the paper has 96, 256")
+            if (
+                isinstance(bits, bool)
+                or not isinstance(bits, int | float)
+                or not 0 <= bits < math.inf
+            ):
+                raise ValueError(
+                    f"{name} must be finite bits, 0 or more, got {bits!r}: the paper has 96, 256"
+                )
 
     def encode_points(self, points: Points, /) -> Message:
         """Return the points as they are."""
@@ -117,9 +127,14 @@ class PaperCodec(Parameters):
         """Return the very boxes."""
         return message.content
 
-    def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
+    def bits(
+        self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1
+    ) -> Float64[np.ndarray, "*shape"]:
         """Bits of points and boxes, in any number of messages."""
-        bits = np.asarray(points, np.float64) * self.bits_per_point + np.asarray(boxes) * self.bits_per_box
+        bits = (
+            np.asarray(points, np.float64) * self.bits_per_point
+            + np.asarray(boxes) * self.bits_per_box
+        )
         return np.asarray(bits)
 
 
@@ -129,5 +144,8 @@ PAPER = PaperCodec()
 def check_codec(codec: Codec) -> Codec:
     """Return the codec, or raise ValueError if it is none."""
     if isinstance(codec, type) or not isinstance(codec, Codec):
-        raise ValueError(f"codec must be an object with the members of toolkit.detection.codec.Codec, got {codec!r}")
+        raise ValueError(
+            "codec must be an object with the members of toolkit.detection.codec.Codec, got "
+            f"{codec!r}"
+        )
     return codec

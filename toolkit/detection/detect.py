@@ -1,4 +1,5 @@
-"""Detection in a recording's frames, saved as boxes.json, OpenLABEL or KITTI's label_2; detectors by import path."""
+"""Detection in a recording's frames, saved as boxes.json, OpenLABEL or KITTI's label_2; detectors
+by import path."""
 
 import inspect
 import json
@@ -30,7 +31,8 @@ from toolkit.sites.site import Site
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """Detections in one frame, its stand, the milliseconds taken, and how many detections were background."""
+    """Detections in one frame, its stand, the milliseconds taken, and how many detections were
+    background."""
 
     frame: Frame
     detections: Detections
@@ -40,17 +42,24 @@ class Detected:
 
 
 def detect_frames(
-    frames: Iterable[Frame], detector: Detector, place: Place = Place(), scene: StandingScene | None = None
+    frames: Iterable[Frame],
+    detector: Detector,
+    place: Place = Place(),
+    scene: StandingScene | None = None,
 ) -> Iterator[Detected]:
-    """Yield the detections in all points of each frame together, on level ground. detector: sees points counted from
-    the middle of the area, or at a known site, the site's. scene: whose detections are left out. A frame
-    without points has no detections."""
+    """Yield the detections in all points of each frame together, on level ground. detector: sees
+    points counted from the middle of the area, or at a known site, the site's. scene: whose
+    detections are left out. A frame without points has no detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None
         world = frame.points() if site is None or scene is not None else np.zeros((0, 3))
-        points = stand.lift(world) if site is None else np.concatenate(frame_points(frame, area=site))
+        points = (
+            stand.lift(world) if site is None else np.concatenate(frame_points(frame, area=site))
+        )
         start = perf_counter()
-        found = detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
+        found = (
+            detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
+        )
         taken = 1e3 * (perf_counter() - start)
         found = stand.put_back(found)
         kept = found if scene is None or not len(found) else scene.leave_out(found, world)
@@ -63,8 +72,9 @@ Format = Literal["boxes", "openlabel", "kitti"]
 def write_detections(
     found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: object
 ) -> Iterator[Detected]:
-    """Write detections as they arrive, and pass them on. out: one file of boxes, or a folder with a file per frame for
-    other formats, whole at the end; more: further entries of the file of boxes."""
+    """Write detections as they arrive, and pass them on. out: one file of boxes, or a folder with a
+    file per frame for other formats, whole at the end; more: further entries of the file of
+    boxes."""
     if form == "boxes":
         entries = []
         for each in found:
@@ -79,7 +89,10 @@ def write_detections(
                 text = json.dumps(openlabel_content(frame, each.detections), indent=1)
                 write_text(folder / f"{file_name(frame.name)}.json", text)
             else:
-                write_text(folder / f"{file_name(frame.name)}.txt", kitti_text(frame, found=each.detections))
+                write_text(
+                    folder / f"{file_name(frame.name)}.txt",
+                    kitti_text(frame, found=each.detections),
+                )
             yield each
 
 
@@ -91,9 +104,11 @@ def file_name(name: str) -> str:
 def summarise(found: Iterable[Detected]) -> dict[str, Any]:
     """Count frames, detections and problems, with the median milliseconds."""
     samples = detections = 0
-    problems, times = Counter[str](), list[tuple[float, float]]()
+    problems = Counter[str]()
+    times = list[tuple[float, float]]()
     for each in found:
-        samples, detections = samples + 1, detections + len(each.detections)
+        samples = samples + 1
+        detections = detections + len(each.detections)
         problems.update(each.frame.problems)
         times.append((each.stand.ms, each.detect_ms))
     medians = np.median(times, axis=0).tolist() if times else (None, None)
@@ -111,44 +126,63 @@ def describe_summary(figures: dict[str, Any]) -> str:
 
 
 def resolve_detector(name: str) -> Any:
-    """Import what `package.module:callable` names, also from the current folder. Raises ValueError in one line."""
+    """Import what `package.module:callable` names, also from the current folder. Raises ValueError
+    in one line."""
     if not re.fullmatch("[^:]+:[^:]+", name):
-        raise ValueError(f"a detector to import must be named package.module:callable, got {name!r}")
+        raise ValueError(
+            f"a detector to import must be named package.module:callable, got {name!r}"
+        )
     module, _, attribute = name.partition(":")
     if module.endswith(".py") or "/" in module or "\\" in module:
-        folder, stem = Path(module).parent, Path(module).name.removesuffix(".py")
-        remedy = f"write {stem}:{attribute}" if folder == Path() else f"run it in {folder}, as {stem}:{attribute}"
-        raise ValueError(f"detector {name} must be named as Python imports it, not by its file: {remedy}")
+        folder = Path(module).parent
+        stem = Path(module).name.removesuffix(".py")
+        remedy = (
+            f"write {stem}:{attribute}"
+            if folder == Path()
+            else f"run it in {folder}, as {stem}:{attribute}"
+        )
+        raise ValueError(
+            f"detector {name} must be named as Python imports it, not by its file: {remedy}"
+        )
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # modules of the current folder are found last
     try:
         named = resolve_name(name)
     except Exception as error:  # importing runs the module
-        raise ValueError(f"detector {name} cannot be imported ({type(error).__name__}: {error})") from error
+        raise ValueError(
+            f"detector {name} cannot be imported ({type(error).__name__}: {error})"
+        ) from error
     if not callable(named):
         raise ValueError(f"detector {name} must be callable, got {type(named).__name__}")
     return named
 
 
 class ImportedDetector:
-    """Any Python detector by its import path `package.module:callable`, also from the current folder.
+    """Any Python detector by its import path `package.module:callable`, also from the current
+    folder.
 
-    The name stands for a detector, called with the points (n, 3) of a frame, world frame, m, or for a maker of one: a
-    class, or a callable with a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or none at all. Its
-    detections are kept for another run only with an attribute `digest`, a text that changes with all they depend on.
-    Another process imports it again. Raises ValueError, in one line, if the import fails or the detector returns
-    anything but `Detections` for a cloud without points."""
+    The name stands for a detector, called with the points (n, 3) of a frame, world frame, m, or for
+    a maker of one: a class, or a callable with a parameter `site` (a `Site`) or `area` (xmin ymin
+    xmax ymax, m), or none at all. Its detections are kept for another run only with an attribute
+    `digest`, a text that changes with all they depend on. Another process imports it again. Raises
+    ValueError, in one line, if the import fails or the detector returns anything but `Detections`
+    for a cloud without points."""
 
     def __init__(self, name: str, site: Site) -> None:
-        self.name, self.site = name, site
+        self.name = name
+        self.site = site
         named = resolve_detector(name)
         offered = {"site": site, "area": tuple(site.area.tolist())}
         try:
             parameters = inspect.signature(named).parameters
             wanted = {key: value for key, value in offered.items() if key in parameters}
-            self._detect = named(**wanted) if wanted or not parameters or inspect.isclass(named) else named
+            self._detect = (
+                named(**wanted) if wanted or not parameters or inspect.isclass(named) else named
+            )
         except Exception as error:  # making the detector may raise anything
-            raise ValueError(f"detector {name} cannot be made ({type(error).__name__}: {error})") from error
+            raise ValueError(
+                f"detector {name} cannot be made ({type(error).__name__}: {error})"
+            ) from error
         self(np.zeros((0, 3), np.float32))
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
@@ -156,12 +190,17 @@ class ImportedDetector:
         try:
             detections = self._detect(points)
         except Exception as error:  # the detector may raise anything
-            failure = f"fails with a cloud of {len(points) or 'no'} points ({type(error).__name__}: {error})"
+            failure = (
+                f"fails with a cloud of {len(points) or 'no'} points ({type(error).__name__}: "
+                f"{error})"
+            )
             remedy = "let it take any points (n, 3) and return Detections"
             raise ValueError(f"detector {self.name} {failure}: {remedy}") from error
         if not isinstance(detections, Detections):
             kind = type(detections).__name__
-            raise ValueError(f"detector {self.name} must return toolkit.objects.Detections, got {kind}")
+            raise ValueError(
+                f"detector {self.name} must return toolkit.objects.Detections, got {kind}"
+            )
         return detections
 
     @property

@@ -1,8 +1,9 @@
 """Fit of boxes to the points of a frame, and the boxes that move.
 
-A correct box has points just within its faces, none in its middle and nothing close around it but ground. The fit of a
-box is the share of its points (those at least `CLEARANCE` above the ground) that lie there, of all within the box and
-`SHELL` around it. A box with hardly any points has a fit of 0."""
+A correct box has points just within its faces, none in its middle and nothing close around it but
+ground. The fit of a box is the share of its points (those at least `CLEARANCE` above the ground)
+that lie there, of all within the box and `SHELL` around it. A box with hardly any points has a fit
+of 0."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +59,9 @@ class Seen:
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
     """Fit of each frame's boxes (m, 7), one after another."""
-    parts = [measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
+    parts = [
+        measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)
+    ]
     return np.concatenate([np.zeros(0), *parts])
 
 
@@ -72,7 +75,9 @@ def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.
     return np.where(near >= LEAST_ON_BOX, (on - inner) / np.maximum(near, 1), 0.0)
 
 
-def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
+def better(
+    before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN
+) -> bool:
     """True if boxes fit better by `gain` and beyond chance."""
     change = (after - before)[(after > 0) | (before > 0)]
     if len(change) < LEAST_BOXES or change.mean() < gain:
@@ -90,16 +95,24 @@ class Movers(NamedTuple):
 
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
     """Find the moving boxes of frame k by neighbours' tracks."""
-    here, rows, velocities = samples[k], list[int](), list[np.ndarray]()
+    here = samples[k]
+    rows = list[int]()
+    velocities = list[np.ndarray]()
     for row, track in enumerate(here.objects.ids):
         for there in (samples[other] for other in (k + 1, k - 1) if 0 <= other < len(samples)):
-            match, seconds = np.flatnonzero(there.objects.ids == track), there.time - here.time
+            match = np.flatnonzero(there.objects.ids == track)
+            seconds = there.time - here.time
             if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
                 place = transform(there.map_SE3_world, there.objects.boxes[match, :3])
-                path = transform(invert(here.map_SE3_world), place)[0, :2] - here.objects.boxes[row, :2]
+                path = (
+                    transform(invert(here.map_SE3_world), place)[0, :2]
+                    - here.objects.boxes[row, :2]
+                )
                 if MOVING < np.linalg.norm(path / seconds) < FASTEST:
                     rows.append(row)
                     velocities.append(path / seconds)
                 break
     moving = np.array(rows, np.int64)
-    return Movers(here.objects.boxes[moving], np.array(velocities).reshape(-1, 2), here.objects.ids[moving])
+    return Movers(
+        here.objects.boxes[moving], np.array(velocities).reshape(-1, 2), here.objects.ids[moving]
+    )

@@ -1,32 +1,37 @@
 """Average precision of detections over a dataset's frames.
 
-One label is scored at a time, `vehicle` by default; detections and truths of other labels do not take part.
+One label is scored at a time, `vehicle` by default; detections and truths of other labels do not
+take part.
 
 Protocol `exact` (paper section "Evaluation Metrics"):
 
-1. The detections of all frames are pooled and taken in order of descending score. Of equal scores the detection with
-   the greater best IoU goes first, so the order of the input does not matter.
-2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >= threshold with it; it
-   takes the one of greatest IoU. IoU is that of volumes ("3d") or of footprints ("bev"), exact for rotated boxes.
-3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object that is present
-   but not scored: IoU >= threshold with it, or more than half of the detection's footprint on its footprint (detectors
-   see large vehicles in part). Not scored are heavy vehicles when vehicles are scored, and whatever `counted` excludes.
-   A detection outside the scored area (`outside`) may hit a truth too, and is ignored if it does not: an object at the
-   border counts as found wherever the detection's centre is.
+1. The detections of all frames are pooled and taken in order of descending score. Of equal scores
+   the detection with the greater best IoU goes first, so the order of the input does not matter.
+2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >=
+   threshold with it; it takes the one of greatest IoU. IoU is that of volumes ("3d") or of
+   footprints ("bev"), exact for rotated boxes.
+3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object
+   that is present but not scored: IoU >= threshold with it, or more than half of the detection's
+   footprint on its footprint (detectors see large vehicles in part). Not scored are heavy vehicles
+   when vehicles are scored, and whatever `counted` excludes. A detection outside the scored area
+   (`outside`) may hit a truth too, and is ignored if it does not: an object at the border counts as
+   found wherever the detection's centre is.
 4. Every other detection is a **false alarm**, in frames without truths too.
 5. Over the detections that are not ignored, with hits and false alarms counted down to each score,
-   precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of the curve, since no
-   score threshold can separate them.
-6. AP = Σ (r[n+1] - r[n]) · max over r' >= r[n+1] of p(r')    (paper equations 4 and 5: all-point interpolation)
+   precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of
+   the curve, since no score threshold can separate them.
+6. AP = Σ (r[n+1] - r[n]) · max over r' >= r[n+1] of p(r')
+   (paper equations 4 and 5: all-point interpolation)
 
-Without a single truth to find, recall and AP are undefined and given as NaN. Without detections AP is 0.
+Without a single truth to find, recall and AP are undefined and given as NaN. Without detections AP
+is 0.
 
 Protocol `published` does what the code published with the paper does instead, in three places:
 `evaluate` skips frames without truths together with their false alarms; `sample_iou` is the IoU of
-footprints by 50 × 50 points of the truth and, for "3d", multiplied by (overlap of heights / greater height);
-`claim_then_test` lets each detection claim its arg-max truth before its IoU is tested (strictly greater than the
-threshold), so that a stray box, even one that overlaps nothing and so claims truth 0, voids a good one with a lower
-score."""
+footprints by 50 × 50 points of the truth and, for "3d", multiplied by (overlap of heights / greater
+height); `claim_then_test` lets each detection claim its arg-max truth before its IoU is tested
+(strictly greater than the threshold), so that a stray box, even one that overlaps nothing and so
+claims truth 0, voids a good one with a lower score."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -44,16 +49,23 @@ from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Obj
 Protocol = Literal["exact", "published"]
 
 GRID = 50  # points along each side of a truth's footprint, protocol `published`
-USUAL_IOUS = {VEHICLE: (0.7, 0.8, 0.9), HEAVY: (0.7, 0.8, 0.9), CYCLIST: (0.25, 0.5, 0.7), PEDESTRIAN: (0.25, 0.5, 0.7)}
-TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # least 3D IoU of a true detection
+USUAL_IOUS = {
+    VEHICLE: (0.7, 0.8, 0.9),
+    HEAVY: (0.7, 0.8, 0.9),
+    CYCLIST: (0.25, 0.5, 0.7),
+    PEDESTRIAN: (0.25, 0.5, 0.7),
+}
+# least 3D IoU of a true detection
+TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}
 MOSTLY = 0.5  # share of a footprint on an unscored object above which a detection is ignored
 
 
 @dataclass(frozen=True)
 class Match:
-    """Outcome of n detections of a frame against m truths, in the rows of the input. truth: row of the truth that a
-    detection hit, -1 for none; iou: its IoU with that truth, 0 for none; ignored: detections that do not count (of
-    another label, or on an object that is not scored); hit: truths that were hit; scored: truths that count."""
+    """Outcome of n detections of a frame against m truths, in the rows of the input. truth: row of
+    the truth that a detection hit, -1 for none; iou: its IoU with that truth, 0 for none; ignored:
+    detections that do not count (of another label, or on an object that is not scored); hit: truths
+    that were hit; scored: truths that count."""
 
     truth: Int64[np.ndarray, " n"]
     iou: Float64[np.ndarray, " n"]
@@ -73,7 +85,8 @@ class Curve:
 
 @dataclass(frozen=True)
 class DetectionScore:
-    """Score of a detector at one IoU threshold. scores, hits: of the n detections that are not ignored, in no order."""
+    """Score of a detector at one IoU threshold. scores, hits: of the n detections that are not
+    ignored, in no order."""
 
     ap: float
     precision: float
@@ -107,7 +120,9 @@ def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> 
     place = np.clip((scores * bins).astype(np.int64), 0, bins - 1)
     count = np.bincount(place, minlength=bins)
     with np.errstate(invalid="ignore"):
-        mean, true = (np.bincount(place, values, minlength=bins) / count for values in (scores, hits))
+        mean, true = (
+            np.bincount(place, values, minlength=bins) / count for values in (scores, hits)
+        )
     return Reliability(mean, true, count)
 
 
@@ -124,24 +139,33 @@ def evaluate(
 ) -> dict[float, DetectionScore]:
     """Score detections at each IoU threshold, as defined at the top of this module.
 
-    detections, truths: one of each per frame, read once. counted: per frame a mask (m,) of the truths that are scored,
-    by default all; the others are neither to be found nor false alarms. outside: per frame a mask (n,) of detections
-    outside the scored area, by default none; they can be hits but not false alarms. Raises ValueError for unequal
-    numbers of frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
+    detections, truths: one of each per frame, read once. counted: per frame a mask (m,) of the
+    truths that are scored, by default all; the others are neither to be found nor false alarms.
+    outside: per frame a mask (n,) of detections outside the scored area, by default none; they can
+    be hits but not false alarms. Raises ValueError for unequal numbers of frames, degenerate boxes,
+    NaN scores, or thresholds outside (0, 1].
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> evaluate([Detections(car, np.array([0.9]))], [Objects(car)], iou_thresholds=[0.7])[0.7].ap
     1.0
     """
-    thresholds, label = list(dict.fromkeys(_check(iou_thresholds, metric, protocol))), label_index(label)
-    pooled, to_find = {threshold: [(np.zeros(0), np.zeros(0, bool))] for threshold in thresholds}, 0
+    thresholds = list(dict.fromkeys(_check(iou_thresholds, metric, protocol)))
+    label = label_index(label)
+    pooled = {threshold: [(np.zeros(0), np.zeros(0, bool))] for threshold in thresholds}
+    to_find = 0
     masks = repeat(None) if counted is None else iter(counted)
     outsides = repeat(None) if outside is None else iter(outside)
     for number, (detected, there) in enumerate(zip_longest(detections, truths)):
-        mask, beyond = next(masks, None), next(outsides, None)
-        lacks_mask = (counted is not None and mask is None) or (outside is not None and beyond is None)
+        mask = next(masks, None)
+        beyond = next(outsides, None)
+        lacks_mask = (counted is not None and mask is None) or (
+            outside is not None and beyond is None
+        )
         if detected is None or there is None or lacks_mask:
-            raise ValueError(f"detections, truths and counted must have as many frames, but one ended after {number}")
+            raise ValueError(
+                "detections, truths and counted must have as many frames, but one ended after "
+                f"{number}"
+            )
         where = f" of frame {number}"
         overlaps = _overlap(detected, there, label, mask, metric, protocol, where, outside=beyond)
         if protocol == "published" and not len(overlaps.columns):
@@ -153,7 +177,8 @@ def evaluate(
     results = {}
     for threshold, frames in pooled.items():
         every, hit = (np.concatenate(column) for column in zip(*frames, strict=True))
-        curve, tp = precision_recall(every, hit, to_find), int(hit.sum())
+        curve = precision_recall(every, hit, to_find)
+        tp = int(hit.sum())
         ap, recall = (average_precision(curve), tp / to_find) if to_find else (np.nan, np.nan)
         counts = tp / len(hit) if len(hit) else np.nan, recall, tp, len(hit) - tp, to_find
         results[threshold] = DetectionScore(ap, *counts, curve, every, hit)
@@ -171,14 +196,19 @@ def matches(
     counted: ArrayLike | None = None,
     outside: ArrayLike | None = None,
 ) -> Iterator[Match]:
-    """Match detections and truths of one frame as `evaluate` does, at each of several IoU thresholds."""
+    """Match detections and truths of one frame as `evaluate` does, at each of several IoU
+    thresholds."""
     thresholds = _check(iou_thresholds, metric, protocol)
-    overlaps = _overlap(detections, truths, label_index(label), counted, metric, protocol, outside=outside)
-    rows, columns = overlaps.rows, overlaps.columns
+    overlaps = _overlap(
+        detections, truths, label_index(label), counted, metric, protocol, outside=outside
+    )
+    rows = overlaps.rows
+    columns = overlaps.columns
     for threshold in thresholds:
         taken, ignored = overlaps.resolve(threshold)
         hitting = np.flatnonzero(taken >= 0)
-        n, m = len(detections), len(truths)
+        n = len(detections)
+        m = len(truths)
         scored = np.isin(np.arange(m), columns)
         result = Match(np.full(n, -1), np.zeros(n), np.ones(n, bool), np.zeros(m, bool), scored)
         result.truth[rows[hitting]] = columns[taken[hitting]]
@@ -206,12 +236,20 @@ def second_labels(
     if not heavy.hit.any():
         return second
     (small,) = matches(
-        detections, truths, [TRUE_IOU[VEHICLE]], metric=metric, label=VEHICLE, counted=counted, outside=outside
+        detections,
+        truths,
+        [TRUE_IOU[VEHICLE]],
+        metric=metric,
+        label=VEHICLE,
+        counted=counted,
+        outside=outside,
     )
     second = (detections.labels == VEHICLE) & small.ignored
     if outside is not None:
         second &= ~np.asarray(outside, bool)
-    return second & (footprint_overlap(detections.boxes, truths.boxes[heavy.hit]).max(axis=1) > MOSTLY)
+    return second & (
+        footprint_overlap(detections.boxes, truths.boxes[heavy.hit]).max(axis=1) > MOSTLY
+    )
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int) -> Curve:
@@ -220,12 +258,20 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int)
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
     """
-    if truths < 0 or truths != int(truths) or np.shape(scores) != np.shape(hits) or np.ndim(scores) != 1:
+    if (
+        truths < 0
+        or truths != int(truths)
+        or np.shape(scores) != np.shape(hits)
+        or np.ndim(scores) != 1
+    ):
         needs = "one score and one hit for each detection, and 0 or more truths"
         got = f"{np.shape(scores)}, {np.shape(hits)} and {truths} truths"
         raise ValueError(f"precision_recall needs {needs}, got {got}")
     if np.sum(hits) > truths:
-        raise ValueError(f"more detections hit ({np.sum(hits)}) than there are truths ({truths}): count all truths")
+        raise ValueError(
+            f"more detections hit ({np.sum(hits)}) than there are truths ({truths}): count all "
+            "truths"
+        )
     best_first = np.argsort(-scores, kind="stable")
     scores = scores[best_first]
     last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])
@@ -237,7 +283,8 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int)
 def average_precision(curve: Curve) -> float:
     """Return the all-point interpolated AP (paper equations 4 and 5).
 
-    >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=2))
+    >>> hits = np.array([True, False, True])
+    >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), hits, truths=2))
     0.8333333333333333
     """
     envelope = np.maximum.accumulate(curve.precision[::-1])[::-1]
@@ -245,7 +292,8 @@ def average_precision(curve: Curve) -> float:
 
 
 def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Free truth of greatest IoU, at least `threshold`, that each detection takes, best score first; else -1."""
+    """Free truth of greatest IoU, at least `threshold`, that each detection takes, best score
+    first; else -1."""
     taken = np.full(len(iou), -1)
     free = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
@@ -257,7 +305,8 @@ def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarra
 
 
 def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Truth that each detection takes, or -1. Only the first to claim a truth by any overlap may hit it."""
+    """Truth that each detection takes, or -1. Only the first to claim a truth by any overlap may
+    hit it."""
     taken = np.full(len(iou), -1)
     if iou.shape[1]:
         claimed, first = np.unique(iou.argmax(axis=1), return_index=True)
@@ -266,10 +315,14 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
     return taken
 
 
-def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
-    """Estimate IoU of boxes (n, 7) and (m, 7) by 50 × 50 points in each truth's footprint, edges included. For "3d" it
-    is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes."""
-    a, b = check_boxes(detected, "detected"), check_boxes(truths, "truths")
+def sample_iou(
+    detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d"
+) -> Float64[np.ndarray, "n m"]:
+    """Estimate IoU of boxes (n, 7) and (m, 7) by 50 × 50 points in each truth's footprint, edges
+    included. For "3d" it is multiplied by (overlap of the heights / greater height), which is not
+    the IoU of the volumes."""
+    a = check_boxes(detected, "detected")
+    b = check_boxes(truths, "truths")
     half = a[:, 3:5] / 2 + FACE_TOLERANCE
     share = np.zeros((len(a), len(b)))
     near = iou_bev(a, b) > 0
@@ -279,9 +332,15 @@ def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -
         dx, dy = x - a[rows, 0], y - a[rows, 1]
         u, v = np.linspace(-length / 2, length / 2, GRID), np.linspace(-width / 2, width / 2, GRID)
         cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-        ahead = (dx * cos_a + dy * sin_a)[:, None, None] + (u * cos)[:, :, None] - (v * sin)[:, None, :]
-        aside = (dy * cos_a - dx * sin_a)[:, None, None] + (u * sin)[:, :, None] + (v * cos)[:, None, :]
-        inside = (np.abs(ahead) <= half[rows, 0, None, None]) & (np.abs(aside) <= half[rows, 1, None, None])
+        ahead = (
+            (dx * cos_a + dy * sin_a)[:, None, None] + (u * cos)[:, :, None] - (v * sin)[:, None, :]
+        )
+        aside = (
+            (dy * cos_a - dx * sin_a)[:, None, None] + (u * sin)[:, :, None] + (v * cos)[:, None, :]
+        )
+        inside = (np.abs(ahead) <= half[rows, 0, None, None]) & (
+            np.abs(aside) <= half[rows, 1, None, None]
+        )
         share[rows, column] = inside.mean(axis=(1, 2))
     overlap = share * (b[:, 3] * b[:, 4])
     iou = overlap / ((a[:, 3] * a[:, 4])[:, None] + b[:, 3] * b[:, 4] - overlap)
@@ -299,7 +358,8 @@ class _Overlaps(NamedTuple):
     columns: np.ndarray  # (m,) of the truths in the input
     scores: np.ndarray  # (n,)
     iou: np.ndarray  # (n, m)
-    elsewhere: np.ndarray  # (n, 2) greatest IoU with an object that is not scored, and share of the footprint on one
+    # (n, 2) greatest IoU with an object that is not scored, and share of the footprint on one
+    elsewhere: np.ndarray
     outside: np.ndarray  # (n,) True for detections outside the scored area
     protocol: Protocol
 
@@ -323,34 +383,48 @@ def _overlap(
     outside: ArrayLike | None = None,
 ) -> _Overlaps:
     if np.isnan(detected.scores).any():
-        raise ValueError(f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{where} is NaN")
+        raise ValueError(
+            f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{where} is "
+            "NaN"
+        )
     scored = there.labels == label
     unscored = (there.labels == HEAVY) & (label == VEHICLE)
     if counted is not None:
         mask = np.asarray(counted, bool)
         if mask.shape != scored.shape:
-            raise ValueError(f"counted{where} must have one entry for each of {len(there)} truths, got {mask.shape}")
+            raise ValueError(
+                f"counted{where} must have one entry for each of {len(there)} truths, got "
+                f"{mask.shape}"
+            )
         scored, unscored = scored & mask, unscored | (scored & ~mask)
     beyond = np.zeros(len(detected), bool) if outside is None else np.asarray(outside, bool)
     if beyond.shape != (len(detected),):
         rule = f"outside{where} must have one entry for each of {len(detected)} detections"
         raise ValueError(f"{rule}, got {beyond.shape}")
-    rows, columns = np.flatnonzero(detected.labels == label), np.flatnonzero(scored)
-    boxes, truths = check_boxes(detected.boxes, "detections" + where)[rows], check_boxes(there.boxes, "truths" + where)
+    rows = np.flatnonzero(detected.labels == label)
+    columns = np.flatnonzero(scored)
+    boxes = check_boxes(detected.boxes, "detections" + where)[rows]
+    truths = check_boxes(there.boxes, "truths" + where)
     exact = iou_3d if metric == "3d" else iou_bev
     between = partial(sample_iou, metric=metric) if protocol == "published" else exact
     every = between(boxes, np.concatenate([truths[columns], truths[unscored]]))
-    iou, others = every[:, : len(columns)], every[:, len(columns) :]
+    iou = every[:, : len(columns)]
+    others = every[:, len(columns) :]
     share = footprint_overlap(boxes, truths[unscored])
     elsewhere = np.stack([others.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1)
     order = np.lexsort((-iou.max(axis=1, initial=0), -detected.scores[rows]))
     best = rows[order]
-    return _Overlaps(best, columns, detected.scores[best], iou[order], elsewhere[order], beyond[best], protocol)
+    return _Overlaps(
+        best, columns, detected.scores[best], iou[order], elsewhere[order], beyond[best], protocol
+    )
 
 
 def _check(iou_thresholds: Iterable[float], metric: str, protocol: str) -> list[float]:
     if metric not in ("3d", "bev") or protocol not in ("exact", "published"):
-        raise ValueError(f'metric is "3d" or "bev", protocol "exact" or "published", got {metric!r}, {protocol!r}')
+        raise ValueError(
+            f'metric is "3d" or "bev", protocol "exact" or "published", got {metric!r}, '
+            f"{protocol!r}"
+        )
     thresholds = [float(threshold) for threshold in iou_thresholds]
     for threshold in thresholds:
         if not 0 < threshold <= 1:

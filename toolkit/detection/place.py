@@ -1,9 +1,10 @@
 """Places: a detection area and its level ground, z = 0, on which points are put.
 
-A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. A recording of a
-known site says where its ground is. For any other the ground is found first (`toolkit.calibration.ground`), in every
-frame or, where the sensors stand still, once. Detectors work in float32 about an origin near by: points are counted
-from the middle of the area, and boxes are brought back into the frame's world."""
+A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. A
+recording of a known site says where its ground is. For any other the ground is found first
+(`toolkit.calibration.ground`), in every frame or, where the sensors stand still, once. Detectors
+work in float32 about an origin near by: points are counted from the middle of the area, and boxes
+are brought back into the frame's world."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -28,16 +29,18 @@ CROP_HEIGHT = 4.0  # m, as in the paper's crop
 GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # about the area, in which its ground is looked for
 MIN_GROUND_SQUARES = 150  # a metre wide, with points
 ROW_STRIDE = 1 << 20  # squares in a row of them, more than an area has
-MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that those on its edge are known
+MARGIN_AROUND = (
+    5.0  # m around the area in which objects are kept, so that those on its edge are known
+)
 
 
 @dataclass(frozen=True)
 class Stand:
     """Ground and area of one frame.
 
-    area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that points are counted
-    from; ground: below the points counted so, None where z = 0 already. warning: of ground that is not level; ms: time
-    that finding the ground took."""
+    area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that
+    points are counted from; ground: below the points counted so, None where z = 0 already. warning:
+    of ground that is not level; ms: time that finding the ground took."""
 
     area: Area
     middle: Float64[np.ndarray, "2"]
@@ -54,13 +57,19 @@ class Stand:
     def lift(self, points: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
         """Put points (world) on level ground, counted from the middle."""
         near = points - [*self.middle, 0.0]
-        return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(np.float32)
+        return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(
+            np.float32
+        )
 
     def put_back(self, found: Detections) -> Detections:
         """Return detections of lifted points in the world frame."""
         if isinstance(self.area, Site):
             return found
-        boxes = found.boxes if self.ground is None or not len(found) else self.ground.boxes_back(found.boxes)
+        boxes = (
+            found.boxes
+            if self.ground is None or not len(found)
+            else self.ground.boxes_back(found.boxes)
+        )
         return replace(found, boxes=boxes + np.array([*self.middle, 0, 0, 0, 0, 0]))
 
 
@@ -69,11 +78,13 @@ class Place:
     """Detection area and its ground."""
 
     level: Level | None = None
-    """Ground: a map of heights, a plane, or none for ground at z = 0; map when left out, none at a known site."""
+    """Ground: a map of heights, a plane, or none for ground at z = 0; map when left out, none at a
+    known site."""
     still: bool = False
     """Find the ground once, because the sensors do not move."""
     area: Corners | None = None
-    """Area xmin ymin xmax ymax (m, world frame); the site's, or 50 m around the sensors, when left out."""
+    """Area xmin ymin xmax ymax (m, world frame); the site's, or 50 m around the sensors, when left
+    out."""
 
     def __post_init__(self) -> None:
         if self.level is not None and self.level not in LEVELS:
@@ -90,7 +101,8 @@ class Place:
         return (xmax - xmin) / 2, (ymax - ymin) / 2
 
     def find_middle(self, frame: Frame) -> Float64[np.ndarray, "2"]:
-        """Middle of the area, else of the frame's sensors (world frame, to the metre), else the origin."""
+        """Middle of the area, else of the frame's sensors (world frame, to the metre), else the
+        origin."""
         if self.area is not None:
             return (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
         places = [sensor.position[:2] for sensor in frame.sensors]
@@ -101,7 +113,8 @@ class Place:
         return site is not None and self.level is None and self.area is None
 
     def find_ground(self, points: Points, method: Literal["map", "plane"]) -> Ground:
-        """Find the ground below points (n, 3) m counted from the middle: the area's, if one is given.
+        """Find the ground below points (n, 3) m counted from the middle: the area's, if one is
+        given.
 
         Raises ValueError if no ground is found."""
         if self.area is None:
@@ -109,12 +122,15 @@ class Place:
         half, (column, row) = np.array(self.half), np.floor(points[:, :2].T)
         for margin in GROUND_MARGINS_M:
             inside = (np.abs(points[:, :2]) <= half + margin).all(axis=1)
-            squares = column[inside] * ROW_STRIDE + row[inside]  # one number each, far quicker to sort than rows
+            # one number each, far quicker to sort than rows
+            squares = column[inside] * ROW_STRIDE + row[inside]
             if len(np.unique(squares)) >= MIN_GROUND_SQUARES:
                 return level(points[inside], method=method)
         return level(points, method=method)
 
-    def stands(self, frames: Iterable[Frame], site: Site | None = None) -> Iterator[tuple[Frame, Stand]]:
+    def stands(
+        self, frames: Iterable[Frame], site: Site | None = None
+    ) -> Iterator[tuple[Frame, Stand]]:
         """Yield every frame with its stand; warn where ground lacks."""
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
@@ -122,8 +138,10 @@ class Place:
         (x, y), kept = self.half, None
         method = self.level or ("map" if site is None else "none")
         for frame in frames:
-            middle, start = self.find_middle(frame), perf_counter()
-            ground, warning = kept, None
+            middle = self.find_middle(frame)
+            start = perf_counter()
+            ground = kept
+            warning = None
             points = frame.points() - [*middle, 0.0] if kept is None else np.zeros((0, 3))
             if method == "none":
                 warning = level_warning(points) if len(points) else None
@@ -134,7 +152,16 @@ class Place:
                 except ValueError as error:
                     warning = f"not levelled: {error}"
             kept = ground if self.still else None
-            yield frame, Stand(np.array([-x, -y, x, y]), middle, ground, warning, 1e3 * (perf_counter() - start))
+            yield (
+                frame,
+                Stand(
+                    np.array([-x, -y, x, y]),
+                    middle,
+                    ground,
+                    warning,
+                    1e3 * (perf_counter() - start),
+                ),
+            )
 
 
 def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
@@ -143,9 +170,9 @@ def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
 
 
 class LevelFrame(NamedTuple):
-    """Frame on level ground, ready to train a network, counted from the middle of the area. sensors: names; clouds:
-    points in the area, below 4 m; objects: in the area or close beside it; area: xmin ymin xmax ymax (m), about the
-    origin."""
+    """Frame on level ground, ready to train a network, counted from the middle of the area.
+    sensors: names; clouds: points in the area, below 4 m; objects: in the area or close beside it;
+    area: xmin ymin xmax ymax (m), about the origin."""
 
     sensors: tuple[str, ...]
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
@@ -154,12 +181,14 @@ class LevelFrame(NamedTuple):
 
 
 def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
-    """Yield frames on level ground, but for those without points, or without ground where it is looked for. Points
-    where the labels of a set are not complete, in KITTI beside the camera's image, are left out: nobody labelled what
-    is there, so it must not be learnt as background."""
+    """Yield frames on level ground, but for those without points, or without ground where it is
+    looked for. Points where the labels of a set are not complete, in KITTI beside the camera's
+    image, are left out: nobody labelled what is there, so it must not be learnt as background."""
     (x, y), method = place.half, place.level or "map"
     for frame, stand in Place(method, place.still, place.area).stands(frames):
-        if not any(len(cloud.points) for cloud in frame.clouds) or (stand.ground is None and method != "none"):
+        if not any(len(cloud.points) for cloud in frame.clouds) or (
+            stand.ground is None and method != "none"
+        ):
             continue
         clouds = []
         for cloud in frame.clouds:
@@ -171,4 +200,6 @@ def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
         boxes = boxes if stand.ground is None or not len(boxes) else stand.ground.boxes(boxes)
         near = (np.abs(boxes[:, :2]) <= np.array([x, y]) + MARGIN_AROUND).all(axis=1)
         objects = Objects(boxes, frame.objects.labels, frame.objects.ids)[np.asarray(near)]
-        yield LevelFrame(tuple(sensor.name for sensor in frame.sensors), tuple(clouds), objects, (-x, -y, x, y))
+        yield LevelFrame(
+            tuple(sensor.name for sensor in frame.sensors), tuple(clouds), objects, (-x, -y, x, y)
+        )

@@ -21,11 +21,15 @@ def coview_version() -> str:
 def dataset_origin(dataset: object) -> dict[str, object]:
     """Name and file of a recording, None in memory."""
     path = getattr(dataset, "path", None)
-    return {"dataset": type(dataset).__name__ if path is None else Path(path).name, "dataset_path": path and str(path)}
+    return {
+        "dataset": type(dataset).__name__ if path is None else Path(path).name,
+        "dataset_path": path and str(path),
+    }
 
 
 def detector_origin(detector: Detector) -> dict[str, Any]:
-    """Name of a detector, by which commands take it, or its kind, and its digest; None without a digest."""
+    """Name of a detector, by which commands take it, or its kind, and its digest; None without a
+    digest."""
     name = getattr(detector, "name", getattr(detector, "__name__", type(detector).__name__))
     return {"detector": name, "detector_digest": getattr(detector, "digest", None)}
 

@@ -1,8 +1,9 @@
 """`Scheme`: messages of each sensor, fused at the centre.
 
-A scheme of your own is a class with the members of `Scheme`. Pass it as an object, `scheme=MyScheme()`; nothing else
-needs to know about it. `fuse` works on the points themselves. The other members serve fidelities that only count
-points: they say how much is sent and how evidence adds up."""
+A scheme of your own is a class with the members of `Scheme`. Pass it as an object,
+`scheme=MyScheme()`; nothing else needs to know about it. `fuse` works on the points themselves. The
+other members serve fidelities that only count points: they say how much is sent and how evidence
+adds up."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Protocol, runtime_checkable
@@ -57,9 +58,11 @@ class Scheme(Protocol):
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Number of points that each candidate sends in each frame."""
 
-    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
-        """Mark objects whose points reach the centre beside boxes; None if it gets points alone or boxes alone. radius:
-        the site's hybrid radius (m)."""
+    def mask_pooled(
+        self, distance: Float32[np.ndarray, "C O"], radius: float, /
+    ) -> Bool[np.ndarray, "C O"] | None:
+        """Mark objects whose points reach the centre beside boxes; None if it gets points alone or
+        boxes alone. radius: the site's hybrid radius (m)."""
 
 
 @runtime_checkable
@@ -74,7 +77,8 @@ class Chained(Protocol):
 
 
 class DetectsOnce(Parameters):
-    """Base of schemes that detect once, in the points of all sensors together: see `View.fuse_points`."""
+    """Base of schemes that detect once, in the points of all sensors together: see
+    `View.fuse_points`."""
 
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
@@ -96,7 +100,8 @@ def surrogate_name(scheme: Scheme) -> str:
 def estimate_bits(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
-    """Expected bits of each candidate in all frames, whole numbers. boxes: detections of each in all frames."""
+    """Expected bits of each candidate in all frames, whole numbers. boxes: detections of each in
+    all frames."""
     codec = scheme_codec(scheme, codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
     boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)

@@ -58,7 +58,8 @@ class Late(Parameters):
 
 @dataclass(frozen=True)
 class Hybrid(Parameters):
-    """Hybrid fusion. radius: within which no points are sent (m), None for the site's; metric: see `is_beyond`."""
+    """Hybrid fusion. radius: within which no points are sent (m), None for the site's; metric: see
+    `is_beyond`."""
 
     radius: float | None = None
     metric: Distance = "horizontal"
@@ -68,7 +69,9 @@ class Hybrid(Parameters):
 
     def __post_init__(self) -> None:
         if self.radius is not None and not self.radius >= 0:
-            raise ValueError(f"radius must be at least 0 m, got {self.radius}: None is the site's own")
+            raise ValueError(
+                f"radius must be at least 0 m, got {self.radius}: None is the site's own"
+            )
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Fuse boxes as late, with detections in far points."""
@@ -86,10 +89,14 @@ class Hybrid(Parameters):
         """Return points beyond the site's radius; ValueError for another."""
         if self.radius is not None or self.metric != "horizontal":
             remedy = "use Hybrid() at dataclasses.replace(site, hybrid_radius=...)"
-            raise ValueError(f"far points are counted by the site's hybrid radius, not by {self}: {remedy}")
+            raise ValueError(
+                f"far points are counted by the site's hybrid radius, not by {self}: {remedy}"
+            )
         return counts.far
 
-    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"]:
+    def mask_pooled(
+        self, distance: Float32[np.ndarray, "C O"], radius: float, /
+    ) -> Bool[np.ndarray, "C O"]:
         """Mark objects beyond the radius."""
         return distance > (radius if self.radius is None else self.radius)
 
@@ -105,8 +112,11 @@ _BUILT_IN: tuple[Scheme, ...] = Early(), Late(), Hybrid(), Foreground(), Foregro
 SCHEMES = {scheme.name: scheme for scheme in _BUILT_IN}
 
 
-def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY) -> dict[str, Scheme]:
-    """Return the schemes by name, with messages in steps of `step` (m). refers_to, key_every: of differences."""
+def schemes_in_steps(
+    step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY
+) -> dict[str, Scheme]:
+    """Return the schemes by name, with messages in steps of `step` (m). refers_to, key_every: of
+    differences."""
     differences = ForegroundDifferences(step, refers_to, key_every)
     return {**SCHEMES, "foreground": Foreground(step), "differences": differences}
 
@@ -134,11 +144,14 @@ def fuse_frame(
 ) -> Fused:
     """Fuse the measurements of a frame by a scheme or its name.
 
-    sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin, xmax, ymax (m); height:
-    of the crop (m), else the site's own, else 4. The frame is taken as it is: draw noise first with
-    `toolkit.datasets.recordings`. Raises ValueError for a sensor that the frame does not have or that is named twice.
+    sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin,
+    xmax, ymax (m); height: of the crop (m), else the site's own, else 4. The frame is taken as it
+    is: draw noise first with `toolkit.datasets.recordings`. Raises ValueError for a sensor that the
+    frame does not have or that is named twice.
     """
     chosen = select_sensors(frame.sensors, sensors)
-    view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)
+    view = frame_view(
+        frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold
+    )
     fused = find_scheme(scheme).fuse(view, sorted(chosen))
     return Fused(fused.detections, fused.bits[np.argsort(np.argsort(chosen))], fused.ms)

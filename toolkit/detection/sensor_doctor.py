@@ -1,11 +1,13 @@
-"""Doctor of a recording's sensors, one against another: their times, their rates, and boxes that only one misses.
+"""Doctor of a recording's sensors, one against another: their times, their rates, and boxes that
+only one misses.
 
-- Clouds of one frame should be of one instant. Their stamps show it, and so do moving objects: boxes moved along
-  their tracks fit the points of a sensor that is late, and of no other.
-- Sensors of two rates cannot be paired: steps between stamps differ, clouds repeat, or frames lack a sensor.
+- Clouds of one frame should be of one instant. Their stamps show it, and so do moving objects:
+  boxes moved along their tracks fit the points of a sensor that is late, and of no other.
+- Sensors of two rates cannot be paired: steps between stamps differ, clouds repeat, or frames lack
+  a sensor.
 - Points far below the ground are of a sensor whose pose is wrong or missing.
-- A box is missed if a sensor sees the ground just in front of it, and no point on it. Every sensor misses a few. If
-  one misses many that others see, its pose is wrong or its points were lost."""
+- A box is missed if a sensor sees the ground just in front of it, and no point on it. Every sensor
+  misses a few. If one misses many that others see, its pose is wrong or its points were lost."""
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, pairwise
@@ -45,7 +47,8 @@ def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
 
 
 def diagnose_sensors(seen: Sequence[Seen], *, timely: bool) -> list[Finding]:
-    """Return what the labels of consecutive frames, if they are right, show to be wrong with sensors.
+    """Return what the labels of consecutive frames, if they are right, show to be wrong with
+    sensors.
 
     timely: whether `diagnose_times` found nothing; only then can a late sensor be told."""
     late = [*suspect_late_sensors(seen)] if timely else []
@@ -78,10 +81,14 @@ def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
 
 def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find sensors that measure at another rate than the fastest."""
-    steps_s, repeated, missing = {}, {}, {}
+    steps_s = {}
+    repeated = {}
+    missing = {}
     for name in _sensor_names(samples):
         clouds = _list_clouds(samples, name)
-        stamps = np.unique([cloud.stamp_s for cloud in clouds if cloud is not None and cloud.stamp_s is not None])
+        stamps = np.unique(
+            [cloud.stamp_s for cloud in clouds if cloud is not None and cloud.stamp_s is not None]
+        )
         if len(stamps) > 2:
             steps_s[name] = float(np.median(np.diff(stamps)))
         repeated[name] = _share_repeated(clouds)
@@ -94,13 +101,22 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
     fresh = [name for name in repeated if repeated[name] <= MAX_REPEATED_SHARE]
     for name, share in repeated.items():
         if share > MAX_REPEATED_SHARE and fresh and _shows_the_past(samples, name):
-            evidence = f"{share:.0%} of its clouds repeat the one before, those of {fresh[0]} do not"
-            yield Finding("warning", f"sensor {name}", "it is slower than the frames", evidence, remedy)
+            evidence = (
+                f"{share:.0%} of its clouds repeat the one before, those of {fresh[0]} do not"
+            )
+            yield Finding(
+                "warning", f"sensor {name}", "it is slower than the frames", evidence, remedy
+            )
     complete = [name for name in missing if missing[name] < 0.1]
     for name, share in missing.items():
         if share > MAX_MISSING_SHARE and complete:
-            evidence = f"{share:.0%} of the frames from its first to its last cloud lack it, {complete[0]} has all"
-            yield Finding("warning", f"sensor {name}", "it is slower than the frames", evidence, remedy)
+            evidence = (
+                f"{share:.0%} of the frames from its first to its last cloud lack it, "
+                f"{complete[0]} has all"
+            )
+            yield Finding(
+                "warning", f"sensor {name}", "it is slower than the frames", evidence, remedy
+            )
 
 
 def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
@@ -111,23 +127,35 @@ def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
         if clouds and all(np.array_equal(one.points, other.points) for one, other in clouds):
             evidence = f"all points in {len(clouds)} frames"
             words = f"it has the same points as {second}"
-            yield Finding("warning", f"sensor {first}", words, evidence, "leave one out, its points count twice")
+            yield Finding(
+                "warning",
+                f"sensor {first}",
+                words,
+                evidence,
+                "leave one out, its points count twice",
+            )
 
 
 def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
     """Share of a sensor's clouds that have the points of the frame before."""
     pairs = [(former, latter) for former, latter in pairwise(clouds) if former and latter]
-    same = [len(former.points) > 0 and np.array_equal(former.points, latter.points) for former, latter in pairs]
+    same = [
+        len(former.points) > 0 and np.array_equal(former.points, latter.points)
+        for former, latter in pairs
+    ]
     return float(np.mean(same)) if len(same) > 2 else 0.0
 
 
 def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
-    """Return True if a cloud that repeats the one before shows objects where they were then, or if none moves."""
-    stale, moves = 0, 0
+    """Return True if a cloud that repeats the one before shows objects where they were then, or if
+    none moves."""
+    stale = 0
+    moves = 0
     for former, latter in pairwise(samples):
         places = former.objects.boxes
         gone = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
-        before, cloud = _find_cloud(former, name), _find_cloud(latter, name)
+        before = _find_cloud(former, name)
+        cloud = _find_cloud(latter, name)
         if before and cloud and len(gone) and np.array_equal(cloud.points, before.points):
             moves += 1
             stale += bool((count_points(cloud.in_world(), gone) >= MIN_STALE_POINTS).any())
@@ -142,7 +170,8 @@ def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
 
 
 def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
-    """Find sensors whose points show moving objects where they are at another time than for other sensors."""
+    """Find sensors whose points show moving objects where they are at another time than for other
+    sensors."""
     samples = [each.sample for each in seen]
     names = _sensor_names(samples)
     movers = [find_movers(samples, k) for k in range(len(samples))]
@@ -165,17 +194,32 @@ def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
         words = f"its clouds are about {abs(shift_s):g} s {side} the labels and {', '.join(timely)}"
         share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
         evidence = f"mean fit of {len(before)} moving objects to its points: {share}"
-        yield Finding("warning", f"sensor {name}", words, evidence, "pair clouds by their times, or move its points")
+        yield Finding(
+            "warning",
+            f"sensor {name}",
+            words,
+            evidence,
+            "pair clouds by their times, or move its points",
+        )
 
 
-def _is_later(before: Float64[np.ndarray, " tracks"], after: Float64[np.ndarray, " tracks"]) -> bool:
+def _is_later(
+    before: Float64[np.ndarray, " tracks"], after: Float64[np.ndarray, " tracks"]
+) -> bool:
     """Return True if nearly all moving objects fit better with their boxes moved."""
     change = (after - before)[(before > 0) | (after > 0)]
-    improved, spoilt = int((change > SAME_FIT).sum()), int((change < -SAME_FIT).sum())
-    return improved >= MIN_LATE_OBJECTS and spoilt <= 0.1 * improved and float(change.mean()) >= MIN_LATE_GAIN
+    improved = int((change > SAME_FIT).sum())
+    spoilt = int((change < -SAME_FIT).sum())
+    return (
+        improved >= MIN_LATE_OBJECTS
+        and spoilt <= 0.1 * improved
+        and float(change.mean()) >= MIN_LATE_GAIN
+    )
 
 
-def _measure_shift(views: Sequence[Seen], movers: Sequence[Movers], shift_s: float) -> Float64[np.ndarray, " tracks"]:
+def _measure_shift(
+    views: Sequence[Seen], movers: Sequence[Movers], shift_s: float
+) -> Float64[np.ndarray, " tracks"]:
     """Mean fit of each moving object's boxes, moved along its track by some time.
 
     Frames of one object tell the same, so they count as one."""
@@ -211,9 +255,18 @@ def suspect_buried_points(seen: Sequence[Seen]) -> Iterator[Finding]:
     usual = [name for name, share in shares.items() if share <= USUAL_BURIED_SHARE]
     for name, share in shares.items():
         if share >= BURIED_SHARE and usual:
-            evidence = f"{share:.0%} of its points are more than {BURIED_M:g} m below it, of {usual[0]}'s hardly any"
+            evidence = (
+                f"{share:.0%} of its points are more than {BURIED_M:g} m below it, of "
+                f"{usual[0]}'s hardly any"
+            )
             words = "its points are below the ground that others see"
-            yield Finding("error", f"sensor {name}", words, evidence, "check its pose: its height, and which way is up")
+            yield Finding(
+                "error",
+                f"sensor {name}",
+                words,
+                evidence,
+                "check its pose: its height, and which way is up",
+            )
 
 
 class _Visibility(NamedTuple):
@@ -231,7 +284,8 @@ def suspect_missed_boxes(seen: Sequence[Seen]) -> Iterator[Finding]:
     must_see = dict.fromkeys(names, 0)
     missed = dict.fromkeys(names, 0)
     for each in seen:
-        sample, ground = each.sample, each.ground
+        sample = each.sample
+        ground = each.ground
         if ground is None or not len(sample.objects):
             continue
         views = {cloud.name: _look(cloud, sample.objects.boxes, ground) for cloud in sample.clouds}
@@ -240,11 +294,15 @@ def suspect_missed_boxes(seen: Sequence[Seen]) -> Iterator[Finding]:
             known = view.must_see & np.any([np.zeros(len(view.hit), bool), *others], axis=0)
             must_see[name] += int(known.sum())
             missed[name] += int((known & ~view.hit).sum())
-    shares = {name: missed[name] / must_see[name] for name in names if must_see[name] >= LEAST_BOXES}
+    shares = {
+        name: missed[name] / must_see[name] for name in names if must_see[name] >= LEAST_BOXES
+    }
     usual = [name for name, share in shares.items() if share <= USUAL_MISSED_SHARE]
     for name, share in shares.items():
         if share >= MISSED_SHARE and usual:
-            evidence = f"{missed[name]} of {must_see[name]} boxes in front of which it sees the ground"
+            evidence = (
+                f"{missed[name]} of {must_see[name]} boxes in front of which it sees the ground"
+            )
             words = "boxes hold points of other sensors, and none of this one"
             remedy = "check its pose, its times, and whether its points are whole"
             yield Finding("error", f"sensor {name}", words, evidence, remedy)
@@ -253,8 +311,8 @@ def suspect_missed_boxes(seen: Sequence[Seen]) -> Iterator[Finding]:
 def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
     """Tell which boxes (world frame) a sensor must see and hits.
 
-    It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the box and within its
-    inner half as seen from the sensor."""
+    It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the
+    box and within its inner half as seen from the sensor."""
     points = cloud.in_world()
     heights = points[:, 2] - ground.height(points[:, :2])
     grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
@@ -266,7 +324,9 @@ def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
     return _Visibility(np.array(must_see, bool), hit)
 
 
-def _sees_front(level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]) -> bool:
+def _sees_front(
+    level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]
+) -> bool:
     """Return True if points on the ground are just in front of a box, as seen from a place."""
     to_box = box[:2] - position
     distance = float(np.hypot(*to_box))

@@ -1,8 +1,10 @@
-"""Standing scene: the voxels with points in most frames of sensors that stand still, if the empty site is unknown.
+"""Standing scene: the voxels with points in most frames of sensors that stand still, if the empty
+site is unknown.
 
-A post, a bush or a container looks like a road user in every frame. Points are gathered into voxels of the world. A
-voxel that has points in most frames belongs to the scene, and a detection with hardly a point outside such voxels is
-left out. A recording that moves has no such scene: its sensors move, or what they see does."""
+A post, a bush or a container looks like a road user in every frame. Points are gathered into voxels
+of the world. A voxel that has points in most frames belongs to the scene, and a detection with
+hardly a point outside such voxels is left out. A recording that moves has no such scene: its
+sensors move, or what they see does."""
 
 from dataclasses import dataclass
 
@@ -20,7 +22,9 @@ MAX_LEARNT_FRAMES = 20
 STANDING_SHARE = 0.75  # part of the frames in which a voxel has points
 STANDING_VOXEL_M = 0.25
 MAX_STILL_TURN_RAD = float(np.deg2rad(0.5))
-MIN_SCENE_SHARE = 0.5  # part of the points off the ground in such voxels, where the sensors stand still
+MIN_SCENE_SHARE = (
+    0.5  # part of the points off the ground in such voxels, where the sensors stand still
+)
 MAX_WAITING_S = 60.0  # in shorter recordings, vehicles that stand may wait
 MIN_WAITING_SCORE = 0.5  # from which vehicles are kept as waiting
 _OFF_GROUND_M = 0.5  # above the lowest point of its square
@@ -53,7 +57,8 @@ class StandingScene:
     def leave_out(self, found: Detections, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Return the detections (world) with enough points outside the scene."""
         new = points[~self.holds(points)]
-        total, outside = count_points(points, found.boxes), count_points(new, found.boxes)
+        total = count_points(points, found.boxes)
+        outside = count_points(new, found.boxes)
         kept = (outside > 0) & (outside >= LEAST_NEW * total)
         if self.waiting:
             kept |= np.isin(found.labels, [VEHICLE, HEAVY]) & (found.scores >= MIN_WAITING_SCORE)
@@ -62,15 +67,20 @@ class StandingScene:
     def describe(self, left_out: int) -> str:
         """Return in one line what is left out, and how it is kept."""
         standing = f"what stands in most of the {self.frames} frames is background"
-        return f"{standing}: {left_out} detections are left out; --detector general-background keeps them"
+        return (
+            f"{standing}: {left_out} detections are left out; --detector general-background keeps "
+            "them"
+        )
 
 
 def learn_standing_scene(frames: Frames) -> StandingScene | None:
-    """Learn the standing scene of a recording; None with few frames, and where sensors or all they see moves."""
+    """Learn the standing scene of a recording; None with few frames, and where sensors or all they
+    see moves."""
     if len(frames) < MIN_STANDING_FRAMES:
         return None
     rows = np.unique(np.linspace(0, len(frames) - 1, MAX_LEARNT_FRAMES).astype(int)).tolist()
-    first, clouds = frames[0], list[Points]()
+    first = frames[0]
+    clouds = list[Points]()
     times = []
     for row in rows:
         frame = frames[row]
@@ -90,7 +100,8 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     if not len(keys) or not len(high):
         return None
     seconds = max(times) - min(times)
-    scene = StandingScene(origin, _grow(keys), len(frames), not seconds >= MAX_WAITING_S)  # unknown times are NaN
+    # unknown times are NaN
+    scene = StandingScene(origin, _grow(keys), len(frames), not seconds >= MAX_WAITING_S)
     return scene if scene.holds(high).mean() >= MIN_SCENE_SHARE else None
 
 
@@ -98,7 +109,9 @@ def _is_still(first: Frame, frame: Frame) -> bool:
     """Return True if the sensors and the world are where they are in the first frame."""
     if [sensor.name for sensor in first.sensors] != [sensor.name for sensor in frame.sensors]:
         return False
-    pairs = [(one.pose, other.pose) for one, other in zip(first.sensors, frame.sensors, strict=True)]
+    pairs = [
+        (one.pose, other.pose) for one, other in zip(first.sensors, frame.sensors, strict=True)
+    ]
     pairs.append((first.map_SE3_world, frame.map_SE3_world))
     for one, other in pairs:
         turn = one[:3, :3].T @ other[:3, :3]
@@ -109,7 +122,8 @@ def _is_still(first: Frame, frame: Frame) -> bool:
 
 
 def _off_ground_mask(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Mark points well above the lowest one of their square: ground is the same wherever a sensor moves."""
+    """Mark points well above the lowest one of their square: ground is the same wherever a sensor
+    moves."""
     square = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / _SQUARE_M).astype(np.int64)
     _, number = np.unique(square[:, 0] << 32 | square[:, 1], return_inverse=True)
     lowest = np.full(number.max() + 1, np.inf)

@@ -1,8 +1,9 @@
 """`View`: one frame as its sensors saw it.
 
-A fusion scheme takes clouds and detections from it, each computed once. All schemes and sensor sets that are scored on
-a frame share one view. Every value says when it is ready, in milliseconds after the measurement. Sensors work side by
-side, so a step begins when the last of its inputs is ready."""
+A fusion scheme takes clouds and detections from it, each computed once. All schemes and sensor sets
+that are scored on a frame share one view. Every value says when it is ready, in milliseconds after
+the measurement. Sensors work side by side, so a step begins when the last of its inputs is
+ready."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -33,8 +34,9 @@ Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Mask]
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of one sensor and
-    frame with equal histories are equal. rows: which of its cropped points these are, None for all of them."""
+    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of
+    one sensor and frame with equal histories are equal. rows: which of its cropped points these
+    are, None for all of them."""
 
     sensor: int
     history: tuple[str, ...]
@@ -45,9 +47,10 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """Image in which a sensor's points were measured: number `index` of a frame. area, height: of the crop; kept: the
-    pixels of the points in the crop in the order of these, None to find them; lift: what was done to points of the
-    frame's world before they were cropped, such as putting them on level ground."""
+    """Image in which a sensor's points were measured: number `index` of a frame. area, height: of
+    the crop; kept: the pixels of the points in the crop in the order of these, None to find them;
+    lift: what was done to points of the frame's world before they were cropped, such as putting
+    them on level ground."""
 
     frame: Frame
     index: int
@@ -72,24 +75,31 @@ class Captured:
         if self.kept is not None:
             return self.kept
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
-        return crop_image(self.sensor, self.measurement, Crop.of(self.area, self.height), shift=shift)[1]
+        return crop_image(
+            self.sensor, self.measurement, Crop.of(self.area, self.height), shift=shift
+        )[1]
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
         """Image of some pixels alone."""
         sent = np.zeros(self.measurement.size, np.float32)
         sent[pixels] = self.measurement.ravel()[pixels]
-        return RangeImage(self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index)
+        return RangeImage(
+            self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index
+        )
 
     def points(self, image: ImageRanges) -> Float32[np.ndarray, "n 3"]:
         """Points, world frame, that an image of this sensor measures."""
-        xyz, valid = unproject(self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None)
+        xyz, valid = unproject(
+            self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None
+        )
         points = np.ascontiguousarray(xyz[:, valid].T)
         return points if self.lift is None else self.lift(points)
 
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Detections, and when they are ready. sensor: index of the one whose points they are of, None for several."""
+    """Detections, and when they are ready. sensor: index of the one whose points they are of, None
+    for several."""
 
     detections: Detections
     ms: float
@@ -108,7 +118,8 @@ class Sent(NamedTuple, Generic[_Arrived]):
 
 @dataclass(frozen=True)
 class Fused:
-    """Fused detections of a frame, each sensor's bits in the order named, and ms from measurement to fused boxes."""
+    """Fused detections of a frame, each sensor's bits in the order named, and ms from measurement
+    to fused boxes."""
 
     detections: Detections
     bits: Int64[np.ndarray, " sensors"]
@@ -122,8 +133,8 @@ class Fused:
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Images behind the points of sensors (index), and their empty scenes, where there are any. time, number: of the
-    frame."""
+    """Images behind the points of sensors (index), and their empty scenes, where there are any.
+    time, number: of the frame."""
 
     capture: Callable[[int], Captured] | None = None
     scene: Callable[[int], EmptyScene] | None = None
@@ -134,10 +145,10 @@ class Images:
 class View:
     """View of one frame.
 
-    site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
-    clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes of one label is
-    dropped; images: behind the points, None without; memory: passed from one frame's view to the next where frames are
-    read in order."""
+    site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on
+    the points of some clouds together; codec: of what is sent; nms_iou: BEV IoU above which the
+    less sure of two boxes of one label is dropped; images: behind the points, None without; memory:
+    passed from one frame's view to the next where frames are read in order."""
 
     def __init__(
         self,
@@ -152,8 +163,13 @@ class View:
         memory: LinkMemory | None = None,
     ) -> None:
         self._memory: LinkMemory = {} if memory is None else memory
-        self.site, self.sensors, self.codec, self.nms_iou = site, sensors, codec, nms_iou
-        self._measure, self._run, self._images = measure, run, images or Images()
+        self.site = site
+        self.sensors = sensors
+        self.codec = codec
+        self.nms_iou = nms_iou
+        self._measure = measure
+        self._run = run
+        self._images = images or Images()
         self._captured: dict[int, Captured] = {}
         self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
@@ -173,14 +189,18 @@ class View:
         if key not in self._clouds:
             start = perf_counter()
             kept = np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor]))
-            rows, points = kept if cloud.rows is None else cloud.rows[kept], cloud.points[kept]
+            rows = kept if cloud.rows is None else cloud.rows[kept]
+            points = cloud.points[kept]
             self._clouds[key] = Cloud(*key, points, cloud.ms + _ms_since(start), rows)
         return self._clouds[key]
 
     def captured(self, sensor: int) -> Captured:
         """Image behind a sensor's points; ValueError without images."""
         if self._images.capture is None:
-            raise ValueError("this view has points alone, no images: choose a scheme and codec that work with points")
+            raise ValueError(
+                "this view has points alone, no images: choose a scheme and codec that work with "
+                "points"
+            )
         if sensor not in self._captured:
             self._captured[sensor] = self._images.capture(sensor)
         return self._captured[sensor]
@@ -188,11 +208,14 @@ class View:
     def scene(self, sensor: int) -> EmptyScene:
         """Empty scene of a sensor; ValueError where none is known."""
         if self._images.scene is None:
-            raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
+            raise ValueError(
+                "this view knows no empty scenes: pass some of toolkit.calibration.empty_scene"
+            )
         return self._images.scene(sensor)
 
     def remember(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
-        """State that a sensor's link keeps between frames. `begin` makes it in the first frame. name: of the link."""
+        """State that a sensor's link keeps between frames. `begin` makes it in the first frame.
+        name: of the link."""
         if (sensor, name) not in self._memory:
             self._memory[sensor, name] = begin()
         kept: _Value = self._memory[sensor, name]
@@ -201,12 +224,15 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> Sent[Cloud]:
-        """Send an image of a sensor to the centre. through: gives what the centre makes of it, and the bits that took;
-        name: says all that this depends on beside the measurement."""
+        """Send an image of a sensor to the centre. through: gives what the centre makes of it, and
+        the bits that took; name: says all that this depends on beside the measurement."""
         if (sensor, name) not in self._sent_clouds:
-            measured, start = self.cloud(sensor), perf_counter()
+            measured = self.cloud(sensor)
+            start = perf_counter()
             points, bits = through()
-            self._sent_clouds[sensor, name] = Sent(Cloud(sensor, (name,), points, measured.ms + _ms_since(start)), bits)
+            self._sent_clouds[sensor, name] = Sent(
+                Cloud(sensor, (name,), points, measured.ms + _ms_since(start)), bits
+            )
         return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
@@ -234,26 +260,39 @@ class View:
                 message = self.codec.encode_points(cloud.points)
                 points = self.codec.decode_points(message)
             coded = () if points is cloud.points else (self.codec.digest,)
-            arrived = Cloud(cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start))
+            arrived = Cloud(
+                cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start)
+            )
             self._sent_clouds[cloud] = Sent(arrived, message.bits)
         return self._sent_clouds[cloud]
 
     def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
         """Send a sensor's detections through the codec; ValueError for those of several sensors."""
         if boxes.sensor is None:
-            raise ValueError("boxes are sent by the sensor that detected them, got those of several: send each alone")
+            raise ValueError(
+                "boxes are sent by the sensor that detected them, got those of several: send "
+                "each alone"
+            )
         if boxes not in self._sent_boxes:
-            start, sensor = perf_counter(), self.sensors[boxes.sensor]
+            start = perf_counter()
+            sensor = self.sensors[boxes.sensor]
             origin = Origin(sensor, self._images.time, self._images.number)
             message = self.codec.encode_boxes(boxes.detections, origin)
-            arrived = Boxes(self.codec.decode_boxes(message, sensor), boxes.ms + _ms_since(start), boxes.sensor)
+            arrived = Boxes(
+                self.codec.decode_boxes(message, sensor), boxes.ms + _ms_since(start), boxes.sensor
+            )
             self._sent_boxes[boxes] = Sent(arrived, message.bits)
         return self._sent_boxes[boxes]
 
-    def share_points(self, sensors: Sequence[int], part: str = "", keep: Keep | None = None) -> list[Sent[Cloud]]:
+    def share_points(
+        self, sensors: Sequence[int], part: str = "", keep: Keep | None = None
+    ) -> list[Sent[Cloud]]:
         """Send the cloud of each sensor, or the part of it that `keep` selects."""
         clouds = [self.cloud(sensor) for sensor in sensors]
-        return [self.send_points(each if keep is None else self.part(each, part, keep)) for each in clouds]
+        return [
+            self.send_points(each if keep is None else self.part(each, part, keep))
+            for each in clouds
+        ]
 
     def fuse_points(self, sent: Sequence[Sent[Cloud]]) -> Fused:
         """Detect in all points that arrive."""
@@ -268,7 +307,9 @@ class View:
         """Pool all boxes, best first, without doubles."""
         start = perf_counter()
         merged = suppress(Detections.merge([part.detections for part in parts]), self.nms_iou)
-        return Boxes(merged, _last(parts) + _ms_since(start), parts[0].sensor if len(parts) == 1 else None)
+        return Boxes(
+            merged, _last(parts) + _ms_since(start), parts[0].sensor if len(parts) == 1 else None
+        )
 
 
 def frame_view(
@@ -282,12 +323,20 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame, cropped to a site or area below a height (m). scene, memory: see `View`."""
+    """Return the view of a frame, cropped to a site or area below a height (m). scene, memory: see
+    `View`."""
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
-    images = Images(lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index)
-    view = partial(View, site, frame.sensors, codec=codec, nms_iou=nms_iou, images=images, memory=memory)
-    return view(measure=lambda sensor: crop_sensor(frame, sensor, crop), run=lambda each: detect(together(each)))
+    images = Images(
+        lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index
+    )
+    view = partial(
+        View, site, frame.sensors, codec=codec, nms_iou=nms_iou, images=images, memory=memory
+    )
+    return view(
+        measure=lambda sensor: crop_sensor(frame, sensor, crop),
+        run=lambda each: detect(together(each)),
+    )
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
@@ -296,9 +345,12 @@ def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
 
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
-    """Drop detections that overlap a surer one of their label, by more than a BEV IoU. They come back best first. Equal
-    scores are settled by the boxes' numbers, so the order of the input makes no difference."""
-    boxes, scores, labels = detections.boxes, detections.scores, detections.labels
+    """Drop detections that overlap a surer one of their label, by more than a BEV IoU. They come
+    back best first. Equal scores are settled by the boxes' numbers, so the order of the input makes
+    no difference."""
+    boxes = detections.boxes
+    scores = detections.scores
+    labels = detections.labels
     order = np.lexsort((labels, *boxes.T))
     return detections[order[nms(boxes[order], scores[order], iou_threshold, labels=labels[order])]]
 
@@ -326,13 +378,16 @@ def stand_view(
     scenes: Scenes | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame where it stands: at its site, else counted from the middle, on level ground.
+    """Return the view of a frame where it stands: at its site, else counted from the middle, on
+    level ground.
 
-    With scenes, clouds are images too, so schemes that send pixels work as on simulated frames: a sensor has the points
-    that its image shows, and what the centre makes of a message lies along the rays of its cells. memory: of links,
-    from frame to frame."""
+    With scenes, clouds are images too, so schemes that send pixels work as on simulated frames: a
+    sensor has the points that its image shows, and what the centre makes of a message lies along
+    the rays of its cells. memory: of links, from frame to frame."""
     if isinstance(stand.area, Site):
-        return frame_view(frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory)
+        return frame_view(
+            frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory
+        )
     lift = None if stand.ground is None else stand.ground.points
     middle_SE3_world = np.eye(4)
     middle_SE3_world[:2, 3] = -stand.middle
@@ -343,22 +398,42 @@ def stand_view(
         cloud = frame.clouds[k]
         image = scenes.image(cloud)
         sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)
-        alone = Frame((sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index)
+        alone = Frame(
+            (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
+        )
         upright = stand.lift(cloud.in_world()[image.shown])
         kept = Crop.of(stand.area, CROP_HEIGHT).holds(upright)
-        return upright[kept], Captured(alone, 0, stand.area, CROP_HEIGHT, image.cells[image.shown][kept], lift)
+        return upright[kept], Captured(
+            alone, 0, stand.area, CROP_HEIGHT, image.cells[image.shown][kept], lift
+        )
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)
         return detector(points) if len(points) else Detections.empty()
 
-    level_SE3_world = middle_SE3_world if stand.ground is None else stand.ground.level_SE3_frame @ middle_SE3_world
-    models = [sensor.model if scenes is None else scenes.grid(sensor.name).model for sensor in frame.sensors]
+    level_SE3_world = (
+        middle_SE3_world
+        if stand.ground is None
+        else stand.ground.level_SE3_frame @ middle_SE3_world
+    )
+    models = [
+        sensor.model if scenes is None else scenes.grid(sensor.name).model
+        for sensor in frame.sensors
+    ]
     placed = zip(frame.clouds, models, strict=True)
-    sensors = tuple(Sensor(each.name, model, level_SE3_world @ each.world_SE3_sensor) for each, model in placed)
+    sensors = tuple(
+        Sensor(each.name, model, level_SE3_world @ each.world_SE3_sensor) for each, model in placed
+    )
     view = partial(View, stand.area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory)
     images = Images(time=_sent_time(frame), number=frame.index)
     if scenes is None:
-        return view(measure=lambda k: crop_points(stand.lift(frame.clouds[k].in_world()), stand.area), images=images)
-    images = replace(images, capture=lambda k: show(k, scenes)[1], scene=lambda k: scenes[frame.sensors[k].name].scene)
+        return view(
+            measure=lambda k: crop_points(stand.lift(frame.clouds[k].in_world()), stand.area),
+            images=images,
+        )
+    images = replace(
+        images,
+        capture=lambda k: show(k, scenes)[1],
+        scene=lambda k: scenes[frame.sensors[k].name].scene,
+    )
     return view(measure=lambda k: show(k, scenes)[0], images=images)

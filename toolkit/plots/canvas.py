@@ -1,10 +1,12 @@
-"""Canvas of all pictures: the same fonts and lines on every machine, literal text, reproducible PNG and SVG. Pictures
-are drawn and written inside `house_style()`, so that no setting of the user affects them.
+"""Canvas of all pictures: the same fonts and lines on every machine, literal text, reproducible PNG
+and SVG. Pictures are drawn and written inside `house_style()`, so that no setting of the user
+affects them.
 
-Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts. Sensors, classes and
-outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and for protanopia,
-deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it. No meaning
-depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker."""
+Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts. Sensors,
+classes and outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal
+vision and for protanopia, deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE
+TVCG 15(6)); the tests check it. No meaning depends on colour alone: sensors have labels, outcomes
+lines and marks of their own, scales grow darker."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -29,17 +31,23 @@ if TYPE_CHECKING:
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.figure import Figure, FigureBase
 
-INK, PAPER_WHITE, FAINT = "#1a1a1a", "#ffffff", "#6b6b6b"
+INK = "#1a1a1a"
+PAPER_WHITE = "#ffffff"
+FAINT = "#6b6b6b"
 SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e21978", "#4463f6")
 BAR = SENSORS[7]  # of charts
 CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
 GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
-SOLID = {"pond": "#cfe4ee", "island": "#d9d9d2", "kerb": "#bdb9b0", "building": "#c9c2b8"}  # lowest solid first
+# lowest solid first
+SOLID = {"pond": "#cfe4ee", "island": "#d9d9d2", "kerb": "#bdb9b0", "building": "#c9c2b8"}
 SOLID |= dict.fromkeys(("hedge", "tree"), "#cfe0c3")
 OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
-DRAWN_INK, DRAWN_HATCH = "#a05a9c", "//////"  # over solids that coview drew
-BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where blindness matters more
+# over solids that coview drew
+DRAWN_INK = "#a05a9c"
+DRAWN_HATCH = "//////"
+# darker where blindness matters more
+BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}
 
 PlotStyle = dict[str, Any]  # keyword arguments of matplotlib
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]  # its line styles
@@ -64,10 +72,14 @@ OUTCOME: dict[Outcome, LineStyle] = {
     "not scored": LineStyle(FAINT, (0, (1, 1.4)), 1.3, order=3.8),
     "detection": LineStyle(INK, (0, (4, 1.5)), 1.4, order=4.0),
 }
+# of curves: neighbours differ in colour and in dashes
 LINES: tuple[tuple[str, Dashes], ...] = tuple(
-    (SENSORS[k % 8], ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (7, 1.5, 1.5, 1.5)))[(k + k // 8) % 4])
+    (
+        SENSORS[k % 8],
+        ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (7, 1.5, 1.5, 1.5)))[(k + k // 8) % 4],
+    )
     for k in (7, 1, 2, 5, 0, 3, 4, 6, 15, 9, 10, 13, 8, 11, 12, 14)
-)  # of curves: neighbours differ in colour and in dashes
+)
 POINT_STEPS = (1, 2, 5, 10, 20, 50, 100)  # counts of points at which the colour changes
 VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 3 or more sensors
 
@@ -78,12 +90,15 @@ def sensor_colour(index: int) -> str:
 
 
 def point_scale() -> "tuple[ListedColormap, BoundaryNorm]":
-    """Colour map and norm for counts of points. It has a step for 0, then those of `POINT_STEPS`, ever darker."""
+    """Colour map and norm for counts of points. It has a step for 0, then those of `POINT_STEPS`,
+    ever darker."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     steps = colormaps["viridis_r"](np.linspace(0.0, 1.0, len(POINT_STEPS)))
-    return ListedColormap(["#ededed", *map(tuple, steps)]), BoundaryNorm([0, *POINT_STEPS, 1e9], len(POINT_STEPS) + 1)
+    return ListedColormap(["#ededed", *map(tuple, steps)]), BoundaryNorm(
+        [0, *POINT_STEPS, 1e9], len(POINT_STEPS) + 1
+    )
 
 
 def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"]:
@@ -94,7 +109,9 @@ def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"
 
 def point_names() -> list[str]:
     """Names of the steps of the scale."""
-    ends = [f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)]
+    ends = [
+        f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)
+    ]
     return ["0", *ends, f"{POINT_STEPS[-1]}+"]
 
 
@@ -102,7 +119,9 @@ DPI = 150
 CHART_INCHES = 7.0  # width of a chart
 
 
-def add_legend(owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: Sequence[str], **look: Any) -> None:
+def add_legend(
+    owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: Sequence[str], **look: Any
+) -> None:
     """Add a legend of literal labels."""
     legend = owner.legend(handles, [str(k) for k in range(len(labels))], **look)
     for text, label in zip(legend.get_texts(), labels, strict=True):
@@ -115,7 +134,8 @@ def house_style() -> Iterator[None]:
     from matplotlib import style
 
     with style.context(Path(__file__).parent / "house.mplstyle"), catch_warnings():
-        filterwarnings("ignore", message="Glyph .* missing from font")  # `set_letters` gives it another
+        # `set_letters` gives it another
+        filterwarnings("ignore", message="Glyph .* missing from font")
         yield
 
 
@@ -136,7 +156,8 @@ def check_picture(out: Path | str) -> None:
 
 
 def write_figure(figure: "Figure", out: Path | str) -> None:
-    """Write a figure as SVG or PNG, with the same bytes each time. Raises ValueError for another suffix."""
+    """Write a figure as SVG or PNG, with the same bytes each time. Raises ValueError for another
+    suffix."""
     check_picture(out)
     set_letters(figure)
     drawn = BytesIO()
@@ -156,8 +177,8 @@ def render_pixels(figure: "Figure") -> Shaped[np.ndarray, "height width 3"]:
 
 
 def set_letters(figure: "Figure") -> None:
-    """Give texts whose letters the house's font lacks another font of this computer. A text that no font can set is
-    numbered, and a warning names it and its letters."""
+    """Give texts whose letters the house's font lacks another font of this computer. A text that no
+    font can set is numbered, and a warning names it and its letters."""
     from matplotlib import ft2font
     from matplotlib.font_manager import fontManager
     from matplotlib.text import Text
@@ -166,7 +187,9 @@ def set_letters(figure: "Figure") -> None:
     if not foreign:
         return
     shaping = hasattr(ft2font, "__libraqm_version__")
-    fonts = choose_fonts((text.get_text() for text in foreign), own_font("DejaVuSans"), shaping=shaping)
+    fonts = choose_fonts(
+        (text.get_text() for text in foreign), own_font("DejaVuSans"), shaping=shaping
+    )
     for file in fonts.files:
         fontManager.addfont(str(file))
     usual = list_letters(own_font("DejaVuSans"))
@@ -182,13 +205,23 @@ def set_letters(figure: "Figure") -> None:
             text.set_text(shown)
     if numbers:
         listed = ", ".join(f"{shown} for {name!r}" for name, shown in numbers.items())
-        reason = f"no font here can set the letters {''.join(sorted(fonts.unset))} ({name_letters(fonts.unset)})"
-        warn(f"{reason}: the picture shows {listed}; install a font that has them, such as Noto Sans", stacklevel=3)
+        reason = (
+            f"no font here can set the letters {''.join(sorted(fonts.unset))} "
+            f"({name_letters(fonts.unset)})"
+        )
+        warn(
+            (
+                f"{reason}: the picture shows {listed}; install a font that has them, such as Noto "
+                "Sans"
+            ),
+            stacklevel=3,
+        )
 
 
 def svg_text(figure: "Figure", title: str = "") -> str:
-    """Return the figure as an <svg> element. Its texts are outlines. It is for a page or a file. title: for screen
-    readers. Ids begin with a digest of the figure, so that several pictures can share a page."""
+    """Return the figure as an <svg> element. Its texts are outlines. It is for a page or a file.
+    title: for screen readers. Ids begin with a digest of the figure, so that several pictures can
+    share a page."""
     set_letters(figure)
     drawn = BytesIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -202,14 +235,19 @@ def svg_text(figure: "Figure", title: str = "") -> str:
     text = re.sub(r'(url\(#|href="#)', rf"\g<1>{mark}-", text)
     if title:
         head = text.index(">") + 1
-        text = f'{text[: head - 1]} role="img">\n <title>{escape(plain(title), quote=False)}</title>{text[head:]}'
+        text = (
+            f'{text[: head - 1]} role="img">\n '
+            f"<title>{escape(plain(title), quote=False)}</title>{text[head:]}"
+        )
     return text
 
 
 def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
     """Write a chart's title and subtitle at the top left."""
     _, height = figure.get_size_inches()
-    figure.text(0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center")
+    figure.text(
+        0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center"
+    )
     figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
 
 
@@ -234,7 +272,12 @@ def shorten(text: str, most: int) -> str:
 
 
 def _short_path(attribute: re.Match[str]) -> str:
-    """Round the coordinates of a path to a hundredth of a point, and drop spaces around its letters."""
-    rounded = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), attribute[1])
+    """Round the coordinates of a path to a hundredth of a point, and drop spaces around its
+    letters."""
+    rounded = re.sub(
+        r"-?\d+\.\d+",
+        lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."),
+        attribute[1],
+    )
     short = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
     return f' d="{short}"'

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float, Int
-from toolkit.plots.canvas import LINES, PlotStyle, add_legend, blank_figure, house_style, plain, shorten, write_figure
+from toolkit.plots.canvas import (
+    LINES,
+    PlotStyle,
+    add_legend,
+    blank_figure,
+    house_style,
+    plain,
+    shorten,
+    write_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,14 +28,24 @@ _Curves = Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.
 
 
 def draw_pr_curves(
-    curves: Mapping[str, tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]], out: Path | str, *, title: str = ""
+    curves: Mapping[str, tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]],
+    out: Path | str,
+    *,
+    title: str = "",
 ) -> None:
     """Draw precision over recall."""
-    axes: PlotStyle = {"xlabel": "recall", "ylabel": "precision", "xlim": (0, 1.01), "ylim": (0, 1.01)}
+    axes: PlotStyle = {
+        "xlabel": "recall",
+        "ylabel": "precision",
+        "xlim": (0, 1.01),
+        "ylim": (0, 1.01),
+    }
     _draw_curves(curves, out, title or "Precision over recall", axes)
 
 
-def _draw_curves(curves: _Curves, out: Path | str, title: str, look: PlotStyle, marker: str = "") -> None:
+def _draw_curves(
+    curves: _Curves, out: Path | str, title: str, look: PlotStyle, marker: str = ""
+) -> None:
     with house_style():
         figure, axes = curve_axes(title, len(curves))
         for number, (x, y) in enumerate(curves.values()):
@@ -37,9 +56,12 @@ def _draw_curves(curves: _Curves, out: Path | str, title: str, look: PlotStyle, 
         write_figure(figure, out)
 
 
-def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = "") -> None:
-    """Draw the share of objects over their points. There is one cumulative curve for each sensor set (paper, impact of
-    point density). The axis is linear up to `FEW` points and logarithmic beyond."""
+def draw_density_cdf(
+    counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = ""
+) -> None:
+    """Draw the share of objects over their points. There is one cumulative curve for each sensor
+    set (paper, impact of point density). The axis is linear up to `FEW` points and logarithmic
+    beyond."""
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):
@@ -50,7 +72,10 @@ def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | st
         most = max((int(points.max()) for points in counts.values() if len(points)), default=0)
         axes.set_xscale("symlog", linthresh=FEW, linscale=1.5)
         beyond = [1.0 * step * 10**power for power in range(2, 7) for step in (1, 2, 5)]
-        ticks = [*range(0, int(FEW), 20), *(tick for tick in beyond if tick <= 1.05 * most or tick == FEW)]
+        ticks = [
+            *range(0, int(FEW), 20),
+            *(tick for tick in beyond if tick <= 1.05 * most or tick == FEW),
+        ]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.set_xticks([], minor=True)
         axes.set(xlabel="points on the object", ylabel="share of objects", ylim=(0, 1.01))
@@ -59,10 +84,15 @@ def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | st
         write_figure(figure, out)
 
 
-def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], out: Path | str) -> None:
-    """Draw a training as losses.png, and ap.png if AP was measured. curves: name -> (epochs, values)."""
+def draw_training(
+    curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], out: Path | str
+) -> None:
+    """Draw a training as losses.png, and ap.png if AP was measured. curves: name -> (epochs,
+    values)."""
     for picture, measured in (("losses.png", False), ("ap.png", True)):
-        chosen = {name: curve for name, curve in curves.items() if name.startswith("AP") == measured}
+        chosen = {
+            name: curve for name, curve in curves.items() if name.startswith("AP") == measured
+        }
         title, marker = ("AP of validation", "o") if measured else ("Losses of training", "")
         axes: PlotStyle = {"xlabel": "epoch", "ylabel": "AP" if measured else "loss"}
         if chosen:
@@ -71,7 +101,8 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
 
 
 def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
-    """Figure with one axes and room for a legend. The legend is below the axes, with a row for each curve."""
+    """Figure with one axes and room for a legend. The legend is below the axes, with a row for each
+    curve."""
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
     axes.set_title(plain(title), loc="left", fontweight="bold")
@@ -82,5 +113,6 @@ def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
 def name_curves(axes: "Axes", names: Sequence[str]) -> None:
     """Name the lines of the axes in a legend below."""
     if names:
-        shown, lines = [shorten(name, 80) for name in names], axes.get_lines()[: len(names)]
+        shown = [shorten(name, 80) for name in names]
+        lines = axes.get_lines()[: len(names)]
         add_legend(axes.figure, lines, shown, loc="outside lower left", handlelength=3.4)

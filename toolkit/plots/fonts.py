@@ -1,8 +1,9 @@
 """Fonts for letters that the house's own lack: those installed on this computer.
 
-Pictures are set in DejaVu Sans, which comes with matplotlib and has Latin, Greek, Cyrillic, Hebrew, Arabic, Georgian
-and Armenian letters. For others a font is looked for among those of the system; letters without any font are named, and
-whoever sets a name writes something else in its place, never an empty box."""
+Pictures are set in DejaVu Sans, which comes with matplotlib and has Latin, Greek, Cyrillic, Hebrew,
+Arabic, Georgian and Armenian letters. For others a font is looked for among those of the system;
+letters without any font are named, and whoever sets a name writes something else in its place,
+never an empty box."""
 
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
@@ -10,11 +11,31 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-PLACEHOLDERS = ("lastresort", "last resort", "adobeblank", "adobe blank", "notdef", "keyboard")  # fonts of boxes
-PREFERRED = ("noto sans", "dejavu sans", "noto", "arial unicode", "source han sans", "droid sans fallback")
+# fonts of boxes
+PLACEHOLDERS = ("lastresort", "last resort", "adobeblank", "adobe blank", "notdef", "keyboard")
+PREFERRED = (
+    "noto sans",
+    "dejavu sans",
+    "noto",
+    "arial unicode",
+    "source han sans",
+    "droid sans fallback",
+)
 UNSET = "?"  # in place of a letter that no font has
 SHAPED = (  # scripts whose letters are joined or reordered, as Unicode names them
-    *("ARABIC", "HEBREW", "SYRIAC", "THAANA", "NKO", "DEVANAGARI", "BENGALI", "GURMUKHI", "GUJARATI", "ORIYA", "TAMIL"),
+    *(
+        "ARABIC",
+        "HEBREW",
+        "SYRIAC",
+        "THAANA",
+        "NKO",
+        "DEVANAGARI",
+        "BENGALI",
+        "GURMUKHI",
+        "GUJARATI",
+        "ORIYA",
+        "TAMIL",
+    ),
     *("TELUGU", "KANNADA", "MALAYALAM", "SINHALA", "KHMER", "MYANMAR", "TIBETAN", "MONGOLIAN"),
 )
 
@@ -43,8 +64,8 @@ def own_font(name: str) -> Path:
 def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> FontChoice:
     """Choose fonts for the letters of texts that `base` lacks, as few as possible.
 
-    shaping: whoever sets the texts joins and orders letters as their script asks for; otherwise scripts that need it
-    count as unset."""
+    shaping: whoever sets the texts joins and orders letters as their script asks for; otherwise
+    scripts that need it count as unset."""
     letters = {letter for text in texts for letter in text if _is_drawn(letter)}
     missing = frozenset(letter for letter in letters if ord(letter) not in list_letters(base))
     if not shaping:
@@ -61,7 +82,8 @@ def name_letters(letters: Iterable[str]) -> str:
 
 @cache
 def list_letters(font: Path) -> frozenset[int]:
-    """Code points that a font can draw; none for a file that is no outline font, or one of boxes."""
+    """Code points that a font can draw; none for a file that is no outline font, or one of
+    boxes."""
     from matplotlib.ft2font import FT2Font
 
     try:
@@ -93,7 +115,10 @@ def _choose(missing: frozenset[str]) -> FontChoice:
     wanted = {ord(letter) for letter in missing}
     files: list[Path] = []
     own = [own_font("DejaVuSans")] if wanted else []
-    candidates = [*own, *(list_system_fonts() if wanted - list_letters(own[0] if own else Path()) else ())]
+    candidates = [
+        *own,
+        *(list_system_fonts() if wanted - list_letters(own[0] if own else Path()) else ()),
+    ]
     while wanted:
         best = max(candidates, key=_rank(wanted), default=None)
         if best is None or not wanted & list_letters(best):
@@ -112,8 +137,13 @@ def _rank(wanted: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
         if not shared:
             return 0, 0, 0, ""
         name = family_name(font).lower()
-        preference = next((-k for k, word in enumerate(PREFERRED) if name.startswith(word)), -len(PREFERRED))
-        styled = any(word in font.stem.lower() for word in ("bold", "italic", "oblique", "light", "thin", "black"))
+        preference = next(
+            (-k for k, word in enumerate(PREFERRED) if name.startswith(word)), -len(PREFERRED)
+        )
+        styled = any(
+            word in font.stem.lower()
+            for word in ("bold", "italic", "oblique", "light", "thin", "black")
+        )
         return shared, preference, -int(styled), font.name
 
     return rank
@@ -122,7 +152,9 @@ def _rank(wanted: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
 def _is_drawn(letter: str) -> bool:
     """False for spaces, controls and marks without a shape of their own."""
     is_selector = "\ufe00" <= letter <= "\ufe0f" or "\U000e0100" <= letter <= "\U000e01ef"
-    return not (letter.isspace() or is_selector or unicodedata.category(letter) in ("Cc", "Cf", "Cs"))
+    return not (
+        letter.isspace() or is_selector or unicodedata.category(letter) in ("Cc", "Cf", "Cs")
+    )
 
 
 def _needs_shaping(letter: str) -> bool:
@@ -141,8 +173,8 @@ def replace_letters(text: str, letters: frozenset[str]) -> str:
 
 
 def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict[str, str]:
-    """Numbered names, such as "pole 3", for those that hold letters that cannot be set; counted from 1. A number that
-    another name uses is passed over."""
+    """Numbered names, such as "pole 3", for those that hold letters that cannot be set; counted
+    from 1. A number that another name uses is passed over."""
     numbers: dict[str, str] = {}
     taken = set(names)
     for k, name in enumerate(names, start=1):

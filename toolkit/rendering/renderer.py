@@ -1,9 +1,9 @@
 """Ray casting: what every sensor measures of a moment, noise-free, and which object each ray meets.
 
-What stands still is cast once per sensor and kept. What moves is cast body by body: every body has a ray casting scene
-of its own, in its own frame, built once, and only the rays that can meet an object's box are turned into that frame.
-The nearest hit counts. A `Moment` holds everything that moves in one frame in one scene, which is faster for many lines
-from many places."""
+What stands still is cast once per sensor and kept. What moves is cast body by body: every body has
+a ray casting scene of its own, in its own frame, built once, and only the rays that can meet an
+object's box are turned into that frame. The nearest hit counts. A `Moment` holds everything that
+moves in one frame in one scene, which is faster for many lines from many places."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -30,19 +30,26 @@ _Bodies = Sequence[Body]
 class Footprints(NamedTuple):
     """Ground that bodies cover, and how high they reach."""
 
-    points: Float64[np.ndarray, "k 2"]  # corners of the convex footprints, world frame, object after object
+    # corners of the convex footprints, world frame, object after object
+    points: Float64[np.ndarray, "k 2"]
     first: Int64[np.ndarray, " _"]  # (n + 1,) where those of each begin
     low: Float64[np.ndarray, " n"]  # z (m)
     high: Float64[np.ndarray, " n"]
-    rectangles: Float64[np.ndarray, "n 6"]  # around them: x y of the middle, half length and width, cos and sin of yaw
+    # around them: x y of the middle, half length and width, cos and sin of yaw
+    rectangles: Float64[np.ndarray, "n 6"]
 
 
 class Moment:
-    """Moving objects of a frame in one scene: a body and a box each. threads: of Open3D, 0 for all cores; slope: of the
-    ground, with which bodies are sheared (`geometry.level_motion`)."""
+    """Moving objects of a frame in one scene: a body and a box each. threads: of Open3D, 0 for all
+    cores; slope: of the ground, with which bodies are sheared (`geometry.level_motion`)."""
 
-    def __init__(self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL) -> None:
-        self.bodies, self.boxes, self._threads, self._slope = tuple(bodies), boxes, threads, np.array(slope)
+    def __init__(
+        self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL
+    ) -> None:
+        self.bodies = tuple(bodies)
+        self.boxes = boxes
+        self._threads = threads
+        self._slope = np.array(slope)
         self._place()
         vertices = []
         for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
@@ -53,7 +60,8 @@ class Moment:
         first = np.cumsum([0, *map(len, vertices)])
         triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
         sizes = [len(each) for each in triangles]
-        self._object = np.repeat(np.arange(-1, len(bodies), dtype=np.int32), [1, *sizes])  # -1 for no triangle
+        # -1 for no triangle
+        self._object = np.repeat(np.arange(-1, len(bodies), dtype=np.int32), [1, *sizes])
         self._scene = None
         if sum(sizes):
             self._scene = build_scene(np.concatenate(vertices), np.concatenate(triangles), threads)
@@ -61,9 +69,11 @@ class Moment:
     def __len__(self) -> int:
         return len(self.boxes)
 
-    def met(self, lines: Float32[np.ndarray, "n 6"]) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """First object that each line (start, direction; world frame) meets, -1 for none, and the length. The length is
-        in directions, infinite for a line that meets none."""
+    def met(
+        self, lines: Float32[np.ndarray, "n 6"]
+    ) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+        """First object that each line (start, direction; world frame) meets, -1 for none, and the
+        length. The length is in directions, infinite for a line that meets none."""
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
@@ -71,12 +81,20 @@ class Moment:
         return self._object.take(after), found["t_hit"].numpy()
 
     def _place(self) -> None:
-        bodies, yaw = self.bodies, self.boxes[:, 6]
-        self._turns = np.stack([np.cos(yaw), np.sin(yaw), -np.sin(yaw), np.cos(yaw)], axis=1).reshape(-1, 2, 2)
+        bodies = self.bodies
+        yaw = self.boxes[:, 6]
+        self._turns = np.stack(
+            [np.cos(yaw), np.sin(yaw), -np.sin(yaw), np.cos(yaw)], axis=1
+        ).reshape(-1, 2, 2)
         outlines = [_footprint(body) for body in bodies]
-        points = [o @ turn + box[:2] for o, turn, box in zip(outlines, self._turns, self.boxes, strict=True)]
+        points = [
+            o @ turn + box[:2]
+            for o, turn, box in zip(outlines, self._turns, self.boxes, strict=True)
+        ]
         first = np.cumsum([0, *map(len, points)])
-        reach = np.array([(b.vertices[:, 2].min(), b.vertices[:, 2].max()) for b in bodies], np.float64).reshape(-1, 2)
+        reach = np.array(
+            [(b.vertices[:, 2].min(), b.vertices[:, 2].max()) for b in bodies], np.float64
+        ).reshape(-1, 2)
         if self._slope.any():  # by no more than the ground rises below the footprint
             rises = [(p - box[:2]) @ self._slope for p, box in zip(points, self.boxes, strict=True)]
             reach += np.array([(rise.min(), rise.max()) for rise in rises]).reshape(-1, 2)
@@ -84,7 +102,9 @@ class Moment:
         ends = np.array([(o.min(axis=0), o.max(axis=0)) for o in outlines]).reshape(-1, 2, 2)
         middle = np.einsum("ni,nij->nj", ends.mean(axis=1), self._turns) + self.boxes[:, :2]
         around = np.column_stack([middle, np.ptp(ends, axis=1) / 2, self._turns[:, 0]])
-        self.ground = Footprints(np.concatenate([np.zeros((0, 2)), *points]), first, low, high, around)
+        self.ground = Footprints(
+            np.concatenate([np.zeros((0, 2)), *points]), first, low, high, around
+        )
 
 
 def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> RaycastingScene:
@@ -112,13 +132,16 @@ class SightLines:
         self._scene = build_scene(*scenery, threads)
 
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Mask:
-        """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there and `GRAZE`."""
+        """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there
+        and `GRAZE`."""
         way = ends - start
         length = np.linalg.norm(way, axis=1)
         far = length > NEAR
         unit = way / np.where(far, length, 1)[:, None]
         lines = np.concatenate([start + NEAR * unit, unit], axis=1).astype(np.float32)
-        free = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
+        free = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)[
+            "t_hit"
+        ].numpy()
         return far & (free > length - NEAR - GRAZE)
 
 
@@ -127,7 +150,8 @@ def _body_scene(body: Body, threads: int) -> RaycastingScene:
     return build_scene(body.vertices, body.triangles, threads)
 
 
-Mover = tuple[RaycastingScene, np.ndarray]  # a body's scene, and what turns the world into its frame
+# a body's scene, and what turns the world into its frame
+Mover = tuple[RaycastingScene, np.ndarray]
 
 
 _Image = Float32[np.ndarray, "_ _"]
@@ -135,7 +159,8 @@ Hits = Int32[np.ndarray, "_ _"]
 
 
 class Rendered(NamedTuple):
-    """Images of measurements (m, 0 for no return) and hits (row of the object, -1 for none), per sensor."""
+    """Images of measurements (m, 0 for no return) and hits (row of the object, -1 for none), per
+    sensor."""
 
     measurements: tuple[_Image, ...]
     hits: tuple[Hits, ...]
@@ -144,16 +169,24 @@ class Rendered(NamedTuple):
 class Renderer:
     """Cast the rays of sensors at a site.
 
-    bodies: counted by `Snapshot.bodies`; scenery: mesh of the static scene, made from the site by default; threads: of
-    Open3D, 0 for all cores. `background` holds each sensor's measurement of the empty site; no rays are kept, so
-    thousands of sensors fit. Pickles as its arguments."""
+    bodies: counted by `Snapshot.bodies`; scenery: mesh of the static scene, made from the site by
+    default; threads: of Open3D, 0 for all cores. `background` holds each sensor's measurement of
+    the empty site; no rays are kept, so thousands of sensors fit. Pickles as its arguments."""
 
     def __init__(
-        self, site: Site, bodies: _Bodies, sensors: Sequence[Sensor], scenery: Mesh | None = None, threads: int = 0
+        self,
+        site: Site,
+        bodies: _Bodies,
+        sensors: Sequence[Sensor],
+        scenery: Mesh | None = None,
+        threads: int = 0,
     ) -> None:
-        self.sensors, self.bodies = tuple(sensors), tuple(bodies)
-        self._site, self._scenery = site, build_scenery(site) if scenery is None else scenery
-        self._threads, self._slope = threads, site.relief.slope
+        self.sensors = tuple(sensors)
+        self.bodies = tuple(bodies)
+        self._site = site
+        self._scenery = build_scenery(site) if scenery is None else scenery
+        self._threads = threads
+        self._slope = site.relief.slope
         self._measure_bodies()
         self._still = build_scene(*self._scenery, threads)
         self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
@@ -179,19 +212,27 @@ class Renderer:
         return other
 
     def render(self, snapshot: Snapshot) -> Rendered:
-        """Render measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
+        """Render measurements and hits of all sensors. Raises ValueError where a box is not the box
+        of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
         boxes = snapshot.objects.boxes
         world_corners = self.outer_corners(snapshot.bodies, boxes)
-        scenes = [_body_scene(self.bodies[body], self._threads) for body in snapshot.bodies.tolist()]
+        scenes = [
+            _body_scene(self.bodies[body], self._threads) for body in snapshot.bodies.tolist()
+        ]
         movers = list(zip(scenes, map(self.body_from_world, boxes), strict=True))
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
-    def outer_corners(self, chosen: Int64[np.ndarray, " n"], boxes: BoxRows) -> Float64[np.ndarray, "n 8 3"]:
-        """Corners of boxes around all of the bodies' meshes, mirrors included; world frame, sheared with the slope."""
-        whole, out = boxes.copy(), np.flatnonzero(self._sticking_out[chosen])
-        middle, yaw = self._bounds[chosen[out], :3], boxes[out, 6]
+    def outer_corners(
+        self, chosen: Int64[np.ndarray, " n"], boxes: BoxRows
+    ) -> Float64[np.ndarray, "n 8 3"]:
+        """Corners of boxes around all of the bodies' meshes, mirrors included; world frame, sheared
+        with the slope."""
+        whole = boxes.copy()
+        out = np.flatnonzero(self._sticking_out[chosen])
+        middle = self._bounds[chosen[out], :3]
+        yaw = boxes[out, 6]
         whole[out, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
         whole[out, 1] += np.sin(yaw) * middle[:, 0] + np.cos(yaw) * middle[:, 1]
         whole[out, 2] += middle[:, 2]
@@ -202,33 +243,45 @@ class Renderer:
         return outer
 
     def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Pose:
-        """Motion of the world into the frame of the body in a box, the slope of the ground taken out."""
+        """Motion of the world into the frame of the body in a box, the slope of the ground taken
+        out."""
         x, y, z, *_, yaw = box.tolist()
         upright = invert(pose(x, y, z, yaw=yaw))
         return upright if self._slope == LEVEL else upright @ level_motion(self._slope, (x, y))
 
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """Length in directions of each line (start, direction; body frame) to the body, infinite for none."""
+        """Length in directions of each line (start, direction; body frame) to the body, infinite
+        for none."""
         return self._lengths(_body_scene(self.bodies[body], self._threads), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """Length in directions of each line (start, direction; world frame) to the static scene, infinite for none."""
+        """Length in directions of each line (start, direction; world frame) to the static scene,
+        infinite for none."""
         return self._lengths(self._still, lines)
 
     def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Mask:
-        """Mask of ways (start, and from there to the end; world frame) that the static scene blocks."""
-        return self._still.test_occlusions(o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads).numpy()
+        """Mask of ways (start, and from there to the end; world frame) that the static scene
+        blocks."""
+        return self._still.test_occlusions(
+            o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads
+        ).numpy()
 
     def moment(self, snapshot: Snapshot) -> Moment:
-        """Scene of everything that moves in a snapshot. Raises ValueError where a box is not the box of its body."""
+        """Scene of everything that moves in a snapshot. Raises ValueError where a box is not the
+        box of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
         bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
         return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
 
-    def _render(self, index: int, movers: list[Mover], world_corners: np.ndarray) -> tuple[_Image, Hits]:
-        sensor, still = self.sensors[index], self.background[index]
-        depth, hits = still.copy(), np.full(still.shape, -1, np.int32)
-        rays, max_range = _homogeneous_rays(sensor.model), np.float32(sensor.model.max_range)
+    def _render(
+        self, index: int, movers: list[Mover], world_corners: np.ndarray
+    ) -> tuple[_Image, Hits]:
+        sensor = self.sensors[index]
+        still = self.background[index]
+        depth = still.copy()
+        hits = np.full(still.shape, -1, np.int32)
+        rays = _homogeneous_rays(sensor.model)
+        max_range = np.float32(sensor.model.max_range)
         sensor_corners = transform(invert(sensor.pose), world_corners)
         for row, top, bottom, left, right in sensor.model.windows(sensor_corners).tolist():
             scene, body_from_world = movers[row]
@@ -243,8 +296,11 @@ class Renderer:
         found = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
         return np.where(found < sensor.model.max_range, found, np.float32(0))
 
-    def _cast(self, scene: RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray) -> _Image:
-        """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets nothing beyond `NEAR`."""
+    def _cast(
+        self, scene: RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
+    ) -> _Image:
+        """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets
+        nothing beyond `NEAR`."""
         start_and_direction = np.zeros((4, 6), np.float32)
         start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
         start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T
@@ -252,7 +308,9 @@ class Renderer:
         lines = (rays.reshape(-1, 4) @ start_and_direction).reshape(*rays.shape[:-1], 6)
         return self._lengths(scene, lines) + np.float32(NEAR)
 
-    def _lengths(self, scene: RaycastingScene, lines: Float32[np.ndarray, "*n 6"]) -> Float32[np.ndarray, "*n"]:
+    def _lengths(
+        self, scene: RaycastingScene, lines: Float32[np.ndarray, "*n 6"]
+    ) -> Float32[np.ndarray, "*n"]:
         return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
 
     def _measure_bodies(self) -> None:
@@ -265,8 +323,11 @@ class Renderer:
         if misfit.any():
             row = int(np.flatnonzero(misfit)[0])
             body = self.bodies[chosen[row]]
-            found, size = boxes[row, 3:6].round(3).tolist(), np.round(body.size, 3).tolist()
-            says = f"object {row} has a box of {found} m, but its body {body.name!r} measures {size}"
+            found = boxes[row, 3:6].round(3).tolist()
+            size = np.round(body.size, 3).tolist()
+            says = (
+                f"object {row} has a box of {found} m, but its body {body.name!r} measures {size}"
+            )
             raise ValueError(f"{says}: simulate and render with the same bodies")
 
 

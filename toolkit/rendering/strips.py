@@ -1,14 +1,15 @@
 """Upright strips of what is seen of moving objects: a panorama that keeps nothing but the objects.
 
-From a viewpoint, an object is cut into columns of equal azimuth between the two tangents at its footprint. In each
-column some rays are cast, evenly spaced in elevation; where two neighbours differ in what they show of the object
-bisection finds the edge between them. A strip lies between two such edges. Other objects and the static scene hide as
-they do in `toolkit.rendering.renderer`, ray for ray; only below `STRIP_WIDTH` is anything lost.
+From a viewpoint, an object is cut into columns of equal azimuth between the two tangents at its
+footprint. In each column some rays are cast, evenly spaced in elevation; where two neighbours
+differ in what they show of the object bisection finds the edge between them. A strip lies between
+two such edges. Other objects and the static scene hide as they do in `toolkit.rendering.renderer`,
+ray for ray; only below `STRIP_WIDTH` is anything lost.
 
-Successive frames share strips: an object that stands where it stood, and all that may hide it, is not cast again. What
-may hide an object is taken generously: whatever overlaps with it in azimuth and elevation and begins no farther off
-than the object ends, with circles for footprints. Bodies that stick in each other are cast every time, since which of
-them a ray meets is chance."""
+Successive frames share strips: an object that stands where it stood, and all that may hide it, is
+not cast again. What may hide an object is taken generously: whatever overlaps with it in azimuth
+and elevation and begins no farther off than the object ends, with circles for footprints. Bodies
+that stick in each other are cast every time, since which of them a ray meets is chance."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -24,14 +25,20 @@ from toolkit.sensors.sensor import NEAR
 
 STRIP_WIDTH = float(np.deg2rad(0.4))  # rad between columns; twice that between the rays of one
 COARSE = float(np.deg2rad(1.0))  # the same for objects that are not scored
-COLUMNS, ROWS = (6, 48), (5, 20)  # fewest and most columns of an object, and rays of a column
+# fewest and most columns of an object, and rays of a column
+COLUMNS = (6, 48)
+ROWS = (5, 20)
 HALVINGS = 3  # of what lies between two rays, to find an edge
 EDGE = 1e-3  # m by which rectangles are widened
 RAYS_AT_ONCE = 400_000  # rays, for which memory is needed
-OUTSIDE, WITHIN, BEYOND = 1, 2, 3  # what a strip shows: not in the crop; in it and within the radius; in it beyond
+# what a strip shows: not in the crop; in it and within the radius; in it beyond
+OUTSIDE = 1
+WITHIN = 2
+BEYOND = 3
 
 Eyes = Float64[np.ndarray, "V 3"]  # viewpoints
-Shows = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # by window, azimuth and elevation of rays
+# by window, azimuth and elevation of rays
+Shows = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Strips(NamedTuple):
@@ -39,7 +46,8 @@ class Strips(NamedTuple):
 
     viewpoint: Int32[np.ndarray, " n"]  # numbers of both
     item: Int32[np.ndarray, " n"]
-    left: Float32[np.ndarray, " n"]  # < right: azimuth (rad, world, counter-clockwise, left from -2 pi on)
+    # < right: azimuth (rad, world, counter-clockwise, left from -2 pi on)
+    left: Float32[np.ndarray, " n"]
     right: Float32[np.ndarray, " n"]
     bottom: Float32[np.ndarray, " n"]  # < top: elevation (rad)
     top: Float32[np.ndarray, " n"]
@@ -51,7 +59,8 @@ class Strips(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """Points that count: those in the crop, far beyond the radius (m, seen from above) from the viewpoint."""
+    """Points that count: those in the crop, far beyond the radius (m, seen from above) from the
+    viewpoint."""
 
     crop: Crop
     radius: float
@@ -82,10 +91,14 @@ class _Columns(NamedTuple):
     rows: Int64[np.ndarray, " c"]  # number of rays
 
 
-def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors) -> Strips:
-    """Cast the strips of some sectors of a moment. renderer: of the static scene; windows: see `find_sectors`."""
+def cast_strips(
+    renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors
+) -> Strips:
+    """Cast the strips of some sectors of a moment. renderer: of the static scene; windows: see
+    `find_sectors`."""
     columns = _columns(moment.ground, viewpoints, windows)
-    item, start = windows.item.astype(np.int32), viewpoints[windows.viewpoint].astype(np.float32)
+    item = windows.item.astype(np.int32)
+    start = viewpoints[windows.viewpoint].astype(np.float32)
 
     def shows(window: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
         """Kind of view of each ray on its object, 0 for none."""
@@ -100,9 +113,12 @@ def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: C
         found = np.zeros(len(window), np.uint8)
         if not len(own):
             return found
-        lines, length = lines.take(own, axis=0), length.take(own)
+        lines = lines.take(own, axis=0)
+        length = length.take(own)
         points = lines[:, 3:] * length[:, None] + lines[:, :3]
-        kinds = np.where(length * flat.take(own) > counted.radius, np.uint8(BEYOND), np.uint8(WITHIN))
+        kinds = np.where(
+            length * flat.take(own) > counted.radius, np.uint8(BEYOND), np.uint8(WITHIN)
+        )
         kinds[~counted.crop.holds(points)] = OUTSIDE
         lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
         lines[:, 3:] *= (length - np.float32(NEAR))[:, None]
@@ -111,25 +127,35 @@ def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: C
         return found
 
     ends = np.cumsum(columns.rows)
-    cuts = np.searchsorted(ends, np.arange(RAYS_AT_ONCE, ends[-1] if len(ends) else 0, RAYS_AT_ONCE))
+    cuts = np.searchsorted(
+        ends, np.arange(RAYS_AT_ONCE, ends[-1] if len(ends) else 0, RAYS_AT_ONCE)
+    )
     parts = [slice(*cut) for cut in pairwise([0, *cuts, len(ends)]) if cut[1] > cut[0]]
-    return concatenate_strips([_strips(shows, windows, _Columns(*(each[part] for each in columns))) for part in parts])
+    return concatenate_strips(
+        [_strips(shows, windows, _Columns(*(each[part] for each in columns))) for part in parts]
+    )
 
 
 def concatenate_strips(parts: list[Strips]) -> Strips:
     """Put strips one after the other."""
     if not parts:
-        return Strips(*(np.zeros(0, kind) for kind in (np.int32, np.int32, *[np.float32] * 4, np.int32)))
+        return Strips(
+            *(np.zeros(0, kind) for kind in (np.int32, np.int32, *[np.float32] * 4, np.int32))
+        )
     return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     """Sector of each object, viewpoint after viewpoint."""
     if not len(ground.low) or not len(viewpoints):
-        whole, real = np.zeros(0, np.int64), np.zeros(0)
+        whole = np.zeros(0, np.int64)
+        real = np.zeros(0)
         return Sectors(whole, whole, real, real, whole, real)
-    begin, sizes = ground.first[:-1], np.diff(ground.first)
-    middle = np.add.reduceat(ground.points, begin, axis=0) / sizes[:, None] - viewpoints[:, None, :2]
+    begin = ground.first[:-1]
+    sizes = np.diff(ground.first)
+    middle = (
+        np.add.reduceat(ground.points, begin, axis=0) / sizes[:, None] - viewpoints[:, None, :2]
+    )
     offset = ground.points - viewpoints[:, None, :2]
     middle[np.abs(middle).max(axis=2) < EDGE] = EDGE, 0  # right below, any direction will do
     ahead = np.repeat(middle, sizes, axis=1)
@@ -137,11 +163,13 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     angle = np.arctan2(cross, (ahead * offset).sum(axis=2))
     first, last = (each.reduceat(angle, begin, axis=1) for each in (np.minimum, np.maximum))
     around = last - first >= np.pi  # from above or within the object
-    first, last = np.where(around, -np.pi, first), np.where(around, np.pi, last)
+    first = np.where(around, -np.pi, first)
+    last = np.where(around, np.pi, last)
     grid = np.broadcast_to(np.where(fine, STRIP_WIDTH, COARSE), first.shape)
     down = (ground.low + ground.high) / 2 - viewpoints[:, 2:]
     across = np.linalg.norm(middle, axis=2)
-    flat = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)  # a degree of azimuth is less of an arc
+    # a degree of azimuth is less of an arc
+    flat = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)
     columns = np.clip(np.ceil((last - first) * flat / grid), *COLUMNS).astype(np.int64)
     start = np.arctan2(middle[..., 1], middle[..., 0]) + first
     viewpoint, item = np.indices(first.shape).reshape(2, -1)
@@ -156,14 +184,24 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     # distances at which each column's ray enters and leaves its rectangle, seen from above
     x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
     away = viewpoints[windows.viewpoint, :2] - np.stack([x, y], axis=1)
-    along, aside = away[:, 0] * cos + away[:, 1] * sin, away[:, 1] * cos - away[:, 0] * sin
-    ahead, left, cos, sin = np.cos(azimuth), np.sin(azimuth), cos[window], sin[window]
-    near, far = np.zeros(len(window)), np.full(len(window), np.inf)
-    ways = (along, ahead * cos + left * sin, half_length), (aside, left * cos - ahead * sin, half_width)
+    along = away[:, 0] * cos + away[:, 1] * sin
+    aside = away[:, 1] * cos - away[:, 0] * sin
+    ahead = np.cos(azimuth)
+    left = np.sin(azimuth)
+    cos = cos[window]
+    sin = sin[window]
+    near = np.zeros(len(window))
+    far = np.full(len(window), np.inf)
+    ways = (
+        (along, ahead * cos + left * sin, half_length),
+        (aside, left * cos - ahead * sin, half_width),
+    )
     for place, way, half in ways:
         way = np.where(np.abs(way) < 1e-9, 1e-9, way)
-        middle, reach = -place[window] / way, half[window] / np.abs(way)
-        near, far = np.maximum(near, middle - reach), np.minimum(far, middle + reach)
+        middle = -place[window] / way
+        reach = half[window] / np.abs(way)
+        near = np.maximum(near, middle - reach)
+        far = np.minimum(far, middle + reach)
     near = np.maximum(near - EDGE, 0)
     far = np.maximum(far, near) + EDGE
     eye = viewpoints[windows.viewpoint, 2]
@@ -171,13 +209,16 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     low = np.arctan2(below, np.where(below < 0, near, far))
     high = np.arctan2(above, np.where(above < 0, far, near))
     rows = np.clip(np.ceil((high - low) / windows.step[window]), *ROWS).astype(np.int64)
-    found = 0.5**HALVINGS  # of a step: how near an edge is found, so that one at the end of a column lies in the middle
+    # of a step: how near an edge is found, so that one at the end of a column lies in the middle
+    found = 0.5**HALVINGS
     step = (high - low) / (rows + 1 - found)
     return _Columns(window, azimuth, low - step * found / 2, step, rows)
 
 
 def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
-    window, azimuth, rows = columns.window, columns.azimuth.astype(np.float32), columns.rows
+    window = columns.window
+    azimuth = columns.azimuth.astype(np.float32)
+    rows = columns.rows
     first = np.cumsum(rows + 1) - (rows + 1)  # of each column: below its first ray nothing is seen
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
     of = np.repeat(np.arange(len(window)), rows)  # column of each ray
@@ -185,7 +226,8 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
     elevation = (columns.low.take(of) + height * columns.step.take(of)).astype(np.float32)
     seen[first.take(of) + height] = shows(window.take(of), azimuth.take(of), elevation)
     edge = np.flatnonzero(seen[1:] != seen[:-1])  # between this ray and the next above
-    below, above = seen[edge], seen[edge + 1]
+    below = seen[edge]
+    above = seen[edge + 1]
     of = np.searchsorted(first, edge, side="right") - 1
     step = columns.step[of].astype(np.float32)
     low = (columns.low[of] + (edge - first[of]) * columns.step[of]).astype(np.float32)
@@ -213,7 +255,8 @@ PAIRS_AT_ONCE = 1_000_000  # of objects, seen from all of some viewpoints
 
 
 class _Last(NamedTuple):
-    """Frame before: its objects (body, box, and whether it is looked at finely), `may_hide` and strips."""
+    """Frame before: its objects (body, box, and whether it is looked at finely), `may_hide` and
+    strips."""
 
     objects: list[tuple[Body, bytes, bool]]
     hiders: Bool[np.ndarray, "V n n"]
@@ -221,11 +264,16 @@ class _Last(NamedTuple):
 
 
 class SuccessiveStrips:
-    """Strips of successive frames from the same viewpoints; earlier frames make a difference to the time alone."""
+    """Strips of successive frames from the same viewpoints; earlier frames make a difference to the
+    time alone."""
 
     def __init__(self, renderer: Renderer, viewpoints: Eyes, counted: Counted) -> None:
-        self._renderer, self._viewpoints, self._counted = renderer, viewpoints, counted
-        self._last = self._none = _Last([], np.zeros((len(viewpoints), 0, 0), np.bool_), concatenate_strips([]))
+        self._renderer = renderer
+        self._viewpoints = viewpoints
+        self._counted = counted
+        self._last = self._none = _Last(
+            [], np.zeros((len(viewpoints), 0, 0), np.bool_), concatenate_strips([])
+        )
 
     def of(self, moment: Moment, fine: Mask) -> Strips:
         """Strips of a frame; fine: as of `find_sectors`."""
@@ -233,10 +281,12 @@ class SuccessiveStrips:
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
         hiders = may_hide(moment.ground, self._viewpoints, sectors)
-        kept, last = np.zeros(hiders.shape[:2], np.bool_), self._last
+        kept = np.zeros(hiders.shape[:2], np.bool_)
+        last = self._last
         rows = {each: row for row, each in enumerate(last.objects)}
         before = np.array([rows.get(each, -1) for each in objects], np.int64)
-        stands, come = np.flatnonzero(before >= 0), before < 0
+        stands = np.flatnonzero(before >= 0)
+        come = before < 0
         before = before[stands]
         now = np.full(len(rows), -1, np.int32)
         now[before] = stands
@@ -252,13 +302,15 @@ class SuccessiveStrips:
             strips = concatenate_strips([again, strips])
             pair = strips.viewpoint.astype(np.int64) * len(objects) + strips.item
             strips = strips.take(np.argsort(pair, kind="stable"))
-        alike = len(set(objects)) < len(objects)  # one in the other: which of them is which cannot be said
+        # one in the other: which of them is which cannot be said
+        alike = len(set(objects)) < len(objects)
         self._last = self._none if alike else _Last(objects, hiders, strips)
         return strips
 
 
 def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
-    """Mask (viewpoint, object, other): the other may hide the object. sectors: of all pairs of viewpoint and object."""
+    """Mask (viewpoint, object, other): the other may hide the object. sectors: of all pairs of
+    viewpoint and object."""
     shape = len(viewpoints), len(ground.low)
     found = np.zeros((*shape, shape[1]), np.bool_)
     half = (sectors.width * sectors.columns / 2).reshape(shape)
@@ -267,8 +319,11 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
     step = max(1, PAIRS_AT_ONCE // max(1, shape[1] ** 2))
     for first in range(0, shape[0], step):
         some = slice(first, first + step)
-        distance = np.hypot(*(ground.rectangles[:, :2] - viewpoints[some, None, :2]).transpose(2, 0, 1))
-        near, far = np.maximum(distance - radius, 0), distance + radius
+        distance = np.hypot(
+            *(ground.rectangles[:, :2] - viewpoints[some, None, :2]).transpose(2, 0, 1)
+        )
+        near = np.maximum(distance - radius, 0)
+        far = distance + radius
         below, above = (each - viewpoints[some, 2:] for each in (ground.low, ground.high))
         low = np.arctan2(below, np.where(below < 0, near, far))
         high = np.arctan2(above, np.where(above < 0, far, near))
@@ -283,10 +338,14 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
 
 def find_touching(ground: Footprints) -> Mask:
     """Mask of objects whose footprint's rectangle meets another one."""
-    half, cos, sin = ground.rectangles[:, 2:4], ground.rectangles[:, 4], ground.rectangles[:, 5]
+    half = ground.rectangles[:, 2:4]
+    cos = ground.rectangles[:, 4]
+    sin = ground.rectangles[:, 5]
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     offset = ground.rectangles[None, :, :2] - ground.rectangles[:, None, :2]
-    reach = half[:, :, None] + np.einsum("iajb,jb->iaj", np.abs(np.einsum("iac,jbc->iajb", axes, axes)), half)
+    reach = half[:, :, None] + np.einsum(
+        "iajb,jb->iaj", np.abs(np.einsum("iac,jbc->iajb", axes, axes)), half
+    )
     apart = (np.abs(np.einsum("ijc,iac->iaj", offset, axes)) > reach + OVERLAP_SLACK).any(axis=1)
     meets = ~(apart | apart.T)
     np.fill_diagonal(meets, False)

@@ -1,13 +1,14 @@
-"""`Cache`: arrays that took long to compute, by a key (`make_key`) that says all they depend on, so they never change.
-The file is an SQLite database with a write-ahead log, so that several processes read and write it at once, and a
-process killed while writing leaves it as it was before. Each value is signed, over key and value, with a secret beside
-the file that its owner alone may read; one that does not fit (damaged, forged, of an older version) is computed again.
-A damaged file is put aside under another name, with a warning, and begun anew.
+"""`Cache`: arrays that took long to compute, by a key (`make_key`) that says all they depend on, so
+they never change. The file is an SQLite database with a write-ahead log, so that several processes
+read and write it at once, and a process killed while writing leaves it as it was before. Each value
+is signed, over key and value, with a secret beside the file that its owner alone may read; one that
+does not fit (damaged, forged, of an older version) is computed again. A damaged file is put aside
+under another name, with a warning, and begun anew.
 
-Digest of a job's source: results on disk are valid only while their code is the same. The source of a job is its
-import closure: its module, the imports of that, inside functions too, and so on, within the house, but not of code
-under `if TYPE_CHECKING:`. A package whose face loads lazily adds only the names that are asked of it, as its stub says.
-Libraries count by their version."""
+Digest of a job's source: results on disk are valid only while their code is the same. The source of
+a job is its import closure: its module, the imports of that, inside functions too, and so on,
+within the house, but not of code under `if TYPE_CHECKING:`. A package whose face loads lazily adds
+only the names that are asked of it, as its stub says. Libraries count by their version."""
 
 import ast
 import hashlib
@@ -39,19 +40,26 @@ CHECKSUM = 16  # bytes
 SECRET = 32  # bytes
 COMPRESSED = 1 << 14  # bytes, from which on a value is compressed
 LARGEST_VALUE = 1 << 29  # bytes of a value, compressed; SQLite takes a little more
-ARRAY_KINDS = "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no objects and no records
-CACHE_SCHEMA = "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
+ARRAY_KINDS = (
+    "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no objects and no records
+)
+CACHE_SCHEMA = (
+    "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
+)
 
 
 def make_key(*parts: object) -> bytes:
     """SHA-256 of texts, numbers, lists and dictionaries, as JSON."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).digest()
+    return hashlib.sha256(
+        json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()
+    ).digest()
 
 
 class Cache:
-    """Tuples of arrays by key, in a file or in memory. path: of the file, made if missing, None for memory only. Sent
-    to another process, it opens the file again there; in memory, each process has its own. If the file cannot be
-    written, or its secret is no secret, it warns and goes on without."""
+    """Tuples of arrays by key, in a file or in memory. path: of the file, made if missing, None for
+    memory only. Sent to another process, it opens the file again there; in memory, each process has
+    its own. If the file cannot be written, or its secret is no secret, it warns and goes on
+    without."""
 
     def __init__(self, path: str | Path | None = None) -> None:
         self.path = None if path is None else Path(path)
@@ -71,16 +79,22 @@ class Cache:
             return found
 
         found = self._safely(select, dict[bytes, bytes]())
-        return [decode_arrays(key + self._secret, found[key]) if key in found else None for key in keys]
+        return [
+            decode_arrays(key + self._secret, found[key]) if key in found else None for key in keys
+        ]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
         """Keep all values or, if the process ends before, none."""
 
         def insert(database: sqlite3.Connection) -> None:
-            rows = [(key, encode_arrays(key + self._secret, value)) for key, value in values.items()]
+            rows = [
+                (key, encode_arrays(key + self._secret, value)) for key, value in values.items()
+            ]
             fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
             if too_large := len(rows) - len(fitting):
-                warnings.warn(f"{too_large} values are too large to be kept in {self.path}", stacklevel=4)
+                warnings.warn(
+                    f"{too_large} values are too large to be kept in {self.path}", stacklevel=4
+                )
             with database:  # commits, or rolls back
                 database.execute("BEGIN IMMEDIATE")
                 database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting)
@@ -88,7 +102,9 @@ class Cache:
         self._safely(insert, None)
 
     def __len__(self) -> int:
-        return self._safely(lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), 0)
+        return self._safely(
+            lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), 0
+        )
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_open": None}
@@ -105,13 +121,21 @@ class Cache:
         for suffix in ("", "-wal", "-shm", ".key") if self.path is not None else ():
             Path(f"{self.path}{suffix}").unlink(missing_ok=True)
 
-    def _safely(self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome) -> _Outcome:
-        """Result of a call; of the call on a new file if this one is damaged. `otherwise` if neither works."""
+    def _safely(
+        self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome
+    ) -> _Outcome:
+        """Result of a call; of the call on a new file if this one is damaged. `otherwise` if
+        neither works."""
         for attempt in ("as it is", "begun anew"):
             try:
                 return call(self._database())
-            except sqlite3.OperationalError as error:  # locked too long, read-only, disk full: the file may be sound
-                warnings.warn(f"{self.path} cannot be used ({error}): what it keeps is computed again", stacklevel=3)
+            except (
+                sqlite3.OperationalError
+            ) as error:  # locked too long, read-only, disk full: the file may be sound
+                warnings.warn(
+                    f"{self.path} cannot be used ({error}): what it keeps is computed again",
+                    stacklevel=3,
+                )
                 self.close()
                 return otherwise
             except sqlite3.DatabaseError as error:
@@ -121,11 +145,15 @@ class Cache:
         return otherwise
 
     def _database(self) -> sqlite3.Connection:
-        if self._open is not None and self._open[0] == os.getpid():  # a forked process must not share a handle
+        if (
+            self._open is not None and self._open[0] == os.getpid()
+        ):  # a forked process must not share a handle
             return self._open[1]
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        database = sqlite3.connect(self.path or ":memory:", timeout=WAIT, isolation_level=None, check_same_thread=False)
+        database = sqlite3.connect(
+            self.path or ":memory:", timeout=WAIT, isolation_level=None, check_same_thread=False
+        )
         self._inode = self._on_disk()
         try:
             for statement in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", CACHE_SCHEMA):
@@ -145,10 +173,15 @@ class Cache:
         return self.path.stat().st_ino if self.path is not None and self.path.exists() else None
 
     def _put_aside(self, error: str) -> None:
-        if self.path is None or self._on_disk() != self._inode:  # another process has begun it anew already
+        if (
+            self.path is None or self._on_disk() != self._inode
+        ):  # another process has begun it anew already
             return
         aside = self.path.with_name(f"{self.path.name}.damaged-{os.getpid()}")
-        warnings.warn(f"{self.path} is damaged ({error}): put aside as {aside.name} and begun anew", stacklevel=4)
+        warnings.warn(
+            f"{self.path} is damaged ({error}): put aside as {aside.name} and begun anew",
+            stacklevel=4,
+        )
         for suffix in ("", "-wal", "-shm"):
             try:
                 os.replace(f"{self.path}{suffix}", f"{aside}{suffix}")
@@ -157,9 +190,12 @@ class Cache:
 
 
 def recall(
-    cache: Cache | None, keys: Sequence[bytes], make: Callable[[list[int]], Iterable[Iterable[np.ndarray]]]
+    cache: Cache | None,
+    keys: Sequence[bytes],
+    make: Callable[[list[int]], Iterable[Iterable[np.ndarray]]],
 ) -> Iterator[Arrays]:
-    """Yield the value of each key, kept or made and then kept. make: values of the keys at missing places, in order."""
+    """Yield the value of each key, kept or made and then kept. make: values of the keys at missing
+    places, in order."""
     found: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
     missing = [place for place, arrays in enumerate(found) if arrays is None]
     made = iter(make(missing) if missing else ())
@@ -171,7 +207,8 @@ def recall(
 
 
 def read_secret(path: Path) -> bytes:
-    """Secret in a file that its owner alone may read, made if missing. Raises PermissionError for any other file."""
+    """Secret in a file that its owner alone may read, made if missing. Raises PermissionError for
+    any other file."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         number, name = tempfile.mkstemp(dir=path.parent)  # of mode 0600
@@ -185,25 +222,38 @@ def read_secret(path: Path) -> bytes:
             os.replace(name, path)
         finally:
             Path(name).unlink(missing_ok=True)
-    opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe has nothing, and must not be waited for
+    # a pipe has nothing, and must not be waited for
+    opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     with os.fdopen(opened, "rb") as file:
-        there, secret = os.fstat(file.fileno()), file.read(SECRET) or b""
-    ours = not hasattr(os, "geteuid") or (there.st_uid == os.geteuid() and not there.st_mode & 0o077)
+        there = os.fstat(file.fileno())
+        secret = file.read(SECRET) or b""
+    ours = not hasattr(os, "geteuid") or (
+        there.st_uid == os.geteuid() and not there.st_mode & 0o077
+    )
     if not ours or len(secret) < SECRET:
-        raise PermissionError(f"{path.name} is not a secret of yours alone: remove it, or give a folder of your own")
+        raise PermissionError(
+            f"{path.name} is not a secret of yours alone: remove it, or give a folder of your own"
+        )
     return secret
 
 
 def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Encode arrays: checksum, types and shapes in a line of JSON, content. Raises ValueError for arrays of objects."""
+    """Encode arrays: checksum, types and shapes in a line of JSON, content. Raises ValueError for
+    arrays of objects."""
     columns = [np.ascontiguousarray(column) for column in arrays]
     for column in columns:
         if column.dtype.kind not in ARRAY_KINDS:
-            raise ValueError(f"a cache keeps plain arrays, got one of {column.dtype}: keep its fields one by one")
+            raise ValueError(
+                f"a cache keeps plain arrays, got one of {column.dtype}: keep its fields one by one"
+            )
     content = b"".join(column.tobytes() for column in columns)
     compressed = len(content) >= COMPRESSED
     described = [compressed, *((column.dtype.str, column.shape) for column in columns)]
-    body = json.dumps(described).encode() + b"\n" + (zlib.compress(content, 1) if compressed else content)
+    body = (
+        json.dumps(described).encode()
+        + b"\n"
+        + (zlib.compress(content, 1) if compressed else content)
+    )
     return _checksum(key, body) + body
 
 
@@ -217,15 +267,22 @@ def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
         compressed, *columns = json.loads(head)
         types = [np.dtype(str(dtype)) for dtype, _ in columns]
         shapes = [[int(length) for length in shape] for _, shape in columns]
-        sizes = [dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)]
-        if any(each.kind not in ARRAY_KINDS for each in types) or any(n < 0 for shape in shapes for n in shape):
+        sizes = [
+            dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)
+        ]
+        if any(each.kind not in ARRAY_KINDS for each in types) or any(
+            n < 0 for shape in shapes for n in shape
+        ):
             return None
         if compressed:
             content = zlib.decompressobj().decompress(content, sum(sizes) + 1)
         if len(content) != sum(sizes):
             return None
         first = np.cumsum([0, *sizes]).tolist()
-        return tuple(np.ndarray(*each) for each in zip(shapes, types, [content] * len(types), first, strict=False))
+        return tuple(
+            np.ndarray(*each)
+            for each in zip(shapes, types, [content] * len(types), first, strict=False)
+        )
     except (ValueError, TypeError, IndexError, OverflowError, RecursionError, zlib.error):
         return None
 
@@ -235,7 +292,8 @@ def _checksum(key: bytes, body: bytes) -> bytes:
 
 
 def _patiently(database: sqlite3.Connection, statement: str) -> None:
-    """Execute a statement for which SQLite itself does not wait, such as a change of the journal's mode."""
+    """Execute a statement for which SQLite itself does not wait, such as a change of the journal's
+    mode."""
     until = time.monotonic() + WAIT
     while True:
         try:
@@ -288,7 +346,9 @@ def import_closure(modules: tuple[str, ...], top: Path = TOP) -> tuple[dict[str,
         pending.extend([(parent, "")] if parent and _is_ours(module) else [])
         path = _file(module, top) if _is_ours(module) or module in modules else None
         if path is None:
-            libraries.update(set() if _is_ours(module) else {module.partition(".")[0]} - sys.stdlib_module_names)
+            libraries.update(
+                set() if _is_ours(module) else {module.partition(".")[0]} - sys.stdlib_module_names
+            )
             continue
         if name and path.name == "__init__.py":
             below = f"{module}.{name}"
@@ -310,21 +370,30 @@ def _file(module: str, top: Path) -> Path | None:
         loaded = getattr(sys.modules.get(module), "__file__", None)
         return Path(loaded) if loaded and loaded.endswith(".py") else None
     path = top.joinpath(*module.split("."))
-    return next((each for each in (path.with_suffix(".py"), path / "__init__.py") if each.is_file()), None)
+    return next(
+        (each for each in (path.with_suffix(".py"), path / "__init__.py") if each.is_file()), None
+    )
 
 
 @cache
 def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...]:
-    """Imports of a module when it and its functions run, but not those that only type checkers read."""
+    """Imports of a module when it and its functions run, but not those that only type checkers
+    read."""
     found: list[_Import] = []
     pending: list[ast.AST] = [ast.parse(source)]
     while pending:
         node = pending.pop()
         if isinstance(node, ast.Import | ast.ImportFrom):
             found += _list_imports(node, module if is_package else module.rpartition(".")[0])
-        test = node.test if isinstance(node, ast.If) and isinstance(node.test, ast.Name | ast.Attribute) else None
+        test = (
+            node.test
+            if isinstance(node, ast.If) and isinstance(node.test, ast.Name | ast.Attribute)
+            else None
+        )
         skipped = test is not None and ast.unparse(test).rpartition(".")[2] == "TYPE_CHECKING"
-        for block in ("orelse",) if skipped else ("body", "orelse", "handlers", "finalbody", "cases"):
+        for block in (
+            ("orelse",) if skipped else ("body", "orelse", "handlers", "finalbody", "cases")
+        ):
             inner = getattr(node, block, ())
             pending.extend(inner if isinstance(inner, list) else ())
     return tuple(found)
@@ -346,7 +415,10 @@ def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
             places = _list_imports(node, package)
-            offered |= {alias.asname or alias.name: place for alias, place in zip(node.names, places, strict=True)}
+            offered |= {
+                alias.asname or alias.name: place
+                for alias, place in zip(node.names, places, strict=True)
+            }
     return tuple(place for key, place in offered.items() if name in ("*", key))
 
 

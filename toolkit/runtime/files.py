@@ -1,8 +1,9 @@
 """Files written whole and read with care: JSON, TOML, arrays. A file is written beside its place
-under another name, synced to disk and renamed, so that no reader, kill or full disk ever meets half of one. A symbolic
-link stays, its target is replaced. On failure nothing is left behind, and one OSError names file and reason. What a
-killed process leaves is named `.NAME.0.unfinished`; the next one that writes NAME takes it over. A writer locks it, so
-that nobody takes over what is being written. Damage met in reading becomes one ValueError in one line."""
+under another name, synced to disk and renamed, so that no reader, kill or full disk ever meets half
+of one. A symbolic link stays, its target is replaced. On failure nothing is left behind, and one
+OSError names file and reason. What a killed process leaves is named `.NAME.0.unfinished`; the next
+one that writes NAME takes it over. A writer locks it, so that nobody takes over what is being
+written. Damage met in reading becomes one ValueError in one line."""
 
 import errno
 import json
@@ -32,7 +33,9 @@ try:
 except ImportError:  # not a Unix
     fcntl = None  # type: ignore[assignment]
 
-UNFINISHED = ".unfinished"  # in the names of what is being written, or was when its process was killed
+UNFINISHED = (
+    ".unfinished"  # in the names of what is being written, or was when its process was killed
+)
 WRITTEN = ".coview"  # file in folders that are ours to replace
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
@@ -50,16 +53,19 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
-    """Give the block a name, with the same ending and folder, to write a file under; rename it at the end. If the block
-    raises, `path` stays as it was. Raises OSError, with file and reason in one line, where the disk is full or the
-    folder cannot be written. unfinished: that name, if it matters, on the file system of `path`; none is made before
-    the block."""
-    target, held = Path(os.path.realpath(path)), None
+    """Give the block a name, with the same ending and folder, to write a file under; rename it at
+    the end. If the block raises, `path` stays as it was. Raises OSError, with file and reason in
+    one line, where the disk is full or the folder cannot be written. unfinished: that name, if it
+    matters, on the file system of `path`; none is made before the block."""
+    target = Path(os.path.realpath(path))
+    held = None
     try:
         with _name_output(path):
             target.parent.mkdir(parents=True, exist_ok=True)
             if unfinished is None:
-                unfinished, held = _take_unfinished(target.parent, f".{target.name[:100]}", target.suffix)
+                unfinished, held = _take_unfinished(
+                    target.parent, f".{target.name[:100]}", target.suffix
+                )
             yield unfinished
             with unfinished.open("rb") as file:
                 os.fsync(file.fileno())
@@ -75,9 +81,12 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def writing_together(folder: str | Path) -> Iterator[Path]:
-    """Give the block a folder; move its files into `folder`, made if missing, at the end. If the block raises, nothing
-    moves. Raises OSError as `writing`."""
-    with _name_output(folder), _aside(Path(os.path.realpath(folder)), inside=True) as (target, unfinished):
+    """Give the block a folder; move its files into `folder`, made if missing, at the end. If the
+    block raises, nothing moves. Raises OSError as `writing`."""
+    with (
+        _name_output(folder),
+        _aside(Path(os.path.realpath(folder)), inside=True) as (target, unfinished),
+    ):
         yield unfinished
         for each in sorted(unfinished.iterdir()):
             place = Path(os.path.realpath(target / each.name))
@@ -87,16 +96,21 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def writing_folder(folder: str | Path) -> Iterator[Path]:
-    """Give the block a folder that becomes `folder` at the end, in place of all that is there: see `check_new_folder`.
-    If the block raises, `folder` stays as it was. Raises OSError as `writing`, and while another process writes it."""
+    """Give the block a folder that becomes `folder` at the end, in place of all that is there: see
+    `check_new_folder`. If the block raises, `folder` stays as it was. Raises OSError as `writing`,
+    and while another process writes it."""
     target = Path(os.path.realpath(folder))
     try:
         with _aside(target, inside=target.exists()) as (_, unfinished):
             if not unfinished.name.endswith(f".0{UNFINISHED}"):
-                raise FileExistsError(f"another run is writing to {folder}: wait for it, or stop it")
+                raise FileExistsError(
+                    f"another run is writing to {folder}: wait for it, or stop it"
+                )
             yield unfinished
             (unfinished / WRITTEN).touch()
-            if unfinished.parent == target:  # it stays, as it may be mounted, or be where somebody works
+            if (
+                unfinished.parent == target
+            ):  # it stays, as it may be mounted, or be where somebody works
                 _replace_content(target, unfinished)
             else:
                 unfinished.chmod(0o777 & ~_mask())
@@ -121,7 +135,8 @@ def _replace_content(target: Path, unfinished: Path) -> None:
 
 @contextmanager
 def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
-    """Give the block `target` and an empty folder, inside or beside it, that is removed at the end."""
+    """Give the block `target` and an empty folder, inside or beside it, that is removed at the
+    end."""
     parent = target if inside else target.parent
     missing = [each for each in (parent, *parent.parents) if not each.exists()]
     unfinished = held = None
@@ -140,7 +155,8 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
 
 
 def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path, int]:
-    """Make and lock an empty file, or folder (suffix None), or take over one whose writer was killed."""
+    """Make and lock an empty file, or folder (suffix None), or take over one whose writer was
+    killed."""
     for number in range(1000):
         path = folder / f"{start}.{number}{UNFINISHED}{suffix or ''}"
         there = path.exists()
@@ -155,7 +171,9 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
         if suffix is not None:
             os.truncate(path, 0)
         elif left := list(path.iterdir()):
-            warnings.warn(f"{path}, which a killed run left, is removed and begun anew", stacklevel=2)
+            warnings.warn(
+                f"{path}, which a killed run left, is removed and begun anew", stacklevel=2
+            )
             for each in left:
                 shutil.rmtree(each) if each.is_dir() and not each.is_symlink() else each.unlink()
         return path, held
@@ -163,13 +181,15 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
 
 
 def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | None:
-    """Open a file or folder, made if missing, and lock it until it is closed. None where another process holds it.
-    unlocked: open it where there are no locks, too."""
+    """Open a file or folder, made if missing, and lock it until it is closed. None where another
+    process holds it. unlocked: open it where there are no locks, too."""
     while True:
         if folder:
             path.mkdir(0o700, exist_ok=True)
         kind = os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT
-        held = os.open(path if fcntl or not folder else os.devnull, kind | getattr(os, "O_NOFOLLOW", 0), 0o600)
+        held = os.open(
+            path if fcntl or not folder else os.devnull, kind | getattr(os, "O_NOFOLLOW", 0), 0o600
+        )
         try:
             if fcntl is not None:
                 fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -197,16 +217,20 @@ def _name_output(path: str | Path) -> Iterator[None]:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Raise OSError if a file of `size` bytes has no room. For libraries that do not tell; `path` is left empty."""
+    """Raise OSError if a file of `size` bytes has no room. For libraries that do not tell; `path`
+    is left empty."""
     with path.open("wb") as file:
         if hasattr(os, "posix_fallocate") and size:
             os.posix_fallocate(file.fileno(), 0, size)
         file.truncate(0)
 
 
-def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may write to `out`. Raises ValueError where `out` is one of the inputs, or below one, under
-    whatever name or link; FileExistsError where it exists (a folder: is not empty) without `overwrite`."""
+def check_output(
+    out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False
+) -> None:
+    """Check that a command may write to `out`. Raises ValueError where `out` is one of the inputs,
+    or below one, under whatever name or link; FileExistsError where it exists (a folder: is not
+    empty) without `overwrite`."""
     out, place = Path(out), Path(os.path.realpath(out))
     for each in inputs:
         read = Path(os.path.realpath(each))
@@ -214,26 +238,40 @@ def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrit
             same = place == read or _same(place, read)
             where = "is what is read" if same else f"is inside {each}, which is read"
             raise ValueError(f"{out} {where}: write to another place, so that nothing is lost")
-    there = any(UNFINISHED not in each.name for each in out.iterdir()) if out.is_dir() else out.exists()
+    there = (
+        any(UNFINISHED not in each.name for each in out.iterdir()) if out.is_dir() else out.exists()
+    )
     if there and not overwrite:
-        raise FileExistsError(f"{out} exists: write to another file, or replace it with --overwrite")
+        raise FileExistsError(
+            f"{out} exists: write to another file, or replace it with --overwrite"
+        )
 
 
 def _same(one: Path, other: Path) -> bool:
     return one.exists() and other.exists() and one.samefile(other)
 
 
-def check_new_folder(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
-    """Check that `out` may become what `writing_folder` writes. Raises as `check_output`; ValueError where files would
-    be lost that `writing_folder` has not written, or that are inputs."""
-    out, inputs = Path(out), list(inputs)
+def check_new_folder(
+    out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False
+) -> None:
+    """Check that `out` may become what `writing_folder` writes. Raises as `check_output`;
+    ValueError where files would be lost that `writing_folder` has not written, or that are
+    inputs."""
+    out = Path(out)
+    inputs = list(inputs)
     note = out / WRITTEN
-    check_output(out, inputs=inputs, overwrite=overwrite or (note.is_file() and note.read_text() == UNFINISHED))
+    check_output(
+        out,
+        inputs=inputs,
+        overwrite=overwrite or (note.is_file() and note.read_text() == UNFINISHED),
+    )
     if out.is_dir() and any(UNFINISHED not in each.name for each in out.iterdir()):
         place = Path(os.path.realpath(out))
         for each in inputs:
             if place in Path(os.path.realpath(each)).parents:
-                raise ValueError(f"{out} holds {each}, which is read: write to another folder, it would be lost")
+                raise ValueError(
+                    f"{out} holds {each}, which is read: write to another folder, it would be lost"
+                )
         if not note.is_file():
             remedy = "write to another folder, or empty it if an earlier coview wrote them"
             raise ValueError(f"{out} holds files that coview did not write there: {remedy}")
@@ -251,8 +289,8 @@ def _mode(target: Path) -> int:
 
 
 def plain_file(path: str | Path) -> Path:
-    """Return the path of a file or folder that is about to be read. Raises OSError for a missing one, ValueError for a
-    pipe or a device, whose content may never come or never end."""
+    """Return the path of a file or folder that is about to be read. Raises OSError for a missing
+    one, ValueError for a pipe or a device, whose content may never come or never end."""
     path = Path(path)
     mode = path.stat().st_mode
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
@@ -260,13 +298,16 @@ def plain_file(path: str | Path) -> Path:
     return path
 
 
-_PATIENCE, _LONGEST_PIPE = 10.0, 1 << 26  # s without a byte, bytes
+# s without a byte, bytes
+_PATIENCE = 10.0
+_LONGEST_PIPE = 1 << 26
 MAX_FILE_BYTES = 1 << 30
 MAX_TEXT_BYTES = 1 << 29  # for a text, which becomes up to twice as many
 
 
 def read_plain(path: str | Path) -> bytes:
-    """Read a file whole. Raises OSError; ValueError for a pipe, a device and more than `MAX_FILE_BYTES`."""
+    """Read a file whole. Raises OSError; ValueError for a pipe, a device and more than
+    `MAX_FILE_BYTES`."""
     size = plain_file(path).stat().st_size
     if size > MAX_FILE_BYTES:
         allowed = f"more than the {MAX_FILE_BYTES / 2**30:g} GiB that are read at a time"
@@ -275,28 +316,36 @@ def read_plain(path: str | Path) -> bytes:
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Read a file or a pipe. Raises OSError; ValueError for a device, a file larger than `MAX_FILE_BYTES`, and a pipe
-    that is silent or does not end."""
+    """Read a file or a pipe. Raises OSError; ValueError for a device, a file larger than
+    `MAX_FILE_BYTES`, and a pipe that is silent or does not end."""
     if not Path(path).is_fifo():
         return read_plain(path)
     content = bytearray()
-    with open(path, "rb", 0, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as pipe:
+    with open(
+        path, "rb", 0, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
+    ) as pipe:
         while len(content) < _LONGEST_PIPE and select.select([pipe], [], [], _PATIENCE)[0]:
             part = pipe.read(1 << 20)
             if not part:
                 return bytes(content)
             content += part
-    raise ValueError(f"{path} is a pipe that is silent or does not end: save its content to a file, and give that")
+    raise ValueError(
+        f"{path} is a pipe that is silent or does not end: save its content to a file, and give "
+        "that"
+    )
 
 
 def read_text(path: str | Path, kind: str = "text") -> str:
-    """Read UTF-8 as `read_bytes`. kind: of the file, for the message of the ValueError if it is no text."""
+    """Read UTF-8 as `read_bytes`. kind: of the file, for the message of the ValueError if it is no
+    text."""
     if (size := os.stat(path).st_size) > MAX_TEXT_BYTES:
         raise ValueError(f"{path} has {size / 2**30:.1f} GiB, too much for a {kind} file: split it")
     try:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a {kind} file") from None
+        raise ValueError(
+            f"{path}: not a text file (byte {error.start} is not UTF-8): give a {kind} file"
+        ) from None
 
 
 def parse_json(text: str) -> Any:
@@ -313,7 +362,9 @@ def parse_json(text: str) -> Any:
 
 
 def _whole_number(digits: str) -> int:
-    if len(digits) > 300:  # no float is as large, and Python turns no text of thousands into a number
+    if (
+        len(digits) > 300
+    ):  # no float is as large, and Python turns no text of thousands into a number
         raise ValueError(f"it has a number of {len(digits)} digits")
     return int(digits)
 
@@ -335,19 +386,26 @@ def read_own_table(module: str, name: str) -> dict[str, Any]:
 
 
 def parse_toml(content: bytes) -> dict[str, object]:
-    """Parse a TOML file's content. Raises ValueError, in one line, for damaged, too large or too deeply nested text."""
+    """Parse a TOML file's content. Raises ValueError, in one line, for damaged, too large or too
+    deeply nested text."""
     try:
         if len(content) > 1_000_000:
             raise ValueError("it is larger than 1 MB")
-        if any(line.count(b".") > 300 for line in content.splitlines()):  # the parser takes their square in memory
+        if any(
+            line.count(b".") > 300 for line in content.splitlines()
+        ):  # the parser takes their square in memory
             raise ValueError("a line has more than 300 dots")
         if re.search(rb"\d{300}", content):
             raise ValueError("it has a number of hundreds of digits")
         return tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        raise ValueError(f"not a text file (byte {error.start} is not UTF-8): give a TOML file") from None
+        raise ValueError(
+            f"not a text file (byte {error.start} is not UTF-8): give a TOML file"
+        ) from None
     except RecursionError:
-        raise ValueError("its lists or tables are nested too deep to be read: repair the file") from None
+        raise ValueError(
+            "its lists or tables are nested too deep to be read: repair the file"
+        ) from None
     except ValueError as error:
         raise ValueError(f"not TOML ({str(error)[:120]}): repair the file") from None
 
@@ -356,8 +414,8 @@ MOST_VALUES = 1_000_000  # of a YAML text, where a value that an alias repeats c
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse a YAML text. Raises ValueError, in one line, for damage, a key that is there twice, and aliases that make
-    more than `MOST_VALUES` of a few lines."""
+    """Parse a YAML text. Raises ValueError, in one line, for damage, a key that is there twice, and
+    aliases that make more than `MOST_VALUES` of a few lines."""
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
@@ -366,12 +424,16 @@ def parse_yaml(text: str) -> Any:
         if node is None:
             return None
         if _count_values(node, {}) > MOST_VALUES:
-            raise ValueError(f"it holds more than {MOST_VALUES} values, aliases included: restore the file")
+            raise ValueError(
+                f"it holds more than {MOST_VALUES} values, aliases included: restore the file"
+            )
         return loader.construct_document(node)
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())[:160]) from None
     except RecursionError:
-        raise ValueError("its lists or names are nested too deep to be read: restore the file") from None
+        raise ValueError(
+            "its lists or names are nested too deep to be read: restore the file"
+        ) from None
     finally:
         loader.dispose()
 
@@ -382,9 +444,13 @@ def _count_values(node: Any, counted: dict[int, int]) -> int:
         counted[id(node)] = MOST_VALUES + 1  # met again below itself
         below = node.value if node.id != "scalar" else ()
         if node.id == "mapping":
-            _refuse_doubled([key.value for key, _ in below if key.id == "scalar" and key.value != "<<"])
+            _refuse_doubled(
+                [key.value for key, _ in below if key.id == "scalar" and key.value != "<<"]
+            )
             below = [each for pair in below for each in pair]
-        counted[id(node)] = min(MOST_VALUES + 1, 1 + sum(_count_values(each, counted) for each in below))
+        counted[id(node)] = min(
+            MOST_VALUES + 1, 1 + sum(_count_values(each, counted) for each in below)
+        )
     return counted[id(node)]
 
 
@@ -396,28 +462,40 @@ def resolve_below(root: str | Path, name: str) -> Path:
     if "\\" in name and "\0" not in name and not os.path.lexists(Path(root) / given):
         given = Path(name.replace("\\", "/"))
     if given.is_absolute() or ".." in given.parts or "\0" in name:
-        raise ValueError(f"the file name {name[:100]!r} leads out of {root}: name files below that folder")
+        raise ValueError(
+            f"the file name {name[:100]!r} leads out of {root}: name files below that folder"
+        )
     return Path(root) / given
 
 
 def check_links(root: str | Path) -> None:
-    """Raise ValueError if a symbolic link in a folder leads out of it, so that only the folder's own is copied."""
+    """Raise ValueError if a symbolic link in a folder leads out of it, so that only the folder's
+    own is copied."""
     place = os.path.realpath(root)
     for folder, folders, files in os.walk(root):
-        for link in (each for name in (*folders, *files) if os.path.islink(each := os.path.join(folder, name))):
+        for link in (
+            each
+            for name in (*folders, *files)
+            if os.path.islink(each := os.path.join(folder, name))
+        ):
             if os.path.commonpath([place, target := os.path.realpath(link)]) != place:
-                raise ValueError(f"{link} leads out of {root}, to {target}: put a copy in its place")
+                raise ValueError(
+                    f"{link} leads out of {root}, to {target}: put a copy in its place"
+                )
 
 
 @contextmanager
 def limit_memory(size: int) -> Iterator[None]:
-    """Let this process map at most `size` more bytes, where the system can limit that; more raises MemoryError."""
+    """Let this process map at most `size` more bytes, where the system can limit that; more raises
+    MemoryError."""
     try:
         import resource
 
         mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-        most = min(limit for limit in (mapped + size, soft, hard) if limit != resource.RLIM_INFINITY)
+        most = min(
+            limit for limit in (mapped + size, soft, hard) if limit != resource.RLIM_INFINITY
+        )
         resource.setrlimit(resource.RLIMIT_AS, (most, hard))
     except (ImportError, OSError, ValueError):
         yield
@@ -445,7 +523,8 @@ def read_json(path: str | Path) -> Any:
 
 
 def replace_infinite(value: Any) -> Any:
-    """Replace numbers that JSON lacks by null, such as an infinite bound or the AP without objects."""
+    """Replace numbers that JSON lacks by null, such as an infinite bound or the AP without
+    objects."""
     if isinstance(value, dict):
         return {key: replace_infinite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -453,12 +532,13 @@ def replace_infinite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-_CHECKSUM = 32  # bytes of SHA-256 over all that comes before, at the end of the file, where NumPy overlooks them
+# bytes of SHA-256 over all that comes before, at the end of the file, where NumPy overlooks them
+_CHECKSUM = 32
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write a .npz file with a checksum, replacing an old one. A process killed while writing leaves the old one.
-    Raises ValueError for arrays that `read_arrays` would refuse."""
+    """Write a .npz file with a checksum, replacing an old one. A process killed while writing
+    leaves the old one. Raises ValueError for arrays that `read_arrays` would refuse."""
     with name_errors(path):
         check_unpacked(sum(array.nbytes for array in arrays.values()))
     content = BytesIO()
@@ -467,39 +547,67 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Read the arrays of a file of `write_arrays`. Raises FileNotFoundError; ValueError for a damaged or other file."""
+    """Read the arrays of a file of `write_arrays`. Raises FileNotFoundError; ValueError for a
+    damaged or other file."""
     content = read_plain(path)
     content, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
     if sha256(content).digest() != checksum:
-        raise ValueError(f"{path} does not fit its checksum: it is damaged or not a coview file, make it again")
+        raise ValueError(
+            f"{path} does not fit its checksum: it is damaged or not a coview file, make it again"
+        )
     return load_arrays(path, BytesIO(content))
 
 
-_DAMAGE = (  # what np.load was seen to raise on damaged files: from the zip archive, the header's text, its shape
-    *(OSError, ValueError, EOFError, LookupError, TypeError, OverflowError, MemoryError, RuntimeError, SyntaxError),
+# what np.load was seen to raise on damaged files: from the zip archive, the header's text, its
+# shape
+_DAMAGE = (
+    *(
+        OSError,
+        ValueError,
+        EOFError,
+        LookupError,
+        TypeError,
+        OverflowError,
+        MemoryError,
+        RuntimeError,
+        SyntaxError,
+    ),
     *(AttributeError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
 )
 
 
 MOST_UNPACKED = 1 << 30  # bytes of memory that one file may ask for
-MOST_CLOUD = 1 << 28  # bytes of a cloud that is packed: float64 copies of it take several times as much
+# bytes of a cloud that is packed: float64 copies of it take several times as much
+MOST_CLOUD = 1 << 28
 
 
 def check_unpacked(size: int, most: int | None = None) -> None:
-    """Raise ValueError where a file asks for more memory than `most`, by default `MOST_UNPACKED`."""
+    """Raise ValueError where a file asks for more memory than `most`, by default
+    `MOST_UNPACKED`."""
     most = most or MOST_UNPACKED
     if size > most:
-        raise ValueError(f"it unpacks to {size / 2**30:.1f} GiB, more than the {most / 2**30:g} GiB allowed: split it")
+        raise ValueError(
+            f"it unpacks to {size / 2**30:.1f} GiB, more than the {most / 2**30:g} GiB allowed: "
+            "split it"
+        )
 
 
-def load_arrays(path: str | Path, content: BytesIO | None = None, *, most: int | None = None) -> dict[str, np.ndarray]:
-    """Load the arrays of a .npz file by name, that of a .npy file as "". Raises ValueError, in one line, also where
-    those of a .npz would take more memory than `check_unpacked` allows. content: of the file, if it was read before."""
+def load_arrays(
+    path: str | Path, content: BytesIO | None = None, *, most: int | None = None
+) -> dict[str, np.ndarray]:
+    """Load the arrays of a .npz file by name, that of a .npy file as "". Raises ValueError, in one
+    line, also where those of a .npz would take more memory than `check_unpacked` allows. content:
+    of the file, if it was read before."""
     try:
         with content or plain_file(path).open("rb") as file:
             if file.read(2) != b"PK":
                 file.seek(0)
-                _check_array(file, os.fstat(file.fileno()).st_size if content is None else len(content.getbuffer()))
+                _check_array(
+                    file,
+                    os.fstat(file.fileno()).st_size
+                    if content is None
+                    else len(content.getbuffer()),
+                )
                 file.seek(0)
                 return {"": np.load(file, allow_pickle=False)}
             with zipfile.ZipFile(file) as archive:

@@ -1,7 +1,8 @@
-"""HDF5 files read and written with care. Damage makes h5py raise errors of many kinds from any access, even from `in`.
-Every access here stands in `reading`, which turns them into one OSError that names the place. HDF5 ends the process
-when it cannot write a file to its end: `hdf5_file` therefore writes through a file object that keeps the first error to
-itself and lets all later writes pass."""
+"""HDF5 files read and written with care. Damage makes h5py raise errors of many kinds from any
+access, even from `in`. Every access here stands in `reading`, which turns them into one OSError
+that names the place. HDF5 ends the process when it cannot write a file to its end: `hdf5_file`
+therefore writes through a file object that keeps the first error to itself and lets all later
+writes pass."""
 
 import io
 import os
@@ -16,9 +17,11 @@ import numpy as np
 
 from toolkit.runtime.files import plain_file
 
-# Deflate makes nothing smaller than this; a dataset that claims more than that, and this many bytes, is damaged, and
+# Deflate makes nothing smaller than this; a dataset that claims more than that, and this many
+# bytes, is damaged, and
 # reading it would stop the machine.
-_SMALLEST, _PLENTY = 1 / 1100, 1 << 28
+_SMALLEST = 1 / 1100
+_PLENTY = 1 << 28
 _KINDS = {"iu": "whole numbers", "f": "floating-point numbers", "fiu": "numbers"}
 _DAMAGE = (  # what h5py was seen to raise on damaged files
     *(OSError, RuntimeError, LookupError, TypeError, ValueError),
@@ -29,16 +32,20 @@ _Place = int | slice | EllipsisType | tuple[int, ...]
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """Turn errors of the block's HDF5 accesses into one OSError. Only such accesses belong in the block."""
+    """Turn errors of the block's HDF5 accesses into one OSError. Only such accesses belong in the
+    block."""
     try:
         yield
     except _DAMAGE as error:
         reason = " ".join(str(error).strip("'\"").split())[:200] or type(error).__name__
-        raise OSError(f"{where} cannot be read ({reason}): the file is damaged, restore it") from None
+        raise OSError(
+            f"{where} cannot be read ({reason}): the file is damaged, restore it"
+        ) from None
 
 
 def open_hdf5(path: str | Path) -> h5py.File:
-    """Open a file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut off."""
+    """Open a file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut
+    off."""
     path = plain_file(path)
     try:
         return h5py.File(path, "r")
@@ -46,7 +53,8 @@ def open_hdf5(path: str | Path) -> h5py.File:
         size = path.stat().st_size
         with path.open("rb") as file:
             head = file.read(48)
-        start = 28 if head[8:9] >= b"\2" else 40  # of the end-of-file address, by the version of the superblock
+        # of the end-of-file address, by the version of the superblock
+        start = 28 if head[8:9] >= b"\2" else 40
         claimed = int.from_bytes(head[start : start + 8], "little")
         if size == 0:
             reason = "is empty: copy or make it again"
@@ -55,7 +63,10 @@ def open_hdf5(path: str | Path) -> h5py.File:
         elif size < claimed:
             reason = f"is cut off: {size} of {claimed} bytes are there; copy or make it again"
         else:
-            reason = f"cannot be read as HDF5 ({' '.join(str(error).split())[:200]}): copy or make it again"
+            reason = (
+                f"cannot be read as HDF5 ({' '.join(str(error).split())[:200]}): copy or make it "
+                "again"
+            )
         raise OSError(f"{path} {reason}") from None
 
 
@@ -69,9 +80,11 @@ def find_kinds(group: h5py.Group, names: Iterable[str]) -> dict[str, type]:
 
 
 def _own(group: h5py.Group, name: str) -> Any:
-    """Member of a group, None if missing. Raises ValueError if it lies elsewhere, perhaps in a file that is
-    nobody's business; that file is not even opened."""
-    node, place, elsewhere = group.file["/"] if name.startswith("/") else group, "", ""
+    """Member of a group, None if missing. Raises ValueError if it lies elsewhere, perhaps in a file
+    that is nobody's business; that file is not even opened."""
+    node = group.file["/"] if name.startswith("/") else group
+    place = ""
+    elsewhere = ""
     for part in filter(None, name.split("/")):
         place = f"{place}/{part}".lstrip("/")
         with reading(place):
@@ -85,7 +98,9 @@ def _own(group: h5py.Group, name: str) -> Any:
                 elsewhere = "has its numbers in another file"
                 break
     if elsewhere:
-        raise ValueError(f"{place} {elsewhere}, which is not followed: store what belongs there in this file")
+        raise ValueError(
+            f"{place} {elsewhere}, which is not followed: store what belongs there in this file"
+        )
     return node
 
 
@@ -101,32 +116,48 @@ def child_names(group: h5py.Group, name: str) -> list[str]:
         return list(node) if isinstance(node, h5py.Group) else []
 
 
-def dataset(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
-    """Dataset of that name, not yet read. axes: their number; kinds: of NumPy's types that it may have."""
+def dataset(
+    group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
+) -> h5py.Dataset:
+    """Dataset of that name, not yet read. axes: their number; kinds: of NumPy's types that it may
+    have."""
     node = _own(group, name)
     with reading(name):
         numeric = isinstance(node, h5py.Dataset) and node.shape is not None
-        shape, dtype, size = (node.shape, node.dtype, node.nbytes) if numeric else ((), np.dtype(float), 0)
+        shape, dtype, size = (
+            (node.shape, node.dtype, node.nbytes) if numeric else ((), np.dtype(float), 0)
+        )
         stored = node.id.get_storage_size() if numeric else 0
     if node is None:
         raise ValueError(f"dataset {name!r} is missing: restore the file, or make it again")
     if not numeric:
-        raise ValueError(f"{name} must be a dataset of numbers, got {type(node).__name__.lower()} without any")
+        raise ValueError(
+            f"{name} must be a dataset of numbers, got {type(node).__name__.lower()} without any"
+        )
     if dtype.kind not in kinds or (dtype.kind in "fc" and dtype.itemsize > 8):
-        raise ValueError(f"{name} must hold {_KINDS.get(kinds, 'numbers')}, got {dtype} of shape {shape}")
+        raise ValueError(
+            f"{name} must hold {_KINDS.get(kinds, 'numbers')}, got {dtype} of shape {shape}"
+        )
     if axes is not None and len(shape) != axes:
         raise ValueError(f"{name} must have {axes} axes, got {dtype} of shape {shape}")
     if size > _PLENTY and size * _SMALLEST > stored:
-        raise ValueError(f"{name} claims {size} bytes, but only {stored} are stored: the file is damaged, restore it")
+        raise ValueError(
+            f"{name} claims {size} bytes, but only {stored} are stored: the file is damaged, "
+            "restore it"
+        )
     return node
 
 
-def array(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> np.ndarray:
+def array(
+    group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
+) -> np.ndarray:
     """All numbers of a dataset, which must pass `dataset`."""
     return rows(dataset(group, name, axes=axes, kinds=kinds), name, ...)
 
 
-def find_array(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> np.ndarray | None:
+def find_array(
+    group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
+) -> np.ndarray | None:
     """`array`, or None where there is no such member."""
     return array(group, name, axes=axes, kinds=kinds) if contains(group, name) else None
 
@@ -145,20 +176,28 @@ def text(group: h5py.Group, name: str) -> str:
         if isinstance(content, bytes):
             return content.decode("utf-8")
     if not isinstance(content, str):
-        raise ValueError(f"{name} must hold a text, got {type(content).__name__}: the file is damaged, restore it")
+        raise ValueError(
+            f"{name} must hold a text, got {type(content).__name__}: the file is damaged, restore "
+            "it"
+        )
     return content
 
 
 def read_node_attributes(node: h5py.Group | h5py.Dataset, where: str) -> dict[str, Any]:
     """Attributes of a group or dataset: texts, numbers and arrays."""
     with reading(f"attributes of {where}"):
-        return {name: value for name, value in node.attrs.items() if not isinstance(value, h5py.Empty)}
+        return {
+            name: value for name, value in node.attrs.items() if not isinstance(value, h5py.Empty)
+        }
 
 
 @contextmanager
-def hdf5_file(path: str | Path, mode: Literal["w", "r+"] = "w") -> Iterator[tuple[h5py.File, Callable[[], None]]]:
-    """Give the block an HDF5 file to write, and a function that raises OSError once the disk has refused. That function
-    is called at the end, and may be called before. Not atomic: see `toolkit.runtime.files.writing`."""
+def hdf5_file(
+    path: str | Path, mode: Literal["w", "r+"] = "w"
+) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
+    """Give the block an HDF5 file to write, and a function that raises OSError once the disk has
+    refused. That function is called at the end, and may be called before. Not atomic: see
+    `toolkit.runtime.files.writing`."""
     with _Disk(path, "w+" if mode == "w" else "r+") as disk:
         try:
             with h5py.File(disk, mode) as file:

@@ -1,4 +1,5 @@
-"""`JsonObject`: JSON object whose members are checked as they are taken, by their path in the document."""
+"""`JsonObject`: JSON object whose members are checked as they are taken, by their path in the
+document."""
 
 import sys
 from collections.abc import Collection, Iterator
@@ -7,14 +8,21 @@ from typing import Any
 import numpy as np
 
 Json = dict[str, Any]
-_WORDS = {str: "a text", int: "a whole number", bool: "true or false", list: "a list", dict: "an object {...}"}
+_WORDS = {
+    str: "a text",
+    int: "a whole number",
+    bool: "true or false",
+    list: "a list",
+    dict: "an object {...}",
+}
 _MAX_TURN_DEG = 3600.0  # drawn sites hold some beyond a full turn
 _MAX_LISTED = 12  # choices that messages name
 _MAX_TEXT = 60  # characters of a value that messages quote
 
 
 class JsonObject:
-    """Members of a JSON object. Every method raises ValueError that names the member, the rule and the value.
+    """Members of a JSON object. Every method raises ValueError that names the member, the rule and
+    the value.
 
     >>> JsonObject({"a": {"b": True}}, "file").node("a").get("b", int)
     Traceback (most recent call last):
@@ -23,7 +31,9 @@ class JsonObject:
 
     def __init__(self, value: Any, path: str = "") -> None:
         if not isinstance(value, dict):
-            raise ValueError(f"{path or 'it'} must be an object {{...}}, got {str(value)[:_MAX_TEXT]}")
+            raise ValueError(
+                f"{path or 'it'} must be an object {{...}}, got {str(value)[:_MAX_TEXT]}"
+            )
         self.value: Json = value
         self.path = path
 
@@ -37,7 +47,9 @@ class JsonObject:
             raise ValueError(f"{self.where(key)} is missing: add it, or save the file again")
         value = self.value[key]
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise ValueError(f"{self.where(key)} must be {_WORDS[kind]}, got {str(value)[:_MAX_TEXT]!r}")
+            raise ValueError(
+                f"{self.where(key)} must be {_WORDS[kind]}, got {str(value)[:_MAX_TEXT]!r}"
+            )
         return value
 
     def node(self, key: str) -> "JsonObject":
@@ -63,15 +75,21 @@ class JsonObject:
         """Member that is a whole number from `low` to `high`."""
         value: int = self.get(key, int)
         if not low <= value <= high:
-            raise ValueError(f"{self.where(key)} must be a whole number from {low} to {high}, got {value!s:.30}")
+            raise ValueError(
+                f"{self.where(key)} must be a whole number from {low} to {high}, got {value!s:.30}"
+            )
         return value
 
     def choice(self, key: str, choices: Collection[str]) -> str:
         """Member that is one of some texts."""
         value: str = self.get(key, str)
         if value not in choices:
-            listed = ", ".join([*choices][:_MAX_LISTED]) + (" or others" if len(choices) > _MAX_LISTED else "")
-            raise ValueError(f"{self.where(key)} must be one of {listed}, got {value[:_MAX_TEXT]!r}")
+            listed = ", ".join([*choices][:_MAX_LISTED]) + (
+                " or others" if len(choices) > _MAX_LISTED else ""
+            )
+            raise ValueError(
+                f"{self.where(key)} must be one of {listed}, got {value[:_MAX_TEXT]!r}"
+            )
         return value
 
     def texts(self, key: str) -> list[str]:
@@ -79,14 +97,18 @@ class JsonObject:
         row = self.get(key, list)
         for i, value in enumerate(row):
             if not isinstance(value, str):
-                raise ValueError(f"{self.where(key)}[{i}] must be a text, got {str(value)[:_MAX_TEXT]!r}")
+                raise ValueError(
+                    f"{self.where(key)}[{i}] must be a text, got {str(value)[:_MAX_TEXT]!r}"
+                )
         return list(row)
 
     def angle(self, key: str) -> float:
         """Member in degrees, as radians."""
         value = self.number(key)
         if abs(value) > _MAX_TURN_DEG:
-            raise ValueError(f"{self.where(key)} must lie within {_MAX_TURN_DEG:g} degrees of 0, got {value:g}")
+            raise ValueError(
+                f"{self.where(key)} must lie within {_MAX_TURN_DEG:g} degrees of 0, got {value:g}"
+            )
         return float(np.deg2rad(value))
 
     def numbers(self, key: str, count: int | None = None) -> list[float]:
@@ -100,10 +122,16 @@ class JsonObject:
         """Refuse a member of another name."""
         for key in self.value:
             if key not in known:
-                raise ValueError(f"{self.where(key[:_MAX_TEXT])} is unknown: it has {', '.join(known)}")
+                raise ValueError(
+                    f"{self.where(key[:_MAX_TEXT])} is unknown: it has {', '.join(known)}"
+                )
 
 
 def _check_number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not abs(value) <= sys.float_info.max
+    ):
         raise ValueError(f"{where} must be a finite number, got {str(value)[:_MAX_TEXT]}")
     return float(value)

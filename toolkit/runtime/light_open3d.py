@@ -1,4 +1,5 @@
-"""`o3d`: Open3D without its viewer for web pages, whose framework takes half a second at every start."""
+"""`o3d`: Open3D without its viewer for web pages, whose framework takes half a second at every
+start."""
 
 import sys
 from importlib import import_module

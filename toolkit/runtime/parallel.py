@@ -1,5 +1,6 @@
-"""One function over many inputs: in this process, in several on this machine, or on a Ray cluster. The results are the
-same everywhere. Work that a process or a machine had begun when it died is done again."""
+"""One function over many inputs: in this process, in several on this machine, or on a Ray cluster.
+The results are the same everywhere. Work that a process or a machine had begun when it died is done
+again."""
 
 import ctypes
 import multiprocessing
@@ -24,21 +25,26 @@ Task = Callable[[Value], Value]
 
 
 class WorkLost(RuntimeError):
-    """A worker died, perhaps through no fault of input or code. Finished work is kept: start again."""
+    """A worker died, perhaps through no fault of input or code. Finished work is kept: start
+    again."""
 
 
-LARGEST_KEPT = 32 << 20  # bytes; the C library takes larger blocks from the system whatever it is asked
-_MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1  # of mallopt(3)
+# bytes; the C library takes larger blocks from the system whatever it is asked
+LARGEST_KEPT = 32 << 20
+# of mallopt(3)
+_MMAP_THRESHOLD = -3
+_TRIM_THRESHOLD = -1
 _NEVER = 2**31 - 1  # bytes at the end of the heap that are handed back, as far as an int goes
 _OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABLES")
 
 
 @lru_cache(maxsize=1)
 def keep_freed_memory() -> bool:
-    """Let new arrays of up to `LARGEST_KEPT` bytes reuse the memory of old ones; return success. The GNU C library
-    hands back freed memory at the end of its heap, and the system clears every page of it before it can be used again:
-    a third of the time of a network whose maps come and go. The process then keeps its peak memory. Nothing changes
-    under another C library, or where the environment says how to allocate."""
+    """Let new arrays of up to `LARGEST_KEPT` bytes reuse the memory of old ones; return success.
+    The GNU C library hands back freed memory at the end of its heap, and the system clears every
+    page of it before it can be used again: a third of the time of a network whose maps come and go.
+    The process then keeps its peak memory. Nothing changes under another C library, or where the
+    environment says how to allocate."""
     mallopt = getattr(_c_library(), "mallopt", None)
     if mallopt is None or any(name in os.environ for name in _OWN_SETTINGS):
         return False
@@ -46,7 +52,8 @@ def keep_freed_memory() -> bool:
 
 
 def return_freed_memory() -> None:
-    """Hand freed memory back to the system, after a job that took much. Does nothing under another C library."""
+    """Hand freed memory back to the system, after a job that took much. Does nothing under another
+    C library."""
     getattr(_c_library(), "malloc_trim", bool)(0)
 
 
@@ -67,10 +74,13 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
     pending: deque[Value] = deque()
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
-        shared, remaining = ray.put(job), iter(inputs)
+        shared = ray.put(job)
+        remaining = iter(inputs)
         ahead = AHEAD_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
         while True:
-            pending.extend(task.remote([shared], x) for x in islice(remaining, ahead - len(pending)))
+            pending.extend(
+                task.remote([shared], x) for x in islice(remaining, ahead - len(pending))
+            )
             if not pending:
                 return
             yield ray.get(pending.popleft())
@@ -78,7 +88,9 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
         raise error.cause from None
     except ray.exceptions.RayError as error:
         reason = str(error).partition("\n")[0]
-        raise WorkLost(f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs") from None
+        raise WorkLost(
+            f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs"
+        ) from None
     finally:
         for reference in pending:
             ray.cancel(reference, force=True)
@@ -117,7 +129,9 @@ def _connect(address: str) -> Value:
     except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]
         remedy = "start one with `ray start --head`, or ask for 'local'"
-        raise ConnectionError(f"no Ray cluster answers at {address!r} ({reason}): {remedy}") from None
+        raise ConnectionError(
+            f"no Ray cluster answers at {address!r} ({reason}): {remedy}"
+        ) from None
     _address = address
     return ray
 
@@ -136,14 +150,16 @@ def spread(
     progress: Callable[[int], None] | None = None,
     ticks: Callable[[int], None] | None = None,
 ) -> Iterator[Value]:
-    """Yield `job(x)` for each of `inputs`, in their order. job: a function of a module, or an object that can be called
-    and pickled; large constants belong into it, since each process gets it once. Its results must not depend on earlier
-    inputs. workers: processes on this machine; a script that asks for several must do so under `if __name__ ==
-    "__main__":`; ray: address of a Ray cluster to use instead, "auto" for the one of this machine, "local" to start one
-    here; coview must be installed on all its machines. progress: called with the number of finished results; ticks:
-    called now and then with the number of calls of `tick` in processes, repeated work included. Raises the errors of
-    `job`; ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times; ImportError
-    without Ray; ConnectionError where no cluster answers."""
+    """Yield `job(x)` for each of `inputs`, in their order. job: a function of a module, or an
+    object that can be called and pickled; large constants belong into it, since each process gets
+    it once. Its results must not depend on earlier inputs. workers: processes on this machine; a
+    script that asks for several must do so under `if __name__ == "__main__":`; ray: address of a
+    Ray cluster to use instead, "auto" for the one of this machine, "local" to start one here;
+    coview must be installed on all its machines. progress: called with the number of finished
+    results; ticks: called now and then with the number of calls of `tick` in processes, repeated
+    work included. Raises the errors of `job`; ValueError where workers is less than 1; WorkLost
+    where work was lost more than RETRIES times; ImportError without Ray; ConnectionError where no
+    cluster answers."""
     if workers < 1 or workers != int(workers):
         rule = "at least 1" if workers < 1 else "a whole number"
         raise ValueError(f"workers must be {rule}, got {workers}")
@@ -163,7 +179,9 @@ def tick() -> None:
             _ticks.value += 1
 
 
-def _count_results(results: Iterator[Value], progress: Callable[[int], None] | None) -> Iterator[Value]:
+def _count_results(
+    results: Iterator[Value], progress: Callable[[int], None] | None
+) -> Iterator[Value]:
     for done, result in enumerate(results, 1):
         if progress:
             progress(done)
@@ -174,16 +192,22 @@ def _is_lost(future: Future[Value] | None) -> bool:
     return future is None or future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
 
 
-def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]) -> Iterator[Value]:
-    pickled, remaining = pickle.dumps(job), iter(inputs)
-    pending: list[tuple[Value, Future[Value] | None]] = []  # every input without a result; None while no pool has it
+def _in_processes(
+    job: Task, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]
+) -> Iterator[Value]:
+    pickled = pickle.dumps(job)
+    remaining = iter(inputs)
+    # every input without a result; None while no pool has it
+    pending: list[tuple[Value, Future[Value] | None]] = []
     deaths = given = given_before = 0  # deaths since there was a result
     ticked = 0  # in pools that died
     while True:
         try:
             with _pool(pickled, workers) as pool:
                 while True:
-                    pending.extend((x, None) for x in islice(remaining, AHEAD * workers - len(pending)))
+                    pending.extend(
+                        (x, None) for x in islice(remaining, AHEAD * workers - len(pending))
+                    )
                     for k, (x, future) in enumerate(pending):
                         pending[k] = x, future or pool.executor.submit(_work, x)
                     if not pending:
@@ -201,7 +225,8 @@ def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Calla
             pending = [(x, None if _is_lost(future) else future) for x, future in pending]
             lost = [x for x, future in pending if future is None]
             known = given + len(pending) - len(lost)
-            deaths, given_before = deaths + 1 if known == given_before else 1, known
+            deaths = deaths + 1 if known == given_before else 1
+            given_before = known
             if deaths > RETRIES:
                 where = f"{deaths} times in a row, at or near input {str(lost[0])[:60]}"
                 script = 'called from a script without `if __name__ == "__main__":`'
@@ -212,8 +237,8 @@ def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Calla
 
 @contextmanager
 def _pool(pickled: bytes, workers: int) -> "Iterator[_Pool]":
-    """Give the block processes, which end at once if it raises. The last ones are kept for `IDLE_S` seconds: a search
-    repeats the same job, and a process takes seconds to begin."""
+    """Give the block processes, which end at once if it raises. The last ones are kept for `IDLE_S`
+    seconds: a search repeats the same job, and a process takes seconds to begin."""
     with _lock:
         pool = _kept.pop((pickled, workers), None)
     if pool is None:
@@ -237,16 +262,20 @@ def _pool(pickled: bytes, workers: int) -> "Iterator[_Pool]":
 
 class _Pool:
     def __init__(self, pickled: bytes, workers: int) -> None:
-        context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
+        # forking would copy the locks of Open3D's and torch's threads
+        context = multiprocessing.get_context("spawn")
         self._reader, self._writer = context.Pipe(duplex=False)
         self.counter = context.Value("q")
-        self.executor = ProcessPoolExecutor(workers, context, _start_worker, (pickled, self._reader, self.counter))
+        self.executor = ProcessPoolExecutor(
+            workers, context, _start_worker, (pickled, self._reader, self.counter)
+        )
         self.idle: threading.Timer | None = None
 
     @property
     def ticks(self) -> int:
         """Number of calls of `tick`."""
-        return int(self.counter.get_obj().value)  # without the lock, which a process may have been killed with
+        # without the lock, which a process may have been killed with
+        return int(self.counter.get_obj().value)
 
     def end(self, at_once: bool = False) -> None:
         """End the processes, in mid-work if `at_once`."""
@@ -280,12 +309,14 @@ def _start_worker(pickled: bytes, parent: Connection, ticks: Value) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
     keep_freed_memory()
-    _job, _ticks = pickle.loads(pickled), ticks
+    _job = pickle.loads(pickled)
+    _ticks = ticks
 
 
 def _end_after(parent: Connection) -> None:
     with suppress(EOFError, OSError):
-        parent.recv()  # nothing is ever sent: it returns when the other end is closed, or its process killed
+        # nothing is ever sent: it returns when the other end is closed, or its process killed
+        parent.recv()
     os._exit(1)
 
 

@@ -1,7 +1,8 @@
 """Work in blocks that survives being killed: every finished block is one whole file.
 
-A shard is called `{block}.{crc32}.hdf5`. It is written under another name, synced to disk, then renamed; a shard that
-does not fit its checksum is damaged and made again. The plan of the shards stands beside them in `plan.json`."""
+A shard is called `{block}.{crc32}.hdf5`. It is written under another name, synced to disk, then
+renamed; a shard that does not fit its checksum is damaged and made again. The plan of the shards
+stands beside them in `plan.json`."""
 
 import errno
 import json
@@ -30,7 +31,8 @@ class Work(Protocol[_Item]):
     """Work in blocks, pickled to every worker."""
 
     def start(self, threads: int) -> Callable[[int], Iterator[_Item]]:
-        """Prepare once per process; return a maker of a block's items. threads: that the process may use."""
+        """Prepare once per process; return a maker of a block's items. threads: that the process
+        may use."""
 
     def encode(self, items: Sequence[_Item]) -> bytes:
         """Content of the shard of a block's items."""
@@ -56,7 +58,9 @@ class ShardFolder:
         differences = "" if found is None else describe_differences(found, self.plan)
         if differences and not overwrite:
             remedy = "finish that one first, write to another file, or --overwrite it"
-            raise FileExistsError(f"{self.path} holds an unfinished run made from {differences}: {remedy}")
+            raise FileExistsError(
+                f"{self.path} holds an unfinished run made from {differences}: {remedy}"
+            )
         if found is None or differences:
             self._clear()
             write_text(self.path / "plan.json", json.dumps(self.plan, indent=1))
@@ -77,7 +81,8 @@ class ShardFolder:
         write_bytes(self.path / f"{block:05d}.{zlib.crc32(content):08x}.hdf5", content)
 
     def publish(self, out: Path, join: Callable[[list[Path], Path], _Made]) -> _Made:
-        """Join all shards into `out`, which appears whole; remove them. Returns what `join` returns."""
+        """Join all shards into `out`, which appears whole; remove them. Returns what `join`
+        returns."""
         shards = [path for _, path in sorted(self.shards().items())]
         size = sum(path.stat().st_size for path in shards)
         if size > shutil.disk_usage(self.path).free:
@@ -89,7 +94,11 @@ class ShardFolder:
 
     def shards(self) -> dict[int, Path]:
         """Shards by block, as far as their names tell."""
-        return {int(name[1]): path for path in self.path.iterdir() if (name := _SHARD.fullmatch(path.name))}
+        return {
+            int(name[1]): path
+            for path in self.path.iterdir()
+            if (name := _SHARD.fullmatch(path.name))
+        }
 
     def remove(self) -> None:
         """Remove the folder if it holds nothing else."""
@@ -116,22 +125,33 @@ class ShardFolder:
         try:
             yield
         finally:
-            with suppress(OSError):  # it may be gone already, with the folder, or be that of the next run
+            with suppress(
+                OSError
+            ):  # it may be gone already, with the folder, or be that of the next run
                 if os.path.samestat(os.fstat(held), lock.stat()):
                     lock.unlink()
                     self.path.rmdir()  # if empty
             os.close(held)
 
     @contextmanager
-    def explain_disk_errors(self, out: Path, frames: Callable[[Collection[int]], int]) -> Iterator[None]:
-        """Turn a full or failing disk into one line that says what is safe. frames: counts the frames of blocks."""
+    def explain_disk_errors(
+        self, out: Path, frames: Callable[[Collection[int]], int]
+    ) -> Iterator[None]:
+        """Turn a full or failing disk into one line that says what is safe. frames: counts the
+        frames of blocks."""
         try:
             yield
         except OSError as error:
             if error.errno not in DISK_ERRORS:
                 raise
-            reason = f"{os.strerror(error.errno)} ({shutil.disk_usage(self.path).free / 1e6:.0f} MB free)"
-            safe = f"{frames(self.shards())} frames are safe in {self.path}, make room and start again to go on"
+            reason = (
+                f"{os.strerror(error.errno)} ({shutil.disk_usage(self.path).free / 1e6:.0f} MB "
+                "free)"
+            )
+            safe = (
+                f"{frames(self.shards())} frames are safe in {self.path}, make room and start "
+                "again to go on"
+            )
             explained = OSError(f"cannot write {out}: {reason}; {safe}")
             explained.errno = error.errno
             raise explained from error
@@ -146,10 +166,11 @@ def make_shards(
     ray: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> None:
-    """Make those shards of `blocks` that are missing, in `workers` processes, or on a Ray cluster, which sends their
-    content back. progress: called with the number of finished items."""
+    """Make those shards of `blocks` that are missing, in `workers` processes, or on a Ray cluster,
+    which sends their content back. progress: called with the number of finished items."""
     blocks = sorted(set(blocks) - folder.shards().keys())
-    workers, done = min(workers, max(1, len(blocks))), 0
+    workers = min(workers, max(1, len(blocks)))
+    done = 0
 
     def count(items: int = 1) -> None:
         nonlocal done
@@ -158,7 +179,9 @@ def make_shards(
             progress(done)
 
     threads = 1 if ray else (os.cpu_count() or 1) // max(1, workers) or 1
-    job = _ShardJob(work, None if ray else folder, threads, count if workers == 1 and not ray else tick)
+    job = _ShardJob(
+        work, None if ray else folder, threads, count if workers == 1 and not ray else tick
+    )
     made = spread(job, blocks, workers=workers, ray=ray, ticks=progress)
     for block, (items, content) in zip(blocks, made, strict=True):
         if content is not None:
@@ -191,6 +214,8 @@ class _ShardJob(Generic[_Item]):
             return len(items), content
         try:
             self.folder.add(block, content)
-        except OSError as error:  # with the number in its arguments, so that it is not lost between processes
+        except (
+            OSError
+        ) as error:  # with the number in its arguments, so that it is not lost between processes
             raise OSError(error.errno, str(error)) from error
         return len(items), None

@@ -1,10 +1,11 @@
 """`Run`: how an answer is computed, whatever is asked.
 
-A command takes the smallest class that holds what it uses: `Processes` (workers, ray, progress) for work on given
-files, `Simulation` (those, seed, frames) where traffic is simulated, `Run` (those, cache) where results are kept. Other
-usual values are the parameter's default, `run: Run = Run(frames=1000)`. tyro makes options and help of the fields. The
-same seed and frames give the same answer on one machine; cache and processes change its time alone. Fields that do not
-fit raise ValueError, a cluster without Ray ImportError."""
+A command takes the smallest class that holds what it uses: `Processes` (workers, ray, progress) for
+work on given files, `Simulation` (those, seed, frames) where traffic is simulated, `Run` (those,
+cache) where results are kept. Other usual values are the parameter's default, `run:
+Run = Run(frames=1000)`. tyro makes options and help of the fields. The same seed and frames give
+the same answer on one machine; cache and processes change its time alone. Fields that do not fit
+raise ValueError, a cluster without Ray ImportError."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from toolkit.runtime.cache import Cache
 
 PART_SEEDS = 1_000_003  # between the seeds of two parts of traffic
-Stages = Callable[[str, int, "int | None"], None]  # name of a stage, done, to do (None where unknown)
+# name of a stage, done, to do (None where unknown)
+Stages = Callable[[str, int, "int | None"], None]
 
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
@@ -34,7 +36,8 @@ class Processes:
     workers: int | None = 1
     """Number of processes on this machine; None for one per core."""
     ray: str | None = None
-    """Ray cluster to use instead: its address, auto to join this machine's cluster, or local to start one."""
+    """Ray cluster to use instead: its address, auto to join this machine's cluster, or local to
+    start one."""
     progress: Stages | None = field(default=None, compare=False, repr=False)
     """Called with the name of a stage, what is done and what is to be done (None where unknown)."""
 
@@ -58,18 +61,27 @@ class Processes:
         return self.ray is None and self.count == 1
 
     def map(
-        self, job: Callable[[_In], _Out], inputs: Iterable[_In], *, progress: Callable[[int], None] | None = None
+        self,
+        job: Callable[[_In], _Out],
+        inputs: Iterable[_In],
+        *,
+        progress: Callable[[int], None] | None = None,
     ) -> Iterator[_Out]:
-        """`job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` gives it. job: a module's function or
-        a callable object that can be pickled; progress: called with the number of results. Raises what `job` raises,
-        WorkLost and ConnectionError."""
+        """`job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` gives it. job: a
+        module's function or a callable object that can be pickled; progress: called with the number
+        of results. Raises what `job` raises, WorkLost and ConnectionError."""
         return spread(job, inputs, workers=self.count, ray=self.ray, progress=progress)
 
-    def stage(self, name: str, total: int | None = None, *, before: int = 0) -> Callable[[int], None] | None:
-        """Callback that counts one stage, to `total` at most; None where nobody listens. before: done already."""
+    def stage(
+        self, name: str, total: int | None = None, *, before: int = 0
+    ) -> Callable[[int], None] | None:
+        """Callback that counts one stage, to `total` at most; None where nobody listens. before:
+        done already."""
         tell = self.progress
         most = float("inf") if total is None else total
-        return None if tell is None else lambda done: tell(name, int(min(most, before + done)), total)
+        return (
+            None if tell is None else lambda done: tell(name, int(min(most, before + done)), total)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +104,15 @@ class Simulation(Processes):
         return usual if self.frames is None else self.frames
 
     def part(self, number: int, frames: int | None = None) -> Self:
-        """Run on another part of the traffic, which shares no seed with the parts of any run of a seed below a million.
+        """Run on another part of the traffic, which shares no seed with the parts of any run of a
+        seed below a million.
 
         number: 0 for this run's own traffic; frames: None for as many."""
-        return replace(self, seed=self.seed + PART_SEEDS * number, frames=self.frames if frames is None else frames)
+        return replace(
+            self,
+            seed=self.seed + PART_SEEDS * number,
+            frames=self.frames if frames is None else frames,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,13 +120,17 @@ class Run(Simulation):
     """Random numbers, amount of traffic, cache and processes."""
 
     cache: Path | None = None
-    """Folder that keeps intermediate results, so that an interrupted run resumes; None for no folder."""
+    """Folder that keeps intermediate results, so that an interrupted run resumes; None for no
+    folder."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
         if self.cache is not None and self.cache.exists() and not self.cache.is_dir():
-            raise ValueError(f"the cache is a folder, got the file {self.cache}: give another path, or leave it out")
+            raise ValueError(
+                f"the cache is a folder, got the file {self.cache}: give another path, or leave "
+                "it out"
+            )
 
     @cached_property
     def memo(self) -> "Cache | None":
@@ -122,4 +143,7 @@ class Run(Simulation):
 def check_whole(name: str, value: object, *, least: int, remedy: str = "") -> None:
     """Raise ValueError unless a number is whole and large enough."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}{remedy and ': '}{remedy}")
+        raise ValueError(
+            f"{name} must be a whole number of at least {least}, got "
+            f"{value!r}{remedy and ': '}{remedy}"
+        )

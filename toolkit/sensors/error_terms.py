@@ -1,57 +1,87 @@
 """Error terms of real sensors, each with its law, sources and approximations.
 
-**Clocks that differ.** A sensor measures somewhat earlier or later than it says, so moving objects are elsewhere.
-Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills: Computer Network Time Synchronization,
-2nd edition, 2010; IEEE 1588); delays of fusion come on top (Lei et al.: Latency-aware collaborative perception, ECCV
-2022). The points on each object move by its velocity times the offset; turns and changed occlusion are left out.
+**Clocks that differ.** A sensor measures somewhat earlier or later than it says, so moving objects
+    are elsewhere.
+Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills: Computer Network
+    Time Synchronization,
+2nd edition, 2010; IEEE 1588); delays of fusion come on top (Lei et al.: Latency-aware collaborative
+    perception, ECCV
+2022). The points on each object move by its velocity times the offset; turns and changed occlusion
+    are left out.
 Velocities come from the tracks of neighbouring frames, at most `MOST_APART` from each other.
 
-**Returns that fail**, at random, by range and incidence, or by whole rows of the image. A diffuse surface returns the
-power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar Systems, 1992; Lambert's law). It is measured
+**Returns that fail**, at random, by range and incidence, or by whole rows of the image. A diffuse
+    surface returns the
+power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar Systems, 1992; Lambert's
+    law). It is measured
 where P exceeds a threshold; surfaces differ in rho, here log-logistically, so that
 
-    p(return) = 1 / (1 + (P0 / P)^steepness),   P0: that of a surface at right angles at `half_range`.
+    p(return) = 1 / (1 + (P0 / P)^steepness),   P0: that of a surface at right angles at
+                                                `half_range`.
 
-**Mixed pixels.** A beam, or the window of a stereo match, that meets two surfaces gives a mean of both weighed by the
-light of each (Hebert and Krotkov: 3D measurements from imaging laser radars, Image and Vision Computing 10, 1992; Tang,
-Huber and Akinci: A comparative analysis of depth-discontinuity and mixed-pixel detection algorithms, 3DIM 2007).
+**Mixed pixels.** A beam, or the window of a stereo match, that meets two surfaces gives a mean of
+    both weighed by the
+light of each (Hebert and Krotkov: 3D measurements from imaging laser radars, Image and Vision
+    Computing 10, 1992; Tang,
+Huber and Akinci: A comparative analysis of depth-discontinuity and mixed-pixel detection
+    algorithms, 3DIM 2007).
 
-**Wrong poses**, by calibration or the sway of a pole: the image is right, the cloud is placed with a wrong pose. Normal
-errors, drawn once per sensor, are how robustness to them is measured (V2X-ViT, Xu et al., ECCV 2022: 0.2° and 0.2 m of
-moving vehicles; what stands still is calibrated better). A pole is a cantilever: a force at its tip turns the tip by
-theta and moves it by 2/3 · theta · height (Euler and Bernoulli); poles swing at about 1 Hz, and bend with wind and sun.
+**Wrong poses**, by calibration or the sway of a pole: the image is right, the cloud is placed with
+    a wrong pose. Normal
+errors, drawn once per sensor, are how robustness to them is measured (V2X-ViT, Xu et al., ECCV
+    2022: 0.2° and 0.2 m of
+moving vehicles; what stands still is calibrated better). A pole is a cantilever: a force at its tip
+    turns the tip by
+theta and moves it by 2/3 · theta · height (Euler and Bernoulli); poles swing at about 1 Hz, and
+    bend with wind and sun.
 
-**Noise**, the model's own and noise that grows with range: sigma(z) = constant + proportional · z + quadratic · z².
-Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise sigma_d in pixels and baseline B in
-metres (Gallup et al.: Variable baseline/resolution stereo, CVPR 2008). Time of flight: sigma grows with z where the
-light's own shot noise prevails, with z² where ambient light or electronics do (Lange and Seitz: Solid-state
-time-of-flight range camera, IEEE J. Quantum Electronics 37, 2001). Pulsed lidars: a constant of 1 to 3 cm, and a part
-proportional to range (Glennie and Lichti: Static calibration of the Velodyne HDL-64E S2, Remote Sensing 2, 2010).
+**Noise**, the model's own and noise that grows with range: sigma(z) = constant + proportional · z +
+    quadratic · z².
+Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise sigma_d in pixels
+    and baseline B in
+metres (Gallup et al.: Variable baseline/resolution stereo, CVPR 2008). Time of flight: sigma grows
+    with z where the
+light's own shot noise prevails, with z² where ambient light or electronics do (Lange and Seitz:
+    Solid-state
+time-of-flight range camera, IEEE J. Quantum Electronics 37, 2001). Pulsed lidars: a constant of 1
+    to 3 cm, and a part
+proportional to range (Glennie and Lichti: Static calibration of the Velodyne HDL-64E S2, Remote
+    Sensing 2, 2010).
 
-**Surfaces of vehicles** that return little: window glass, and dark or wet paint. Glass reflects 4 % of a ray at each
-face (Fresnel), away from the sensor; what passes returns from seats, trims or not at all (Foster et al.: VisAGGE, ICRA
-2013). Black paint returns some tenth of what white does at 905 nm; a wet surface is darker than a dry one (Lekner and
-Dorf: Why some things are darker when wet, Applied Optics 27, 1988). The windows of a vehicle are taken to be the band
-of its body between `lower` and `upper` of its height, right for saloons, estates and hatchbacks; pillars are a share of
+**Surfaces of vehicles** that return little: window glass, and dark or wet paint. Glass reflects 4 %
+    of a ray at each
+face (Fresnel), away from the sensor; what passes returns from seats, trims or not at all (Foster et
+    al.: VisAGGE, ICRA
+2013). Black paint returns some tenth of what white does at 905 nm; a wet surface is darker than a
+    dry one (Lekner and
+Dorf: Why some things are darker when wet, Applied Optics 27, 1988). The windows of a vehicle are
+    taken to be the band
+of its body between `lower` and `upper` of its height, right for saloons, estates and hatchbacks;
+    pillars are a share of
 it, drawn pixel by pixel. Heavy vehicles and two-wheelers are taken to have none.
 
-**Rain, fog and snow** make near returns, and lose returns on their way: the share exp(-2 · extinction · R) of those of
+**Rain, fog and snow** make near returns, and lose returns on their way: the share exp(-2 ·
+    extinction · R) of those of
 surfaces at range R survives (Beer, Lambert). Extinction at 905 nm in dB per km:
 
-    rain   1.076 · r^0.67, r in mm/h                        (Carbonneau and Wisely, 1998; Recommendation ITU-R P.1814)
-    snow   (5.42e-5 · 905 + 5.496) · s^1.38 if dry, (1.02e-4 · 905 + 3.786) · s^0.72 if wet, s in mm/h   (ITU-R P.1814)
-    fog    3.912 per metre over the visibility at 2 % contrast                                           (Koschmieder)
+    rain   1.076 · r^0.67, r in mm/h
+           (Carbonneau and Wisely, 1998; Recommendation ITU-R P.1814)
+    snow   (5.42e-5 · 905 + 5.496) · s^1.38 if dry, (1.02e-4 · 905 + 3.786) · s^0.72 if wet,
+           s in mm/h (ITU-R P.1814)
+    fog    3.912 per metre over the visibility at 2 % contrast (Koschmieder)
 
-Near returns come with a rate that falls with range, per metre `rate · exp(-(r - 0.3 m) / reach)`, so that of rays that
-meet no surface `share` return from the air, and of those that do, as many as meet a drop before it. Most false returns
-lie within some 10 m: in rain (Filgueira et al., Measurement 95, 2017), fog (Bijelic, Gruber and Ritter, IV 2018) and
-snow (Hahner et al., CVPR 2022). The shares of `rain`, `fog` and `snow` are assumptions, to be replaced where known.
+Near returns come with a rate that falls with range, per metre `rate · exp(-(r - 0.3 m) / reach)`,
+so that of rays that meet no surface `share` return from the air, and of those that do, as many as
+meet a drop before it. Most false returns lie within some 10 m: in rain (Filgueira et al.,
+Measurement 95, 2017), fog (Bijelic, Gruber and Ritter, IV 2018) and snow (Hahner et al., CVPR
+2022). The shares of `rain`, `fog` and `snow` are assumptions, to be replaced where known.
 
 Readings: what a sensor says it measured and where it is believed to be, and how errors change that.
 
-An error term makes one `Reading` of another. The truth beside it (`TrueImage`), as rendered, never changes. A random
-number depends on the seed, the error term and what it is drawn for, never on how many were drawn before, so that a
-sensor measures the same in any order of sensors, frames and processes."""
+An error term makes one `Reading` of another. The truth beside it (`TrueImage`), as rendered, never
+changes. A random number depends on the seed, the error term and what it is drawn for, never on how
+many were drawn before, so that a sensor measures the same in any order of sensors, frames and
+processes."""
 
 from collections.abc import Sequence
 from dataclasses import Field, dataclass, fields, replace
@@ -70,7 +100,8 @@ _SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is dra
 
 @dataclass(frozen=True)
 class Draws:
-    """Random numbers of one error term of one sensor in one frame; all fields are numbers that identify them."""
+    """Random numbers of one error term of one sensor in one frame; all fields are numbers that
+    identify them."""
 
     seed: int
     sensor: int
@@ -97,17 +128,23 @@ class Draws:
     def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
         """Number in [0, 1) for each track id."""
         words = [self.seed, _OBJECT, self.term]
-        drawn = [np.random.default_rng([*words, int(each) & 0xFFFFFFFFFFFFFFFF]).random() for each in ids.tolist()]
+        drawn = [
+            np.random.default_rng([*words, int(each) & 0xFFFFFFFFFFFFFFFF]).random()
+            for each in ids.tolist()
+        ]
         return np.array(drawn, np.float64)
 
 
-SKIN = 0.05  # m by which a box is larger than its object, so that points on its surface belong to it
+SKIN = (
+    0.05  # m by which a box is larger than its object, so that points on its surface belong to it
+)
 FOOT_MARGIN = 0.05  # m above the foot of a box where the ground ends
 
 
 @dataclass(frozen=True, eq=False)
 class TrueImage:
-    """Measurement without error at the true pose. velocities: of the objects, m/s, None if unknown."""
+    """Measurement without error at the true pose. velocities: of the objects, m/s, None if
+    unknown."""
 
     sensor: Sensor
     measurement: ImageRanges
@@ -138,7 +175,8 @@ class TrueImage:
 
     @cached_property
     def owners(self) -> Int64[np.ndarray, "rows columns"]:
-        """Row of the object whose box holds the point of each pixel, above its foot, -1 for none."""
+        """Row of the object whose box holds the point of each pixel, above its foot, -1 for
+        none."""
         owners = np.full(self.measurement.size, -1, np.int64)
         if len(self.objects):
             boxes = self.objects.boxes.copy()
@@ -152,21 +190,24 @@ class TrueImage:
 
     @cached_property
     def cosines(self) -> ImageRanges:
-        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown. From the differences to
-        the nearer of the neighbours across and along."""
+        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
+        From the differences to the nearer of the neighbours across and along."""
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
         area = np.linalg.norm(normal, axis=2)
         known = self.valid & (area > 0)
-        along = np.abs(np.einsum("ijk,ijk->ij", normal, rays)) / np.where(known, area * self.ray_lengths, 1)
+        along = np.abs(np.einsum("ijk,ijk->ij", normal, rays)) / np.where(
+            known, area * self.ray_lengths, 1
+        )
         return np.where(known, np.clip(along, 0, 1), 1).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Measurement of a sensor as it reports it. measurement: 0 for no return; pose: believed world_SE3_sensor; shift:
-    displacement of each pixel's point off its ray (m, world frame), None for none."""
+    """Measurement of a sensor as it reports it. measurement: 0 for no return; pose: believed
+    world_SE3_sensor; shift: displacement of each pixel's point off its ray (m, world frame), None
+    for none."""
 
     truth: TrueImage
     measurement: ImageRanges
@@ -178,7 +219,11 @@ class Reading:
         """Reading without error; NaN and infinity become 0, no return."""
         image = np.asarray(truth.measurement, np.float32)
         finite = np.isfinite(image)
-        return Reading(truth, image if finite.all() else np.where(finite, image, np.float32(0)), truth.sensor.pose)
+        return Reading(
+            truth,
+            image if finite.all() else np.where(finite, image, np.float32(0)),
+            truth.sensor.pose,
+        )
 
     @property
     def valid(self) -> ImageMask:
@@ -187,7 +232,9 @@ class Reading:
 
     def without(self, lost: ImageMask) -> "Reading":
         """Remove the returns of some pixels."""
-        return self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
+        return (
+            self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
+        )
 
     def measuring(self, measurement: ImageRanges) -> "Reading":
         """Replace the image."""
@@ -229,23 +276,33 @@ class _Term:
 
     __dataclass_fields__: ClassVar[dict[str, Field[object]]]
     needs_velocities: ClassVar[bool] = False
-    _strengths: ClassVar[tuple[str, ...]] = ("share",)  # fields of which one must be above 0 to change anything
+    # fields of which one must be above 0 to change anything
+    _strengths: ClassVar[tuple[str, ...]] = ("share",)
     _shares: ClassVar[tuple[str, ...]] = ("share",)  # fields that are at most 1
     _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
 
     def __post_init__(self) -> None:
         name = type(self).__name__
         for entry in fields(self):
-            value, least = getattr(self, entry.name), 1e-3 if entry.name in self._positive else 0
+            value = getattr(self, entry.name)
+            least = 1e-3 if entry.name in self._positive else 0
             is_number = isinstance(value, int | float | np.number)
             if entry.name in self._shares and not (is_number and 0 <= value <= 1):
-                raise ValueError(f"{entry.name} of {name} must be a share from 0 to 1, got {value!r}")
+                raise ValueError(
+                    f"{entry.name} of {name} must be a share from 0 to 1, got {value!r}"
+                )
             if isinstance(entry.default, float) and not (is_number and least <= value < np.inf):
-                raise ValueError(f"{entry.name} of {name} must be a number from {least:g} on, got {value!r}")
+                raise ValueError(
+                    f"{entry.name} of {name} must be a number from {least:g} on, got {value!r}"
+                )
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Apply the error; a term without strength returns the reading itself."""
-        return self._change(reading, draws) if any(getattr(self, name) for name in self._strengths) else reading
+        return (
+            self._change(reading, draws)
+            if any(getattr(self, name) for name in self._strengths)
+            else reading
+        )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         raise NotImplementedError
@@ -263,7 +320,10 @@ class ClockOffset(_Term):
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         truth = reading.truth
         if truth.velocities is None:
-            raise ValueError("a clock's offset needs the objects' velocities: read a recording with tracks and times")
+            raise ValueError(
+                "a clock's offset needs the objects' velocities: read a recording with tracks "
+                "and times"
+            )
         late = draws.of_sensor().standard_normal() * self.offset
         moved = np.append(truth.velocities * late, np.zeros((1, 3)), axis=0)[truth.owners]
         same = reading.valid & (np.abs(reading.measurement - truth.measurement) < _SAME)
@@ -271,17 +331,24 @@ class ClockOffset(_Term):
         return replace(reading, shift=shift if reading.shift is None else reading.shift + shift)
 
 
-def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, float]]) -> Float64[np.ndarray, "n 3"]:
-    """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before and after.
+def velocities(
+    objects: Objects, time: float, around: Sequence[tuple[Objects, float]]
+) -> Float64[np.ndarray, "n 3"]:
+    """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before
+    and after.
 
-    It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of its neighbours.
-    Raises ValueError without neighbours and for one farther off than `MOST_APART`."""
+    It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of
+    its neighbours. Raises ValueError without neighbours and for one farther off than
+    `MOST_APART`."""
     gaps = [abs(then - time) for _, then in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
         apart = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
         remedy = "leave the clock's offset out, or record more often"
-        raise ValueError(f"velocities need frames at most {MOST_APART} s apart, got {apart}: {remedy}")
-    total, count = np.zeros((len(objects), 3)), np.zeros(len(objects))
+        raise ValueError(
+            f"velocities need frames at most {MOST_APART} s apart, got {apart}: {remedy}"
+        )
+    total = np.zeros((len(objects), 3))
+    count = np.zeros(len(objects))
     for others, then in around:
         _, mine, theirs = np.intersect1d(objects.ids, others.ids, return_indices=True)
         total[mine] += (others.boxes[theirs, :3] - objects.boxes[mine, :3]) / (then - time)
@@ -295,11 +362,14 @@ class DropOut(_Term):
 
     _strengths = ("share", "half_range")
     share: float = 0.0  # of all returns
-    half_range: float = 0.0  # m from which half of the surfaces at right angles return; 0: no loss by range
+    half_range: float = (
+        0.0  # m from which half of the surfaces at right angles return; 0: no loss by range
+    )
     steepness: float = 2.0  # of the law above
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        kept, truth = np.full(reading.measurement.shape, 1.0 - self.share), reading.truth
+        kept = np.full(reading.measurement.shape, 1.0 - self.share)
+        truth = reading.truth
         if self.half_range:
             kept *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
         return reading.without(draws.of_frame().random(kept.shape) >= kept)
@@ -307,7 +377,8 @@ class DropOut(_Term):
 
 @dataclass(frozen=True)
 class DeadRows(_Term):
-    """Rows of the image that never return: lasers or lines of a detector that failed. share: of all rows."""
+    """Rows of the image that never return: lasers or lines of a detector that failed. share: of all
+    rows."""
 
     share: float = 0.0
 
@@ -318,7 +389,8 @@ class DeadRows(_Term):
 
 @dataclass(frozen=True)
 class BlindSector(_Term):
-    """Columns of the image that see nothing, as in the glare of a low sun. share: of them, the same in every frame."""
+    """Columns of the image that see nothing, as in the glare of a low sun. share: of them, the same
+    in every frame."""
 
     share: float = 0.0
 
@@ -338,7 +410,9 @@ class RangeBias(_Term):
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         bias = np.float32(draws.of_sensor().standard_normal() * self.deviation)
-        return reading.measuring(np.where(reading.valid, np.maximum(reading.measurement + bias, 0), np.float32(0)))
+        return reading.measuring(
+            np.where(reading.valid, np.maximum(reading.measurement + bias, 0), np.float32(0))
+        )
 
 
 def chance_of_return(
@@ -348,7 +422,8 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative to others."""
+    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative
+    to others."""
     power = np.asarray(reflectivity) * cosines * half_range**2
     lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
     return 1 / (1 + lacking**steepness)
@@ -359,17 +434,21 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 @dataclass(frozen=True)
 class MixedPixels(_Term):
-    """Pixels beside an edge that measure something between two surfaces, with even probability. One of the four
-    neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
+    """Pixels beside an edge that measure something between two surfaces, with even probability. One
+    of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
 
     share: float = 0.0  # of the pixels beside an edge
     gap: float = 0.3  # least difference to a neighbour at an edge (m)
-    reach: float = 1000.0  # largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m
+    reach: float = (
+        1000.0  # largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m
+    )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        image, rng = reading.measurement, draws.of_frame()
+        image = reading.measurement
+        rng = draws.of_frame()
         side = rng.integers(len(_NEIGHBOURS), size=image.shape)
-        mixed, weight = rng.random(image.shape) < self.share, rng.random(image.shape, np.float32)
+        mixed = rng.random(image.shape) < self.share
+        weight = rng.random(image.shape, np.float32)
         padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
         (rows, columns), (down, right) = image.shape, np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
         other = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
@@ -383,7 +462,8 @@ class Calibration(_Term):
     """Error of calibration, constant over a recording, normal about and along each axis."""
 
     _strengths = ("rotation", "translation")
-    rotation: float = angle(0.0)  # root mean square of the angle (rad) about any axis through the sensor
+    # root mean square of the angle (rad) about any axis through the sensor
+    rotation: float = angle(0.0)
     translation: float = 0.0  # root mean square of the displacement (m) in any direction
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
@@ -398,10 +478,11 @@ class Calibration(_Term):
 class PoleSway(_Term):
     """Slow sway of poles; all sensors of a pole sway together.
 
-    To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing is
-    rendered anew. A pole's foot is taken to be at z = 0."""
+    To first order a sensor that moved, placed where it stood, is one that stood, placed where it
+    did not: nothing is rendered anew. A pole's foot is taken to be at z = 0."""
 
-    _strengths, _positive = ("amplitude",), ("period",)
+    _strengths = ("amplitude",)
+    _positive = ("period",)
     amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)
     period: float = 3.0  # s, up to a third longer or shorter from pole to pole
 
@@ -412,7 +493,9 @@ class PoleSway(_Term):
         theta = self.amplitude * np.sin(2 * np.pi * (reading.truth.time / period + phase))
         ahead = np.array([np.cos(2 * np.pi * towards), np.sin(2 * np.pi * towards), 0.0])
         swayed = reading.pose.copy()
-        swayed[:3, :3] = make_rotation(theta * np.array([-ahead[1], ahead[0], 0.0])) @ reading.pose[:3, :3]
+        swayed[:3, :3] = (
+            make_rotation(theta * np.array([-ahead[1], ahead[0], 0.0])) @ reading.pose[:3, :3]
+        )
         swayed[:3, 3] += 2 / 3 * theta * max(position[2], 0.0) * ahead
         return replace(reading, pose=swayed)
 
@@ -430,12 +513,15 @@ class OwnNoise(_Term):
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Add the model's noise."""
-        return reading.measuring(reading.truth.sensor.model.noisy(reading.measurement, draws.own_noise()))
+        return reading.measuring(
+            reading.truth.sensor.model.noisy(reading.measurement, draws.own_noise())
+        )
 
 
 @dataclass(frozen=True)
 class RangeNoise(_Term):
-    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m); no return comes from behind a sensor."""
+    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m); no return comes from
+    behind a sensor."""
 
     _strengths = ("constant", "proportional", "quadratic")
     constant: float = 0.0
@@ -446,26 +532,38 @@ class RangeNoise(_Term):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.measures not in (None, "depth", "range"):
-            raise ValueError(f"measures must be depth, range or None for all sensors, got {self.measures!r}")
+            raise ValueError(
+                f"measures must be depth, range or None for all sensors, got {self.measures!r}"
+            )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         if self.measures not in (None, reading.truth.sensor.model.measures):
             return reading
         z = np.where(reading.valid, reading.measurement, np.float32(0))
         noise = draws.of_frame().standard_normal(z.shape, dtype=np.float32)
-        sigma = np.float32(self.constant) + np.float32(self.proportional) * z + np.float32(self.quadratic) * z**2
-        return reading.measuring(np.where(reading.valid, np.maximum(z + noise * sigma, 0), np.float32(0)))
+        sigma = (
+            np.float32(self.constant)
+            + np.float32(self.proportional) * z
+            + np.float32(self.quadratic) * z**2
+        )
+        return reading.measuring(
+            np.where(reading.valid, np.maximum(z + noise * sigma, 0), np.float32(0))
+        )
 
 
 def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
-    """Noise of a stereo camera. baseline: m; focal: pixels; disparity: its standard deviation (pixels)."""
+    """Noise of a stereo camera. baseline: m; focal: pixels; disparity: its standard deviation
+    (pixels)."""
     if not (baseline > 0 and focal > 0):
-        raise ValueError(f"baseline and focal length must be above 0, got {baseline} m and {focal} pixels")
+        raise ValueError(
+            f"baseline and focal length must be above 0, got {baseline} m and {focal} pixels"
+        )
     return RangeNoise(quadratic=disparity / (focal * baseline), measures="depth")
 
 
 def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
-    """Noise of a time-of-flight camera: sigma at 10 m (m), and its share due to ambient light and electronics."""
+    """Noise of a time-of-flight camera: sigma at 10 m (m), and its share due to ambient light and
+    electronics."""
     if not 0 <= ambient <= 1:
         raise ValueError(f"ambient must be a share from 0 to 1, got {ambient}")
     return RangeNoise(proportional=at_10_m * (1 - ambient) / 10, quadratic=at_10_m * ambient / 100)
@@ -489,17 +587,26 @@ class Glass(_Term):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.lower < self.upper:
-            raise ValueError(f"the window band must have lower < upper, got {self.lower} and {self.upper}")
+            raise ValueError(
+                f"the window band must have lower < upper, got {self.lower} and {self.upper}"
+            )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        rng, shape = draws.of_frame(), reading.measurement.shape
-        pane, inside, way = rng.random(shape) < self.share, rng.random(shape) < self.behind, rng.random(shape)
+        rng = draws.of_frame()
+        shape = reading.measurement.shape
+        pane = rng.random(shape) < self.share
+        inside = rng.random(shape) < self.behind
+        way = rng.random(shape)
         glass = self.band(reading.truth) & pane & reading.valid
         pixels = np.flatnonzero(glass & inside)
         through = np.zeros(glass.size)
         through[pixels] = way.ravel()[pixels] * _way_through(reading.truth, pixels)
-        deeper = reading.measurement + (through.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
-        return reading.measuring(np.where(glass & inside, deeper, reading.measurement)).without(glass & ~inside)
+        deeper = reading.measurement + (through.reshape(shape) / reading.truth.ray_lengths).astype(
+            np.float32
+        )
+        return reading.measuring(np.where(glass & inside, deeper, reading.measurement)).without(
+            glass & ~inside
+        )
 
     def band(self, truth: TrueImage) -> ImageMask:
         """Mask of pixels on the window band of a vehicle."""
@@ -515,9 +622,11 @@ class Glass(_Term):
 
 @dataclass(frozen=True)
 class Paint(_Term):
-    """Dark or wet paint of vehicles, heavy ones included. Recordings without track ids draw anew in each frame."""
+    """Dark or wet paint of vehicles, heavy ones included. Recordings without track ids draw anew in
+    each frame."""
 
-    _shares, _positive = ("share", "dark", "wet"), ("half_range",)
+    _shares = ("share", "dark", "wet")
+    _positive = ("half_range",)
     share: float = 0.0  # of dark vehicles, by track id, the same for all sensors and frames
     dark: float = 0.1  # their reflectivity relative to others
     wet: float = 1.0  # reflectivity of every vehicle relative to a dry one
@@ -525,8 +634,10 @@ class Paint(_Term):
     steepness: float = 2.0
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop returns of dark or wet vehicles, with 1 less the ratio of both chances: dry bright ones lose nothing."""
-        truth, shape = reading.truth, reading.measurement.shape
+        """Drop returns of dark or wet vehicles, with 1 less the ratio of both chances: dry bright
+        ones lose nothing."""
+        truth = reading.truth
+        shape = reading.measurement.shape
         if not (self.share or self.wet < 1) or not len(truth.objects):
             return reading
         painted = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
@@ -557,7 +668,8 @@ PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
 class Weather(_Term):
     """Rain, fog or snow."""
 
-    _strengths, _positive = ("extinction", "share"), ("reach",)
+    _strengths = ("extinction", "share")
+    _positive = ("reach",)
     extinction: float = 0.0  # per metre
     share: float = 0.0  # of rays into the open that return from the air, below 1
     reach: float = 8.0  # m by which the rate of such returns falls to 1/e
@@ -565,17 +677,24 @@ class Weather(_Term):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.share == 1:
-            raise ValueError("share of Weather must be below 1, got 1: nothing else would ever be seen")
+            raise ValueError(
+                "share of Weather must be below 1, got 1: nothing else would ever be seen"
+            )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        rng, truth = draws.of_frame(), reading.truth
-        survives, met = rng.random(reading.measurement.shape), rng.random(reading.measurement.shape)
-        ranges = np.where(reading.valid, reading.measurement * truth.ray_lengths, np.float32(np.inf))
+        rng = draws.of_frame()
+        truth = reading.truth
+        survives = rng.random(reading.measurement.shape)
+        met = rng.random(reading.measurement.shape)
+        ranges = np.where(
+            reading.valid, reading.measurement * truth.ray_lengths, np.float32(np.inf)
+        )
         arrives = np.exp(-2 * self.extinction * np.where(reading.valid, ranges, 0))
         reading = reading.without(reading.valid & (survives >= arrives))
         if not self.share:
             return reading
-        left = 1 + np.log1p(-met) / -np.log1p(-self.share)  # exp(-(r - NEAR) / reach) at the first drop; none below 0
+        # exp(-(r - NEAR) / reach) at the first drop; none below 0
+        left = 1 + np.log1p(-met) / -np.log1p(-self.share)
         drop = NEAR - self.reach * np.log(np.maximum(left, 1e-12))
         from_air = (left > 0) & (drop < ranges) & (drop < truth.sensor.model.max_range)
         in_front = (drop / truth.ray_lengths).astype(np.float32)
@@ -583,19 +702,27 @@ class Weather(_Term):
 
 
 def rain(rate: float) -> Weather:
-    """Rain of some mm/h: 2.5 light, 10 heavy. 0.3 % of rays into the open per mm/h return from a drop."""
-    return Weather(PER_METRE_OF_DB_PER_KM * 1.076 * _rate(rate) ** 0.67, 1 - np.exp(-0.003 * rate), 8.0)
+    """Rain of some mm/h: 2.5 light, 10 heavy. 0.3 % of rays into the open per mm/h return from a
+    drop."""
+    return Weather(
+        PER_METRE_OF_DB_PER_KM * 1.076 * _rate(rate) ** 0.67, 1 - np.exp(-0.003 * rate), 8.0
+    )
 
 
 def snow(rate: float, *, wet: bool = False) -> Weather:
-    """Snow of some mm/h of water: 1 light, 4 heavy. 4 % of rays into the open per mm/h return from a flake."""
-    dry_law, wet_law = (5.42e-5 * 905 + 5.496, 1.38), (1.02e-4 * 905 + 3.786, 0.72)
+    """Snow of some mm/h of water: 1 light, 4 heavy. 4 % of rays into the open per mm/h return from
+    a flake."""
+    dry_law = (5.42e-5 * 905 + 5.496, 1.38)
+    wet_law = (1.02e-4 * 905 + 3.786, 0.72)
     factor, power = wet_law if wet else dry_law
-    return Weather(PER_METRE_OF_DB_PER_KM * factor * _rate(rate) ** power, 1 - np.exp(-0.04 * rate), 6.0)
+    return Weather(
+        PER_METRE_OF_DB_PER_KM * factor * _rate(rate) ** power, 1 - np.exp(-0.04 * rate), 6.0
+    )
 
 
 def fog(visibility: float) -> Weather:
-    """Fog of a visibility (m). 1 - exp(-5 m / visibility) of rays into the open return from it, most near by."""
+    """Fog of a visibility (m). 1 - exp(-5 m / visibility) of rays into the open return from it,
+    most near by."""
     if not visibility > 0:
         raise ValueError(f"visibility must be above 0 m, got {visibility}")
     return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)

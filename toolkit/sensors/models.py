@@ -1,8 +1,8 @@
 """Sensor models: a depth camera, three lidars, and the catalogue of all known models by name.
 
-A lidar's rays lie on a grid of elevations and azimuths; its frame has x forward, y left, z up, rows from the top down,
-columns from the right (-y) to the left, centred on +x. A model defined elsewhere becomes known to files and to the
-command line by `@register_sensor_model` above its class."""
+A lidar's rays lie on a grid of elevations and azimuths; its frame has x forward, y left, z up, rows
+from the top down, columns from the right (-y) to the left, centred on +x. A model defined elsewhere
+becomes known to files and to the command line by `@register_sensor_model` above its class."""
 
 import re
 from collections.abc import Mapping
@@ -12,12 +12,32 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, ImageRanges, ImageVectors, Int64, Pose, Rng
+from toolkit.arrays import (
+    Bool,
+    Float,
+    Float32,
+    Float64,
+    ImageRanges,
+    ImageVectors,
+    Int64,
+    Pose,
+    Rng,
+)
 from toolkit.geometry import BODY_SE3_CAMERA, pose
 from toolkit.sensors import sensor as shared
-from toolkit.sensors.sensor import NEAR, Deviation, Measure, SensorModel, angle, check_noise, check_numbers, check_rays
+from toolkit.sensors.sensor import (
+    NEAR,
+    Deviation,
+    Measure,
+    SensorModel,
+    angle,
+    check_noise,
+    check_numbers,
+    check_rays,
+)
 
-_PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
+# of a box's corners, its edges among them
+_PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])
 
 
 class _Noisy:
@@ -46,7 +66,9 @@ class DepthCamera(_Noisy):
     fov: float = angle(np.pi / 2)  # horizontal (rad)
     sigma: float = 0.015  # standard deviation of the additive depth noise (m)
     max_range: float = 1000.0  # depth beyond which nothing returns (m)
-    centre: tuple[float, float] | None = None  # principal point (u, v) in pixels of the full image, or its middle
+    centre: tuple[float, float] | None = (
+        None  # principal point (u, v) in pixels of the full image, or its middle
+    )
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -55,9 +77,13 @@ class DepthCamera(_Noisy):
         check_rays(*self.shape)
         check_rays(1, max(self.width, self.height, self.stride))
         if not 0 < self.fov < np.pi:
-            raise ValueError(f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)")
+            raise ValueError(
+                f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)"
+            )
         centre = (0.0, 0.0) if self.centre is None else self.centre
-        numbers = isinstance(centre, tuple) and all(isinstance(each, int | float | np.number) for each in centre)
+        numbers = isinstance(centre, tuple) and all(
+            isinstance(each, int | float | np.number) for each in centre
+        )
         if not (numbers and len(centre) == 2 and np.isfinite(centre).all()):
             raise ValueError(f"centre must be two numbers (u, v) in pixels, got {self.centre}")
         check_noise(self.sigma, self.max_range)
@@ -79,7 +105,8 @@ class DepthCamera(_Noisy):
 
     @property
     def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
-        """K in pixels of the full image, principal point `centre`. f = (width / 2) / tan(fov / 2), both ways."""
+        """K in pixels of the full image, principal point `centre`. f = (width / 2) / tan(fov / 2),
+        both ways."""
         focal = self.width / 2 / np.tan(self.fov / 2)
         u, v = self.centre or (self.width / 2, self.height / 2)
         return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
@@ -98,13 +125,17 @@ class DepthCamera(_Noisy):
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Rectangles around the visible part of each box."""
-        start, end = sensor_corners[:, _PAIRS[:, 0]], sensor_corners[:, _PAIRS[:, 1]]
+        start = sensor_corners[:, _PAIRS[:, 0]]
+        end = sensor_corners[:, _PAIRS[:, 1]]
         rise = end[..., 2:] - start[..., 2:]
         share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
-        points = np.concatenate([sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1)
+        points = np.concatenate(
+            [sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1
+        )
         depth = points[..., 2:]
         ahead = depth >= NEAR - 1e-6
-        focal, centre = self.intrinsic[0, 0], self.intrinsic[:2, 2]
+        focal = self.intrinsic[0, 0]
+        centre = self.intrinsic[:2, 2]
         pixels = (points[..., :2] / np.maximum(depth, NEAR - 1e-6) * focal + centre) / self.stride
         first = np.floor(np.where(ahead, pixels, 1e9).min(axis=1))
         last = np.ceil(np.where(ahead, pixels, -1e9).max(axis=1)) + 1
@@ -123,7 +154,8 @@ def _camera_rays(camera: DepthCamera) -> np.ndarray:
 
 
 class AngleGrid(NamedTuple):
-    """Rows of rays at some elevations, top first, and columns evenly spaced over `width` about `heading` (rad)."""
+    """Rows of rays at some elevations, top first, and columns evenly spaced over `width` about
+    `heading` (rad)."""
 
     elevations: tuple[float, ...]
     columns: int
@@ -135,14 +167,19 @@ class AngleGrid(NamedTuple):
 def unit_rays(grid: AngleGrid) -> ImageVectors:
     """Unit ray per row and column."""
     elevation = np.array(grid.elevations)[:, None]
-    azimuth = grid.heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
+    azimuth = (
+        grid.heading
+        + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
+    )
     flat = np.cos(elevation)
     x, y, z = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth
     return shared.freeze(np.stack([x, y, z], axis=-1))
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
+    return np.where(
+        distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi
+    )
 
 
 class _Lidar(_Noisy):
@@ -181,25 +218,37 @@ class _Lidar(_Noisy):
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points inside the rows, columns and range."""
         x, y, z = np.moveaxis(self._ahead(points), -1, 0)
-        across, grid = np.hypot(x, y), self._grid
+        across = np.hypot(x, y)
+        grid = self._grid
         elevation = np.arctan2(z, across)
         in_rows = (grid.elevations[-1] <= elevation) & (elevation <= grid.elevations[0])
-        return in_rows & (np.abs(np.arctan2(y, x)) <= grid.width / 2) & (np.hypot(across, z) < self.max_range)
+        return (
+            in_rows
+            & (np.abs(np.arctan2(y, x)) <= grid.width / 2)
+            & (np.hypot(across, z) < self.max_range)
+        )
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles around the sphere through the corners of each box, at up to three turns of the azimuth."""
+        """Rectangles around the sphere through the corners of each box, at up to three turns of the
+        azimuth."""
         middle, radius, distance = shared.bounding_spheres(self._ahead(sensor_corners))
-        elevation, half = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9)), _half_angle(radius, distance)
+        elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
+        half = _half_angle(radius, distance)
         azimuth = np.arctan2(middle[:, 1], middle[:, 0])
         falling = -np.array(self._grid.elevations)
         top = np.searchsorted(falling, -(elevation + half) - 1e-6)
         bottom = np.searchsorted(falling, -(elevation - half) + 1e-6, side="right")
-        columns, per_column = self._grid.columns, self._grid.width / self._grid.columns
-        half_columns = np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi) / per_column
+        columns = self._grid.columns
+        per_column = self._grid.width / self._grid.columns
+        half_columns = (
+            np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi)
+            / per_column
+        )
         turns = []
         for turn in (-2 * np.pi, 0.0, 2 * np.pi):
             column = (azimuth + turn) / per_column + (columns - 1) / 2
-            left, right = np.floor(column - half_columns), np.ceil(column + half_columns) + 1
+            left = np.floor(column - half_columns)
+            right = np.ceil(column + half_columns) + 1
             bounds = np.column_stack([np.arange(len(middle)), top, bottom, left, right])
             turns.append(bounds[distance - radius < self.max_range])
         return shared.clip_windows(np.concatenate(turns), self.shape)
@@ -227,16 +276,23 @@ class SpinningLidar(_Lidar):
         if self.channels < 1:
             raise ValueError(f"channels must be at least 1, got {self.channels}")
         if not -np.pi / 2 <= self.fov_down <= self.fov_up <= np.pi / 2:
-            raise ValueError(f"need -pi/2 <= fov_down <= fov_up <= pi/2 rad, got {self.fov_down} and {self.fov_up}")
+            raise ValueError(
+                f"need -pi/2 <= fov_down <= fov_up <= pi/2 rad, got {self.fov_down} and "
+                f"{self.fov_up}"
+            )
         if not 0 < self.azimuth_step <= self.azimuth_fov <= 2 * np.pi + 1e-9:
-            raise ValueError(f"need 0 < azimuth_step <= azimuth_fov <= 2 pi rad, got {self.azimuth_step}")
+            raise ValueError(
+                f"need 0 < azimuth_step <= azimuth_fov <= 2 pi rad, got {self.azimuth_step}"
+            )
         check_rays(self.channels, self.azimuth_fov / self.azimuth_step)
         check_noise(self.sigma, self.max_range)
 
     @property
     def _grid(self) -> AngleGrid:
         elevations = np.linspace(self.fov_up, self.fov_down, self.channels).tolist()
-        return AngleGrid(tuple(elevations), max(1, round(self.azimuth_fov / self.azimuth_step)), self.azimuth_fov)
+        return AngleGrid(
+            tuple(elevations), max(1, round(self.azimuth_fov / self.azimuth_step)), self.azimuth_fov
+        )
 
 
 @dataclass(frozen=True)
@@ -258,14 +314,20 @@ class SolidStateLidar(_Lidar):
         check_rays(self.rows, self.columns)
         if not (0 < self.horizontal_fov <= 2 * np.pi and 0 < self.vertical_fov <= np.pi):
             got = f"{self.horizontal_fov} and {self.vertical_fov}: give degrees as np.deg2rad(120)"
-            raise ValueError(f"need 0 < horizontal_fov <= 2 pi and 0 < vertical_fov <= pi rad, got {got}")
+            raise ValueError(
+                f"need 0 < horizontal_fov <= 2 pi and 0 < vertical_fov <= pi rad, got {got}"
+            )
         check_noise(self.sigma, self.max_range)
         if not 0 <= self.sigma_per_metre < np.inf:
-            raise ValueError(f"sigma_per_metre must be finite and not negative, got {self.sigma_per_metre}")
+            raise ValueError(
+                f"sigma_per_metre must be finite and not negative, got {self.sigma_per_metre}"
+            )
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
         """sigma + sigma_per_metre · range."""
-        return np.float32(self.sigma) + np.float32(self.sigma_per_metre) * np.asarray(measurement, np.float32)
+        return np.float32(self.sigma) + np.float32(self.sigma_per_metre) * np.asarray(
+            measurement, np.float32
+        )
 
     @property
     def _grid(self) -> AngleGrid:
@@ -283,7 +345,8 @@ class RowLidar(_Lidar):
 
     kind: ClassVar[str] = "rowlidar"
 
-    elevations: tuple[float, ...] = angle(_ELEVATIONS)  # of its rows (rad above the horizon), top first
+    # of its rows (rad above the horizon), top first
+    elevations: tuple[float, ...] = angle(_ELEVATIONS)
     columns: int = 1800  # of the azimuths it sweeps
     azimuth_fov: float = angle(2 * np.pi)  # rad swept, centred on `heading`
     heading: float = angle(0.0)  # rad from +x to the left
@@ -293,13 +356,24 @@ class RowLidar(_Lidar):
     def __post_init__(self) -> None:
         check_numbers(self)
         rows = np.array(self.elevations, np.float64)
-        if rows.ndim != 1 or not len(rows) or not np.isfinite(rows).all() or (np.diff(rows) >= 0).any():
-            raise ValueError(f"elevations must fall from row to row, got {str(self.elevations)[:60]}")
+        if (
+            rows.ndim != 1
+            or not len(rows)
+            or not np.isfinite(rows).all()
+            or (np.diff(rows) >= 0).any()
+        ):
+            raise ValueError(
+                f"elevations must fall from row to row, got {str(self.elevations)[:60]}"
+            )
         if np.abs(rows).max() > np.pi / 2:
-            raise ValueError(f"elevations must lie in -pi/2..pi/2 rad, got {rows[0]:.2f} to {rows[-1]:.2f}")
+            raise ValueError(
+                f"elevations must lie in -pi/2..pi/2 rad, got {rows[0]:.2f} to {rows[-1]:.2f}"
+            )
         check_rays(len(rows), self.columns)
         if not (0 < self.azimuth_fov <= 2 * np.pi + 1e-9 and abs(self.heading) <= np.pi + 1e-9):
-            raise ValueError(f"need 0 < azimuth_fov <= 2 pi and heading within pi rad, got {self.azimuth_fov}")
+            raise ValueError(
+                f"need 0 < azimuth_fov <= 2 pi and heading within pi rad, got {self.azimuth_fov}"
+            )
         check_noise(self.sigma, self.max_range)
 
     @property
@@ -308,41 +382,55 @@ class RowLidar(_Lidar):
 
 
 MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"
-TAKEN = ("name", "model", "type", "site_SE3_sensor")  # what files say of a sensor beside the fields of its model
+# what files say of a sensor beside the fields of its model
+TAKEN = ("name", "model", "type", "site_SE3_sensor")
 
 Model = TypeVar("Model", bound=type)
 
 
 def register_sensor_model(model: Model) -> Model:
-    """Register a model for files and `--model`; returns the class. Raises ValueError where the class is no
-    `SensorModel` of fields with defaults, or its name is taken."""
+    """Register a model for files and `--model`; returns the class. Raises ValueError where the
+    class is no `SensorModel` of fields with defaults, or its name is taken."""
     name = model.__name__
     parameters = getattr(model, "__dataclass_params__", None)
     if not is_dataclass(model) or parameters is None or not (parameters.frozen and parameters.eq):
-        raise ValueError(f"{name} must be a frozen dataclass that compares by value: put @dataclass(frozen=True) on it")
+        raise ValueError(
+            f"{name} must be a frozen dataclass that compares by value: put "
+            "@dataclass(frozen=True) on it"
+        )
     bare = [f.name for f in fields(model) if f.default is MISSING and f.default_factory is MISSING]
     if bare or {f.name for f in fields(model)} & set(TAKEN):
-        raise ValueError(f"fields of {name} need defaults ({', '.join(bare) or 'all have'}) and no name of {TAKEN}")
+        raise ValueError(
+            f"fields of {name} need defaults ({', '.join(bare) or 'all have'}) and no name of "
+            f"{TAKEN}"
+        )
     if not isinstance(model(), SensorModel):
         known = (each for each in dir(SensorModel) if not each.startswith("_"))
         lacks = ", ".join(each for each in known if not hasattr(model, each))
-        raise ValueError(f"{name} is not a SensorModel, it lacks {lacks}: see toolkit.sensors.sensor")
+        raise ValueError(
+            f"{name} is not a SensorModel, it lacks {lacks}: see toolkit.sensors.sensor"
+        )
     before = MODELS.get(name_in_words(name), model)
     if (before.__module__, before.__qualname__) != (model.__module__, model.__qualname__):
-        raise ValueError(f"sensor model {name} exists already, in {before.__module__}: choose another name")
+        raise ValueError(
+            f"sensor model {name} exists already, in {before.__module__}: choose another name"
+        )
     MODELS[name_in_words(name)] = model
     return model
 
 
 def find_model(name: str) -> SensorModel:
-    """Find a model by name, such as "solid-state-lidar", with default parameters. Raises ValueError that lists all."""
+    """Find a model by name, such as "solid-state-lidar", with default parameters. Raises ValueError
+    that lists all."""
     return find_model_class(name)()
 
 
 def find_model_class(name: str) -> type[Any]:
     """Find a model's class. Raises ValueError that lists all."""
     if name_in_words(str(name)) not in MODELS:
-        raise ValueError(f"unknown sensor model {str(name)[:60]!r}: choose among {', '.join(class_names())}")
+        raise ValueError(
+            f"unknown sensor model {str(name)[:60]!r}: choose among {', '.join(class_names())}"
+        )
     return MODELS[name_in_words(str(name))]
 
 
@@ -352,13 +440,16 @@ def class_names() -> list[str]:
 
 
 def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
-    """Make a model of a name and some of its fields, as files hold them: angles in rad, lists for tuples. Raises
-    ValueError for an unknown name or field, and for a value that the model refuses."""
+    """Make a model of a name and some of its fields, as files hold them: angles in rad, lists for
+    tuples. Raises ValueError for an unknown name or field, and for a value that the model
+    refuses."""
     model = find_model_class(name)
     known = [entry.name for entry in fields(model)]
     if unknown := [key for key in values if key not in known]:
         raise ValueError(f"{unknown[0]} is unknown to {model.__name__}: it has {', '.join(known)}")
-    numbers = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    numbers = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
+    }
     try:
         return model(**numbers)
     except TypeError as error:

@@ -3,11 +3,13 @@
 `rays()` gives a vector per pixel in the sensor's own frame, scaled so that
 
     point = measurement · ray                                    (paper equation 2 for the camera)
-    point in the world = measurement · (R ray) + t               (paper equation 1; R ray is `Sensor.world_rays`)
+    point in the world = measurement · (R ray) + t               (paper equation 1; R ray is
+                                                                 `Sensor.world_rays`)
 
-A model that measures "depth" has rays of length 1 along its optical axis, one that measures "range" rays of length 1.
-A measurement that is NaN, infinite, zero or negative is no return and makes no point. A model is a frozen dataclass
-whose fields all have defaults: files hold them under the name of its class (`models.register_sensor_model`)."""
+A model that measures "depth" has rays of length 1 along its optical axis, one that measures "range"
+rays of length 1. A measurement that is NaN, infinite, zero or negative is no return and makes no
+point. A model is a frozen dataclass whose fields all have defaults: files hold them under the name
+of its class (`models.register_sensor_model`)."""
 
 import json
 from collections.abc import Sequence
@@ -18,7 +20,17 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, ImageRanges, ImageVectors, Int64, Pose, Rng
+from toolkit.arrays import (
+    Bool,
+    Float,
+    Float32,
+    Float64,
+    ImageRanges,
+    ImageVectors,
+    Int64,
+    Pose,
+    Rng,
+)
 from toolkit.display import Table
 from toolkit.geometry import check_pose, invert
 
@@ -47,7 +59,8 @@ class SensorModel(Protocol):
 
     @property
     def body_SE3_sensor(self) -> np.ndarray:
-        """Pose of its frame in its body's, (4, 4). A body has x forward (the optical axis), y left, z up."""
+        """Pose of its frame in its body's, (4, 4). A body has x forward (the optical axis), y left,
+        z up."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -69,7 +82,8 @@ class SensorModel(Protocol):
         """Ray per pixel, sensor frame."""
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
-        """Standard deviation (m) of each measurement's noise. float32; one number if all are the same."""
+        """Standard deviation (m) of each measurement's noise. float32; one number if all are the
+        same."""
 
     def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
         """Add noise; no return stays none. See `with_noise`."""
@@ -78,13 +92,16 @@ class SensorModel(Protocol):
         """Mask of points in its field of view and range."""
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in the sensor frame.
+        """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in
+        the sensor frame.
 
-        No ray outside its rectangles meets a box. A box may come more than once, as across the seam of a spinning
-        lidar, or not at all. See `clip_windows`."""
+        No ray outside its rectangles meets a box. A box may come more than once, as across the seam
+        of a spinning lidar, or not at all. See `clip_windows`."""
 
 
-def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
+def is_return(
+    measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf
+) -> Bool[np.ndarray, "*shape"]:
     """Mask of measurements that make a point: finite, positive and nearer than `max_range`."""
     return (measurement > 0) & (measurement < min(max_range, np.finfo(np.float32).max))
 
@@ -93,11 +110,15 @@ def with_noise(measurement: np.ndarray, model: SensorModel, rng: Rng) -> np.ndar
     """Add normal noise; no return stays none."""
     clean = np.asarray(measurement, np.float32)
     valid = is_return(clean, model.max_range)
-    noise = rng.standard_normal(clean.shape, dtype=np.float32) * model.deviation(np.where(valid, clean, np.float32(0)))
+    noise = rng.standard_normal(clean.shape, dtype=np.float32) * model.deviation(
+        np.where(valid, clean, np.float32(0))
+    )
     return np.where(valid, clean + noise, np.float32(0))
 
 
-def nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Float64[np.ndarray, " n"]:
+def nearest(
+    model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]
+) -> Float64[np.ndarray, " n"]:
     """Lower bound of the measurement (m) of each box."""
     if model.measures == "depth":
         return (sensor_corners @ model.body_SE3_sensor[0, :3]).min(axis=1) - 1e-3
@@ -114,11 +135,15 @@ def bounding_spheres(
     return middle, radius, np.linalg.norm(middle, axis=1)
 
 
-def clip_windows(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> Int64[np.ndarray, "k 5"]:
+def clip_windows(
+    bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]
+) -> Int64[np.ndarray, "k 5"]:
     """Cut rectangles of pixels to an image; drop those outside."""
     low, high = np.clip(bounds[:, [1, 3]], 0, None), np.minimum(bounds[:, [2, 4]], shape)
     some = (low < high).all(axis=1)
-    return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[some].astype(np.int64)
+    return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[
+        some
+    ].astype(np.int64)
 
 
 def freeze(rays: np.ndarray) -> np.ndarray:
@@ -139,16 +164,22 @@ def find_angles(model: Any) -> dict[str, bool]:
 
 
 def check_numbers(model: Any) -> None:
-    """Raise ValueError for a field that is no number: whole if its default is, else real and not NaN."""
+    """Raise ValueError for a field that is no number: whole if its default is, else real and not
+    NaN."""
     for entry in fields(model):
-        value, default = getattr(model, entry.name), entry.default
+        value = getattr(model, entry.name)
+        default = entry.default
         if isinstance(default, bool) or not isinstance(default, int | float):
             continue
         whole = isinstance(default, int)
-        fits = isinstance(value, int | np.integer) or (not whole and isinstance(value, float | np.floating))
+        fits = isinstance(value, int | np.integer) or (
+            not whole and isinstance(value, float | np.floating)
+        )
         if isinstance(value, bool) or not fits or value != value:
             word = "whole number" if whole else "number"
-            raise ValueError(f"{entry.name} must be a {word}, got {value!r:.60} for a {type(model).__name__}")
+            raise ValueError(
+                f"{entry.name} must be a {word}, got {value!r:.60} for a {type(model).__name__}"
+            )
 
 
 MOST_RAYS = 1 << 23  # of a sensor; a camera of 3840 x 2160 pixels fits
@@ -157,35 +188,45 @@ MOST_RAYS = 1 << 23  # of a sensor; a camera of 3840 x 2160 pixels fits
 def check_rays(rows: float, columns: float) -> None:
     """Raise ValueError without a row and a column, and for more rays than can be followed."""
     if min(rows, columns) < 1:
-        raise ValueError(f"rows and columns of a sensor must be at least 1, got {rows!s:.20} and {columns!s:.20}")
+        raise ValueError(
+            f"rows and columns of a sensor must be at least 1, got {rows!s:.20} and {columns!s:.20}"
+        )
     if max(rows, columns, rows * columns) > MOST_RAYS:
         got = f"{rows!s:.20} x {columns!s:.20}"
-        raise ValueError(f"a sensor has at most {MOST_RAYS} rays, got {got}: take fewer, or wider steps")
+        raise ValueError(
+            f"a sensor has at most {MOST_RAYS} rays, got {got}: take fewer, or wider steps"
+        )
 
 
 def check_noise(sigma: float, max_range: float) -> None:
     """Raise ValueError for impossible noise or range."""
     if not 0 <= sigma < np.inf or not max_range > 0:
-        raise ValueError(f"need finite sigma >= 0 and max_range > 0, got sigma {sigma} and max_range {max_range}")
+        raise ValueError(
+            f"need finite sigma >= 0 and max_range > 0, got sigma {sigma} and max_range {max_range}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Sensor model at a pose, world_SE3_sensor, in a site's own frame: float32 points are good to 1 mm within 10 km.
-    Raises ValueError if the pose is no rigid motion."""
+    """Sensor model at a pose, world_SE3_sensor, in a site's own frame: float32 points are good to
+    1 mm within 10 km. Raises ValueError if the pose is no rigid motion."""
 
     name: str
     model: SensorModel
     pose: Pose = field(repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", check_pose(self.pose, f"pose of sensor {self.name!r}").copy())
+        object.__setattr__(
+            self, "pose", check_pose(self.pose, f"pose of sensor {self.name!r}").copy()
+        )
         self.pose.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Sensor):
             return False
-        return (self.name, self.model) == (other.name, other.model) and np.array_equal(self.pose, other.pose)
+        return (self.name, self.model) == (other.name, other.model) and np.array_equal(
+            self.pose, other.pose
+        )
 
     def __hash__(self) -> int:
         return hash((self.name, self.model))
@@ -204,11 +245,14 @@ class Sensor:
     def digest(self) -> str:
         """SHA-256 of model and pose, whatever the name: equal for sensors that measure the same."""
         described = [type(self.model).__name__, asdict(self.model), self.pose.tolist()]
-        return sha256(json.dumps(described, sort_keys=True, default=np.ndarray.tolist).encode()).hexdigest()
+        return sha256(
+            json.dumps(described, sort_keys=True, default=np.ndarray.tolist).encode()
+        ).hexdigest()
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:
-        """x, y and z of each pixel's ray, world axes (paper equation 1), row after row of the image."""
+        """x, y and z of each pixel's ray, world axes (paper equation 1), row after row of the
+        image."""
         rays = self.model.rays().reshape(-1, 3).astype(np.float64)
         return freeze(np.ascontiguousarray(self.pose[:3, :3] @ rays.T))
 

@@ -1,7 +1,8 @@
-"""Numbers of an OpenDRIVE element, and the cubic polynomials by which it describes widths, borders and heights.
+"""Numbers of an OpenDRIVE element, and the cubic polynomials by which it describes widths, borders
+and heights.
 
-A polynomial is valid from its start to the next one's (ASAM OpenDRIVE 1.8, 7.3 and 11.6). Errors of damaged
-numbers do not name the file: their caller does."""
+A polynomial is valid from its start to the next one's (ASAM OpenDRIVE 1.8, 7.3 and 11.6). Errors of
+damaged numbers do not name the file: their caller does."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from toolkit.geometry import MAX_COORDINATE_M
 
 @dataclass(frozen=True, eq=False)
 class Cubics:
-    """Piecewise cubic function of s. Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0 without rows."""
+    """Piecewise cubic function of s. Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0
+    without rows."""
 
     starts: Float64[np.ndarray, " n"]
     rows: Float64[np.ndarray, "n 4"]
@@ -30,7 +32,9 @@ class Cubics:
 
     def slope(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
         """Derivatives at `s`."""
-        return Cubics(self.starts, np.column_stack([self.rows[:, 1:] * [1, 2, 3], np.zeros(len(self.rows))])).at(s)
+        return Cubics(
+            self.starts, np.column_stack([self.rows[:, 1:] * [1, 2, 3], np.zeros(len(self.rows))])
+        ).at(s)
 
     def cut_start(self, s: float) -> "Cubics":
         """Same function with its zero at `s` and the pieces that end before it left out."""
@@ -41,10 +45,14 @@ class Cubics:
         return Cubics(self.starts + by, self.rows)
 
     def split(self, starts: Sequence[float]) -> "Cubics":
-        """Same function with pieces that begin at `starts`, which hold all starts of its pieces from the first on."""
+        """Same function with pieces that begin at `starts`, which hold all starts of its pieces
+        from the first on."""
         if not len(self.starts):
             return Cubics(np.array(starts, np.float64), np.zeros((len(starts), 4)))
-        return Cubics(np.array(starts, np.float64), np.array([self._find_row(s) for s in starts]).reshape(-1, 4))
+        return Cubics(
+            np.array(starts, np.float64),
+            np.array([self._find_row(s) for s in starts]).reshape(-1, 4),
+        )
 
     def subtract(self, other: "Cubics") -> "Cubics":
         """Difference of two functions."""
@@ -62,12 +70,14 @@ class Cubics:
         a, b, c, d = self.rows[which]
         if ds <= 0:
             return np.array([a, 0.0, 0.0, 0.0]) if ds < 0 else self.rows[which]
-        value, slope = a + b * ds + c * ds**2 + d * ds**3, b + 2 * c * ds + 3 * d * ds**2
+        value = a + b * ds + c * ds**2 + d * ds**3
+        slope = b + 2 * c * ds + 3 * d * ds**2
         return np.array([value, slope, c + 3 * d * ds, d])
 
 
 def number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
-    """Attribute as a finite number within `MAX_COORDINATE_M`. default: if the attribute is missing, unless None."""
+    """Attribute as a finite number within `MAX_COORDINATE_M`. default: if the attribute is missing,
+    unless None."""
     text = element.get(key)
     if text is None and default is not None:
         return default
@@ -76,7 +86,10 @@ def number(element: ElementTree.Element, key: str, default: float | None = None)
     except ValueError:
         value = np.nan
     if not abs(value) <= MAX_COORDINATE_M:
-        raise ValueError(f"<{element.tag}> needs a finite number as {key}, got {str(text)[:30]!r}: export it again")
+        raise ValueError(
+            f"<{element.tag}> needs a finite number as {key}, got {str(text)[:30]!r}: export it "
+            "again"
+        )
     return value
 
 

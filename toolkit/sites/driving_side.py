@@ -14,7 +14,8 @@ NEAR_BORDER_DEG = 0.05  # some 5 km, within which the outlines may be wrong
 
 
 class DrivingSide(NamedTuple):
-    """Side of the road at a place: True for left, and True if a border to the other side is near."""
+    """Side of the road at a place: True for left, and True if a border to the other side is
+    near."""
 
     is_left: bool
     is_near_border: bool
@@ -24,20 +25,25 @@ def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
     """Side of the road that traffic keeps to at a place (degrees)."""
     spot = shapely.Point((longitude + 180.0) % 360.0 - 180.0, latitude)
     region = _left_hand()
-    return DrivingSide(bool(region.intersects(spot)), bool(_borders().distance(spot) < NEAR_BORDER_DEG))
+    return DrivingSide(
+        bool(region.intersects(spot)), bool(_borders().distance(spot) < NEAR_BORDER_DEG)
+    )
 
 
 @cache
 def _borders() -> shapely.Geometry:
     """Outlines of the countries, without the meridian of 180 degrees, at which they are cut."""
-    meridians = shapely.union_all([shapely.box(x - 1e-6, -90.0, x + 1e-6, 90.0) for x in (-180.0, 180.0)])
+    meridians = shapely.union_all(
+        [shapely.box(x - 1e-6, -90.0, x + 1e-6, 90.0) for x in (-180.0, 180.0)]
+    )
     return _left_hand().boundary.difference(meridians)
 
 
 @cache
 def _left_hand() -> shapely.Geometry:
     table = read_own_table(__file__, "left_hand.toml")
-    outlines, holes = _unite_rings(table["outlines"]), _unite_rings(table["holes"])
+    outlines = _unite_rings(table["outlines"])
+    holes = _unite_rings(table["holes"])
     region = outlines.difference(holes)
     shapely.prepare(region)
     return region

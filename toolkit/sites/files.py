@@ -1,13 +1,15 @@
 """Sites as GeoJSON files. Built-in ones go by name, saved ones by path.
 
-The file has one Feature per polygon, mount, sensor and bay; everything else is a foreign member of the collection.
-Coordinates are local metres of the site frame, so a GIS tool shows the plan at the right scale but not at its place on
-earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed rings without holes; angles degrees.
-Sensors and bays have a `heading_deg` (counter-clockwise from the site's +x), or a `bearing_deg` that a person wrote
-(clockwise from the map's north).
+The file has one Feature per polygon, mount, sensor and bay; everything else is a foreign member of
+the collection. Coordinates are local metres of the site frame, so a GIS tool shows the plan at the
+right scale but not at its place on earth; `map_SE3_site` and `geo_reference` say where that is.
+Polygons are closed rings without holes; angles degrees. Sensors and bays have a `heading_deg`
+(counter-clockwise from the site's +x), or a `bearing_deg` that a person wrote (clockwise from the
+map's north).
 
-Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, surveyed or drawn. What does not say its
-origin is mapped. Files from before there were origins say none, so what an import drew into them counts as mapped."""
+Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, surveyed or drawn.
+What does not say its origin is mapped. Files from before there were origins say none, so what an
+import drew into them counts as mapped."""
 
 import json
 from collections.abc import Callable, Collection, Mapping
@@ -29,21 +31,27 @@ from toolkit.sites.site import HYBRID_RADIUS, ORIGINS, Mount, Relief, Site, Soli
 
 
 def load_site(name_or_path: str | Path) -> Site:
-    """Load a site; built-in ones go by name, saved ones by path. Raises ValueError, in one line with file, field, rule
-    and value, for a damaged file; FileNotFoundError if neither a file nor a built-in site has that name."""
+    """Load a site; built-in ones go by name, saved ones by path. Raises ValueError, in one line
+    with file, field, rule and value, for a damaged file; FileNotFoundError if neither a file nor a
+    built-in site has that name."""
     path = Path(name_or_path)
     if str(name_or_path) in BUILT_IN:
         path = Path(__file__).parent / f"{name_or_path}.json"
     if path.is_dir() and (path / "site.json").is_file():
         raise FileNotFoundError(f"{path} is a folder, no site: give the file {path / 'site.json'}")
     if not path.is_file():
-        raise FileNotFoundError(f"no site {str(name_or_path)!r}: give a file, or one of {', '.join(BUILT_IN)}")
+        raise FileNotFoundError(
+            f"no site {str(name_or_path)!r}: give a file, or one of {', '.join(BUILT_IN)}"
+        )
     if path.name.lower().endswith((".osm", ".osm.gz", ".osm.pbf", ".xodr")):
         kind = "opendrive" if path.suffix.lower() == ".xodr" else "osm"
         made = f"coview site import --{kind} {path} --centre X Y --size 80 60 --out site.json"
         raise ValueError(f"{path} is a map, of which a site must be made first: {made}")
     if path.suffix.lower() in (".hdf5", ".h5", ".bag", ".mcap"):
-        raise ValueError(f"{path} is a recording, no site: give the file of its site, or one of {', '.join(BUILT_IN)}")
+        raise ValueError(
+            f"{path} is a recording, no site: give the file of its site, or one of "
+            f"{', '.join(BUILT_IN)}"
+        )
     content = read_json(path)
     with name_errors(path):
         return parse(content)
@@ -70,11 +78,19 @@ def document(site: Site) -> Json:
         said = {"kind": solid.kind, "base": solid.base, "top": solid.top, **_origin(solid.origin)}
         features.append(_polygon(solid.footprint.tolist(), layer="solid", **said))
     for (x, y, yaw), origin in zip(site.parking.tolist(), site.bay_origins, strict=True):
-        features.append(_point([x, y], layer="parking", heading_deg=_degrees(yaw), **_origin(origin)))
+        features.append(
+            _point([x, y], layer="parking", heading_deg=_degrees(yaw), **_origin(origin))
+        )
     for mount in site.mounts:
-        left_out = ("position", "origin") if mount.max_sensors > 1 else ("position", "origin", "max_sensors")
+        left_out = (
+            ("position", "origin")
+            if mount.max_sensors > 1
+            else ("position", "origin", "max_sensors")
+        )
         rest = {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
-        features.append(_point(mount.position.tolist(), layer="mount", **rest, **_origin(mount.origin)))
+        features.append(
+            _point(mount.position.tolist(), layer="mount", **rest, **_origin(mount.origin))
+        )
     for s in site.sensors:
         described = {**format_attitude(s), "model": format_model(s.model)}
         features.append(_point(s.position.tolist(), layer="sensor", name=s.name, **described))
@@ -85,7 +101,9 @@ def document(site: Site) -> Json:
         "name": site.name,
         "height": site.height,
         "hybrid_radius": site.hybrid_radius,
-        "relief": relief if site.relief.slope == LEVEL else {**relief, "slope": list(site.relief.slope)},
+        "relief": relief
+        if site.relief.slope == LEVEL
+        else {**relief, "slope": list(site.relief.slope)},
         "map_SE3_site": site.map_SE3_site.tolist(),
         "geo_reference": site.geo_reference,
         **({} if site.road_origin == "mapped" else {"road_origin": site.road_origin}),
@@ -108,16 +126,26 @@ def format_site(site: Site, *, without: Collection[str] = ()) -> str:
 
 
 def parse(collection: JsonValue) -> Site:
-    """Parse a site's FeatureCollection. Raises ValueError that names the field by its path in the document."""
+    """Parse a site's FeatureCollection. Raises ValueError that names the field by its path in the
+    document."""
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
-        raise ValueError("type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by Site.save")
+        raise ValueError(
+            "type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by "
+            "Site.save"
+        )
     if collection.get("crs") is not None:
         system = str(collection["crs"])[:90]
-        raise ValueError(f"crs must be left out, as a site is in metres of its frame (geo_reference), got {system}")
+        raise ValueError(
+            "crs must be left out, as a site is in metres of its frame (geo_reference), got "
+            f"{system}"
+        )
     root = JsonObject(collection)
     version = root.get("coview_site", int)
     if version > VERSION:
-        raise ValueError(f"coview_site is version {version}, this coview reads up to {VERSION}: install a newer one")
+        raise ValueError(
+            f"coview_site is version {version}, this coview reads up to {VERSION}: install a "
+            "newer one"
+        )
     matrix = _read_matrix(root)
     layers: dict[str, list[JsonValue]] = {layer: [] for layer in _READERS}
     for i, feature in enumerate(root.get("features", list)):
@@ -126,7 +154,9 @@ def parse(collection: JsonValue) -> Site:
         if len(layers["sensor"]) > _MOST_SENSORS:
             raise ValueError(f"features must hold at most {_MOST_SENSORS} sensors: leave some out")
     if len(layers["area"]) != 1:
-        raise ValueError(f"features must hold exactly one of layer 'area', got {len(layers['area'])}")
+        raise ValueError(
+            f"features must hold exactly one of layer 'area', got {len(layers['area'])}"
+        )
     relief = root.node("relief")
     rise, across = relief.numbers("slope", 2) if "slope" in relief.value else LEVEL
     geo_reference = collection.get("geo_reference")
@@ -136,7 +166,9 @@ def parse(collection: JsonValue) -> Site:
     if collection.get("network", ...) is not None:
         lines = root.get("network", list)
         if not lines or not all(isinstance(line, str) for line in lines):
-            raise ValueError("network must be the lines of a SUMO net.xml, or null for a site without traffic")
+            raise ValueError(
+                "network must be the lines of a SUMO net.xml, or null for a site without traffic"
+            )
     return Site(
         name=root.get("name", str),
         area=layers["area"][0],
@@ -154,7 +186,9 @@ def parse(collection: JsonValue) -> Site:
         map_SE3_site=matrix,
         geo_reference=geo_reference,
         relief=Relief(relief.number("amplitude"), relief.get("seed", int), (rise, across)),
-        hybrid_radius=root.number("hybrid_radius") if "hybrid_radius" in collection else HYBRID_RADIUS,
+        hybrid_radius=root.number("hybrid_radius")
+        if "hybrid_radius" in collection
+        else HYBRID_RADIUS,
     )
 
 
@@ -163,7 +197,9 @@ def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
     try:
         return np.array(rows, np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"map_SE3_site must be four rows of four numbers, got {str(rows)[:60]}") from None
+        raise ValueError(
+            f"map_SE3_site must be four rows of four numbers, got {str(rows)[:60]}"
+        ) from None
 
 
 def _turn_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."]) -> None:
@@ -177,9 +213,12 @@ def _turn_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."]) ->
 
 
 def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tuple[str, JsonValue]:
-    properties, geometry = feature.node("properties"), feature.node("geometry")
-    properties.value = {k: value for k, value in properties.value.items() if value is not None}  # GIS tools fill up
-    layer, at = properties.get("layer", str), properties.where
+    properties = feature.node("properties")
+    geometry = feature.node("geometry")
+    # GIS tools fill up
+    properties.value = {k: value for k, value in properties.value.items() if value is not None}
+    layer = properties.get("layer", str)
+    at = properties.where
     if layer not in _READERS:
         raise ValueError(f"{at('layer')} must be one of {', '.join(_READERS)}, got {layer!r}")
     kind, read, known = _READERS[layer]
@@ -187,19 +226,29 @@ def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tu
         _turn_bearing(properties, matrix)
     found = geometry.value.get("type")
     if found != kind:
-        raise ValueError(f"{geometry.where('type')} of layer {layer!r} must be {kind!r}, got {found!r}")
+        raise ValueError(
+            f"{geometry.where('type')} of layer {layer!r} must be {kind!r}, got {found!r}"
+        )
     if unknown := sorted(set(properties.value) - {"layer", *known}):
-        raise ValueError(f"{at(unknown[0])} is unknown to layer {layer!r}: it has {', '.join(known) or 'none'}")
+        raise ValueError(
+            f"{at(unknown[0])} is unknown to layer {layer!r}: it has {', '.join(known) or 'none'}"
+        )
     return layer, read(geometry, properties)
 
 
 def _read_ring(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarray, "k 2"]:
-    coordinates, where = geometry.get("coordinates", list), geometry.where("coordinates")
+    coordinates = geometry.get("coordinates", list)
+    where = geometry.where("coordinates")
     if len(coordinates) != 1:
-        raise ValueError(f"{where} must hold one ring, got {len(coordinates)}: split polygons with holes")
+        raise ValueError(
+            f"{where} must hold one ring, got {len(coordinates)}: split polygons with holes"
+        )
     ring = coordinates[0]
     if not isinstance(ring, list) or len(ring) < 4 or ring[0] != ring[-1]:
-        raise ValueError(f"{where} must be a closed ring of at least three corners: repeat the first corner at the end")
+        raise ValueError(
+            f"{where} must be a closed ring of at least three corners: repeat the first corner at "
+            "the end"
+        )
     return check_polygon(ring[:-1], where)
 
 
@@ -208,19 +257,25 @@ def _read_area(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarr
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
         where = geometry.where("coordinates")
-        raise ValueError(f"{where}: the area must be a rectangle along x and y, got {ring.tolist()}")
+        raise ValueError(
+            f"{where}: the area must be a rectangle along x and y, got {ring.tolist()}"
+        )
     return np.array([xmin, ymin, xmax, ymax])
 
 
 def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
     footprint = _read_ring(geometry, properties)
-    base, top = properties.number("base"), properties.number("top")
-    kind, origin = properties.get("kind", str), _read_origin(properties)
+    base = properties.number("base")
+    top = properties.number("top")
+    kind = properties.get("kind", str)
+    origin = _read_origin(properties)
     with name_errors(properties.path):
         return Solid(footprint, base, top, kind, origin)
 
 
-def _read_parking(geometry: JsonObject, properties: JsonObject) -> tuple[tuple[float, float, float], str]:
+def _read_parking(
+    geometry: JsonObject, properties: JsonObject
+) -> tuple[tuple[float, float, float], str]:
     x, y = geometry.numbers("coordinates", 2)
     return (x, y, properties.angle("heading_deg")), _read_origin(properties)
 
@@ -228,13 +283,20 @@ def _read_parking(geometry: JsonObject, properties: JsonObject) -> tuple[tuple[f
 def _read_origin(properties: JsonObject) -> str:
     origin: str = properties.get("origin", str) if "origin" in properties.value else "mapped"
     if origin not in ORIGINS:
-        raise ValueError(f"{properties.where('origin')} must be one of {', '.join(ORIGINS)}, got {origin[:60]!r}")
+        raise ValueError(
+            f"{properties.where('origin')} must be one of {', '.join(ORIGINS)}, got {origin[:60]!r}"
+        )
     return origin
 
 
 def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
-    position, name = np.array(geometry.numbers("coordinates", 3)), properties.get("name", str)
-    numbers: Json = {key: properties.number(key) for key in properties.value if key not in ("layer", "name", "origin")}
+    position = np.array(geometry.numbers("coordinates", 3))
+    name = properties.get("name", str)
+    numbers: Json = {
+        key: properties.number(key)
+        for key in properties.value
+        if key not in ("layer", "name", "origin")
+    }
     with name_errors(properties.path):
         return Mount(name, position, origin=_read_origin(properties), **numbers)
 
@@ -245,12 +307,16 @@ def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
 
 
 def read_sensor(place: list[float], properties: JsonObject, model: SensorModel) -> Sensor:
-    """Read name and attitude of a sensor at x, y, z (m). Raises ValueError that names a member that does not fit."""
+    """Read name and attitude of a sensor at x, y, z (m). Raises ValueError that names a member that
+    does not fit."""
     x, y, z = place
     heading, tilt, roll = (properties.angle(f"{key}_deg") for key in ("heading", "tilt", "roll"))
     if not abs(properties.value["tilt_deg"]) <= _MAX_TILT_DEG:
-        where, limit = properties.where("tilt_deg"), f"{_MAX_TILT_DEG:g} degrees"
-        raise ValueError(f"{where} must lie within {limit} of the horizon, got {properties.value['tilt_deg']:g}")
+        where = properties.where("tilt_deg")
+        limit = f"{_MAX_TILT_DEG:g} degrees"
+        raise ValueError(
+            f"{where} must lie within {limit} of the horizon, got {properties.value['tilt_deg']:g}"
+        )
     world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
     return Sensor(properties.get("name", str), model, world_SE3_body @ model.body_SE3_sensor)
 
@@ -259,17 +325,26 @@ def read_model(properties: JsonObject) -> SensorModel:
     """Read a sensor model. Raises ValueError that names a member that does not fit."""
     kind = properties.get("type", str)
     if kind not in class_names():
-        raise ValueError(f"{properties.where('type')} must be one of {', '.join(class_names())}, got {kind[:60]!r}")
+        raise ValueError(
+            f"{properties.where('type')} must be one of {', '.join(class_names())}, got "
+            f"{kind[:60]!r}"
+        )
     model = find_model_class(kind)
     angles = find_angles(model)
-    known = {f"{entry.name}_deg" if angles[entry.name] else entry.name: entry for entry in fields(model)}
+    known = {
+        f"{entry.name}_deg" if angles[entry.name] else entry.name: entry for entry in fields(model)
+    }
     values: Json = {}
     for key, value in properties.value.items():
         if key not in ("type", *known):
-            raise ValueError(f"{properties.where(key)} is unknown to {kind}: it has {', '.join(known)}")
+            raise ValueError(
+                f"{properties.where(key)} is unknown to {kind}: it has {', '.join(known)}"
+            )
         if key == "type":
             continue
-        name, default = known[key].name, known[key].default  # whose type it has
+        # whose type it has
+        name = known[key].name
+        default = known[key].default
         if isinstance(default, bool) and isinstance(value, bool):
             values[name] = value
         elif isinstance(default, str | int):
@@ -282,13 +357,19 @@ def read_model(properties: JsonObject) -> SensorModel:
         return make_model(kind, values)
 
 
-_READERS: Mapping[str, tuple[str, Callable[[JsonObject, JsonObject], JsonValue], tuple[str, ...]]] = {
+_READERS: Mapping[
+    str, tuple[str, Callable[[JsonObject, JsonObject], JsonValue], tuple[str, ...]]
+] = {
     "area": ("Polygon", _read_area, ()),
     "lane": ("Polygon", _read_ring, ()),
     "footway": ("Polygon", _read_ring, ()),
     "solid": ("Polygon", _read_solid, ("kind", "base", "top", "origin")),
     "parking": ("Point", _read_parking, ("heading_deg", "origin")),
-    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors", "origin")),
+    "mount": (
+        "Point",
+        _read_mount,
+        ("name", "min_height", "max_height", "price", "capacity", "max_sensors", "origin"),
+    ),
     "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
 }
 
@@ -303,7 +384,11 @@ def _polygon(corners: list[list[float]], **properties: JsonValue) -> Json:
 
 
 def _point(coordinates: list[float], **properties: JsonValue) -> Json:
-    return {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": coordinates}}
+    return {
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": "Point", "coordinates": coordinates},
+    }
 
 
 def format_model(model: SensorModel) -> Json:
@@ -312,17 +397,26 @@ def format_model(model: SensorModel) -> Json:
     for name, is_angle in find_angles(model).items():
         value = getattr(model, name)
         if is_angle and value is not None:
-            value = [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
+            value = (
+                [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
+            )
         if value is not None:
-            members[f"{name}_deg" if is_angle else name] = list(value) if isinstance(value, tuple) else value
+            members[f"{name}_deg" if is_angle else name] = (
+                list(value) if isinstance(value, tuple) else value
+            )
     return members
 
 
 def format_attitude(sensor: Sensor) -> Json:
-    """Heading, tilt (below the horizon) and roll (degrees) of a sensor's body (x forward, y left, z up)."""
+    """Heading, tilt (below the horizon) and roll (degrees) of a sensor's body (x forward, y left, z
+    up)."""
     forward, left, up = sensor.world_SE3_body[:3, :3].T
     across = float(np.hypot(forward[0], forward[1]))
-    angles = np.arctan2(forward[1], forward[0]), np.arctan2(-forward[2], across), np.arctan2(left[2], up[2])
+    angles = (
+        np.arctan2(forward[1], forward[0]),
+        np.arctan2(-forward[2], across),
+        np.arctan2(left[2], up[2]),
+    )
     if across < 1e-9:  # straight up or down: heading and roll turn about one axis, so roll is zero
         angles = np.arctan2(-left[0], left[1]), angles[1], np.float64(0.0)
     return dict(zip(("heading_deg", "tilt_deg", "roll_deg"), map(_degrees, angles), strict=True))

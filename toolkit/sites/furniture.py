@@ -1,7 +1,8 @@
 """Street furniture as solids on level ground, and `settle` for uneven ground.
 
-Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for one, so a drawn
-street holds plenty of them. They are made about the origin, lengthwise along x; `move_solids` puts them in place."""
+Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for
+one, so a drawn street holds plenty of them. They are made about the origin, lengthwise along x;
+`move_solids` puts them in place."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -41,7 +42,9 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
 def block(size: Point, middle: Point = (0.0, 0.0), yaw: float = 0.0) -> Float64[np.ndarray, "4 2"]:
     """Rectangle (m) about `middle`; yaw: direction of its length."""
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
-    start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
+    start, end = (
+        (float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1)
+    )
     return bar(start, end, size[1])
 
 
@@ -56,8 +59,11 @@ def sign(x: float, y: float, facing: float) -> list[Solid]:
     return [post(x, y, 2.2, 0.04), Solid(plate, 2.2, 2.9, "sign")]
 
 
-def tree(x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: float = 2.3) -> list[Solid]:
-    """Trunk, and a crown from `clear` m up to `height`. crown: its radius (m); it is narrower below and above."""
+def tree(
+    x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: float = 2.3
+) -> list[Solid]:
+    """Trunk, and a crown from `clear` m up to `height`. crown: its radius (m); it is narrower below
+    and above."""
     levels = clear, clear + 0.25 * (height - clear), clear + 0.7 * (height - clear), height
     parts = zip((0.75, 1.0, 0.6), pairwise(levels), strict=True)
     clumps = [Solid(disc(x, y, part * crown), *ends, "tree") for part, ends in parts]
@@ -89,40 +95,59 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
     pieces = _pieces(line, 2.5)
     uprights = [Solid(disc(*start, 0.05), 0.0, height, "fence") for start, _ in pieces]
     levels = ((0.5 * height - 0.05, 0.5 * height + 0.05), (height - 0.1, height))
-    return uprights + [Solid(bar(*piece, 0.06), *level, "fence") for piece in pieces for level in levels]
+    return uprights + [
+        Solid(bar(*piece, 0.06), *level, "fence") for piece in pieces for level in levels
+    ]
 
 
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12) -> list[Solid]:
     """Kerbstones on the footway's side of the road's edges."""
-    road, walk = unite(lanes).buffer(0.01), unite(footways)
+    road = unite(lanes).buffer(0.01)
+    walk = unite(footways)
     if walk.is_empty:
         return []
     edge = shapely.line_merge(shapely.intersection(walk.boundary, road)).simplify(0.02)
     return set_kerbs(edge, road, (0.15, height), broken=False)
 
 
-def set_kerbs(edge: shapely.Geometry, road: shapely.Geometry, size: Point, *, broken: bool = True) -> list[Solid]:
-    """Kerbstones of a width and height, at most 4 m long, off `road`. broken: keep the rest of one cut in parts."""
+def set_kerbs(
+    edge: shapely.Geometry, road: shapely.Geometry, size: Point, *, broken: bool = True
+) -> list[Solid]:
+    """Kerbstones of a width and height, at most 4 m long, off `road`. broken: keep the rest of one
+    cut in parts."""
     (width, height), solids = size, []
-    lines = [part for part in shapely.get_parts(shapely.segmentize(edge, 4.0)) if part.geom_type == "LineString"]
+    lines = [
+        part
+        for part in shapely.get_parts(shapely.segmentize(edge, 4.0))
+        if part.geom_type == "LineString"
+    ]
     for piece in (piece for line in lines for piece in pairwise(shapely.get_coordinates(line))):
         stone = shapely.LineString(piece).buffer(width, cap_style="flat").difference(road)
         stone = shapely.set_precision(stone, 1e-3)
         largest = max(shapely.get_parts(stone), key=shapely.area, default=shapely.Polygon())
-        if largest.area > 0.02 and not largest.interiors and (broken or stone.geom_type == "Polygon"):
-            solids.append(Solid(shapely.get_coordinates(largest.exterior)[:-1], 0.0, height, "kerb"))
+        if (
+            largest.area > 0.02
+            and not largest.interiors
+            and (broken or stone.geom_type == "Polygon")
+        ):
+            solids.append(
+                Solid(shapely.get_coordinates(largest.exterior)[:-1], 0.0, height, "kerb")
+            )
     return solids
 
 
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
-    """Lift solids made for level ground by the height of uneven ground under their middle. Solids on the ground (base
-    0) reach 0.3 m into it, so that no gap shows."""
+    """Lift solids made for level ground by the height of uneven ground under their middle. Solids
+    on the ground (base 0) reach 0.3 m into it, so that no gap shows."""
     solids = list(solids)
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()
     bases = [-0.3 if solid.base == 0 else solid.base for solid in solids]
     lifted = [(round(base + lift, 3), lift) for base, lift in zip(bases, lifts, strict=True)]
-    return tuple(replace(s, base=b, top=round(s.top + up, 3)) for s, (b, up) in zip(solids, lifted, strict=True))
+    return tuple(
+        replace(s, base=b, top=round(s.top + up, 3))
+        for s, (b, up) in zip(solids, lifted, strict=True)
+    )
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
@@ -141,9 +166,12 @@ Make = Callable[[Rng], list[Solid]]  # about the origin, lengthwise along x
 
 
 def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
-    """Turn solids by `yaw` (rad) about the origin, then move them to (x, y). Footprints lie on millimetres."""
+    """Turn solids by `yaw` (rad) about the origin, then move them to (x, y). Footprints lie on
+    millimetres."""
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-    return [replace(solid, footprint=np.round(solid.footprint @ turn + [x, y], 3)) for solid in solids]
+    return [
+        replace(solid, footprint=np.round(solid.footprint @ turn + [x, y], 3)) for solid in solids
+    ]
 
 
 def _size(rng: Rng, *ranges: Span) -> tuple[float, ...]:
@@ -160,13 +188,15 @@ def _draw_block(kind: str, *ranges: Span) -> Make:
     return make
 
 
-hedge_block = _draw_block("hedge", (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))  # clipped, up to the size of a van
+# clipped, up to the size of a van
+hedge_block = _draw_block("hedge", (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))
 _cabinet = _draw_block("cabinet", (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))  # power or telephone box
 
 
 def bushes(rng: Rng) -> list[Solid]:
     """One to five bushes in a row, grown together."""
-    radius, number = float(rng.uniform(0.4, 1.2)), int(rng.integers(1, 6))
+    radius = float(rng.uniform(0.4, 1.2))
+    number = int(rng.integers(1, 6))
     made = []
     for k in range(number):
         size, height = _size(rng, (0.8 * radius, 1.2 * radius), (0.6, 2.0))
@@ -197,13 +227,21 @@ def skip(rng: Rng) -> list[Solid]:
     return [
         Solid(block((0.65 * length, 0.9 * width)), 0.0, middle, "container"),
         *(Solid(block(size, at), middle, height, "container") for at, size in walls),
-        Solid(block((0.8 * length, 0.7 * width)), middle, round(middle + full * (height - middle), 2), "container"),
+        Solid(
+            block((0.8 * length, 0.7 * width)),
+            middle,
+            round(middle + full * (height - middle), 2),
+            "container",
+        ),
     ]
 
 
 def _bus_shelter(rng: Rng) -> list[Solid]:
     length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
-    xmin, ymin, xmax, ymax = -length / 2, -width / 2, length / 2, width / 2
+    xmin = -length / 2
+    ymin = -width / 2
+    xmax = length / 2
+    ymax = width / 2
     walls = rectangle(xmin, ymax - 0.1, xmax, ymax), rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1)
     roof = Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter")
     return [*(Solid(wall, 0.0, 2.3, "shelter") for wall in walls), roof]
@@ -221,7 +259,10 @@ def heap(rng: Rng) -> list[Solid]:
     radius, height = _size(rng, (0.8, 2.0), (0.6, 1.8))
     rings = [(1.0, 0.0, 0.35), (0.75, 0.35, 0.6), (0.5, 0.6, 0.82), (0.25, 0.82, 1.0)]
     discs = [(disc(0.0, 0.0, round(part * radius, 3), 9), low, high) for part, low, high in rings]
-    return [Solid(ring, round(low * height, 2), round(high * height, 2), "heap") for ring, low, high in discs]
+    return [
+        Solid(ring, round(low * height, 2), round(high * height, 2), "heap")
+        for ring, low, high in discs
+    ]
 
 
 def _column(rng: Rng) -> list[Solid]:
@@ -235,28 +276,55 @@ def _column(rng: Rng) -> list[Solid]:
 def digger(rng: Rng) -> list[Solid]:
     """Digger: tracks, a house with a cab, an arm."""
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
-    track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
-    sides = [Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]
+    track = round(0.2 * height, 2)
+    deck = round(0.55 * height, 2)
+    sides = [
+        Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine")
+        for k in (-1, 1)
+    ]
     house = Solid(block((0.8 * length, 0.9 * width), (-0.1 * length, 0.0)), track, deck, "machine")
-    cab = Solid(block((0.4 * length, 0.45 * width), (0.05 * length, 0.2 * width)), deck, height, "machine")
-    boom = Solid(block((0.45 * length, 0.3), (0.5 * length, swing / 2)), round(0.6 * deck, 2), height, "machine")
+    cab = Solid(
+        block((0.4 * length, 0.45 * width), (0.05 * length, 0.2 * width)), deck, height, "machine"
+    )
+    boom = Solid(
+        block((0.45 * length, 0.3), (0.5 * length, swing / 2)),
+        round(0.6 * deck, 2),
+        height,
+        "machine",
+    )
     stick = Solid(block((0.3, 0.35), (0.8 * length, swing)), 0.0, round(0.9 * height, 2), "machine")
     return [*sides, house, cab, boom, stick]
 
 
 def bicycles(rng: Rng) -> list[Solid]:
     """One to eight parked bicycles side by side: things, since nobody rides them."""
-    made, apart, number = [], float(rng.uniform(0.4, 0.9)), int(rng.integers(1, 9))
+    made = []
+    apart = float(rng.uniform(0.4, 0.9))
+    number = int(rng.integers(1, 9))
     for k in range(number):
-        scale, turn = float(rng.uniform(0.75, 1.05)), float(rng.normal(0.0, 0.1))
+        scale = float(rng.uniform(0.75, 1.05))
+        turn = float(rng.normal(0.0, 0.1))
         wheels = [block((0.64 * scale, 0.05), (x * scale, 0.0)) for x in (-0.52, 0.52)]
         parts = [Solid(wheel, 0.0, 0.64 * scale, "bicycle") for wheel in wheels]
-        heights = (((0.85, 0.05), 0.0, 0.4, 0.6), ((0.22, 0.15), -0.25, 0.8, 0.9), ((0.06, 0.56), 0.4, 0.93, 1.02))
+        heights = (
+            ((0.85, 0.05), 0.0, 0.4, 0.6),
+            ((0.22, 0.15), -0.25, 0.8, 0.9),
+            ((0.06, 0.56), 0.4, 0.93, 1.02),
+        )
         for size, x, low, high in heights:
-            parts.append(Solid(block(size, (x * scale, 0.0)), round(low * scale, 2), round(high * scale, 2), "bicycle"))
+            parts.append(
+                Solid(
+                    block(size, (x * scale, 0.0)),
+                    round(low * scale, 2),
+                    round(high * scale, 2),
+                    "bicycle",
+                )
+            )
         if rng.random() < 0.25:
             parts.append(Solid(block((0.36, 0.3), (-0.6 * scale, 0.0)), 0.68, 1.0, "bicycle"))
-        made += move_solids(parts, float(rng.normal(0.0, 0.1)), (k - (number - 1) / 2) * apart, turn)
+        made += move_solids(
+            parts, float(rng.normal(0.0, 0.1)), (k - (number - 1) / 2) * apart, turn
+        )
     return made
 
 

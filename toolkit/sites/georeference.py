@@ -1,14 +1,16 @@
-"""Sites on earth: site metres ↔ longitude and latitude, compass bearings, and GeoJSON (RFC 7946) for GIS tools.
+"""Sites on earth: site metres ↔ longitude and latitude, compass bearings, and GeoJSON (RFC 7946)
+for GIS tools.
 
-Site → map is `map_SE3_site`, in metres to the map's east and north; map → earth is `geo_reference`, as PROJ names it. A
-map in feet, or with axes to the west and south, is turned into these metres by what it says of its axes. The transverse
-Mercator maps that coview makes of OpenStreetMap extracts (`projection`) are computed here, all others by pyproj. North
-is the map's +y: its angle to true north (grid convergence), 0 at the centre of coview's own maps and up to 3 degrees in
-UTM, is ignored.
+Site → map is `map_SE3_site`, in metres to the map's east and north; map → earth is `geo_reference`,
+as PROJ names it. A map in feet, or with axes to the west and south, is turned into these metres by
+what it says of its axes. The transverse Mercator maps that coview makes of OpenStreetMap extracts
+(`projection`) are computed here, all others by pyproj. North is the map's +y: its angle to true
+north (grid convergence), 0 at the centre of coview's own maps and up to 3 degrees in UTM, is
+ignored.
 
-GeoJSON written here is to look at and to draw over; coview itself reads a site's own file (`toolkit.sites.files`).
-Outer rings run counter-clockwise and holes clockwise, coordinates have 8 decimals (about 1 mm), the collection has a
-bbox, and every feature says what it is as `layer`."""
+GeoJSON written here is to look at and to draw over; coview itself reads a site's own file
+(`toolkit.sites.files`). Outer rings run counter-clockwise and holes clockwise, coordinates have 8
+decimals (about 1 mm), the collection has a bbox, and every feature says what it is as `layer`."""
 
 import json
 import re
@@ -30,21 +32,31 @@ from toolkit.sites.site import Mount, Site
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
-_EQUATOR, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS84: radius (m), first eccentricity squared
+# WGS84: radius (m), first eccentricity squared
+_EQUATOR = 6378137.0
+_ECCENTRICITY2 = 6.69437999014e-3
 _FLATTENING = 298.257223563  # of WGS84, inverse
-_WGS84_FLATTENING_GAP = 1e-7  # less than between WGS84 and GRS80, the ellipsoid of ETRS89, NAD83 and GDA
-MAX_AXIS_GAP_M, MAX_FLATTENING_GAP = 0.01, 1e-4  # to ellipsoids whose datums lie within 2 m of WGS84
-_SCALE_LENGTH_M, MAX_STRETCH = 100.0, 0.01  # length by which a map's scale is judged, and what is not worth a note
+_WGS84_FLATTENING_GAP = (
+    1e-7  # less than between WGS84 and GRS80, the ellipsoid of ETRS89, NAD83 and GDA
+)
+# to ellipsoids whose datums lie within 2 m of WGS84
+MAX_AXIS_GAP_M = 0.01
+MAX_FLATTENING_GAP = 1e-4
+# length by which a map's scale is judged, and what is not worth a note
+_SCALE_LENGTH_M = 100.0
+MAX_STRETCH = 0.01
 _DIRECTIONS = {"east": (1.0, 0.0), "west": (-1.0, 0.0), "north": (0.0, 1.0), "south": (0.0, -1.0)}
 _POLAR_AXES = {"E": (1.0, 0.0), "X": (1.0, 0.0), "N": (0.0, 1.0), "Y": (0.0, 1.0)}
 WGS84 = "EPSG:4326"
 
 
-def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"] | None:
+def longitude_latitude(
+    site: Site, xy: Float[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, "n 2"] | None:
     """Convert site metres to degrees of longitude and latitude (WGS84).
 
-    None if the site has no known place on earth. Raises ValueError if `geo_reference` is no projection or does
-    not reach there; ImportError if pyproj is needed and missing."""
+    None if the site has no known place on earth. Raises ValueError if `geo_reference` is no
+    projection or does not reach there; ImportError if pyproj is needed and missing."""
     if site.geo_reference is None:
         return None
     xy = np.asarray(xy, np.float64)
@@ -53,12 +65,17 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
 
 
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees of longitude and latitude (WGS84) to site metres. Raises ValueError for a site without a known
-    place on earth, and the errors of `longitude_latitude`."""
+    """Convert degrees of longitude and latitude (WGS84) to site metres. Raises ValueError for a
+    site without a known place on earth, and the errors of `longitude_latitude`."""
     if site.geo_reference is None:
-        raise ValueError(f"site {site.name!r} does not say where on earth it is (geo_reference): give site metres")
+        raise ValueError(
+            f"site {site.name!r} does not say where on earth it is (geo_reference): give site "
+            "metres"
+        )
     on_map = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
-    return transform(invert(site.map_SE3_site), np.column_stack([on_map, np.zeros(len(on_map))]))[:, :2]
+    return transform(invert(site.map_SE3_site), np.column_stack([on_map, np.zeros(len(on_map))]))[
+        :, :2
+    ]
 
 
 def map_turn(map_SE3_site: Pose) -> float:
@@ -67,13 +84,15 @@ def map_turn(map_SE3_site: Pose) -> float:
 
 
 def bearing_deg(site: Site, heading: float) -> float:
-    """Compass bearing (degrees in 0..360, clockwise from the map's north) of a heading (rad, from the site's +x)."""
+    """Compass bearing (degrees in 0..360, clockwise from the map's north) of a heading (rad, from
+    the site's +x)."""
     turn = map_turn(site.map_SE3_site)
     return round(90.0 - float(np.rad2deg(heading + turn)), 9) % 360.0
 
 
 def heading_from_bearing(site: Site, bearing: float) -> float:
-    """Heading (rad in -pi..pi, from the site's +x) of a compass bearing (degrees), the inverse of `bearing_deg`."""
+    """Heading (rad in -pi..pi, from the site's +x) of a compass bearing (degrees), the inverse of
+    `bearing_deg`."""
     heading = np.deg2rad(90.0 - bearing) - map_turn(site.map_SE3_site)
     return float(np.arctan2(np.sin(heading), np.cos(heading)))
 
@@ -84,30 +103,39 @@ def projection(longitude: float, latitude: float) -> str:
     return f"+proj=tmerc {origin} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
 
 
-def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees to metres of `projection(*centre)`. Good to 1 mm within 2 km (Snyder, Map Projections, equations
-    8-9 to 8-15, cut after the terms of third order)."""
+def project(
+    lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]
+) -> Float64[np.ndarray, "n 2"]:
+    """Convert degrees to metres of `projection(*centre)`. Good to 1 mm within 2 km (Snyder, Map
+    Projections, equations 8-9 to 8-15, cut after the terms of third order)."""
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)
-    sine, cosine = np.sin(latitude), np.cos(latitude)
+    sine = np.sin(latitude)
+    cosine = np.cos(latitude)
     normal = _EQUATOR / np.sqrt(1 - _ECCENTRICITY2 * sine**2)
     east = longitude - longitude_0
-    east = np.where(np.abs(east) > np.pi, (east + np.pi) % (2 * np.pi) - np.pi, east)  # across the antimeridian
+    # across the antimeridian
+    east = np.where(np.abs(east) > np.pi, (east + np.pi) % (2 * np.pi) - np.pi, east)
     a = east * cosine
-    t, c = np.tan(latitude) ** 2, _ECCENTRICITY2 / (1 - _ECCENTRICITY2) * cosine**2
+    t = np.tan(latitude) ** 2
+    c = _ECCENTRICITY2 / (1 - _ECCENTRICITY2) * cosine**2
     x = normal * (a + (1 - t + c) * a**3 / 6)
     y = _meridian(latitude) - _meridian(latitude_0) + normal * np.tan(latitude) * a**2 / 2
     return np.stack([x, y], axis=1)
 
 
-def inverse_project(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
+def inverse_project(
+    metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]
+) -> Float64[np.ndarray, "n 2"]:
     """Convert metres of `projection(*centre)` to degrees, by Newton's method."""
     guess = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
     for _ in range(5):
         radius = _EQUATOR * np.stack([np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1)
         guess += np.rad2deg((metres - project(guess, centre)) / radius)
     longitude = guess[:, 0]
-    guess[:, 0] = np.where(np.abs(longitude) > 180.0, (longitude + 180.0) % 360.0 - 180.0, longitude)
+    guess[:, 0] = np.where(
+        np.abs(longitude) > 180.0, (longitude + 180.0) % 360.0 - 180.0, longitude
+    )
     return guess
 
 
@@ -123,17 +151,20 @@ def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np
 
 
 def project_to_map(reference: str, lon_lat: tuple[float, float]) -> tuple[float, float]:
-    """Convert longitude and latitude to metres to the east and north on the map that a reference names.
+    """Convert longitude and latitude to metres to the east and north on the map that a reference
+    names.
 
     Raises ValueError if it names none, ImportError without pyproj."""
-    centre, degrees = _find_centre(reference), np.array([lon_lat], np.float64)
+    centre = _find_centre(reference)
+    degrees = np.array([lon_lat], np.float64)
     metres = _open_map(reference).to_metres(degrees) if centre is None else project(degrees, centre)
     x, y = metres[0].tolist()
     return x, y
 
 
 def doubt_place(geo_reference: str | None) -> str | None:
-    """Return what is uncertain about a map's place on earth, as a note; None for nothing, and without pyproj.
+    """Return what is uncertain about a map's place on earth, as a note; None for nothing, and
+    without pyproj.
 
     Raises ValueError, which names the reason, for a reference that is no map in lengths."""
     if geo_reference is None or _find_centre(geo_reference) is not None:
@@ -145,8 +176,9 @@ def doubt_place(geo_reference: str | None) -> str | None:
 
 
 def doubt_scale(site: Site) -> str | None:
-    """Return by how much a site's map stretches lengths, as a note; None for less than `MAX_STRETCH`, an unknown place,
-    and without pyproj. The errors of `longitude_latitude` are raised."""
+    """Return by how much a site's map stretches lengths, as a note; None for less than
+    `MAX_STRETCH`, an unknown place, and without pyproj. The errors of `longitude_latitude` are
+    raised."""
     corners = np.array([[0.0, 0.0], [_SCALE_LENGTH_M, 0.0], [0.0, _SCALE_LENGTH_M]])
     try:
         degrees = longitude_latitude(site, corners)
@@ -160,7 +192,8 @@ def doubt_scale(site: Site) -> str | None:
     if abs(far / _SCALE_LENGTH_M - 1) < MAX_STRETCH:
         return None
     return (
-        f"its map stretches lengths: {_SCALE_LENGTH_M:g} m on it are {far:.1f} m on the ground, which no figure heeds"
+        f"its map stretches lengths: {_SCALE_LENGTH_M:g} m on it are {far:.1f} m on the ground, "
+        "which no figure heeds"
     )
 
 
@@ -171,7 +204,9 @@ def _find_centre(reference: str) -> tuple[float, float] | None:
     return centre if centre is not None and projection(*centre) == reference else None
 
 
-def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -> Float64[np.ndarray, "n 2"]:
+def _convert(
+    site: Site, reference: str, points: np.ndarray, *, inverse: bool
+) -> Float64[np.ndarray, "n 2"]:
     """Convert degrees to metres of the site's map; `inverse`: back."""
     centre = _find_centre(reference)
     if centre is not None:
@@ -180,17 +215,23 @@ def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -
         earth_map = _open_map(reference)
     except ImportError:
         needs = "needs pyproj: pip install 'coview[report]'"
-        raise ImportError(f"the map of site {site.name!r} ({reference}) {needs}", name="pyproj") from None
+        raise ImportError(
+            f"the map of site {site.name!r} ({reference}) {needs}", name="pyproj"
+        ) from None
     except ValueError as error:
         raise ValueError(
-            f"geo_reference of site {site.name!r} {error}: correct it in the site file, or set it to null"
+            f"geo_reference of site {site.name!r} {error}: correct it in the site file, or set it "
+            "to null"
         ) from None
     if earth_map.doubt is not None:
         warnings.warn(f"site {site.name!r}: {earth_map.doubt}", stacklevel=4)
     turned = earth_map.to_degrees(points) if inverse else earth_map.to_metres(points)
     lost = np.flatnonzero(~np.isfinite(turned).all(axis=1))
     if len(lost):
-        far = f"the map of site {site.name!r} ({reference[:90]}) does not reach {points[lost[0]].tolist()}"
+        far = (
+            f"the map of site {site.name!r} ({reference[:90]}) does not reach "
+            f"{points[lost[0]].tolist()}"
+        )
         raise ValueError(f"{far}: correct geo_reference or the coordinates")
     return turned
 
@@ -201,7 +242,8 @@ class _EarthMap:
 
     Attributes:
         transformer: from the map's coordinates, as it orders them, to latitude and longitude.
-        axes: (2, 2) what turns metres to the east and north into the map's coordinates: directions and units.
+        axes: (2, 2) what turns metres to the east and north into the map's coordinates: directions
+            and units.
         doubt: what is uncertain about its place on earth, None for nothing.
     """
 
@@ -217,13 +259,16 @@ class _EarthMap:
     def to_metres(self, degrees: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Metres to the east and north of longitude and latitude."""
         longitude, latitude = degrees.T
-        coordinates = np.column_stack(self.transformer.transform(latitude, longitude, direction="INVERSE"))
+        coordinates = np.column_stack(
+            self.transformer.transform(latitude, longitude, direction="INVERSE")
+        )
         return np.where(np.isfinite(coordinates), coordinates, np.nan) @ np.linalg.inv(self.axes).T
 
 
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
 def _open_map(geo_reference: str) -> _EarthMap:
-    """Open the map that a reference names. Raises ValueError, which begins with a verb, if it is no map."""
+    """Open the map that a reference names. Raises ValueError, which begins with a verb, if it is no
+    map."""
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
@@ -237,21 +282,28 @@ def _open_map(geo_reference: str) -> _EarthMap:
     if system.is_compound:  # heights are not converted
         system = system.sub_crs_list[0]
     if not system.is_projected:
-        raise ValueError(f"names no projection that PROJ knows: it is {_describe_system(system)}, got {shown!r}")
+        raise ValueError(
+            f"names no projection that PROJ knows: it is {_describe_system(system)}, got {shown!r}"
+        )
     axes = _find_axes(system, shown)
     missing = _list_missing_grids(geo_reference)
     try:
-        return _EarthMap(Transformer.from_crs(system, WGS84, allow_ballpark=False), axes, _doubt_grids(missing))
+        return _EarthMap(
+            Transformer.from_crs(system, WGS84, allow_ballpark=False), axes, _doubt_grids(missing)
+        )
     except ProjError:
         pass
     if missing and "@" not in geo_reference:
         raise ValueError(
-            f"needs the grid {', '.join(missing)}, which PROJ has not here (projsync --file), got {shown!r}"
+            f"needs the grid {', '.join(missing)}, which PROJ has not here (projsync --file), got "
+            f"{shown!r}"
         )
     try:
         transformer = Transformer.from_crs(system, WGS84)
     except ProjError:
-        raise ValueError(f"names no projection that PROJ can turn into degrees, got {shown!r}") from None
+        raise ValueError(
+            f"names no projection that PROJ can turn into degrees, got {shown!r}"
+        ) from None
     return _EarthMap(transformer, axes, _doubt_datum(system, shown))
 
 
@@ -268,10 +320,14 @@ def _find_axes(system: "CRS", shown: str) -> Float64[np.ndarray, "2 2"]:
     rows = []
     for axis in system.axis_info[:2]:
         direction = _DIRECTIONS.get(axis.direction)
-        if len({each.direction for each in system.axis_info[:2]}) < 2:  # about a pole, where both lead away from it
+        if (
+            len({each.direction for each in system.axis_info[:2]}) < 2
+        ):  # about a pole, where both lead away from it
             direction = _POLAR_AXES.get(axis.abbrev.upper())
         if direction is None or not axis.unit_conversion_factor:
-            raise ValueError(f"has an axis {axis.abbrev or axis.name} towards {axis.direction}, got {shown!r}")
+            raise ValueError(
+                f"has an axis {axis.abbrev or axis.name} towards {axis.direction}, got {shown!r}"
+            )
         rows.append(np.array(direction) / axis.unit_conversion_factor)
     axes = np.array(rows)
     if axes.shape != (2, 2) or not np.linalg.det(axes):
@@ -299,14 +355,20 @@ def _list_missing_grids(geo_reference: str) -> list[str]:
 def _doubt_grids(missing: list[str]) -> str | None:
     if not missing:
         return None
-    return f"the grid {', '.join(missing)} of its map is not installed, so its place on earth may be 200 m off"
+    return (
+        f"the grid {', '.join(missing)} of its map is not installed, so its place on earth may be "
+        "200 m off"
+    )
 
 
 def _doubt_datum(system: "CRS", shown: str) -> str | None:
     """Note for a system without a datum, whose place on WGS84 PROJ only guesses."""
     ellipsoid = system.ellipsoid
     shape = (ellipsoid.semi_major_metre, ellipsoid.inverse_flattening) if ellipsoid else (0.0, 0.0)
-    if abs(shape[0] - _EQUATOR) > MAX_AXIS_GAP_M or abs(shape[1] - _FLATTENING) > MAX_FLATTENING_GAP:
+    if (
+        abs(shape[0] - _EQUATOR) > MAX_AXIS_GAP_M
+        or abs(shape[1] - _FLATTENING) > MAX_FLATTENING_GAP
+    ):
         off = "some 100 m"
     elif abs(shape[1] - _FLATTENING) > _WGS84_FLATTENING_GAP:
         off = "2 m"
@@ -315,12 +377,15 @@ def _doubt_datum(system: "CRS", shown: str) -> str | None:
     return f"its map ({shown}) names no datum that is known, so its place on earth may be {off} off"
 
 
-DEGREE_DECIMALS, METRE_DECIMALS = 8, 3  # of coordinates: 1 mm both
+# of coordinates: 1 mm both
+DEGREE_DECIMALS = 8
+METRE_DECIMALS = 3
 _Json = dict[str, Any]
 
 
 def site_geojson(site: Site) -> str:
-    """GeoJSON of a site in longitude and latitude. Raises ValueError without a place, ImportError without pyproj."""
+    """GeoJSON of a site in longitude and latitude. Raises ValueError without a place, ImportError
+    without pyproj."""
     if site.geo_reference is None:
         silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
         remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"
@@ -329,7 +394,8 @@ def site_geojson(site: Site) -> str:
 
 
 def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Json:
-    """GeoJSON feature of points or polygons of the site frame, in degrees, or metres without a place on earth."""
+    """GeoJSON feature of points or polygons of the site frame, in degrees, or metres without a
+    place on earth."""
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def moved(xy: np.ndarray) -> np.ndarray:
@@ -354,11 +420,20 @@ def feature_collection(features: Iterable[_Json], **members: object) -> str:
     """Text of a FeatureCollection with a bbox."""
     kept = list(features)
     lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)
-    corners = np.array([shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]).reshape(-1, 4)
+    corners = np.array(
+        [shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]
+    ).reshape(-1, 4)
     corners = corners[np.isfinite(corners).all(axis=1)]
-    box = [*corners[:, :2].min(axis=0).tolist(), *corners[:, 2:].max(axis=0).tolist()] if len(corners) else None
+    box = (
+        [*corners[:, :2].min(axis=0).tolist(), *corners[:, 2:].max(axis=0).tolist()]
+        if len(corners)
+        else None
+    )
     head = {"type": "FeatureCollection", **members, **({"bbox": box} if box else {})}
-    texts = [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False, ensure_ascii=False)}" for k, v in head.items()]
+    texts = [
+        f"{json.dumps(k)}: {json.dumps(v, allow_nan=False, ensure_ascii=False)}"
+        for k, v in head.items()
+    ]
     return "{\n" + ",\n".join(texts) + f',\n"features": [\n{lines}\n]\n}}\n'
 
 
@@ -366,18 +441,39 @@ def _layers(site: Site) -> Iterator[_Json]:
     yield feature(site, shapely.box(*site.area), layer="area", name=site.name, height=site.height)
     for layer, outlines in (("lane", site.lanes), ("footway", site.footways)):
         for i, outline in enumerate(outlines):
-            yield feature(site, shapely.Polygon(outline), layer=layer, name=f"{layer}{i:03}", origin=site.road_origin)
+            yield feature(
+                site,
+                shapely.Polygon(outline),
+                layer=layer,
+                name=f"{layer}{i:03}",
+                origin=site.road_origin,
+            )
     for i, solid in enumerate(site.solids):
-        said = {"name": f"{solid.kind}{i:03}", "kind": solid.kind, "origin": solid.origin, "base": solid.base}
+        said = {
+            "name": f"{solid.kind}{i:03}",
+            "kind": solid.kind,
+            "origin": solid.origin,
+            "base": solid.base,
+        }
         heights = {"top": solid.top, "height": round(solid.top - solid.base, 6)}
         yield feature(site, shapely.Polygon(solid.footprint), layer="solid", **said, **heights)
-    for i, ((x, y, yaw), origin) in enumerate(zip(site.parking.tolist(), site.bay_origins, strict=True)):
+    for i, ((x, y, yaw), origin) in enumerate(
+        zip(site.parking.tolist(), site.bay_origins, strict=True)
+    ):
         bearing = round(bearing_deg(site, yaw), 1) % 360.0
-        yield feature(site, shapely.Point(x, y), layer="parking", name=f"bay{i:03}", bearing_deg=bearing, origin=origin)
+        yield feature(
+            site,
+            shapely.Point(x, y),
+            layer="parking",
+            name=f"bay{i:03}",
+            bearing_deg=bearing,
+            origin=origin,
+        )
     yield from (mount_feature(site, mount) for mount in site.mounts)
     for sensor in site.sensors:
         x, y, z = sensor.world_SE3_body[:3, 0]
-        model, spot = name_in_words(type(sensor.model).__name__), sensor.position[:2]
+        model = name_in_words(type(sensor.model).__name__)
+        spot = sensor.position[:2]
         height = round(float(sensor.position[2] - site.ground(spot)), 3)
         bearing = round(bearing_deg(site, float(np.arctan2(y, x))), 1) % 360.0
         tilt = round(float(np.rad2deg(np.arctan2(-z, np.hypot(x, y)))), 1) + 0.0

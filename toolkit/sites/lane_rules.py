@@ -1,8 +1,9 @@
 """Traffic rules of an OpenDRIVE road: who may use its lanes, and how fast.
 
-ASAM OpenDRIVE 1.4 to 1.8 lists the types of lanes (`e_laneType`); a lane of another type is closed. <access> of a lane
-allows some users and closes it to all others, or denies some (11.10). A lane's own limit counts first (11.9), then the
-road's <type> there (10.4), then the header's for roads of its type. Users are in SUMO's words."""
+ASAM OpenDRIVE 1.4 to 1.8 lists the types of lanes (`e_laneType`); a lane of another type is closed.
+<access> of a lane allows some users and closes it to all others, or denies some (11.10). A lane's
+own limit counts first (11.9), then the road's <type> there (10.4), then the header's for roads of
+its type. Users are in SUMO's words."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -17,12 +18,23 @@ from toolkit.sites.network import FOOT, MOTOR
 USUAL_SPEED_MPS = 13.89  # on a road without a limit in the map
 NO_LIMIT_MPS = 36.11  # 130 km/h, on roads whose map says "no limit"
 MAX_LIKELY_SPEED_MPS = 45.0  # 160 km/h; a limit above it is noted
-WALKING_SPEED_MPS, BICYCLE_SPEED_MPS = 2.78, 5.56
+WALKING_SPEED_MPS = 2.78
+BICYCLE_SPEED_MPS = 5.56
 UNITS_MPS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 
 _RAMPS = ("entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "mwyEntry", "mwyExit")
 _CAR_POOL = "bus coach taxi motorcycle emergency"  # how many sit in a private car is in no map
-_CLOSED = ("none", "parking", "shoulder", "border", "curb", "median", "restricted", "stop", "roadWorks")
+_CLOSED = (
+    "none",
+    "parking",
+    "shoulder",
+    "border",
+    "curb",
+    "median",
+    "restricted",
+    "stop",
+    "roadWorks",
+)
 USERS: dict[str, str] = {
     "driving": MOTOR,
     **dict.fromkeys(_RAMPS, MOTOR),
@@ -38,7 +50,8 @@ USERS: dict[str, str] = {
     "rail": "rail rail_urban rail_electric rail_fast",
     **dict.fromkeys(_CLOSED, ""),
 }
-_ROADS = {"pedestrian": (FOOT,), "bicycle": ("bicycle",)}  # who uses all lanes of a road of that type
+# who uses all lanes of a road of that type
+_ROADS = {"pedestrian": (FOOT,), "bicycle": ("bicycle",)}
 _NOTED = ("restricted", "stop", "roadWorks")  # closed types on which a reader may expect traffic
 _RESTRICTED = {
     "passengerCar": "passenger",
@@ -52,7 +65,13 @@ _RESTRICTED = {
     "motorcycle": "motorcycle moped",
     "pedestrian": FOOT,
 }
-_UNKNOWN_TO_TRAFFIC = ("simulator", "autonomousTraffic", "autonomous traffic", "throughTraffic", "HOV")
+_UNKNOWN_TO_TRAFFIC = (
+    "simulator",
+    "autonomousTraffic",
+    "autonomous traffic",
+    "throughTraffic",
+    "HOV",
+)
 
 Side = Literal["left", "right"]
 
@@ -82,14 +101,17 @@ def find_use(
     defaults: dict[str, float],
     problems: Counter[str],
 ) -> LaneUse:
-    """Users and limit of a lane at its section's start. What differs from the map is counted in `problems`.
+    """Users and limit of a lane at its section's start. What differs from the map is counted in
+    `problems`.
 
     defaults: limits (m/s) by type of road, as `read_defaults` gives them."""
     users = _find_users(section, lane, problems)
     for kind in _active(road.findall("type"), section.start, key="s"):
         allowed = _ROADS.get(kind.get("type", ""))
         if allowed is not None and not set(users) <= {*allowed, FOOT}:
-            problems[f"lanes of roads of type {kind.get('type')!r} are closed to other traffic"] += 1
+            problems[
+                f"lanes of roads of type {kind.get('type')!r} are closed to other traffic"
+            ] += 1
             users = tuple(user for user in users if user in allowed) or allowed
     if not set(users) & set(MOTOR.split()) or lane.kind == "biking":
         return LaneUse(users, None)
@@ -122,7 +144,9 @@ def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str])
     for key in ("dynamicLaneType", "dynamicLaneDirection"):
         if lane.element.get(key) in ("true", "1"):
             problems[f"lanes with {key} stay as the map describes them"] += 1
-    return _apply_access(USERS[kind].split(), _active(lane.element.findall("access"), lane.offset), problems)
+    return _apply_access(
+        USERS[kind].split(), _active(lane.element.findall("access"), lane.offset), problems
+    )
 
 
 def _apply_access(
@@ -133,7 +157,10 @@ def _apply_access(
     denied: set[str] = set()
     is_exclusive = False
     for rule in rules:
-        names = [rule.get("restriction"), *(element.get("type") for element in rule.findall("restriction"))]
+        names = [
+            rule.get("restriction"),
+            *(element.get("type") for element in rule.findall("restriction")),
+        ]
         allows = rule.get("rule") == "allow"
         if rule.get("rule") not in ("allow", "deny") and set(names) - {None, "none"}:
             problems["<access> rules without allow or deny count as deny"] += 1
@@ -146,7 +173,8 @@ def _apply_access(
                 continue
             (allowed if allows else denied).update(_RESTRICTED[str(name)].split())
     known = [user for user in users if not is_exclusive or user in allowed]
-    added = sorted(allowed - set(users)) if is_exclusive else []  # a driving lane for bicycles and feet
+    # a driving lane for bicycles and feet
+    added = sorted(allowed - set(users)) if is_exclusive else []
     return tuple(user for user in (*known, *added) if user not in denied)
 
 
@@ -185,14 +213,20 @@ def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> 
     except (ValueError, KeyError):
         value = 0.0
     if not 0.0 < value < 1000.0:
-        problems[f"limits of {text[:20]!r} in {(unit or 'm/s')[:10]!r} are no speeds and were left out"] += 1
+        problems[
+            f"limits of {text[:20]!r} in {(unit or 'm/s')[:10]!r} are no speeds and were left out"
+        ] += 1
         return None
     if value > MAX_LIKELY_SPEED_MPS:
-        problems[f"limits of {text[:20]} {unit or 'm/s (no unit is given)'} are {value * 3.6:.0f} km/h"] += 1
+        problems[
+            f"limits of {text[:20]} {unit or 'm/s (no unit is given)'} are {value * 3.6:.0f} km/h"
+        ] += 1
     return value
 
 
-def _active(rules: list[ElementTree.Element], at: float, key: str = "sOffset") -> list[ElementTree.Element]:
+def _active(
+    rules: list[ElementTree.Element], at: float, key: str = "sOffset"
+) -> list[ElementTree.Element]:
     """Rules that hold at a place: those of the last start up to it."""
     before = [rule for rule in rules if number(rule, key, 0.0) <= at + 1e-6]
     last = max((number(rule, key, 0.0) for rule in before), default=0.0)

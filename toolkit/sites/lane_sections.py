@@ -1,8 +1,8 @@
 """Lane sections of an OpenDRIVE road, each whole: both sides, and the width of every lane.
 
-A section that describes one side only (`singleSide`) leaves the other side as the section before has it. A lane is as
-wide as its <width>; without one it reaches from the lane inside to its <border>, which is counted from the
-reference line (ASAM OpenDRIVE 1.8, 11.3 to 11.6)."""
+A section that describes one side only (`singleSide`) leaves the other side as the section before
+has it. A lane is as wide as its <width>; without one it reaches from the lane inside to its
+<border>, which is counted from the reference line (ASAM OpenDRIVE 1.8, 11.3 to 11.6)."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -43,7 +43,8 @@ class SectionLane:
 
 @dataclass(frozen=True, eq=False)
 class LaneSection:
-    """Lanes from `start` to `end` along s (m), from the leftmost to the rightmost, without the centre lane."""
+    """Lanes from `start` to `end` along s (m), from the leftmost to the rightmost, without the
+    centre lane."""
 
     start: float
     end: float
@@ -51,15 +52,23 @@ class LaneSection:
 
     def side(self, sign: int) -> list[SectionLane]:
         """Lanes of one side from the middle outwards."""
-        return sorted((lane for lane in self.lanes if lane.number * sign > 0), key=lambda lane: abs(lane.number))
+        return sorted(
+            (lane for lane in self.lanes if lane.number * sign > 0),
+            key=lambda lane: abs(lane.number),
+        )
 
 
 def read_sections(
-    road: ElementTree.Element, length: float, cuts: Iterable[float] = (), *, keep_empty: bool = False
+    road: ElementTree.Element,
+    length: float,
+    cuts: Iterable[float] = (),
+    *,
+    keep_empty: bool = False,
 ) -> list[LaneSection]:
     """Sections of a <road>, cut at further places `cuts` too. length: of the road (m).
 
-    keep_empty: keep sections of no length, whose links may lead from the road before to the section after.
+    keep_empty: keep sections of no length, whose links may lead from the road before to the section
+    after.
 
     Raises ValueError for a lane or section with a damaged number."""
     elements = road.findall("lanes/laneSection")
@@ -74,12 +83,24 @@ def read_sections(
         if min((abs(cut - place) for place in (*starts, length)), default=0.0) > MIN_PIECE_M:
             starts.append(cut)
     for start, end in pairwise([*sorted(set(starts)), length]):
-        whole = [element for element in elements if all(_describes(element, side) for side in _SIDES)]
-        empty = [element for element in whole if number(element, "s") == start][:-1] if keep_empty else []
+        whole = [
+            element for element in elements if all(_describes(element, side) for side in _SIDES)
+        ]
+        empty = (
+            [element for element in whole if number(element, "s") == start][:-1]
+            if keep_empty
+            else []
+        )
         for element in empty:
             sides = ((side, _Description(element, start, start)) for side in _SIDES)
-            ends = [lane for side, described in sides for lane in _read_side(described, side, (start, start), offset)]
-            sections.append(LaneSection(start, start, tuple(sorted(ends, key=lambda lane: -lane.number))))
+            ends = [
+                lane
+                for side, described in sides
+                for lane in _read_side(described, side, (start, start), offset)
+            ]
+            sections.append(
+                LaneSection(start, start, tuple(sorted(ends, key=lambda lane: -lane.number)))
+            )
         if 0 <= start < end - (0.0 if keep_empty else MIN_SECTION_M):
             lanes: list[SectionLane] = []
             for side in _SIDES:
@@ -91,7 +112,10 @@ def read_sections(
 
 
 def _describes(section: ElementTree.Element, side: str) -> bool:
-    return section.get("singleSide", "") not in ("true", "1") or section.find(f"{side}/lane") is not None
+    return (
+        section.get("singleSide", "") not in ("true", "1")
+        or section.find(f"{side}/lane") is not None
+    )
 
 
 @dataclass(frozen=True)
@@ -103,7 +127,9 @@ class _Description:
     end: float
 
 
-def _find_description(elements: Sequence[ElementTree.Element], at: float, length: float) -> _Description | None:
+def _find_description(
+    elements: Sequence[ElementTree.Element], at: float, length: float
+) -> _Description | None:
     """Description that is valid at `at`, among those in order of s."""
     starts = [number(element, "s") for element in elements]
     which = int(np.searchsorted(starts, at, side="right")) - 1
@@ -112,15 +138,20 @@ def _find_description(elements: Sequence[ElementTree.Element], at: float, length
     return _Description(elements[which], starts[which], [*starts, length][which + 1])
 
 
-def _read_side(described: _Description, side: str, span: tuple[float, float], lane_offset: Cubics) -> list[SectionLane]:
+def _read_side(
+    described: _Description, side: str, span: tuple[float, float], lane_offset: Cubics
+) -> list[SectionLane]:
     """Lanes of one side over a span of s."""
     elements = described.element.findall(f"{side}/lane")
     elements.sort(key=lambda lane: abs(number(lane, "id")))
     widths = {lane: cubics(lane.findall("width"), "sOffset") for lane in elements}
     if any(lane.find("border") is not None for lane in elements):
-        widths = _widths_of_borders(widths, lane_offset.cut_start(described.start), is_left=side == "left")
+        widths = _widths_of_borders(
+            widths, lane_offset.cut_start(described.start), is_left=side == "left"
+        )
     offset = span[0] - described.start
-    is_first, is_last = offset < MIN_SECTION_M, described.end < span[1] + MIN_SECTION_M
+    is_first = offset < MIN_SECTION_M
+    is_last = described.end < span[1] + MIN_SECTION_M
     lanes = []
     for lane in elements:
         itself = (int(number(lane, "id")),)
@@ -128,7 +159,9 @@ def _read_side(described: _Description, side: str, span: tuple[float, float], la
             SectionLane(
                 number=itself[0],
                 kind=lane.get("type") or "none",
-                width=widths[lane].cut_start(offset) if offset > 0 and len(widths[lane].starts) else widths[lane],
+                width=widths[lane].cut_start(offset)
+                if offset > 0 and len(widths[lane].starts)
+                else widths[lane],
                 before=_links(lane, "predecessor") if is_first else itself,
                 after=_links(lane, "successor") if is_last else itself,
                 element=lane,
@@ -150,7 +183,8 @@ def _widths_of_borders(
             width = outer.subtract(inner) if is_left else inner.subtract(outer)
         else:
             outer = inner.subtract(width.negate() if is_left else width)
-        complete[lane], inner = width, outer
+        complete[lane] = width
+        inner = outer
     return complete
 
 

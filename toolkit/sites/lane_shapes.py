@@ -1,9 +1,11 @@
-"""Middle lines of lanes whose width or offset changes along an OpenDRIVE road, put into the network of netconvert.
+"""Middle lines of lanes whose width or offset changes along an OpenDRIVE road, put into the network
+of netconvert.
 
-netconvert draws every lane of a section as wide as it is at its widest, and joins the places where a lane offset begins
-by straight lines. Where a lane opens next to the middle, the lanes outside it would run along the kerb. When it reads
-its network again, it would draw the joints of such roads anew, up to 60 m long, so that traffic drives a piece twice;
-they keep the outline they have (eclipse-sumo/sumo#6184)."""
+netconvert draws every lane of a section as wide as it is at its widest, and joins the places where
+a lane offset begins by straight lines. Where a lane opens next to the middle, the lanes outside it
+would run along the kerb. When it reads its network again, it would draw the joints of such roads
+anew, up to 60 m long, so that traffic drives a piece twice; they keep the outline they have
+(eclipse-sumo/sumo#6184)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,7 +21,9 @@ from toolkit.sites.opendrive import MapRoad, read_road
 from toolkit.sites.plain_map import Carriageway, PlainMap
 
 MAX_DEVIATION_M = 0.1  # of a lane from its middle line in the map that is left as it is
-MAX_PLACE_GAP_M, MAX_PLACE_GAP_SHARE = 5.0, 0.2  # between a lane and its place on the road, as on a ring
+# between a lane and its place on the road, as on a ring
+MAX_PLACE_GAP_M = 5.0
+MAX_PLACE_GAP_SHARE = 0.2
 SHAPE_TOLERANCE_M = 0.01
 MIN_DRIVEN_WIDTH_M = 1.8  # of a lane that anybody drives on
 SAMPLES_EVERY_M = 1.0
@@ -42,15 +46,24 @@ class _Line:
 
     def find_places(self, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         """Places along the line (m) nearest to points."""
-        along = np.concatenate([[0.0], np.cumsum(_measure_steps(shapely.get_coordinates(self.line)))])
-        return np.interp(shapely.line_locate_point(self.line, shapely.points(points)), along, self.places)
+        along = np.concatenate(
+            [[0.0], np.cumsum(_measure_steps(shapely.get_coordinates(self.line)))]
+        )
+        return np.interp(
+            shapely.line_locate_point(self.line, shapely.points(points)), along, self.places
+        )
 
 
 def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
-    """Give the lanes of a whole map's network, in its coordinates, the middle lines that the map describes.
+    """Give the lanes of a whole map's network, in its coordinates, the middle lines that the map
+    describes.
 
     Only roads that reach `window` and whose lanes change their width or offset are touched."""
-    varying = {road.name: road for road in plain.carriageways if _varies(road) and _comes_near(road, window)}
+    varying = {
+        road.name: road
+        for road in plain.carriageways
+        if _varies(road) and _comes_near(road, window)
+    }
     if not varying:
         return network
     root = ElementTree.fromstring(network)
@@ -92,7 +105,8 @@ def _is_bent(function: Cubics) -> bool:
 
 
 def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> bool:
-    """Move the lanes of one edge; return True if any was changed. sign: of the ids of its lanes in the map."""
+    """Move the lanes of one edge; return True if any was changed. sign: of the ids of its lanes in
+    the map."""
     elements = edge.findall("lane")
     shapes = [_parse_points(element) for element in elements]
     ends = line.find_places(np.array([shapes[0][0, :2], shapes[0][-1, :2]]))
@@ -104,14 +118,20 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
     for element, shape, count in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
         first, last = line.find_places(shape[[0, -1], :2])
         drawn = shapely.LineString(shape[:, :2])
-        if abs(abs(last - first) - drawn.length) > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn.length:
+        if (
+            abs(abs(last - first) - drawn.length)
+            > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn.length
+        ):
             continue
         s = np.linspace(first, last, int(abs(last - first) / SAMPLES_EVERY_M) + 2)
         within = np.clip(s, section.start, section.end) - section.start
         inner = road.offset.at(s) + sign * sum(_width(lane, within) for lane in lanes[:count])
         width = _width(lanes[count], within)
         middle = line.road.beside(s, inner + sign * width / 2)
-        if set(element.get("allow", "").split()) == _NARROW_USERS and width.min() < MIN_DRIVEN_WIDTH_M:
+        if (
+            set(element.get("allow", "").split()) == _NARROW_USERS
+            and width.min() < MIN_DRIVEN_WIDTH_M
+        ):
             element.attrib.pop("allow")
             element.set("disallow", "all")
             is_changed = True

@@ -1,7 +1,8 @@
 """Notes from what netconvert warns of while it reads a map.
 
-netconvert goes on without what it cannot read and warns of each such place in a line. Lines that only tell how a shape
-was rounded, or what this computer lacks, are dropped; all others become notes, one for each kind."""
+netconvert goes on without what it cannot read and warns of each such place in a line. Lines that
+only tell how a shape was rounded, or what this computer lacks, are dropped; all others become
+notes, one for each kind."""
 
 import re
 from collections.abc import Iterable

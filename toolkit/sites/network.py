@@ -29,11 +29,17 @@ _SPECIAL = re.compile(r"""[&<>"'\s]""")  # in an attribute of XML
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 _OPTIONS = (
     *("--offset.disable-normalization", "--no-turnarounds", "--walkingareas", "--precision=3"),
-    *("--junctions.corner-detail=6", "--junctions.internal-link-detail=20", "--default.lanewidth=3.5"),
+    *(
+        "--junctions.corner-detail=6",
+        "--junctions.internal-link-detail=20",
+        "--default.lanewidth=3.5",
+    ),
     "--aggregate-warnings=-1",
 )
 
-SLOWEST, MOST_MEMORY = 60.0, 1 << 31  # s and bytes of memory that netconvert may take
+# s and bytes of memory that netconvert may take
+SLOWEST = 60.0
+MOST_MEMORY = 1 << 31
 _LIMITED = f"""
 import os, sys
 try:
@@ -52,7 +58,12 @@ Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
 
 
 def street(
-    lanes: int = 1, *, width: float = 3.5, footway: float = 2.0, shoulder: float = 0.0, speed: float = 13.9
+    lanes: int = 1,
+    *,
+    width: float = 3.5,
+    footway: float = 2.0,
+    shoulder: float = 0.0,
+    speed: float = 13.9,
 ) -> list[XmlAttributes]:
     """Lanes of one direction, from the kerb inwards."""
     rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
@@ -68,14 +79,18 @@ def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> st
 def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str:
     """Build the net.xml text of a network. The same rows give the same text.
 
-    nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
-    `street` makes them; roundabouts: nodes, edges. netconvert guesses where pedestrians cross.
+    nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and
+    `lanes`, a list of rows as `street` makes them; roundabouts: nodes, edges. netconvert guesses
+    where pedestrians cross.
 
-    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO."""
+    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without
+    SUMO."""
     ways = []
     for edge in edges:
         lanes = edge.get("lanes", ())
-        inside = "".join(format_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes))
+        inside = "".join(
+            format_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes)
+        )
         attributes = {key: value for key, value in edge.items() if key != "lanes"}
         ways.append(format_element("edge", {"numLanes": max(1, len(lanes)), **attributes}, inside))
     ways += [format_element("roundabout", row) for row in roundabouts]
@@ -84,7 +99,9 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
     with tempfile.TemporaryDirectory() as folder:
         for kind, text in files.items():
             Path(folder, kind).write_text(text, encoding="utf-8")
-        return convert([*(f"--{kind}-files={Path(folder, kind)}" for kind in files), "--crossings.guess"])
+        return convert(
+            [*(f"--{kind}-files={Path(folder, kind)}" for kind in files), "--crossings.guess"]
+        )
 
 
 def convert(options: Sequence[str]) -> str:
@@ -93,17 +110,32 @@ def convert(options: Sequence[str]) -> str:
 
 
 def convert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
-    """Run netconvert; return the net.xml text without its comments, and what netconvert warns of, a line each."""
+    """Run netconvert; return the net.xml text without its comments, and what netconvert warns of, a
+    line each."""
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")
-        command = [sys.executable, "-S", "-c", _LIMITED, str(os.getpid()), *command, f"--output-file={output}"]
+        command = [
+            sys.executable,
+            "-S",
+            "-c",
+            _LIMITED,
+            str(os.getpid()),
+            *command,
+            f"--output-file={output}",
+        ]
         try:
-            run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SLOWEST)
+            run = subprocess.run(
+                command, capture_output=True, text=True, check=False, timeout=SLOWEST
+            )
         except subprocess.TimeoutExpired:
-            raise ValueError(f"netconvert: no network made in {SLOWEST:g} s: cut out a smaller piece") from None
+            raise ValueError(
+                f"netconvert: no network made in {SLOWEST:g} s: cut out a smaller piece"
+            ) from None
         if run.returncode or not output.is_file():
-            said = [text for text in run.stderr.splitlines() if text.startswith("Error")] or ["Error: no network made"]
+            said = [text for text in run.stderr.splitlines() if text.startswith("Error")] or [
+                "Error: no network made"
+            ]
             raise ValueError(f"netconvert: {said[0].removeprefix('Error: ')}")
         return _COMMENT.sub("", output.read_text(encoding="utf-8")), list_warnings(run.stderr)
 
@@ -116,41 +148,57 @@ def netconvert() -> Path:
     programs = (home / "bin" / "netconvert" for home in homes)
     found = next((program for program in programs if program.is_file()), shutil.which("netconvert"))
     if not found:
-        raise ImportError("a road network needs SUMO's netconvert, which is not installed: pip install coview[sim]")
+        raise ImportError(
+            "a road network needs SUMO's netconvert, which is not installed: pip install "
+            "coview[sim]"
+        )
     return Path(found)
 
 
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """Road polygons of a net.xml text within `margin` (m) around `area`: for wheels, and for feet. Wheels: lanes,
-    shoulders, junctions, crossings; feet: sidewalks, walking areas."""
+    """Road polygons of a net.xml text within `margin` (m) around `area`: for wheels, and for feet.
+    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas."""
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
     lanes: list[shapely.Geometry] = []
     footways: list[shapely.Geometry] = []
     for edge, lane in list_lanes(network, "normal", "crossing", "walkingarea", "connector"):
-        users, function = list_users(lane), edge.get("function")
+        users = list_users(lane)
+        function = edge.get("function")
         if function == "walkingarea":
             footways.append(enclose(lane))
         elif not users <= _RAIL or not users:
-            line, half = shapely.LineString(parse_shape(lane)), lane_width(lane) / 2
+            line = shapely.LineString(parse_shape(lane))
+            half = lane_width(lane) / 2
             strip = line.buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
-            only_feet = function != "crossing" and "pedestrian" in users and "passenger" not in users
+            only_feet = (
+                function != "crossing" and "pedestrian" in users and "passenger" not in users
+            )
             (footways if only_feet else lanes).append(strip)
     corners = shapely.union_all(footways)
-    junctions = [enclose(j) for j in ElementTree.fromstring(network).iter("junction") if j.get("type") != "internal"]
+    junctions = [
+        enclose(j)
+        for j in ElementTree.fromstring(network).iter("junction")
+        if j.get("type") != "internal"
+    ]
     lanes += [junction.difference(corners) for junction in junctions]
     return cut_polygons(lanes, window), cut_polygons(footways, window)
 
 
 def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float]]:
-    """Strips of a net.xml text without traffic, by edge: middle line (k, 2) as traffic goes, and width (m)."""
-    unused = [(str(edge.get("id")), lane) for edge, lane in list_lanes(network) if not list_users(lane)]
+    """Strips of a net.xml text without traffic, by edge: middle line (k, 2) as traffic goes, and
+    width (m)."""
+    unused = [
+        (str(edge.get("id")), lane) for edge, lane in list_lanes(network) if not list_users(lane)
+    ]
     return {edge: (parse_shape(lane), lane_width(lane)) for edge, lane in unused}
 
 
-def list_lanes(network: str, *functions: str) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
+def list_lanes(
+    network: str, *functions: str
+) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
     """Edges and lanes of a net.xml text. functions: of the edges, normal ones by default."""
     for edge in ElementTree.fromstring(network).iter("edge"):
         if edge.get("function", "normal") in (functions or ("normal",)):
@@ -194,13 +242,19 @@ def unite(polygons: Iterable[Float[np.ndarray, "_ 2"]]) -> shapely.Geometry:
 def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
     """Simple polygons of `shapes` in `window`, 0.1 m² and more, on a grid of 1 mm."""
     cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
-    simple = (piece for shape in cut for part in list_polygons(shape) for piece in _without_holes(part))
-    return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1)
+    simple = (
+        piece for shape in cut for part in list_polygons(shape) for piece in _without_holes(part)
+    )
+    return tuple(
+        shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1
+    )
 
 
 def list_polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
     """Polygons of any geometry, also of nested collections."""
-    return [part for part in shapely.get_parts(shapely.get_parts(shape)) if part.geom_type == "Polygon"]
+    return [
+        part for part in shapely.get_parts(shapely.get_parts(shape)) if part.geom_type == "Polygon"
+    ]
 
 
 def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
@@ -210,7 +264,12 @@ def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     x = shapely.Polygon(polygon.interiors[0]).centroid.x
     xmin, ymin, xmax, ymax = polygon.bounds
     sides = (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax))
-    return [p for side in sides for part in list_polygons(polygon.intersection(side)) for p in _without_holes(part)]
+    return [
+        p
+        for side in sides
+        for part in list_polygons(polygon.intersection(side))
+        for p in _without_holes(part)
+    ]
 
 
 def format_xml(root: str, elements: Iterable[str]) -> str:

@@ -1,8 +1,10 @@
-"""OpenDRIVE maps about a place (OpenDRIVE 1.8): reference lines, surfaces of lanes, objects and signals.
+"""OpenDRIVE maps about a place (OpenDRIVE 1.8): reference lines, surfaces of lanes, objects and
+signals.
 
-A road is measured along its reference line, in plan view and elevation (chapters 7, 8). An object's place is s, t on
-its road, turned by hdg against it; its shape is an outline, a radius or a length and width (chapters 11, 12). Flat
-objects (crosswalks, markings) are no solids. Errors of damaged numbers do not name the file: their caller does."""
+A road is measured along its reference line, in plan view and elevation (chapters 7, 8). An object's
+place is s, t on its road, turned by hdg against it; its shape is an outline, a radius or a length
+and width (chapters 11, 12). Flat objects (crosswalks, markings) are no solids. Errors of damaged
+numbers do not name the file: their caller does."""
 
 import re
 import warnings
@@ -29,7 +31,8 @@ from toolkit.sites.surroundings import Bay
 
 LONGEST = 1e5  # m, of one piece of a road
 MAX_TURN_RAD = 2 * np.pi
-MAX_USUAL_WIDTH_M, MAX_LANE_WIDTH_M = 50.0, 1000.0
+MAX_USUAL_WIDTH_M = 50.0
+MAX_LANE_WIDTH_M = 1000.0
 MAX_CURVE_GAP_M = 50.0  # by which a curve may be longer than its geometry says
 _STEP = 0.25  # m between the points at which a spiral is summed up
 _ADDITIONAL = ("userData", "include", "dataQuality")  # what any element may hold
@@ -40,7 +43,8 @@ _SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One <geometry>, from `start` on along s. x, y, heading: of its start; shape: the element inside."""
+    """One <geometry>, from `start` on along s. x, y, heading: of its start; shape: the element
+    inside."""
 
     start: float
     x: float
@@ -52,11 +56,15 @@ class Piece:
     def at(self, ds: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
         """x, y and direction `ds` m from its start."""
         u, v, turn = self._local(ds)
-        c, s = np.cos(self.heading), np.sin(self.heading)
-        return np.column_stack([self.x + c * u - s * v, self.y + s * u + c * v, self.heading + turn])
+        c = np.cos(self.heading)
+        s = np.sin(self.heading)
+        return np.column_stack(
+            [self.x + c * u - s * v, self.y + s * u + c * v, self.heading + turn]
+        )
 
     def measure_curve(self) -> float:
-        """Length (m) of its curve, which its `length` should be; only of a paramPoly3 it may be another."""
+        """Length (m) of its curve, which its `length` should be; only of a paramPoly3 it may be
+        another."""
         if self.shape.tag != "paramPoly3":
             return self.length
         u, v = (_cubic(self.shape, [key + axis for key in "abcd"]) for axis in "UV")
@@ -70,15 +78,26 @@ class Piece:
         match shape.tag:
             case "arc":
                 turn = number(shape, "curvature") * ds
-                return ds * np.sinc(turn / np.pi), ds * np.sin(turn / 2) * np.sinc(turn / 2 / np.pi), turn
+                return (
+                    ds * np.sinc(turn / np.pi),
+                    ds * np.sin(turn / 2) * np.sinc(turn / 2 / np.pi),
+                    turn,
+                )
             case "spiral":  # summed by the midpoint rule
                 first = number(shape, "curvStart")
                 rate = (number(shape, "curvEnd") - first) / max(self.length, 1e-9)
                 grid = np.linspace(0.0, self.length, int(self.length / _STEP) + 2)
                 middle = (grid[1:] + grid[:-1]) / 2
                 turn = first * middle + rate * middle**2 / 2
-                along, aside = (np.cumsum([0.0, *(np.diff(grid) * part)]) for part in (np.cos(turn), np.sin(turn)))
-                return np.interp(ds, grid, along), np.interp(ds, grid, aside), first * ds + rate * ds**2 / 2
+                along, aside = (
+                    np.cumsum([0.0, *(np.diff(grid) * part)])
+                    for part in (np.cos(turn), np.sin(turn))
+                )
+                return (
+                    np.interp(ds, grid, along),
+                    np.interp(ds, grid, aside),
+                    first * ds + rate * ds**2 / 2,
+                )
             case "poly3":
                 height = _cubic(shape, "abcd")
                 p = _find_parameter(ds, lambda grid: np.hypot(1.0, height.slope(grid)), self.length)
@@ -88,7 +107,10 @@ class Piece:
                 p = ds
                 if shape.get("pRange") != "arcLength":
                     p = _find_parameter(
-                        ds, lambda grid: np.hypot(u.slope(grid), v.slope(grid)), 1.0, length=self.length
+                        ds,
+                        lambda grid: np.hypot(u.slope(grid), v.slope(grid)),
+                        1.0,
+                        length=self.length,
                     )
                 return u.at(p), v.at(p), np.arctan2(v.slope(p), u.slope(p))
         return ds, np.zeros(len(ds)), np.zeros(len(ds))
@@ -99,8 +121,10 @@ class LateralProfile:
     """Heights across a road (OpenDRIVE 1.8, 10.6 and 10.7; 1.4, 5.3.6).
 
     Attributes:
-        superelevation: rad along s, about the reference line; the left side is the higher one where it is positive.
-        crossfall: rad along s by side, 1 left and -1 right; the road falls outwards where it is positive.
+        superelevation: rad along s, about the reference line; the left side is the higher one where
+            it is positive.
+        crossfall: rad along s by side, 1 left and -1 right; the road falls outwards where it is
+            positive.
         shapes: places along s (m) and the height (m) along t there."""
 
     superelevation: Cubics
@@ -110,10 +134,16 @@ class LateralProfile:
     @property
     def is_flat(self) -> bool:
         """True if the road is as high on its sides as in the middle."""
-        tilts = (self.superelevation, *self.crossfall.values(), *(shape for _, shape in self.shapes))
+        tilts = (
+            self.superelevation,
+            *self.crossfall.values(),
+            *(shape for _, shape in self.shapes),
+        )
         return not any(np.abs(tilt.rows).max(initial=0.0) > MIN_TILT_RAD for tilt in tilts)
 
-    def at(self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+    def at(
+        self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
+    ) -> Float64[np.ndarray, " k"]:
         """Height (m) at s, t above the reference line."""
         height = t * np.sin(self.superelevation.at(s))
         for sign, fall in self.crossfall.items():
@@ -144,13 +174,17 @@ class MapRoad:
 
     def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
         """x, y and direction of the reference line at `s`."""
-        which = np.clip(np.searchsorted([p.start for p in self.pieces], s, side="right") - 1, 0, None)
+        which = np.clip(
+            np.searchsorted([p.start for p in self.pieces], s, side="right") - 1, 0, None
+        )
         rows = np.zeros((len(s), 3))
         for i in np.unique(which):
             rows[which == i] = self.pieces[i].at(s[which == i] - self.pieces[i].start)
         return rows
 
-    def beside(self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 2"]:
+    def beside(
+        self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
+    ) -> Float64[np.ndarray, "k 2"]:
         """Places `t` m to the left of the line at `s`."""
         return step_aside(self.at(s), t)
 
@@ -163,7 +197,9 @@ class MapRoad:
                 return True
         return False
 
-    def stations(self, window: shapely.Geometry, every: float) -> tuple[np.ndarray, Float64[np.ndarray, "k 2"]]:
+    def stations(
+        self, window: shapely.Geometry, every: float
+    ) -> tuple[np.ndarray, Float64[np.ndarray, "k 2"]]:
         """s and place of stations within `window`, `every` m apart or less."""
         s = np.linspace(0.0, self.length, int(self.length / every) + 2)
         xy = self.at(s)[:, :2]
@@ -171,18 +207,26 @@ class MapRoad:
         return s[inside], xy[inside]
 
 
-def step_aside(places: Float[np.ndarray, "k 3"], t: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 2"]:
+def step_aside(
+    places: Float[np.ndarray, "k 3"], t: Float[np.ndarray, " k"]
+) -> Float64[np.ndarray, "k 2"]:
     """Places `t` m to the left of x, y and direction."""
     x, y, heading = places.T
     return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
 
 
 def _find_parameter(
-    ds: np.ndarray, speed: Callable[[np.ndarray], np.ndarray], last: float, *, length: float | None = None
+    ds: np.ndarray,
+    speed: Callable[[np.ndarray], np.ndarray],
+    last: float,
+    *,
+    length: float | None = None,
 ) -> np.ndarray:
-    """Parameter of a curve `ds` m along it, its speed given (m per unit of the parameter from 0 to `last`).
+    """Parameter of a curve `ds` m along it, its speed given (m per unit of the parameter from 0 to
+    `last`).
 
-    length: m from 0 to `last` as in the file, which need not agree with the speed to the last digit."""
+    length: m from 0 to `last` as in the file, which need not agree with the speed to the last
+    digit."""
     grid = np.linspace(0.0, last, max(int((length or last) / _STEP), 16) + 1)
     middle = (grid[1:] + grid[:-1]) / 2
     along = np.concatenate([[0.0], np.cumsum(speed(middle) * np.diff(grid))])
@@ -199,13 +243,21 @@ def read_road(element: ElementTree.Element) -> MapRoad:
     """Road of a <road>. Raises ValueError for a damaged one."""
     pieces = []
     for geometry in element.findall("planView/geometry"):
-        start, x, y, heading, length = (number(geometry, key) for key in ("s", "x", "y", "hdg", "length"))
+        start, x, y, heading, length = (
+            number(geometry, key) for key in ("s", "x", "y", "hdg", "length")
+        )
         shapes = [child for child in geometry if child.tag not in _ADDITIONAL]
         shape = shapes[0] if shapes else ElementTree.Element("line")
         if shape.tag not in _SHAPES:
-            raise ValueError(f"<geometry> holds <{shape.tag}>, not one of {', '.join(_SHAPES)}: export the map again")
+            raise ValueError(
+                f"<geometry> holds <{shape.tag}>, not one of {', '.join(_SHAPES)}: export the map "
+                "again"
+            )
         if not 0 <= length <= LONGEST:
-            raise ValueError(f"<geometry> needs a length of 0 to {LONGEST:g} m, got {length:g}: export the map again")
+            raise ValueError(
+                f"<geometry> needs a length of 0 to {LONGEST:g} m, got {length:g}: export the map "
+                "again"
+            )
         pieces.append(Piece(start, x, y, heading, length, shape))
     if not pieces:
         raise ValueError(f"road {element.get('id')!r} has no <geometry>: export the map again")
@@ -231,10 +283,13 @@ def _read_lateral(road: ElementTree.Element) -> LateralProfile:
 
 
 FOOTWAY = ("sidewalk", "walking")
-UNPAVED = ("none", "border", "curb", "median", "rail", "tram", *FOOTWAY)  # all other types are carriageway
+# all other types are carriageway
+UNPAVED = ("none", "border", "curb", "median", "rail", "tram", *FOOTWAY)
 STATIONS_EVERY = 1.0  # m between the corners of a lane
 MIN_TILTED_SPREAD = 1.0  # m, the same where roads are tilted, whose edges count too
-SPREAD = 3.0  # m, deviation of road middles along a direction; where they spread less, it has no slope
+SPREAD = (
+    3.0  # m, deviation of road middles along a direction; where they spread less, it has no slope
+)
 THINNEST_LANE = 0.05  # m, of a lane that is kept
 
 
@@ -251,8 +306,10 @@ class MapLane:
 def roads_near(
     root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float
 ) -> tuple[list[MapRoad], int]:
-    """Roads in `window` near the height `level` (m), and the number of roads there on another storey."""
-    found, others = [], 0
+    """Roads in `window` near the height `level` (m), and the number of roads there on another
+    storey."""
+    found = []
+    others = 0
     around = window.buffer(30.0)
     for road in map(read_road, root.iter("road")):
         if not road.may_reach(around) or not len(road.stations(around, 5.0)[0]):
@@ -265,8 +322,11 @@ def roads_near(
     return found, others
 
 
-def is_on_level(lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float, storey: float) -> bool:
-    """True if lines (x, y, z) come within `storey` (m) of a height in `window`, and on the mean in its inner half."""
+def is_on_level(
+    lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float, storey: float
+) -> bool:
+    """True if lines (x, y, z) come within `storey` (m) of a height in `window`, and on the mean in
+    its inner half."""
     heights = shapely.get_coordinates(shapely.intersection(lines, window), include_z=True)[:, 2]
     if not len(heights) or np.abs(heights - level).min() > storey:
         return False
@@ -279,15 +339,20 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
     """Lanes of a road that have any width."""
     offset = cubics(road.element.findall("lanes/laneOffset"))
     for section in read_sections(road.element, road.length):
-        s = np.linspace(section.start, section.end, int((section.end - section.start) / STATIONS_EVERY) + 2)
-        places, middles = road.at(s), offset.at(s)
+        s = np.linspace(
+            section.start, section.end, int((section.end - section.start) / STATIONS_EVERY) + 2
+        )
+        places = road.at(s)
+        middles = offset.at(s)
         for sign in (1, -1):
             inner = middles
             for lane in section.side(sign):
                 width = np.clip(lane.width.at(s - section.start), 0.0, MAX_LANE_WIDTH_M)
                 outer = inner + sign * width
                 if width.max() > THINNEST_LANE:
-                    corners = np.concatenate([step_aside(places, inner), step_aside(places, outer)[::-1]])
+                    corners = np.concatenate(
+                        [step_aside(places, inner), step_aside(places, outer)[::-1]]
+                    )
                     outline = shapely.make_valid(shapely.Polygon(corners))
                     middle = step_aside(places, (inner + outer) / 2)
                     yield MapLane(lane.kind, outline, middle, float(width.mean()))
@@ -295,31 +360,44 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
 
 
 def describe_widths(found: Sequence[MapLane]) -> list[str]:
-    """Note of lanes too wide for one vehicle after another, which are driven along their middle all the same."""
+    """Note of lanes too wide for one vehicle after another, which are driven along their middle all
+    the same."""
     wide = sum(lane.width > MAX_USUAL_WIDTH_M for lane in found)
     usual = f"{MAX_USUAL_WIDTH_M:g} m"
-    return [f"lanes wider than {usual}, whose traffic keeps to their middle: {wide}"] if wide else []
+    return (
+        [f"lanes wider than {usual}, whose traffic keeps to their middle: {wide}"] if wide else []
+    )
 
 
-def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Pose) -> tuple[Slope, float, float]:
+def find_plane(
+    roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Pose
+) -> tuple[Slope, float, float]:
     """Slope of the roads, their deviation from it (m), and the steepest slope (rise over run).
 
-    The slope is along x and y of the site, fitted by least squares to the middle lines within `window` (map frame). It
-    is level if the roads give no slope in one direction."""
+    The slope is along x and y of the site, fitted by least squares to the middle lines within
+    `window` (map frame). It is level if the roads give no slope in one direction."""
     found = [(road, *road.stations(window, STATIONS_EVERY)) for road in roads]
-    steepest = max([0.0, *(float(abs(road.elevation.slope(s)).max(initial=0.0)) for road, s, _ in found)])
-    rows = [np.zeros((0, 3)), *(np.column_stack([xy, road.elevation.at(s)]) for road, s, xy in found)]
+    steepest = max(
+        [0.0, *(float(abs(road.elevation.slope(s)).max(initial=0.0)) for road, s, _ in found)]
+    )
+    rows = [
+        np.zeros((0, 3)),
+        *(np.column_stack([xy, road.elevation.at(s)]) for road, s, xy in found),
+    ]
     spread = SPREAD
     for road, s, _ in found:
         if len(s) and not road.lateral.is_flat:
             edges, tilt = _find_edges(road, s)
             rows.append(edges)
-            steepest, spread = max(steepest, tilt), MIN_TILTED_SPREAD
+            steepest = max(steepest, tilt)
+            spread = MIN_TILTED_SPREAD
     places = np.concatenate(rows)
     if len(places) < 3:
         return LEVEL, 0.0, steepest
-    xy, z = (places[:, :2] - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2], places[:, 2]
-    xy, z = xy - xy.mean(axis=0), z - z.mean()
+    xy = (places[:, :2] - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2]
+    z = places[:, 2]
+    xy = xy - xy.mean(axis=0)
+    z = z - z.mean()
     shortest = (spread * np.sqrt(len(xy))) ** 2  # squared, of the sum over stations
     values, axes = np.linalg.eigh(xy.T @ xy)
     known = axes[:, values > shortest]
@@ -327,10 +405,14 @@ def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site:
     return (float(slope[0]), float(slope[1])), float(abs(z - xy @ slope).max()), steepest
 
 
-def _find_edges(road: MapRoad, s: Float[np.ndarray, " k"]) -> tuple[Float64[np.ndarray, "n 3"], float]:
-    """Places on both edges of a carriageway at `s`, and the steepest gradient there, along and across."""
+def _find_edges(
+    road: MapRoad, s: Float[np.ndarray, " k"]
+) -> tuple[Float64[np.ndarray, "n 3"], float]:
+    """Places on both edges of a carriageway at `s`, and the steepest gradient there, along and
+    across."""
     offset = cubics(road.element.findall("lanes/laneOffset"))
-    rows, tilt = [np.zeros((0, 3))], 0.0
+    rows = [np.zeros((0, 3))]
+    tilt = 0.0
     for section in read_sections(road.element, road.length):
         here = s[(s >= section.start) & (s <= section.end)]
         for sign in (1, -1):
@@ -341,7 +423,9 @@ def _find_edges(road: MapRoad, s: Float[np.ndarray, " k"]) -> tuple[Float64[np.n
                 t = t + sign * np.clip(lane.width.at(here - section.start), 0.0, MAX_LANE_WIDTH_M)
             above = road.lateral.at(here, t)
             rows.append(np.column_stack([road.beside(here, t), road.elevation.at(here) + above]))
-            across = (above - road.lateral.at(here, offset.at(here))) / np.maximum(np.abs(t - offset.at(here)), 0.5)
+            across = (above - road.lateral.at(here, offset.at(here))) / np.maximum(
+                np.abs(t - offset.at(here)), 0.5
+            )
             tilt = max(tilt, float(np.hypot(across, road.elevation.slope(here)).max(initial=0.0)))
     return np.concatenate(rows), tilt
 
@@ -356,15 +440,20 @@ def in_map(shape: shapely.Geometry, map_SE3_site: Pose) -> shapely.Geometry:
     return shapely.transform(shape, lambda xy: xy @ map_SE3_site[:2, :2].T + map_SE3_site[:2, 3])
 
 
-NAMES_PROJECTION = r"\bproj=(?!lat|lon)|EPSG:|^\w+:\w+$|PROJ(CS|CRS|ECTEDCRS)\b"  # no others are a map in metres
+NAMES_PROJECTION = (
+    r"\bproj=(?!lat|lon)|EPSG:|^\w+:\w+$|PROJ(CS|CRS|ECTEDCRS)\b"  # no others are a map in metres
+)
 
 
 def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Element:
-    """Read the elements of an OpenDRIVE file. Raises ValueError for damage, no map, and a `centre` outside it."""
+    """Read the elements of an OpenDRIVE file. Raises ValueError for damage, no map, and a `centre`
+    outside it."""
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise ValueError(f"not an OpenDRIVE map or a damaged one ({error}): give an .xodr file") from None
+        raise ValueError(
+            f"not an OpenDRIVE map or a damaged one ({error}): give an .xodr file"
+        ) from None
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != "OpenDRIVE":
@@ -380,25 +469,43 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
 def _list_pieces(root: ElementTree.Element) -> Float64[np.ndarray, "n 4"]:
     """x, y, heading and length of all pieces of roads."""
     pieces = root.findall("road/planView/geometry")
-    return np.array([[number(piece, key) for key in ("x", "y", "hdg", "length")] for piece in pieces]).reshape(-1, 4)
+    return np.array(
+        [[number(piece, key) for key in ("x", "y", "hdg", "length")] for piece in pieces]
+    ).reshape(-1, 4)
 
 
 def _reaches(rows: Float64[np.ndarray, "n 4"], place: Float64[np.ndarray, "2"]) -> bool:
     """True if a place is within the map. rows: x, y, heading and length of all pieces of roads."""
-    low, high, longest = rows[:, :2].min(axis=0), rows[:, :2].max(axis=0), rows[:, 3].max()
+    low = rows[:, :2].min(axis=0)
+    high = rows[:, :2].max(axis=0)
+    longest = rows[:, 3].max()
     return bool(((low - longest <= place) & (place <= high + longest)).all())
 
 
-def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], rows: Float64[np.ndarray, "n 4"]) -> str:
+def _describe_outside(
+    root: ElementTree.Element, centre: tuple[float, float], rows: Float64[np.ndarray, "n 4"]
+) -> str:
     """Message for a centre outside the map, with one on a road."""
     low, high = rows[:, :2].min(axis=0), rows[:, :2].max(axis=0)
     spans = f"x {low[0]:.10g} to {high[0]:.10g} and y {low[1]:.10g} to {high[1]:.10g}"
-    outside = f"centre {centre[0]:.10g} {centre[1]:.10g} lies outside the map, whose roads start at {spans}"
-    for kind, metres in (("coordinates of its projection", centre), ("degrees", _project(root, centre))):
+    outside = (
+        f"centre {centre[0]:.10g} {centre[1]:.10g} lies outside the map, whose roads start at "
+        f"{spans}"
+    )
+    for kind, metres in (
+        ("coordinates of its projection", centre),
+        ("degrees", _project(root, centre)),
+    ):
         if metres is not None:
-            inside = transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2) + 0.0
+            inside = (
+                transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2)
+                + 0.0
+            )
             if _reaches(rows, inside):
-                return f"{outside}: these are {kind}, in the file it is --centre {inside[0]:.10g} {inside[1]:.10g}"
+                return (
+                    f"{outside}: these are {kind}, in the file it is --centre {inside[0]:.10g} "
+                    f"{inside[1]:.10g}"
+                )
     along = np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
     middles = (rows[:, :2] + rows[:, 3:] / 2 * along).round(1)
     inside = middles[np.hypot(*(middles - np.median(middles, axis=0)).T).argmin()]
@@ -406,7 +513,8 @@ def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], ro
 
 
 def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[float, float] | None:
-    """Longitude and latitude in metres of a map's projection; None without them, and without PROJ."""
+    """Longitude and latitude in metres of a map's projection; None without them, and without
+    PROJ."""
     reference = _read_reference(root)
     if not reference or not (abs(place[0]) <= 180 and abs(place[1]) <= 90):
         return None
@@ -417,19 +525,24 @@ def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[flo
     return (x, y) if np.isfinite([x, y]).all() else None
 
 
-def locate_degrees(root: ElementTree.Element, place: tuple[float, float]) -> tuple[float, float] | None:
+def locate_degrees(
+    root: ElementTree.Element, place: tuple[float, float]
+) -> tuple[float, float] | None:
     """Place in the file (m) of longitude and latitude; None if they lead nowhere on the map."""
     metres = _project(root, place)
     if metres is None:
         return None
-    x, y = (transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2) + 0.0).tolist()
+    x, y = (
+        transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2) + 0.0
+    ).tolist()
     return (x, y) if _reaches(_list_pieces(root), np.array([x, y])) else None
 
 
 def find_placement(root: ElementTree.Element) -> Pose:
     """Pose of the file's frame in its projection's: the <offset> of its header (1.8, 8.5).
 
-    A point of the file is turned by `hdg`, then moved by x, y and z. Raises ValueError for a damaged number."""
+    A point of the file is turned by `hdg`, then moved by x, y and z. Raises ValueError for a
+    damaged number."""
     offset = root.find("header/offset")
     if offset is None:
         return np.eye(4)
@@ -449,31 +562,44 @@ def _read_reference(root: ElementTree.Element) -> str:
 
 
 def find_projection(root: ElementTree.Element, name: str) -> str | None:
-    """Projection of a map. None, with a warning, if its geoReference names none, or one that PROJ cannot use, as with a
-    grid of shifts that is not installed: the map is in metres all the same. name: of the file."""
+    """Projection of a map. None, with a warning, if its geoReference names none, or one that PROJ
+    cannot use, as with a grid of shifts that is not installed: the map is in metres all the same.
+    name: of the file."""
     reference = _read_reference(root)
     if not reference:
         return None
     count = len(_list_references(root))
     if count > 1:
-        warnings.warn(f"{name}: it has {count} geoReferences that differ, and the first one counts", stacklevel=3)
+        warnings.warn(
+            f"{name}: it has {count} geoReferences that differ, and the first one counts",
+            stacklevel=3,
+        )
     fault = _find_fault(reference)
     if fault:
-        warnings.warn(f"{name}: {fault}, so the site does not say where on earth it is", stacklevel=3)
+        warnings.warn(
+            f"{name}: {fault}, so the site does not say where on earth it is", stacklevel=3
+        )
     return None if fault else reference
 
 
 def describe_turn(root: ElementTree.Element) -> list[str]:
-    """Note of a header whose offset turns by more than a full turn, as it does if it is in degrees."""
+    """Note of a header whose offset turns by more than a full turn, as it does if it is in
+    degrees."""
     offset = root.find("header/offset")
     turn = 0.0 if offset is None else number(offset, "hdg", 0.0)
     if abs(turn) <= MAX_TURN_RAD:
         return []
-    return [f"its header turns the map by hdg = {turn:g} rad, more than a full turn: check that these are no degrees"]
+    return [
+        (
+            f"its header turns the map by hdg = {turn:g} rad, more than a full turn: check that "
+            "these are no degrees"
+        )
+    ]
 
 
 def _find_fault(reference: str) -> str:
-    """Reason why PROJ cannot lead from a projection to the earth; empty if it can, or is not here to ask."""
+    """Reason why PROJ cannot lead from a projection to the earth; empty if it can, or is not here
+    to ask."""
     if not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
         return f"its geoReference names no projection ({reference[:90]!r})"
     try:
@@ -492,14 +618,18 @@ def _find_fault(reference: str) -> str:
     except ProjError:
         grids = re.search(r"\+nadgrids=(\S+)", reference)
         if grids:
-            return f"its geoReference needs the grid {grids[1][:60]!r}: install it for PROJ and import again"
+            return (
+                f"its geoReference needs the grid {grids[1][:60]!r}: install it for PROJ and "
+                "import again"
+            )
         return f"its geoReference is no projection that PROJ knows ({reference[:90]!r})"
     return ""
 
 
-_KINDS = """building building 6, tree tree 7, vegetation hedge 1.2, bush hedge 1.2, pole post 4, streetLamp post 6,
-streetlamp post 6, barrier wall 0.9, wall wall 1.8, soundBarrier wall 3, railing fence 1, fence fence 1.2, gantry post
-6, trafficIsland island 0.15, obstacle bin 1"""  # type of object, kind of solid, height where the map gives none (m)
+# type of object, kind of solid, height where the map gives none (m)
+_KINDS = """building building 6, tree tree 7, vegetation hedge 1.2, bush hedge 1.2, pole post 4,
+streetLamp post 6, streetlamp post 6, barrier wall 0.9, wall wall 1.8, soundBarrier wall 3,
+railing fence 1, fence fence 1.2, gantry post 6, trafficIsland island 0.15, obstacle bin 1"""
 SOLIDS = {name: (kind, float(height)) for name, kind, height in map(str.split, _KINDS.split(","))}
 FLAT = ("crosswalk", "roadMark", "roadSurface", "patch", "crack", "none", "signalReference")
 LAMPS = ("streetLamp", "streetlamp")
@@ -518,11 +648,13 @@ class Standing:
     lamps: list[tuple[float, float]] = field(default_factory=list)
     understood: Counter[str] = field(default_factory=Counter)  # number of objects by type
     unknown: Counter[str] = field(default_factory=Counter)
-    damaged: list[str] = field(default_factory=list)  # what is wrong with each object or signal that was left out
+    # what is wrong with each object or signal that was left out
+    damaged: list[str] = field(default_factory=list)
 
 
 def read_standing(roads: Sequence[MapRoad]) -> Standing:
-    """Objects and signals of `roads`. Damaged ones are left out, and what is wrong with them is kept."""
+    """Objects and signals of `roads`. Damaged ones are left out, and what is wrong with them is
+    kept."""
     found = Standing()
     for road in roads:
         for element in road.element.findall("objects/object"):
@@ -542,25 +674,35 @@ def read_standing(roads: Sequence[MapRoad]) -> Standing:
 
 
 def _check_place(road: MapRoad, element: ElementTree.Element) -> None:
-    """Raise ValueError for an object or signal that is on no place of its road, or less than nothing high."""
+    """Raise ValueError for an object or signal that is on no place of its road, or less than
+    nothing high."""
     repeats = element.findall("repeat")
     for s in [number(place, "s", 0.0) for place in repeats or [element]]:
         if not -MAX_BEYOND_M <= s <= road.length + MAX_BEYOND_M:
-            raise ValueError(f"<{element.tag}> needs an s of 0 to {road.length:g}, got {s:g}: export it again")
+            raise ValueError(
+                f"<{element.tag}> needs an s of 0 to {road.length:g}, got {s:g}: export it again"
+            )
     if number(element, "height", 0.0) < 0:
         height = number(element, "height")
-        raise ValueError(f"<{element.tag}> needs a height from 0 up, got {height:g}: export it again")
+        raise ValueError(
+            f"<{element.tag}> needs a height from 0 up, got {height:g}: export it again"
+        )
 
 
 def _signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    x, y, heading = _place(road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0))
+    x, y, heading = _place(
+        road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0)
+    )
     facing = heading + (np.pi if element.get("orientation", "+") == "+" else 0.0)
     is_head = element.get("dynamic") == "yes"
     height = float(np.clip(number(element, "height", 0.0) or (0.9 if is_head else 0.6), 0.2, 4.0))
     width = float(np.clip(number(element, "width", 0.0) or (0.3 if is_head else 0.6), 0.2, 4.0))
     low = min(max(number(element, "zOffset", 0.0), HEAD_BELOW), 12.0)
     plate = f.block((width, 0.3 if is_head else 0.06), (x, y), facing + np.pi / 2)
-    return [f.post(x, y, round(low, 3), 0.06), Solid(plate, round(low, 3), round(low + height, 3), "sign")]
+    return [
+        f.post(x, y, round(low, 3), 0.06),
+        Solid(plate, round(low, 3), round(low + height, 3), "sign"),
+    ]
 
 
 def _add_object(found: Standing, road: MapRoad, element: ElementTree.Element) -> None:
@@ -579,13 +721,21 @@ def _add_object(found: Standing, road: MapRoad, element: ElementTree.Element) ->
     found.understood[kind] += 1
 
 
-def _solids(road: MapRoad, element: ElementTree.Element, kind: str, usual: float) -> Iterator[list[Solid]]:
+def _solids(
+    road: MapRoad, element: ElementTree.Element, kind: str, usual: float
+) -> Iterator[list[Solid]]:
     height = min(number(element, "height", 0.0) or usual, 200.0)
     radius, length, width = (number(element, key, 0.0) for key in ("radius", "length", "width"))
     repeats = element.findall("repeat")
-    outlines = [] if repeats else [*element.findall("outline"), *element.findall("outlines/outline")]
+    outlines = (
+        [] if repeats else [*element.findall("outline"), *element.findall("outlines/outline")]
+    )
     if any(number(repeat, "distance", 0.0) == 0 for repeat in repeats):
-        yield from ([bar] for repeat in repeats for bar in _continuous(road, repeat, kind, height, max(width, 0.2)))
+        yield from (
+            [bar]
+            for repeat in repeats
+            for bar in _continuous(road, repeat, kind, height, max(width, 0.2))
+        )
         return
     for x, y, heading, base in _places(road, element):
         if kind == "tree" and not outlines:
@@ -593,22 +743,43 @@ def _solids(road: MapRoad, element: ElementTree.Element, kind: str, usual: float
             yield f.tree(x, y, max(height, 2.0), min(max(crown, 0.3), 8.0), min(2.3, 0.4 * height))
         elif outlines:
             rings = [_ring(road, outline, (x, y, heading)) for outline in outlines]
-            walls = [Solid(r, base, base + height, kind) for r in rings if shapely.Polygon(r).area > 1e-3]
+            walls = [
+                Solid(r, base, base + height, kind) for r in rings if shapely.Polygon(r).area > 1e-3
+            ]
             if not walls:
-                raise ValueError("<outline> needs three corners that are not in one line: export it again")
+                raise ValueError(
+                    "<outline> needs three corners that are not in one line: export it again"
+                )
             yield walls
         elif kind == "post" or radius > 0:
-            yield [Solid(f.disc(x, y, min(radius or max(length, width) / 2 or 0.1, 20.0)), base, base + height, kind)]
+            yield [
+                Solid(
+                    f.disc(x, y, min(radius or max(length, width) / 2 or 0.1, 20.0)),
+                    base,
+                    base + height,
+                    kind,
+                )
+            ]
         else:
-            yield [Solid(f.block((max(length, 0.3), max(width, 0.2)), (x, y), heading), base, base + height, kind)]
+            yield [
+                Solid(
+                    f.block((max(length, 0.3), max(width, 0.2)), (x, y), heading),
+                    base,
+                    base + height,
+                    kind,
+                )
+            ]
 
 
-def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:
+def _places(
+    road: MapRoad, element: ElementTree.Element
+) -> Iterator[tuple[float, float, float, float]]:
     """Places of an object and its repeats."""
     turn = number(element, "hdg", 0.0) + (np.pi if element.get("orientation") == "-" else 0.0)
     repeats = element.findall("repeat")
     if not repeats:
-        s, t = number(element, "s"), number(element, "t")
+        s = number(element, "s")
+        t = number(element, "t")
         yield *_place(road, s, t, turn), max(number(element, "zOffset", 0.0), 0.0)
     for repeat in repeats:
         start, (length, every, count) = number(repeat, "s"), _count(repeat)
@@ -622,18 +793,26 @@ def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float
 
 
 def _count(repeat: ElementTree.Element) -> tuple[float, float, int]:
-    """Length, distance and number of repeated objects. Raises ValueError for a negative one or too many."""
-    length, every = number(repeat, "length", 0.0), number(repeat, "distance", 0.0)
+    """Length, distance and number of repeated objects. Raises ValueError for a negative one or too
+    many."""
+    length = number(repeat, "length", 0.0)
+    every = number(repeat, "distance", 0.0)
     count = 1 + (int(length / every) if every > 0 else 0)
     if min(length, every) < 0 or count > MOST:
         found = f"a length of {length:g} m and a distance of {every:g} m make {count}"
-        raise ValueError(f"<repeat> needs both from 0 up and at most {MOST} objects, but {found}: export it again")
+        raise ValueError(
+            f"<repeat> needs both from 0 up and at most {MOST} objects, but {found}: export it "
+            "again"
+        )
     return length, every, count
 
 
-def _continuous(road: MapRoad, repeat: ElementTree.Element, kind: str, height: float, width: float) -> Iterator[Solid]:
+def _continuous(
+    road: MapRoad, repeat: ElementTree.Element, kind: str, height: float, width: float
+) -> Iterator[Solid]:
     """Barrier along the road, in pieces of 4 m."""
-    start, length = number(repeat, "s"), min(_count(repeat)[0], road.length)
+    start = number(repeat, "s")
+    length = min(_count(repeat)[0], road.length)
     first = number(repeat, "tStart", 0.0)
     s = np.linspace(start, start + length, int(length / 4.0) + 2)
     line = road.beside(s, np.linspace(first, number(repeat, "tEnd", first), len(s)))
@@ -646,15 +825,28 @@ def _continuous(road: MapRoad, repeat: ElementTree.Element, kind: str, height: f
 
 def _place(road: MapRoad, s: float, t: float, turn: float) -> tuple[float, float, float]:
     ((x, y, heading),) = road.at(np.array([s]))
-    return round(float(x - t * np.sin(heading)), 3), round(float(y + t * np.cos(heading)), 3), float(heading + turn)
+    return (
+        round(float(x - t * np.sin(heading)), 3),
+        round(float(y + t * np.cos(heading)), 3),
+        float(heading + turn),
+    )
 
 
-def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]) -> Float64[np.ndarray, "k 2"]:
-    """Corners of an outline, given on the road or about the object; all zeros if it makes no polygon."""
+def _ring(
+    road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]
+) -> Float64[np.ndarray, "k 2"]:
+    """Corners of an outline, given on the road or about the object; all zeros if it makes no
+    polygon."""
     x, y, heading = place
     turn = plane_rotation(heading)
-    corners = [_place(road, number(each, "s"), number(each, "t"), 0.0)[:2] for each in outline.iter("cornerRoad")]
-    corners += [tuple(turn @ [number(each, "u"), number(each, "v")] + [x, y]) for each in outline.iter("cornerLocal")]
+    corners = [
+        _place(road, number(each, "s"), number(each, "t"), 0.0)[:2]
+        for each in outline.iter("cornerRoad")
+    ]
+    corners += [
+        tuple(turn @ [number(each, "u"), number(each, "v")] + [x, y])
+        for each in outline.iter("cornerLocal")
+    ]
     if len(corners) < 3:
         return np.zeros((3, 2))
     valid = shapely.make_valid(shapely.Polygon(corners))
@@ -664,12 +856,18 @@ def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float
 
 def move_to_site(there: Standing, map_SE3_site: Pose) -> Standing:
     """Move objects into the site's frame."""
-    turn, origin = map_SE3_site[:2, :2], map_SE3_site[:2, 3]
+    turn = map_SE3_site[:2, :2]
+    origin = map_SE3_site[:2, 3]
     yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
-    groups = [[replace(s, footprint=((s.footprint - origin) @ turn).round(3)) for s in g] for g in there.groups]
+    groups = [
+        [replace(s, footprint=((s.footprint - origin) @ turn).round(3)) for s in g]
+        for g in there.groups
+    ]
     bays = [(*(np.array(bay[:2]) - origin) @ turn, bay[2] - yaw) for bay in there.bays]
     lamps = [tuple((np.array(lamp) - origin) @ turn) for lamp in there.lamps]
-    return replace(there, groups=groups, bays=[(float(x), float(y), float(a)) for x, y, a in bays], lamps=lamps)
+    return replace(
+        there, groups=groups, bays=[(float(x), float(y), float(a)) for x, y, a in bays], lamps=lamps
+    )
 
 
 def off_the_road(
@@ -679,11 +877,21 @@ def off_the_road(
     road = unite(lanes).union(tracks).buffer(-1e-3)
     shapely.prepare(road)
     shapes = [(group, unite(solid.footprint for solid in group)) for group in there.groups]
-    near = [(group, road.intersects(shape)) for group, shape in shapes if group and shape.intersects(window)]
+    near = [
+        (group, road.intersects(shape))
+        for group, shape in shapes
+        if group and shape.intersects(window)
+    ]
     stopped = sum(in_the_way for _, in_the_way in near)
-    notes = [f"{stopped} objects or signals stand on the carriageway and were left out"] if stopped else []
+    notes = (
+        [f"{stopped} objects or signals stand on the carriageway and were left out"]
+        if stopped
+        else []
+    )
     if there.unknown:
-        listed = ", ".join(f"{count} {kind[:30]!r}" for kind, count in sorted(there.unknown.items())[:12])
+        listed = ", ".join(
+            f"{count} {kind[:30]!r}" for kind, count in sorted(there.unknown.items())[:12]
+        )
         notes.append(f"objects of types that are not known were left out: {listed}")
     if there.damaged:
         reason = there.damaged[0].removesuffix(": export it again")

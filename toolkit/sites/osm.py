@@ -1,18 +1,22 @@
-"""OpenStreetMap extracts in metres around a centre: roads for netconvert, and the solids beside them.
+"""OpenStreetMap extracts in metres around a centre: roads for netconvert, and the solids beside
+them.
 
-Extracts are untidy: ways refer to nodes that were cut off, relations to missing members, values are free text. What
-cannot be used is left out; only a file that is no map is refused. https://wiki.openstreetmap.org/wiki/OSM_XML
+Extracts are untidy: ways refer to nodes that were cut off, relations to missing members, values are
+free text. What cannot be used is left out; only a file that is no map is refused.
+https://wiki.openstreetmap.org/wiki/OSM_XML
 
-Who may drive where, and how fast, is read by `toolkit.sites.osm_rules`; only well-formed tags reach netconvert. Streets
-get footways by their class where the map does not say.
-Buildings are as high as height says, else building:levels × 3 m, else the default of their kind. Whatever would stand
-on a lane is cut off. https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings
+Who may drive where, and how fast, is read by `toolkit.sites.osm_rules`; only well-formed tags reach
+netconvert. Streets get footways by their class where the map does not say. Buildings are as high as
+height says, else building:levels × 3 m, else the default of their kind. Whatever would stand on a
+lane is cut off. https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings
 
-Parking along the kerbs of an OpenStreetMap extract: strips beside the lanes of the roads, and bays on them.
+Parking along the kerbs of an OpenStreetMap extract: strips beside the lanes of the roads, and bays
+on them.
 
-Both tagging schemes are read, parking:SIDE with parking:SIDE:orientation and the older parking:lane:SIDE, and areas of
-amenity=parking beside a road. netconvert knows no such strips: they are put into the plain network that it writes, and
-it is run again. A strip lies between lanes and footway, also where vehicles stand half or all on the kerb.
+Both tagging schemes are read, parking:SIDE with parking:SIDE:orientation and the older
+parking:lane:SIDE, and areas of amenity=parking beside a road. netconvert knows no such strips: they
+are put into the plain network that it writes, and it is run again. A strip lies between lanes and
+footway, also where vehicles stand half or all on the kerb.
 https://wiki.openstreetmap.org/wiki/Street_parking"""
 
 import bz2
@@ -58,8 +62,12 @@ from toolkit.sites.surroundings import ANGLES, Bay, bays_between
 
 Relation = tuple[list[tuple[str, str]], Tags]  # ways with their roles
 
-LARGEST_MAP, MOST_TAGS = 1 << 26, 200_000  # bytes of a map that are read, and tags within one element
-_PART, _SILENT = 1 << 20, 1 << 22  # bytes read at once, and at most without a tag
+# bytes of a map that are read, and tags within one element
+LARGEST_MAP = 1 << 26
+MOST_TAGS = 200_000
+# bytes read at once, and at most without a tag
+_PART = 1 << 20
+_SILENT = 1 << 22
 _LONGEST_LEAP = 1e4  # m from one node of a road or building to the next
 AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
 
@@ -81,7 +89,8 @@ class Way:
 
 
 class Restriction(NamedTuple):
-    """Rule for those who turn at a node: `kind` is no_left_turn, only_straight_on and so on; ids of the map."""
+    """Rule for those who turn at a node: `kind` is no_left_turn, only_straight_on and so on; ids of
+    the map."""
 
     name: str
     kind: str
@@ -105,10 +114,11 @@ class Extract:
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
-    """Read a map in metres around `centre` (longitude, latitude): .osm, also .gz or .bz2, or JSON of Overpass.
+    """Read a map in metres around `centre` (longitude, latitude): .osm, also .gz or .bz2, or JSON
+    of Overpass.
 
-    heading: of x (rad counter-clockwise from east). Raises ValueError if the file is of another kind, is damaged,
-    incomplete or empty, or `centre` lies outside it."""
+    heading: of x (rad counter-clockwise from east). Raises ValueError if the file is of another
+    kind, is damaged, incomplete or empty, or `centre` lies outside it."""
     points: dict[str, list[float]] = {}
     place_tags: dict[str, Tags] = {}
     bounds: list[list[float]] = []
@@ -124,7 +134,9 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
             if element.tag == "node":
                 place_tags.pop(name, None)
         elif element.tag == "bounds":
-            bounds.append([*_lon_lat(element, "minlon", "minlat"), *_lon_lat(element, "maxlon", "maxlat")])
+            bounds.append(
+                [*_lon_lat(element, "minlon", "minlat"), *_lon_lat(element, "maxlon", "maxlat")]
+            )
         elif element.tag == "node":
             lon_lat = _lon_lat(element, "lon", "lat")
             odd["nodes that are no place on earth were left out"] += lon_lat[0] != lon_lat[0]
@@ -152,25 +164,37 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     edges = np.array(bounds) if bounds and np.isfinite(bounds).all() else np.tile(degrees, 2)
     low, high = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
     if not ((low - AT_THE_EDGE <= centre) & (centre <= high + AT_THE_EDGE)).all():
-        spans = f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
-        outside = f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {spans}"
+        spans = (
+            f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
+        )
+        outside = (
+            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {spans}"
+        )
         raise ValueError(f"{outside}: {_correct_centre(centre, low, high)}")
     position = dict(zip(points, project(degrees, centre) @ plane_rotation(-heading).T, strict=True))
     ways = {}
     for name, (references, way_tags) in raw_ways.items():
-        runs = _runs(references, position) if "highway" in way_tags else [[n for n in references if n in position]]
+        runs = (
+            _runs(references, position)
+            if "highway" in way_tags
+            else [[n for n in references if n in position]]
+        )
         odd[_GAPS] += len(runs) > 1
         for k, known in enumerate(run for run in runs if len(run) > 1):
             nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
             if len(nodes) > 1:
                 key = f"{name}~{k}" if k else name
-                ways[key] = Way(np.array([position[node] for node in nodes]), tuple(nodes), way_tags, name)
+                ways[key] = Way(
+                    np.array([position[node] for node in nodes]), tuple(nodes), way_tags, name
+                )
                 leaps = np.hypot(*np.diff(ways[key].line, axis=0).T).max() > _LONGEST_LEAP
                 odd[_LEAPS] += leaps and bool(_BUILT & way_tags.keys())
     places = tuple((position[name], tags) for name, tags in place_tags.items())
     notes = tuple(f"{count} {what}" for what, count in odd.items() if count)
     areas = tuple(_areas(ways, relations))
-    return Extract(centre, heading, tuple(ways.values()), areas, places, notes, place_tags, tuple(restrictions))
+    return Extract(
+        centre, heading, tuple(ways.values()), areas, places, notes, place_tags, tuple(restrictions)
+    )
 
 
 def _correct_centre(centre: tuple[float, float], low: np.ndarray, high: np.ndarray) -> str:
@@ -179,7 +203,10 @@ def _correct_centre(centre: tuple[float, float], low: np.ndarray, high: np.ndarr
     if ((low - AT_THE_EDGE <= swapped) & (swapped <= high + AT_THE_EDGE)).all():
         return f"longitude comes first, give --centre {swapped[0]:g} {swapped[1]:g}"
     if abs(centre[0]) > 180 or abs(centre[1]) > 90:
-        return "these are no degrees, give --centre LONGITUDE LATITUDE inside it, not metres of a projection"
+        return (
+            "these are no degrees, give --centre LONGITUDE LATITUDE inside it, not metres of a "
+            "projection"
+        )
     return "give --centre LONGITUDE LATITUDE inside it"
 
 
@@ -198,10 +225,14 @@ def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Re
     """Turns that a relation forbids or prescribes, and its parts that are not used."""
     members: dict[str, list[str]] = {}
     for member in element.iter("member"):
-        members.setdefault(f"{member.get('role')} {member.get('type')}", []).append(member.get("ref", ""))
+        members.setdefault(f"{member.get('role')} {member.get('type')}", []).append(
+            member.get("ref", "")
+        )
     kind = tags.get("restriction", "").strip().lower()
     if not kind:
-        return [], _TURN_HOURS if any(key.startswith("restriction:") for key in tags) else _TURN_UNREAD
+        return [], _TURN_HOURS if any(
+            key.startswith("restriction:") for key in tags
+        ) else _TURN_UNREAD
     via = members.get("via node", [])
     turns = [
         Restriction(element.get("id", ""), kind, origin, via[0], target)
@@ -216,7 +247,10 @@ def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Re
     return turns, _TURN_EXCEPT if "except" in tags else ""
 
 
-_TURN_HOURS = "rules of turning hold for some hours or vehicles only (restriction:conditional), and are not used"
+_TURN_HOURS = (
+    "rules of turning hold for some hours or vehicles only (restriction:conditional), and are "
+    "not used"
+)
 _TURN_UNREAD = "rules of turning lead over ways or lack a part, and are not used"
 _TURN_EXCEPT = "rules of turning except some vehicles, but hold for all here"
 _GAPS = "roads lack nodes on their way, and are cut there"
@@ -226,10 +260,13 @@ _BUILT = {"highway", "building"}
 
 
 def metres(text: str | None) -> float | None:
-    """Parse a length as mappers write it. Of several the greatest counts; None if it is not positive."""
+    """Parse a length as mappers write it. Of several the greatest counts; None if it is not
+    positive."""
     lengths = []
     for part in (text or "").lower().replace(",", ".").split(";"):
-        feet = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:'|ft|feet)\s*(?:(\d+(?:\.\d+)?)\s*(?:\"|''|in)?)?", part.strip())
+        feet = re.fullmatch(
+            r"(\d+(?:\.\d+)?)\s*(?:'|ft|feet)\s*(?:(\d+(?:\.\d+)?)\s*(?:\"|''|in)?)?", part.strip()
+        )
         plain = re.fullmatch(r"~?\s*(\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?", part.strip())
         if feet:
             lengths.append(round(0.3048 * (float(feet[1]) + float(feet[2] or 0) / 12), 4))
@@ -241,11 +278,17 @@ def metres(text: str | None) -> float | None:
 _OTHER_KINDS = (".pbf", ".o5m", ".o5c", ".zip", ".7z", ".osc", ".osh", ".geojson", ".shp", ".gpkg")
 
 
-_SIGNATURES = {"OSM PBF": b"OSMHeader", "o5m": b"o5m2", "a zip file": b"PK\x03\x04", "SQLite": b"SQLite format 3"}
+_SIGNATURES = {
+    "OSM PBF": b"OSMHeader",
+    "o5m": b"o5m2",
+    "a zip file": b"PK\x03\x04",
+    "SQLite": b"SQLite format 3",
+}
 
 
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
-    """Yield the file's elements, each released before the next. Raises ValueError if the file is no map."""
+    """Yield the file's elements, each released before the next. Raises ValueError if the file is no
+    map."""
     name = path.name.lower().removesuffix(".gz").removesuffix(".bz2")
     if name.endswith(_OTHER_KINDS):
         read = "only .osm, .osm.xml and .osm.gz are read, also as .bz2, and JSON of Overpass"
@@ -254,7 +297,9 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
         with _open(path) as stream:
             head = stream.read(65536)
         yield from (
-            _json_elements(path) if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{" else _xml_elements(path, head)
+            _json_elements(path)
+            if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"
+            else _xml_elements(path, head)
         )
     except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
@@ -275,18 +320,33 @@ def _xml_elements(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
     kind = next((kind for kind, sign in _SIGNATURES.items() if sign in head[:32]), None)
     if kind is not None:
         raise ValueError(f"{path}: the file is {kind}: convert it first (osmium cat -o map.osm)")
-    if start is None or not re.match(rb"<osm[\s>]", head[start.start() :]) or b"<!DOCTYPE" in head[: start.start()]:
-        raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
-    parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
+    if (
+        start is None
+        or not re.match(rb"<osm[\s>]", head[start.start() :])
+        or b"<!DOCTYPE" in head[: start.start()]
+    ):
+        raise ValueError(
+            f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm"
+        )
+    parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(
+        ("start", "end")
+    )
     root: ElementTree.Element | None = None
-    read, silent, inside = 0, 0, 0  # bytes, bytes since the last tag, tags since the last element
+    # bytes, bytes since the last tag, tags since the last element
+    read = 0
+    silent = 0
+    inside = 0
     with _open(path) as stream:
         while part := stream.read(_PART):
             parser.feed(part)
-            read, silent = read + len(part), silent + len(part)
-            for event, element in cast("Iterable[tuple[str, ElementTree.Element]]", parser.read_events()):
+            read = read + len(part)
+            silent = silent + len(part)
+            for event, element in cast(
+                "Iterable[tuple[str, ElementTree.Element]]", parser.read_events()
+            ):
                 root = element if root is None else root
-                silent, inside = 0, inside + 1
+                silent = 0
+                inside = inside + 1
                 if event == "end" and element.tag == "remark":
                     _check_remark(path, element.text)
                 if event == "end" and element.tag in ("node", "way", "relation", "bounds"):
@@ -294,8 +354,13 @@ def _xml_elements(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
                     root.clear()
                     inside = 0
             if read > LARGEST_MAP or silent > _SILENT or inside > MOST_TAGS:
-                most = f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} tags in an element"
-                raise ValueError(f"{path}: more than {most}: cut out the site first (osmium extract --bbox)")
+                most = (
+                    f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} "
+                    "tags in an element"
+                )
+                raise ValueError(
+                    f"{path}: more than {most}: cut out the site first (osmium extract --bbox)"
+                )
     parser.close()
 
 
@@ -303,22 +368,30 @@ def _check_remark(path: Path, remark: object) -> None:
     """Raise ValueError if Overpass says that it could not finish."""
     if remark and "error" in str(remark).lower():
         said = " ".join(str(remark).split())[:90]
-        raise ValueError(f"{path}: the map is incomplete ({said}): ask Overpass again, for a smaller piece")
+        raise ValueError(
+            f"{path}: the map is incomplete ({said}): ask Overpass again, for a smaller piece"
+        )
 
 
 def _json_elements(path: Path) -> Iterator[ElementTree.Element]:
-    """Elements of Overpass's JSON (https://wiki.openstreetmap.org/wiki/OSM_JSON), in the form of XML."""
+    """Elements of Overpass's JSON (https://wiki.openstreetmap.org/wiki/OSM_JSON), in the form of
+    XML."""
     with _open(path) as stream:
         content = stream.read(LARGEST_MAP + 1)
     if len(content) > LARGEST_MAP:
-        raise ValueError(f"{path}: more than {LARGEST_MAP >> 20} MB: cut out the site first (osmium extract --bbox)")
+        raise ValueError(
+            f"{path}: more than {LARGEST_MAP >> 20} MB: cut out the site first (osmium extract "
+            "--bbox)"
+        )
     try:
         values = parse_json(content.decode("utf-8-sig"))
     except ValueError as error:
         raise ValueError(f"{path}: damaged JSON ({error}): download the map again") from None
     elements = values.get("elements") if isinstance(values, dict) else None
     if not isinstance(elements, list):
-        raise ValueError(f"{path}: not OpenStreetMap JSON (it has no list of elements): export the map as .osm")
+        raise ValueError(
+            f"{path}: not OpenStreetMap JSON (it has no list of elements): export the map as .osm"
+        )
     _check_remark(path, values.get("remark"))
     for row in elements:
         if isinstance(row, dict) and row.get("type") in ("node", "way", "relation"):
@@ -329,7 +402,9 @@ def _json_element(row: Mapping[str, Any]) -> ElementTree.Element:
     attributes = {key: str(row[key]) for key in ("id", "lat", "lon", "visible") if key in row}
     attributes |= {"visible": "false"} if row.get("visible") is False else {}
     element = ElementTree.Element(str(row["type"]), attributes)
-    tags, nodes, places, members = (row.get(key) or () for key in ("tags", "nodes", "geometry", "members"))
+    tags, nodes, places, members = (
+        row.get(key) or () for key in ("tags", "nodes", "geometry", "members")
+    )
     for key, value in tags.items() if isinstance(tags, dict) else ():
         ElementTree.SubElement(element, "tag", {"k": str(key), "v": str(value)})
     for k in range(max(len(nodes), len(places))):
@@ -353,7 +428,9 @@ def _lon_lat(element: ElementTree.Element, lon: str, lat: str) -> list[float]:
     return found if found and abs(found[0]) <= 180 and abs(found[1]) < 90 else [np.nan, np.nan]
 
 
-def _areas(ways: Mapping[str, Way], relations: list[Relation]) -> Iterator[tuple[shapely.Polygon, Tags]]:
+def _areas(
+    ways: Mapping[str, Way], relations: list[Relation]
+) -> Iterator[tuple[shapely.Polygon, Tags]]:
     for way in ways.values():
         if way.is_closed and (way.tags.get("highway") is None or way.tags.get("area") == "yes"):
             yield from ((polygon, way.tags) for polygon in _valid(shapely.Polygon(way.line)))
@@ -361,14 +438,22 @@ def _areas(ways: Mapping[str, Way], relations: list[Relation]) -> Iterator[tuple
         parts = [(ways[name], role) for name, role in members if name in ways]
         outer = _rings(way for way, role in parts if role != "inner")
         inner = _rings(way for way, role in parts if role == "inner")
-        shared = {} if "building" in tags or "building:part" in tags else dict(parts[0][0].tags) if parts else {}
+        shared = (
+            {}
+            if "building" in tags or "building:part" in tags
+            else dict(parts[0][0].tags)
+            if parts
+            else {}
+        )
         yield from ((polygon, {**shared, **tags}) for polygon in _valid(outer.difference(inner)))
 
 
 def _rings(ways: Iterable[Way]) -> shapely.Geometry:
     """Ground enclosed by rings, which may be made of several ways."""
     lines = [shapely.LineString(way.line) for way in ways]
-    return shapely.union_all([shapely.Polygon(ring.exterior) for ring in shapely.get_parts(shapely.polygonize(lines))])
+    return shapely.union_all(
+        [shapely.Polygon(ring.exterior) for ring in shapely.get_parts(shapely.polygonize(lines))]
+    )
 
 
 def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
@@ -378,7 +463,8 @@ def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
 _PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
 _SIDES = ("both", "left", "right", "no")
 _OPPOSITE = {"left": "right", "right": "left"}
-_NO_ROADS = {  # values of highway beside paths that are no road to drive on, so that nothing need be said
+# values of highway beside paths that are no road to drive on, so that nothing need be said
+_NO_ROADS = {
     *(
         "construction",
         "proposed",
@@ -405,18 +491,31 @@ _NO_TRAINS = "tracks of trams and trains, which do not run here"
 _DRIVEN_WALKS = "pedestrian streets open to some vehicles, not driven on here"
 
 
-def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
-    """Roads for vehicles within `window`, cut at its edge and at barriers, and notes. They have the tags meant for
-    netconvert, and their rules. Tunnels and bridges over another road are left out and noted."""
+def roads(
+    extract: Extract, window: shapely.Geometry, *, lefthand: bool = False
+) -> tuple[list[Way], list[str]]:
+    """Roads for vehicles within `window`, cut at its edge and at barriers, and notes. They have the
+    tags meant for netconvert, and their rules. Tunnels and bridges over another road are left out
+    and noted."""
     reached = [way for way in extract.ways if "highway" in way.tags and _reaches(way, window)]
     near = [way for way in reached if _is_road(way.tags)]
     street = [way for way in near if not _below(way.tags)]
     ground = [way for way in street if not _is_off_ground(way.tags)]
-    kept = [way for way in street if not _is_off_ground(way.tags) or not any(_crosses(way, other) for other in ground)]
-    notes = [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"] if len(near) > len(kept) else []
+    kept = [
+        way
+        for way in street
+        if not _is_off_ground(way.tags) or not any(_crosses(way, other) for other in ground)
+    ]
+    notes = (
+        [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"]
+        if len(near) > len(kept)
+        else []
+    )
     single = _drop_doubled(kept)
     notes += (
-        [f"{len(kept) - len(single)} roads that are in the map twice were left out"] if len(kept) > len(single) else []
+        [f"{len(kept) - len(single)} roads that are in the map twice were left out"]
+        if len(kept) > len(single)
+        else []
     )
     kept = single
     notes += _describe_crossings(kept)
@@ -428,7 +527,11 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
         unused += describe_barrier(extract.node_tags[node])
     unused += [_DRIVEN_WALKS for way in reached if _is_driven_walk(way.tags)]
     unused += _list_unused_places(extract, window)
-    notes += [*count_notes(unused), *_describe_unused(reached), *_describe_rings(kept, lefthand=lefthand)]
+    notes += [
+        *count_notes(unused),
+        *_describe_unused(reached),
+        *_describe_rings(kept, lefthand=lefthand),
+    ]
     pieces: list[Way] = []
     for way, reading in zip(kept, readings, strict=True):
         for part in _split_way(way, barred):
@@ -458,7 +561,12 @@ def _describe_crossings(ways: Sequence[Way]) -> list[str]:
     crossing = [(a, b) for a, b in pairs if a < b and _crosses(ways[a], ways[b])]
     if not crossing:
         return []
-    return [f"roads that cross without a junction in the map, and drive through each other: {len(crossing)}"]
+    return [
+        (
+            "roads that cross without a junction in the map, and drive through each other: "
+            f"{len(crossing)}"
+        )
+    ]
 
 
 def _list_barred(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
@@ -478,7 +586,9 @@ def _list_unused_places(extract: Extract, window: shapely.Geometry) -> list[str]
         note = _UNUSED_PLACES.get(tags.get("highway", ""))
         if note is not None and shapely.intersects_xy(window, *spot):
             notes.append(note)
-    rails = [way for way in extract.ways if way.tags.get("railway") in _RAILS and not _below(way.tags)]
+    rails = [
+        way for way in extract.ways if way.tags.get("railway") in _RAILS and not _below(way.tags)
+    ]
     return notes + [_NO_TRAINS for way in rails if _reaches(way, window)]
 
 
@@ -490,25 +600,43 @@ def describe_roadless(extract: Extract, window: shapely.Geometry) -> str:
     listed = ", ".join(f"{count} {kind}" for kind, count in there.most_common(4))
     found = [f"there is {listed}" if listed else "nothing is tagged highway there"]
     found += [f"{covered} in tunnels"] if covered else []
-    lines = [shapely.LineString(way.line) for way in ways if _is_road(way.tags) and not _below(way.tags)]
+    lines = [
+        shapely.LineString(way.line) for way in ways if _is_road(way.tags) and not _below(way.tags)
+    ]
     outside = [line for line in lines if not line.intersects(window)]
     if outside:
         middle = shapely.Point(0.0, 0.0)
         nearest = min(outside, key=middle.distance)
         spot = shapely.get_coordinates(shapely.shortest_line(middle, nearest))[1:]
-        ((longitude, latitude),) = inverse_project(spot @ plane_rotation(extract.heading).T, extract.centre)
-        found.append(f"the nearest road is {middle.distance(nearest):.0f} m away, at {longitude:.5f} {latitude:.5f}")
+        ((longitude, latitude),) = inverse_project(
+            spot @ plane_rotation(extract.heading).T, extract.centre
+        )
+        found.append(
+            f"the nearest road is {middle.distance(nearest):.0f} m away, at {longitude:.5f} "
+            f"{latitude:.5f}"
+        )
     return "; ".join(found)
 
 
-def choose_side(extract: Extract, window: shapely.Geometry, lefthand: bool | None) -> tuple[bool, list[str]]:
-    """True if traffic keeps left, and notes. lefthand: as it is asked for; None for what the map's roads say
-    (driving_side), or else the place on earth."""
-    near = [way.tags for way in extract.ways if way.tags.get("highway") in ROADS and _reaches(way, window)]
-    tagged = Counter(tags["driving_side"] for tags in near if tags.get("driving_side") in ("left", "right"))
+def choose_side(
+    extract: Extract, window: shapely.Geometry, lefthand: bool | None
+) -> tuple[bool, list[str]]:
+    """True if traffic keeps left, and notes. lefthand: as it is asked for; None for what the map's
+    roads say (driving_side), or else the place on earth."""
+    near = [
+        way.tags
+        for way in extract.ways
+        if way.tags.get("highway") in ROADS and _reaches(way, window)
+    ]
+    tagged = Counter(
+        tags["driving_side"] for tags in near if tags.get("driving_side") in ("left", "right")
+    )
     if lefthand is not None:
         against = tagged["right" if lefthand else "left"]
-        note = f"traffic keeps {_name_side(lefthand)}, as asked; roads that say otherwise (driving_side): {against}"
+        note = (
+            f"traffic keeps {_name_side(lefthand)}, as asked; roads that say otherwise "
+            f"(driving_side): {against}"
+        )
         return lefthand, [note] if against else []
     if tagged:
         is_left = tagged["left"] > tagged["right"]
@@ -519,7 +647,9 @@ def choose_side(extract: Extract, window: shapely.Geometry, lefthand: bool | Non
     is_left, is_near_border = find_driving_side(*extract.centre)
     remedy = f"give {'--righthand' if is_left else '--lefthand'} if it is wrong"
     if is_near_border:
-        return is_left, [f"traffic keeps {_name_side(is_left)}, but a border to the other side is near: {remedy}"]
+        return is_left, [
+            f"traffic keeps {_name_side(is_left)}, but a border to the other side is near: {remedy}"
+        ]
     return is_left, [f"traffic keeps left, as in this country: {remedy}"] if is_left else []
 
 
@@ -532,7 +662,11 @@ def _reaches(way: Way, window: shapely.Geometry) -> bool:
 
 
 def _is_road(tags: Tags) -> bool:
-    return tags.get("highway") in ROADS and tags.get("area") != "yes" and tags.get("service") not in _UNUSED_SERVICE
+    return (
+        tags.get("highway") in ROADS
+        and tags.get("area") != "yes"
+        and tags.get("service") not in _UNUSED_SERVICE
+    )
 
 
 def _is_driven_walk(tags: Tags) -> bool:
@@ -561,14 +695,21 @@ def _describe_unused(ways: Iterable[Way]) -> list[str]:
 def _describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:
     """Note of roundabouts that run against the side that traffic keeps to."""
     arcs = [way for way in ways if way.tags.get("junction") in ("roundabout", "circular")]
-    driven = [way.line[::-1] if way.tags.get("oneway") in ("-1", "reverse") else way.line for way in arcs]
-    whole = shapely.line_merge(shapely.MultiLineString(driven), directed=True)  # rings may be made of several ways
+    driven = [
+        way.line[::-1] if way.tags.get("oneway") in ("-1", "reverse") else way.line for way in arcs
+    ]
+    # rings may be made of several ways
+    whole = shapely.line_merge(shapely.MultiLineString(driven), directed=True)
     corners = (shapely.get_coordinates(part) for part in shapely.get_parts(whole))
     rings = [shapely.LinearRing(points) for points in corners if len(points) > 2]
     bent = [ring for ring in rings if shapely.Polygon(ring).area > MIN_RING_M2]
     against = sum(ring.is_ccw == lefthand for ring in bent)
     said = f"roundabouts that run against traffic that keeps {_name_side(lefthand)}: {against}"
-    return [f"{said}; give {'--righthand' if lefthand else '--lefthand'} if it is wrong"] if against else []
+    return (
+        [f"{said}; give {'--righthand' if lefthand else '--lefthand'} if it is wrong"]
+        if against
+        else []
+    )
 
 
 def _split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
@@ -581,7 +722,9 @@ def _split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
             line.append(xy)
             continue
         if line:
-            yield from _part(way, [*nodes, f"{node}_before"], [*line, _step_back(xy, way.line[k - 1])])
+            yield from _part(
+                way, [*nodes, f"{node}_before"], [*line, _step_back(xy, way.line[k - 1])]
+            )
         following = k + 1 < len(way.nodes)
         nodes = [f"{node}_after"] if following else []
         line = [_step_back(xy, way.line[k + 1])] if following else []
@@ -602,13 +745,24 @@ def _step_back(barrier: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
 def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
     """Footways and squares within `window` that belong to no road."""
     squares = {"pedestrian", "footway"}
-    areas = [shape for shape, tags in extract.areas if {tags.get("highway"), tags.get("area:highway")} & squares]
+    areas = [
+        shape
+        for shape, tags in extract.areas
+        if {tags.get("highway"), tags.get("area:highway")} & squares
+    ]
     shapes: list[shapely.Geometry] = [*areas]
     for way in extract.ways:
         is_area = way.is_closed and way.tags.get("area") == "yes"
-        if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
+        if (
+            way.tags.get("highway") in _PATHS
+            and not is_area
+            and not _below(way.tags)
+            and not _above(way.tags)
+        ):
             width = np.clip(metres(way.tags.get("width")) or 2.0, 1.0, 10.0)
-            shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
+            shapes.append(
+                shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2)
+            )
     inside = (shape.intersection(window) for shape in shapes if shape.intersects(window))
     return [part for shape in inside for part in nets.list_polygons(shape)]
 
@@ -616,20 +770,30 @@ def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
 def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
     """Format `pieces` as OSM XML."""
     pieces = list(pieces)
-    position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
+    position = {
+        node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)
+    }
     points = np.array(list(position.values())).reshape(-1, 2)
     degrees = inverse_project(points @ plane_rotation(extract.heading).T, extract.centre)
     types = name_types(cast("RoadRules", piece.rules) for piece in pieces)
-    signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
+    signals = {
+        tuple(xy.round(3))
+        for xy, tags in extract.places
+        if tags.get("highway") == "traffic_signals"
+    }
     text = ['<osm version="0.6">']
     number = {node: i for i, node in enumerate(position, start=1)}
     for (node, xy), (longitude, latitude) in zip(position.items(), degrees, strict=True):
         tag = '<tag k="highway" v="traffic_signals"/>' if tuple(xy.round(3)) in signals else ""
-        text.append(f'<node id="{number[node]}" lon="{longitude:.9f}" lat="{latitude:.9f}">{tag}</node>')
+        text.append(
+            f'<node id="{number[node]}" lon="{longitude:.9f}" lat="{latitude:.9f}">{tag}</node>'
+        )
     for way_number, way in enumerate(pieces, start=1):
         inside = "".join(f'<nd ref="{number[node]}"/>' for node in way.nodes)
         tags = {**way.tags, "highway": types[cast("RoadRules", way.rules)]}
-        inside += "".join(nets.format_element("tag", {"k": key, "v": value}) for key, value in tags.items())
+        inside += "".join(
+            nets.format_element("tag", {"k": key, "v": value}) for key, value in tags.items()
+        )
         text.append(nets.format_element("way", {"id": way_number}, inside))
     text += _format_restrictions(pieces, number, extract.restrictions)
     return "\n".join([*text, "</osm>\n"])
@@ -643,10 +807,16 @@ def _format_restrictions(
     for k, piece in enumerate(pieces, start=1):
         for node in piece.nodes:
             ends.setdefault((piece.name, node), []).append(k)
-    for r, turn in enumerate(restrictions, start=1):  # named as in the map, for netconvert's warnings
+    for r, turn in enumerate(
+        restrictions, start=1
+    ):  # named as in the map, for netconvert's warnings
         for origin in ends.get((turn.origin, turn.via), ()):
             for target in ends.get((turn.target, turn.via), ()):
-                members = (("way", origin, "from"), ("node", number[turn.via], "via"), ("way", target, "to"))
+                members = (
+                    ("way", origin, "from"),
+                    ("node", number[turn.via], "via"),
+                    ("way", target, "to"),
+                )
                 inside = "".join(
                     nets.format_element("member", {"type": kind, "ref": ref, "role": role})
                     for kind, ref, role in members
@@ -654,14 +824,19 @@ def _format_restrictions(
                 for key, value in (("type", "restriction"), ("restriction", turn.kind)):
                     inside += nets.format_element("tag", {"k": key, "v": value})
                 yield nets.format_element(
-                    "relation", {"id": turn.name if re.fullmatch(r"\d{1,15}", turn.name, re.ASCII) else r}, inside
+                    "relation",
+                    {"id": turn.name if re.fullmatch(r"\d{1,15}", turn.name, re.ASCII) else r},
+                    inside,
                 )
 
 
 def _below(tags: Tags) -> bool:
     layer = re.fullmatch(r"\s*([+-]?\d{1,3})\s*", tags.get("layer", "0"))
     sunk = layer is not None and int(layer[1]) < 0 and "tunnel" in tags
-    if tags.get("location") in ("underground", "indoor") or tags.get("indoor", "no") not in ("no", "area"):
+    if tags.get("location") in ("underground", "indoor") or tags.get("indoor", "no") not in (
+        "no",
+        "area",
+    ):
         return True
     return sunk or tags.get("tunnel", "no") not in ("no", "building_passage")
 
@@ -679,13 +854,18 @@ def _is_off_ground(tags: Tags) -> bool:
 def _crosses(bridge: Way, road: Way) -> bool:
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
-    return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
+    return not crossing.difference(
+        shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()
+    ).is_empty
 
 
-def _cut(way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: bool) -> Iterator[Way]:
+def _cut(
+    way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: bool
+) -> Iterator[Way]:
     tags = _road_tags(way.tags, reading, lefthand=lefthand)
     step = -1 if reading.oneway == "-1" else 1
-    line, nodes = way.line[::step], way.nodes[::step]
+    line = way.line[::step]
+    nodes = way.nodes[::step]
     pieces: list[list[tuple[str, np.ndarray]]] = [[]]  # nodes and points
     for (start, end), (first, last) in zip(pairwise(line), pairwise(nodes), strict=True):
         inside = shapely.LineString([start, end]).intersection(window)
@@ -694,7 +874,11 @@ def _cut(way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: 
         ends = shapely.get_coordinates(inside)
         ends = ends[np.argsort(np.hypot(*(ends - start).T))]
         for xy, corner, name in ((ends[0], start, first), (ends[-1], end, last)):
-            own = name if np.hypot(*(xy - corner)) < 1e-6 else f"{first}_{last}_{'in' if corner is start else 'out'}"
+            own = (
+                name
+                if np.hypot(*(xy - corner)) < 1e-6
+                else f"{first}_{last}_{'in' if corner is start else 'out'}"
+            )
             if own != name and corner is start and pieces[-1]:
                 pieces.append([])
             if not pieces[-1] or pieces[-1][-1][0] != own:
@@ -703,12 +887,14 @@ def _cut(way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: 
             pieces.append([])
     for piece in pieces:
         if len(piece) > 1:
-            points, names = np.array([xy for _, xy in piece]), tuple(name for name, _ in piece)
+            points = np.array([xy for _, xy in piece])
+            names = tuple(name for name, _ in piece)
             yield Way(points, names, tags, way.name, reading.rules)
 
 
 def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str, str]:
-    kind, junction = tags["highway"], tags.get("junction", "").strip().lower()
+    kind = tags["highway"]
+    junction = tags.get("junction", "").strip().lower()
     ring = junction in ("roundabout", "circular")
     if reading.oneway == "no":
         passed = {"oneway": "no", **number_lanes(tags)}
@@ -716,7 +902,11 @@ def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str,
         passed = {"oneway": "yes", **number_one_way_lanes(tags, reading.oneway)}
     passed |= {"junction": junction} if ring else {}
     usual = ("left" if lefthand else "right") if ring else "both"
-    walked = ROADS[kind][3] and tags.get("foot") not in ("no", "use_sidepath") and tags.get("motorroad") != "yes"
+    walked = (
+        ROADS[kind][3]
+        and tags.get("foot") not in ("no", "use_sidepath")
+        and tags.get("motorroad") != "yes"
+    )
     tagged = _sidewalk(tags, usual if walked else "no")
     if reading.oneway == "-1" and tagged in _OPPOSITE:  # its line is turned round
         tagged = _OPPOSITE[tagged]
@@ -726,50 +916,77 @@ def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str,
 
 
 def _sidewalk(tags: Tags, usual: str) -> str | None:
-    """Footways along a road of a class that has the `usual` ones: both, left, right or no; None if unknown."""
+    """Footways along a road of a class that has the `usual` ones: both, left, right or no; None if
+    unknown."""
     plain = tags.get("sidewalk", "")
     if plain in _SIDES or plain in ("none", "yes", "separate"):
         return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
-    has = [side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("yes", "separate")]
+    has = [
+        side
+        for side in ("both", "left", "right")
+        if tags.get(f"sidewalk:{side}") in ("yes", "separate")
+    ]
     if has:
         return "both" if "both" in has or len(has) == 2 else has[0]
-    lacks = {side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("no", "none")}
+    lacks = {
+        side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("no", "none")
+    }
     if "both" in lacks or {"left", "right"} <= lacks:
         return "no"
     return _OPPOSITE[lacks.pop()] if lacks and usual == "both" else None
 
 
-DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m
+# m
+DEFAULT_HEIGHT = 6.0
+STOREY = 3.0
 FARTHEST_END = 60.0  # m beyond the window where a long building ends
 _NO_BUILDING = ("", "no", "none", "demolished", "entrance")
-_BARRIERS = {"wall": (f.wall, 1.8), "fence": (f.railing, 1.2), "hedge": (f.hedge, 1.4)}  # usual height (m)
+# usual height (m)
+_BARRIERS = {"wall": (f.wall, 1.8), "fence": (f.railing, 1.2), "hedge": (f.hedge, 1.4)}
 _BARRIERS |= {"city_wall": (f.wall, 4.0), "retaining_wall": (f.wall, 1.0)}
 _BARRIERS |= {"guard_rail": (f.railing, 0.8), "handrail": (f.railing, 1.0)}
 
 
-def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
-    """Buildings that reach into `window`, cut off at `road`, and notes. A building with parts (building:part) is made
-    of them; its own outline stands where there are none."""
+def buildings(
+    extract: Extract, window: shapely.Geometry, road: shapely.Geometry
+) -> tuple[list[Solid], list[str]]:
+    """Buildings that reach into `window`, cut off at `road`, and notes. A building with parts
+    (building:part) is made of them; its own outline stands where there are none."""
     near = [(shape, tags) for shape, tags in extract.areas if shape.intersects(window)]
-    parts = [(shape, tags) for shape, tags in near if tags.get("building:part", "") not in _NO_BUILDING]
+    parts = [
+        (shape, tags) for shape, tags in near if tags.get("building:part", "") not in _NO_BUILDING
+    ]
     covered = shapely.union_all([shape for shape, _ in parts])
     whole = [(shape, tags) for shape, tags in near if tags.get("building", "") not in _NO_BUILDING]
     whole = [(s, tags) for s, tags in whole if tags.get("location") != "underground"]
-    whole = [(s.difference(covered), t) for s, t in whole if not t.get("layer", "0").strip().startswith("-")]
-    solids, cut, reach = [], 0, window.buffer(FARTHEST_END)
+    whole = [
+        (s.difference(covered), t)
+        for s, t in whole
+        if not t.get("layer", "0").strip().startswith("-")
+    ]
+    solids = []
+    cut = 0
+    reach = window.buffer(FARTHEST_END)
     for shape, tags in [*parts, *whole]:
         storeys = metres(tags.get("building:levels"))
         top = metres(tags.get("height")) or metres(tags.get("building:height"))
         top = top or (storeys * STOREY if storeys else DEFAULT_HEIGHT)
-        base = metres(tags.get("min_height")) or (metres(tags.get("building:min_level")) or 0.0) * STOREY
+        base = (
+            metres(tags.get("min_height"))
+            or (metres(tags.get("building:min_level")) or 0.0) * STOREY
+        )
         if tags.get("building") == "roof" and not base:
             base = top - 0.5
         base = base if base < top - 0.1 else 0.0
         rest = shape.difference(road)
         cut += bool(shape.area - rest.area > 0.1)
-        rings = [ring for ring in nets.cut_polygons([rest], reach) if shapely.Polygon(ring).area > 1.0]
+        rings = [
+            ring for ring in nets.cut_polygons([rest], reach) if shapely.Polygon(ring).area > 1.0
+        ]
         solids += [Solid(ring, base, top, "building") for ring in rings]
-    return solids, [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
+    return solids, [
+        f"{cut} buildings reached over a road and were cut back to its edge"
+    ] if cut else []
 
 
 def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
@@ -781,7 +998,9 @@ def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry)
             continue
         height = min(metres(way.tags.get("height")) or usual, 10.0)
         line = shapely.LineString(way.line).intersection(window).difference(road.buffer(0.5))
-        for part in shapely.get_parts(shapely.line_merge(line) if line.geom_type == "MultiLineString" else line):
+        for part in shapely.get_parts(
+            shapely.line_merge(line) if line.geom_type == "MultiLineString" else line
+        ):
             piece = part.simplify(0.05)
             if piece.geom_type == "LineString" and piece.length > 0.5:
                 solids += draw([(float(x), float(y)) for x, y in piece.coords], height)
@@ -789,11 +1008,15 @@ def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry)
 
 
 def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
-    """Single trees and rows of trees within `window`. Crowns keep off `road`; trees too near it are left out."""
+    """Single trees and rows of trees within `window`. Crowns keep off `road`; trees too near it are
+    left out."""
     found = [(xy, tags) for xy, tags in extract.places if tags.get("natural") == "tree"]
     for row in (way for way in extract.ways if way.tags.get("natural") == "tree_row"):
         line = shapely.LineString(row.line)
-        found += [(xy, row.tags) for xy in shapely.get_coordinates(line.interpolate(np.arange(0.0, line.length, 8.0)))]
+        found += [
+            (xy, row.tags)
+            for xy in shapely.get_coordinates(line.interpolate(np.arange(0.0, line.length, 8.0)))
+        ]
     solids: list[Solid] = []
     for (x, y), tags in found:
         room = road.distance(shapely.Point(x, y)) - 0.1
@@ -804,7 +1027,9 @@ def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) ->
     return solids
 
 
-def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], np.ndarray]:
+def furniture(
+    extract: Extract, window: shapely.Geometry, road: shapely.Geometry
+) -> tuple[list[Solid], np.ndarray]:
     """Posts, signs, bins and benches off `road`, and (n, 2) street lamps."""
     solids: list[Solid] = []
     lamps: list[np.ndarray] = []
@@ -816,7 +1041,11 @@ def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
         if tags.get("highway") == "street_lamp":
             lamps.append(xy)
             solids.append(f.post(x, y, min(metres(tags.get("height")) or 6.0, 15.0), 0.09))
-        elif tags.get("power") == "pole" or tags.get("man_made") in ("utility_pole", "mast", "flagpole"):
+        elif tags.get("power") == "pole" or tags.get("man_made") in (
+            "utility_pole",
+            "mast",
+            "flagpole",
+        ):
             solids.append(f.post(x, y, 8.0, 0.12))
         elif "traffic_sign" in tags or tags.get("highway") in ("stop", "give_way"):
             solids += f.sign(x, y, 0.0)
@@ -833,7 +1062,11 @@ def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> 
     """Parking spaces (x, y, yaw) within `window`, off `road`."""
     found = []
     for shape, tags in extract.areas:
-        if tags.get("amenity") != "parking_space" or not window.contains(shape) or road.intersects(shape):
+        if (
+            tags.get("amenity") != "parking_space"
+            or not window.contains(shape)
+            or road.intersects(shape)
+        ):
             continue
         corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shape))
         sides = np.diff(corners[:3], axis=0)
@@ -841,7 +1074,9 @@ def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> 
         if lengths.max() < 8.0 and lengths.min() > 1.7:
             ahead = sides[lengths.argmax()]
             x, y = (float(c) for c in corners[:4].mean(axis=0))
-            found.append((round(x, 3), round(y, 3), round(float(np.arctan2(ahead[1], ahead[0])), 4)))
+            found.append(
+                (round(x, 3), round(y, 3), round(float(np.arctan2(ahead[1], ahead[0])), 4))
+            )
     return found
 
 
@@ -865,7 +1100,8 @@ class Sides(NamedTuple):
 
 @dataclass(frozen=True)
 class Parking:
-    """Parking: each road's line with the angles left and right of it, and areas beside roads with their angles."""
+    """Parking: each road's line with the angles left and right of it, and areas beside roads with
+    their angles."""
 
     roads: tuple[tuple[shapely.LineString, tuple[Angle, Angle]], ...]
     areas: tuple[tuple[shapely.Polygon, int], ...] = ()
@@ -876,20 +1112,32 @@ class Parking:
 
     def beside(self, lane: shapely.LineString, at: float) -> Sides:
         """Parking on both sides of a lane, `at` m along it."""
-        spot, ahead = lane.interpolate(at), _direction(lane, at)
+        spot = lane.interpolate(at)
+        ahead = _direction(lane, at)
         tagged: tuple[Angle, Angle] = (None, None)
         nearest = _NEAR
         for number in self._tree.query(spot, predicate="dwithin", distance=_NEAR).tolist():
             line, (left, right) = self.roads[number]
-            cosine, distance = float(ahead @ _direction(line, line.project(spot))), float(line.distance(spot))
+            cosine = float(ahead @ _direction(line, line.project(spot)))
+            distance = float(line.distance(spot))
             if distance < nearest and abs(cosine) > _ALIKE:
-                tagged, nearest = (left, right) if cosine > 0 else (right, left), distance
+                tagged = (left, right) if cosine > 0 else (right, left)
+                nearest = distance
         found = list(tagged)
-        for side, across in enumerate(_NEAR * np.array([[-ahead[1], ahead[0]], [ahead[1], -ahead[0]]])):
+        for side, across in enumerate(
+            _NEAR * np.array([[-ahead[1], ahead[0]], [ahead[1], -ahead[0]]])
+        ):
             if found[side] is None:  # the first area on this side
-                ray = shapely.LineString([spot, shapely.Point(shapely.get_coordinates(spot)[0] + across)])
-                hits = [(float(ray.intersection(shape).distance(spot)), angle) for shape, angle in self.areas]
-                found[side] = min((hit for hit in hits if np.isfinite(hit[0])), default=(0.0, None))[1]
+                ray = shapely.LineString(
+                    [spot, shapely.Point(shapely.get_coordinates(spot)[0] + across)]
+                )
+                hits = [
+                    (float(ray.intersection(shape).distance(spot)), angle)
+                    for shape, angle in self.areas
+                ]
+                found[side] = min(
+                    (hit for hit in hits if np.isfinite(hit[0])), default=(0.0, None)
+                )[1]
         return Sides(*found) if self.lefthand else Sides(*found[::-1])
 
     @cached_property
@@ -906,25 +1154,44 @@ class _Street(NamedTuple):
     two_way: bool  # the road's other direction lies beyond it
 
 
-def find_parking(extract: Extract, kinds: Collection[str], window: shapely.Geometry, *, lefthand: bool) -> Parking:
+def find_parking(
+    extract: Extract, kinds: Collection[str], window: shapely.Geometry, *, lefthand: bool
+) -> Parking:
     """Parking along the roads of `kinds` (highway=...) within `window`."""
-    lines = [(shapely.LineString(way.line), way.tags) for way in extract.ways if way.tags.get("highway") in kinds]
-    roads = [(line, (_angle(tags, "left"), _angle(tags, "right"))) for line, tags in lines if line.intersects(window)]
+    lines = [
+        (shapely.LineString(way.line), way.tags)
+        for way in extract.ways
+        if way.tags.get("highway") in kinds
+    ]
+    roads = [
+        (line, (_angle(tags, "left"), _angle(tags, "right")))
+        for line, tags in lines
+        if line.intersects(window)
+    ]
     areas = [
         (shape, _ORIENTATIONS.get(tags.get("orientation", ""), 0))
         for shape, tags in extract.areas
-        if tags.get("amenity") == "parking" and tags.get("parking") in _BESIDE_ROAD and shape.intersects(window)
+        if tags.get("amenity") == "parking"
+        and tags.get("parking") in _BESIDE_ROAD
+        and shape.intersects(window)
     ]
     return Parking(tuple(roads), tuple(areas), lefthand)
 
 
 def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
-    """Angles on both sides of the edges that get strips; the commonest counts. network: in the extract's frame."""
+    """Angles on both sides of the edges that get strips; the commonest counts. network: in the
+    extract's frame."""
     found = {}
     for street in _streets(network):
-        seen = [parking.beside(street.inner, at) for at in np.arange(_EVERY / 2, street.inner.length, _EVERY)]
+        seen = [
+            parking.beside(street.inner, at)
+            for at in np.arange(_EVERY / 2, street.inner.length, _EVERY)
+        ]
         kerb, inner = (Counter(sides[k] for sides in seen if sides[k] is not None) for k in (0, 1))
-        usual = [angles.most_common(1)[0][0] if angles.total() >= _LEAST else None for angles in (kerb, inner)]
+        usual = [
+            angles.most_common(1)[0][0] if angles.total() >= _LEAST else None
+            for angles in (kerb, inner)
+        ]
         sides = Sides(usual[0], None if street.two_way else usual[1])
         if sides != Sides():
             found[street.name] = sides
@@ -940,18 +1207,31 @@ def restrict_network(folder: Path, types: Mapping[RoadRules, str]) -> None:
 
 def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
     """Options of netconvert for a network with strips."""
-    edges, connections = (ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con"))
-    first = {str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides())) for edge in edges.iter("edge")}
+    edges, connections = (
+        ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con")
+    )
+    first = {
+        str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides()))
+        for edge in edges.iter("edge")
+    }
     for connection in connections.iter("connection"):
         for end, lane in (("from", "fromLane"), ("to", "toLane")):
-            if lane in connection.attrib and int(connection.attrib[lane]) >= first[connection.attrib[end]]:
+            if (
+                lane in connection.attrib
+                and int(connection.attrib[lane]) >= first[connection.attrib[end]]
+            ):
                 connection.set(lane, str(int(connection.attrib[lane]) + 1))
-    for crossing in connections.findall("crossing"):  # their outlines are those of the narrower roads
+    for crossing in connections.findall(
+        "crossing"
+    ):  # their outlines are those of the narrower roads
         connections.getroot().remove(crossing)
     edges.write(folder / "wide.edg.xml")
     connections.write(folder / "wide.con.xml")
     files = {"node": "plain.nod", "edge": "wide.edg", "connection": "wide.con", "type": "plain.typ"}
-    return [*(f"--{kind}-files={folder / name}.xml" for kind, name in files.items()), "--crossings.guess"]
+    return [
+        *(f"--{kind}-files={folder / name}.xml" for kind, name in files.items()),
+        "--crossings.guess",
+    ]
 
 
 def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
@@ -962,10 +1242,18 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
         for lane in street.lanes:
             inside |= "passenger" in nets.list_users(lane)
             if not nets.list_users(lane):
-                angle = min(ANGLES, key=lambda each: abs(ANGLES[each] - float(lane.get("width", "0"))))
-                strip, kerb_left = shapely.LineString(nets.parse_shape(lane)), parking.lefthand != inside
+                angle = min(
+                    ANGLES, key=lambda each: abs(ANGLES[each] - float(lane.get("width", "0")))
+                )
+                strip = shapely.LineString(nets.parse_shape(lane))
+                kerb_left = parking.lefthand != inside
                 for x, y, yaw in bays_between(strip, angle, kerb_left=kerb_left).tolist():
-                    if parking.beside(street.inner, street.inner.project(shapely.Point(x, y)))[inside] == angle:
+                    if (
+                        parking.beside(street.inner, street.inner.project(shapely.Point(x, y)))[
+                            inside
+                        ]
+                        == angle
+                    ):
                         found.append((x, y, yaw))
     return found
 
@@ -974,7 +1262,10 @@ def _streets(network: str) -> Iterator[_Street]:
     edges: dict[str, list[ElementTree.Element]] = {}
     for edge, lane in nets.list_lanes(network):
         edges.setdefault(str(edge.get("id")), []).append(lane)
-    driven = {name: [lane for lane in lanes if "passenger" in nets.list_users(lane)] for name, lanes in edges.items()}
+    driven = {
+        name: [lane for lane in lanes if "passenger" in nets.list_users(lane)]
+        for name, lanes in edges.items()
+    }
     for name, lanes in edges.items():
         other = name[1:] if name.startswith("-") else f"-{name}"
         if driven[name] and len(line := nets.parse_shape(driven[name][-1])) > 1:
@@ -983,10 +1274,14 @@ def _streets(network: str) -> Iterator[_Street]:
 
 def _widen(edge: ElementTree.Element, sides: Sides) -> int:
     """Give an edge its strips; return the first lane number that moves."""
-    lanes = edge.findall("lane") or [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
+    lanes = edge.findall("lane") or [
+        ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))
+    ]
     first = next((i for i, lane in enumerate(lanes) if "passenger" in nets.list_users(lane)), 0)
     kerb, inner = (
-        [] if angle is None else [ElementTree.Element("lane", disallow="all", width=f"{ANGLES[angle]:.3f}")]
+        []
+        if angle is None
+        else [ElementTree.Element("lane", disallow="all", width=f"{ANGLES[angle]:.3f}")]
         for angle in sides
     )
     wide = [*lanes[:first], *kerb, *lanes[first:], *inner]
@@ -1001,7 +1296,9 @@ def _widen(edge: ElementTree.Element, sides: Sides) -> int:
 
 def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
     """Unit vector along a line, `at` m from its start."""
-    (ahead,) = np.diff(shapely.get_coordinates(line.interpolate([max(at - 0.5, 0.0), at + 0.5])), axis=0)
+    (ahead,) = np.diff(
+        shapely.get_coordinates(line.interpolate([max(at - 0.5, 0.0), at + 0.5])), axis=0
+    )
     return ahead / max(float(np.hypot(*ahead)), 1e-9)
 
 
@@ -1009,7 +1306,9 @@ def _angle(tags: Tags, side: str) -> Angle:
     """Parking angle on one side of a road."""
 
     def said(key: str, rest: str = "") -> str:
-        return (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()
+        return (
+            (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()
+        )
 
     if said("parking", ":restriction") in _FORBIDDEN:
         return None

@@ -1,10 +1,10 @@
 """Traffic rules of OpenStreetMap's roads: who may drive which way, and how fast.
 
-Access is read from the general to the particular: access, vehicle, motor_vehicle and then the kind of vehicle; the last
-one that speaks holds, and for one direction its key before all. A road that a user may not take is closed to that user;
-emergency vehicles may take every road. What a network cannot hold (hours, lanes for some users, local traffic only) is
-counted in notes. https://wiki.openstreetmap.org/wiki/Key:access
-https://wiki.openstreetmap.org/wiki/Key:maxspeed"""
+Access is read from the general to the particular: access, vehicle, motor_vehicle and then the kind
+of vehicle; the last one that speaks holds, and for one direction its key before all. A road that a
+user may not take is closed to that user; emergency vehicles may take every road. What a network
+cannot hold (hours, lanes for some users, local traffic only) is counted in notes.
+https://wiki.openstreetmap.org/wiki/Key:access https://wiki.openstreetmap.org/wiki/Key:maxspeed"""
 
 import re
 from collections import Counter
@@ -19,18 +19,37 @@ from toolkit.sites import network as nets
 Tags = Mapping[str, str]
 Users = frozenset[str]
 
-# class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
-ROADS = {"motorway": (2, 36.1, 14, False), "trunk": (2, 27.8, 13, False), "primary": (1, 13.9, 12, True)}
-ROADS |= {"secondary": (1, 13.9, 11, True), "tertiary": (1, 13.9, 10, True), "unclassified": (1, 13.9, 8, True)}
-ROADS |= {"residential": (1, 8.3, 7, True), "living_street": (1, 2.8, 6, True), "busway": (1, 8.3, 5, False)}
+# class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says
+# otherwise
+ROADS = {
+    "motorway": (2, 36.1, 14, False),
+    "trunk": (2, 27.8, 13, False),
+    "primary": (1, 13.9, 12, True),
+}
+ROADS |= {
+    "secondary": (1, 13.9, 11, True),
+    "tertiary": (1, 13.9, 10, True),
+    "unclassified": (1, 13.9, 8, True),
+}
+ROADS |= {
+    "residential": (1, 8.3, 7, True),
+    "living_street": (1, 2.8, 6, True),
+    "busway": (1, 8.3, 5, False),
+}
 ROADS |= {"service": (1, 5.6, 4, False), "cycleway": (1, 5.6, 2, False)}
-ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
+ROADS |= {
+    f"{kind}_link": ROADS[kind]
+    for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")
+}
 
-MPH_M_S, KNOT_M_S, KMH_M_S = 0.44704, 1852 / 3600, 1 / 3.6
+MPH_M_S = 0.44704
+KNOT_M_S = 1852 / 3600
+KMH_M_S = 1 / 3.6
 UNITS_M_S = dict.fromkeys(("", "km/h", "kmh", "kph", "kmph", "km/hr"), KMH_M_S)
 UNITS_M_S |= {"mph": MPH_M_S, "mi/h": MPH_M_S, "knots": KNOT_M_S, "knot": KNOT_M_S, "kn": KNOT_M_S}
 INCH_M = 0.0254
-MIN_SPEED_M_S, MAX_SPEED_M_S = 0.5, 100.0
+MIN_SPEED_M_S = 0.5
+MAX_SPEED_M_S = 100.0
 
 _MOTOR = frozenset(nets.MOTOR.split())
 _ALWAYS = "emergency"  # may take every road
@@ -50,37 +69,96 @@ _KEY_TEXTS = {  # of each of SUMO's vehicle classes, the last one that speaks ho
 }
 _KEYS = {user: tuple(keys.split()) for user, keys in _KEY_TEXTS.items()}
 ACCESS_KEYS = frozenset(key for keys in _KEYS.values() for key in keys)
-_OPEN = {"yes", "permissive", "designated", "official", "public", "discouraged", "true", "1", "allowed", "mandatory"}
-_LOCAL = {"destination", "customers", "residents", "residential", "permit", "employees", "visitors", "members"}
+_OPEN = {
+    "yes",
+    "permissive",
+    "designated",
+    "official",
+    "public",
+    "discouraged",
+    "true",
+    "1",
+    "allowed",
+    "mandatory",
+}
+_LOCAL = {
+    "destination",
+    "customers",
+    "residents",
+    "residential",
+    "permit",
+    "employees",
+    "visitors",
+    "members",
+}
 _LOCAL |= {"tenants", "guests"}
-_CLOSED = {"no", "private", "restricted", "false", "0", "none", "agricultural", "forestry", "military", "emergency"}
+_CLOSED = {
+    "no",
+    "private",
+    "restricted",
+    "false",
+    "0",
+    "none",
+    "agricultural",
+    "forestry",
+    "military",
+    "emergency",
+}
 _CLOSED |= {"use_sidepath", "dismount", "construction", "prohibited"}
 _DELIVERS = {"delivery", "loading", "hgv", "goods"}
 _PUBLIC = {"bus", "psv", "taxi", "public_transport"}
 _FORWARD = {"yes", "true", "1"}
 _BACKWARD = {"-1", "reverse"}
 _BOTH_WAYS = {"no", "false", "0"}
-_NO_BUS_LANES = {"", "no", "none", "separate", "opposite"}  # values of busway; any other is a lane on the road
+# values of busway; any other is a lane on the road
+_NO_BUS_LANES = {"", "no", "none", "separate", "opposite"}
 _HALF_THE_TIME = {"reversible", "alternating"}
 _PASSABLE = {  # barriers on a road that cars drive through unless their tags close them
-    *("gate", "lift_gate", "swing_gate", "cattle_grid", "toll_booth", "border_control", "entrance", "no", "kerb"),
+    *(
+        "gate",
+        "lift_gate",
+        "swing_gate",
+        "cattle_grid",
+        "toll_booth",
+        "border_control",
+        "entrance",
+        "no",
+        "kerb",
+    ),
     *("height_restrictor", "sally_port", "arch", "checkpoint", "rising_bollard", "hampshire_gate"),
 }
 
 # kinds of rules, each followed by a colon and the number of roads
 LOCAL = "roads for local traffic only (destination, customers), driven through here"
 HOURS = "roads with rules for some hours or vehicles only (:conditional), not used"
-OWN_LANES = "roads with lanes for some users only (bus:lanes, busway, cycleway=lane, hov), open to all here"
+OWN_LANES = (
+    "roads with lanes for some users only (bus:lanes, busway, cycleway=lane, hov), open to all here"
+)
 ARROWS = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
-DIRECTION = "roads with a oneway that is not understood, one-way only if that is usual for their class"
-CONTRAFLOW = "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one way here"
-SOME_AGAINST = "roads that run one way for some users, against the others (oneway:bus=-1), who do not drive there here"
-LANES_AGAINST = "one-way streets with lanes against their traffic (lanes:backward), which are left out"
+DIRECTION = (
+    "roads with a oneway that is not understood, one-way only if that is usual for their class"
+)
+CONTRAFLOW = (
+    "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one "
+    "way here"
+)
+SOME_AGAINST = (
+    "roads that run one way for some users, against the others (oneway:bus=-1), who do not drive "
+    "there here"
+)
+LANES_AGAINST = (
+    "one-way streets with lanes against their traffic (lanes:backward), which are left out"
+)
 EITHER = "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
 UNREAD = "roads with access that is not understood, open as is usual for their class"
 UNREAD_SPEED = "roads with a speed limit that is not understood, driven as is usual for their class"
-VARIABLE = "roads with a speed limit that signs set (maxspeed=signals, variable), driven as is usual for their class"
-SPEEDS = "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
+VARIABLE = (
+    "roads with a speed limit that signs set (maxspeed=signals, variable), driven as is usual "
+    "for their class"
+)
+SPEEDS = (
+    "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
+)
 LANES = "roads with a number of lanes that is not understood"
 SUM = "roads with more or fewer lanes than lanes:forward and lanes:backward have, which count"
 MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
@@ -89,11 +167,23 @@ WIDTHS_UNUSED = "roads with a width of their own (width, width:lanes), drawn wit
 PLACEMENT = "roads drawn along one of their lanes (placement), whose line is taken as their middle"
 SLOPES = "roads that rise (incline), level here"
 SIZES = "roads with limits of weight or size, closed to trucks and buses"
-CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
+CYCLE_ROAD = (
+    "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access "
+    "says"
+)
 BARRIER_HOURS = "barriers with rules for some hours or vehicles only (:conditional), not used"
-BARRIER_UNREAD = "barriers with access that is not understood, open or shut as is usual for their kind"
+BARRIER_UNREAD = (
+    "barriers with access that is not understood, open or shut as is usual for their kind"
+)
 CLOSED = "roads closed to cars, as the map says"
-_SIZE_LIMITS = {"maxweight": 7.5, "maxheight": 3.5, "maxlength": 10.0, "maxwidth": 2.5, "maxaxleload": 4.0}  # t and m
+# t and m
+_SIZE_LIMITS = {
+    "maxweight": 7.5,
+    "maxheight": 3.5,
+    "maxlength": 10.0,
+    "maxwidth": 2.5,
+    "maxaxleload": 4.0,
+}
 _SIZE_LIMITS |= {"maxweightrating": 7.5, "maxheight:physical": 3.5, "maxwidth:physical": 2.5}
 _TRUCK_LIMITS = {f"{key}:hgv": limit for key, limit in _SIZE_LIMITS.items()}
 
@@ -146,17 +236,25 @@ def usual_users(kind: str) -> Users:
 
 def usual_rules(kind: str) -> RoadRules:
     """Rules of a class of road whose map says nothing more."""
-    users, speed = usual_users(kind), ROADS[kind][1]
+    users = usual_users(kind)
+    speed = ROADS[kind][1]
     return RoadRules(kind, (users, users), (speed, speed))
 
 
 def read_rules(tags: Tags) -> RoadReading:
     """Rules of a road of a class in `ROADS`, by its tags."""
-    tags = _read_older_keys({key.strip().lower(): value.strip().lower() for key, value in tags.items()})
+    tags = _read_older_keys(
+        {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    )
     if tags.get("service") == "emergency_access" and not ACCESS_KEYS & tags.keys():
         tags["access"] = "no"
-    if any(tags.get(key) == "yes" for key in ("abandoned", "disused", "construction", "proposed", "razed")):
-        tags = {key: value for key, value in tags.items() if key.partition(":")[0] not in ACCESS_KEYS}
+    if any(
+        tags.get(key) == "yes"
+        for key in ("abandoned", "disused", "construction", "proposed", "razed")
+    ):
+        tags = {
+            key: value for key, value in tags.items() if key.partition(":")[0] not in ACCESS_KEYS
+        }
         tags["access"] = "no"
     notes = _list_unused(tags)
     oneway = _read_oneway(tags, notes)
@@ -164,19 +262,25 @@ def read_rules(tags: Tags) -> RoadReading:
     _close_one_way(tags, oneway, sides, notes)
     against = _list_contraflow(tags)
     if oneway == "yes" and against and number_lanes(tags).get("lanes:backward"):
-        oneway, sides[1] = "no", sides[1] & (against | {_ALWAYS})  # they have a lane of their own
+        # they have a lane of their own
+        oneway = "no"
+        sides[1] = sides[1] & (against | {_ALWAYS})
     elif oneway != "no" and against:
         notes.append(CONTRAFLOW)
     if oneway != "no" and number_lanes(tags).get(_name_sides(oneway)[1]):
         notes.append(LANES_AGAINST)
     speeds = [_read_speed(tags, side, notes) for side in ("forward", "backward")]
     driven = sides[1:] if oneway == "-1" else sides[:1] if oneway == "yes" else sides
-    if tags["highway"] not in ("cycleway", "busway") and not any("passenger" in users for users in driven):
+    if tags["highway"] not in ("cycleway", "busway") and not any(
+        "passenger" in users for users in driven
+    ):
         notes.append(CLOSED)
     if oneway == "-1":
-        sides, speeds = sides[::-1], speeds[::-1]
+        sides = sides[::-1]
+        speeds = speeds[::-1]
     if oneway != "no":
-        sides, speeds = [sides[0]] * 2, [speeds[0]] * 2
+        sides = [sides[0]] * 2
+        speeds = [speeds[0]] * 2
     rules = RoadRules(tags["highway"], (sides[0], sides[1]), (speeds[0], speeds[1]))
     return RoadReading(rules, oneway, tuple(dict.fromkeys(notes)))
 
@@ -188,8 +292,11 @@ def _read_older_keys(tags: Tags) -> dict[str, str]:
 
 
 def is_barred(tags: Tags) -> bool:
-    """True for a node of a road that no car can pass, such as a bollard or a gate that is locked."""
-    tags = _read_older_keys({key.strip().lower(): value.strip().lower() for key, value in tags.items()})
+    """True for a node of a road that no car can pass, such as a bollard or a gate that is
+    locked."""
+    tags = _read_older_keys(
+        {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    )
     barrier = tags.get("barrier")
     if barrier is None and not ACCESS_KEYS & tags.keys():
         return False
@@ -221,7 +328,8 @@ def describe_barrier(tags: Tags) -> list[str]:
 
 
 def number_lanes(tags: Tags) -> dict[str, str]:
-    """Numbers of lanes that are whole, from 1 to 8. If both directions have theirs, all lanes are their sum."""
+    """Numbers of lanes that are whole, from 1 to 8. If both directions have theirs, all lanes are
+    their sum."""
     found: dict[str, str] = {}
     for key in ("lanes", "lanes:forward", "lanes:backward"):
         value = tags.get(key, "").strip()
@@ -233,7 +341,8 @@ def number_lanes(tags: Tags) -> dict[str, str]:
 
 
 def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
-    """Numbers of lanes of a one-way street, without lanes against its traffic. oneway: yes or -1."""
+    """Numbers of lanes of a one-way street, without lanes against its traffic. oneway: yes or
+    -1."""
     found = number_lanes(tags)
     driven, against = (found.get(key) for key in _name_sides(oneway))
     total = driven or found.get("lanes")
@@ -245,7 +354,11 @@ def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
 
 def _name_sides(oneway: str) -> tuple[str, str]:
     """Keys of the lanes along and against the traffic of a one-way street."""
-    return ("lanes:backward", "lanes:forward") if oneway == "-1" else ("lanes:forward", "lanes:backward")
+    return (
+        ("lanes:backward", "lanes:forward")
+        if oneway == "-1"
+        else ("lanes:forward", "lanes:backward")
+    )
 
 
 def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
@@ -253,22 +366,32 @@ def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
     names: dict[RoadRules, str] = {}
     for rule in rules:
         if rule not in names:
-            names[rule] = rule.kind if rule == usual_rules(rule.kind) else f"{rule.kind}.{len(names)}"
+            names[rule] = (
+                rule.kind if rule == usual_rules(rule.kind) else f"{rule.kind}.{len(names)}"
+            )
     return names
 
 
 def format_types(names: Mapping[RoadRules, str]) -> str:
     """SUMO's type file for edge types by their names, and for all classes of road.
 
-    Roads whose directions differ have a speed that no other has, so that netconvert joins them to none;
-    `restrict_edges` gives them theirs."""
+    Roads whose directions differ have a speed that no other has, so that netconvert joins them to
+    none; `restrict_edges` gives them theirs."""
     rows = []
     usual = {usual_rules(kind): kind for kind in ROADS}
     for rule, name in {**usual, **names}.items():
         lanes, _, priority, _ = ROADS[rule.kind]
         speed = 50.0 + 0.01 * rule.number if rule.number is not None else rule.speeds[0]
-        row: dict[str, Any] = {"id": f"highway.{name}", "numLanes": lanes, "speed": f"{speed:.3f}".rstrip("0")}
-        row |= {"priority": priority, "oneway": "false", "width": 1.8 if rule.kind == "cycleway" else 3.25}
+        row: dict[str, Any] = {
+            "id": f"highway.{name}",
+            "numLanes": lanes,
+            "speed": f"{speed:.3f}".rstrip("0"),
+        }
+        row |= {
+            "priority": priority,
+            "oneway": "false",
+            "width": 1.8 if rule.kind == "cycleway" else 3.25,
+        }
         rows.append(nets.format_element("type", {**row, "allow": _format_users(rule.users[0])}))
     return nets.format_xml("types", rows)
 
@@ -278,7 +401,8 @@ def _format_users(users: Users) -> str:
 
 
 def restrict_edges(edges: Iterable[Any], names: Mapping[RoadRules, str]) -> None:
-    """Give plain edges (XML elements) of roads whose directions differ the users and the speed of their direction."""
+    """Give plain edges (XML elements) of roads whose directions differ the users and the speed of
+    their direction."""
     types = {f"highway.{name}": rule for rule, name in names.items() if rule.number is not None}
     for edge in edges:
         rule = types.get(edge.get("type", ""))
@@ -305,7 +429,9 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
     if tags.get("motorroad") == "yes":
         usual -= {"bicycle", "moped"}
     allowed = {
-        user for user, keys in _KEYS.items() if _is_open(tags, user, keys, side, usual=user in usual, notes=notes)
+        user
+        for user, keys in _KEYS.items()
+        if _is_open(tags, user, keys, side, usual=user in usual, notes=notes)
     }
     if any(_is_tight(tags, key, limit) for key, limit in _SIZE_LIMITS.items()):
         allowed -= _LONG
@@ -318,7 +444,9 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
     return frozenset(allowed | {_ALWAYS})
 
 
-def _is_open(tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]) -> bool:
+def _is_open(
+    tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]
+) -> bool:
     opened = usual
     for key in keys:
         for name in (key, f"{key}:{side}"):
@@ -326,8 +454,11 @@ def _is_open(tags: Tags, user: str, keys: Collection[str], side: str, *, usual: 
                 answer = _read_access(tags[name], user, notes)
                 if key == "access" and tags[name] == "designated":  # it does not tell who
                     notes.append(UNREAD)
-                is_general = key in _WHEELS.split()  # nobody cycles on a motorway because of access=yes
-                opened = opened if answer is None or (is_general and answer and not usual) else answer
+                # nobody cycles on a motorway because of access=yes
+                is_general = key in _WHEELS.split()
+                opened = (
+                    opened if answer is None or (is_general and answer and not usual) else answer
+                )
     return opened
 
 
@@ -352,7 +483,9 @@ def _is_tight(tags: Tags, key: str, limit: float) -> bool:
     match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|'|ft)?\s*(\d+)?", tags.get(key, ""))
     if match is None:
         return False
-    scale = {"kg": 0.001, "lbs": 0.000454, "st": 0.907, "'": 0.3048, "ft": 0.3048}.get(match[2] or "", 1.0)
+    scale = {"kg": 0.001, "lbs": 0.000454, "st": 0.907, "'": 0.3048, "ft": 0.3048}.get(
+        match[2] or "", 1.0
+    )
     inches = float(match[3]) if match[3] and match[2] in ("'", "ft") else 0.0
     return float(match[1].replace(",", ".")) * scale + inches * INCH_M < limit + 1e-9
 
@@ -367,7 +500,15 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
     if value in _HALF_THE_TIME:
         notes.append(EITHER)
         return "no"
-    oneway = "yes" if value in _FORWARD else "-1" if value in _BACKWARD else "no" if value in _BOTH_WAYS else implied
+    oneway = (
+        "yes"
+        if value in _FORWARD
+        else "-1"
+        if value in _BACKWARD
+        else "no"
+        if value in _BOTH_WAYS
+        else implied
+    )
     if value and value not in _FORWARD | _BACKWARD | _BOTH_WAYS:
         notes.append(DIRECTION)
     is_for_all = tags.get("oneway", "") in _FORWARD | _BACKWARD or "oneway:vehicle" in tags
@@ -377,7 +518,8 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
 
 
 def _close_one_way(tags: Tags, oneway: str, sides: list[Users], notes: list[str]) -> None:
-    """Close the direction against `oneway:USER` to its users. sides: users along the line of the road, and against."""
+    """Close the direction against `oneway:USER` to its users. sides: users along the line of the
+    road, and against."""
     known = _FORWARD | _BACKWARD | _BOTH_WAYS
     for user, keys in _KEYS.items():
         values = [tags[f"oneway:{key}"] for key in keys if f"oneway:{key}" in tags]
@@ -392,7 +534,11 @@ def _close_one_way(tags: Tags, oneway: str, sides: list[Users], notes: list[str]
 
 def _list_contraflow(tags: Tags) -> Users:
     """Users who may drive a one-way street both ways."""
-    exempt = {key.removeprefix("oneway:") for key in tags if key.startswith("oneway:") and tags[key] in _BOTH_WAYS}
+    exempt = {
+        key.removeprefix("oneway:")
+        for key in tags
+        if key.startswith("oneway:") and tags[key] in _BOTH_WAYS
+    }
     if any(key.startswith("cycleway") and tags[key].startswith("opposite") for key in tags):
         exempt.add("bicycle")
     if any(key.startswith("busway") and tags[key].startswith("opposite") for key in tags):
@@ -403,7 +549,14 @@ def _list_contraflow(tags: Tags) -> Users:
 def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
     """Limit of a direction (m/s)."""
     usual = ROADS[tags["highway"]][1]
-    for key in (f"maxspeed:{side}", "maxspeed", "maxspeed:type", "source:maxspeed", "zone:maxspeed", "zone:traffic"):
+    for key in (
+        f"maxspeed:{side}",
+        "maxspeed",
+        "maxspeed:type",
+        "source:maxspeed",
+        "zone:maxspeed",
+        "zone:traffic",
+    ):
         value = tags.get(key, "")
         if not value or (key != "maxspeed" and not key.endswith(side) and ":" not in value):
             continue  # of a source, only a country's rule tells a speed
@@ -422,7 +575,9 @@ def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
 def parse_speed(value: str) -> float | None:
     """Speed limit (m/s) as mappers write it; the least of several. None if it is not understood."""
     speeds = [_parse_one_speed(part.strip().lower()) for part in value.split(";") if part.strip()]
-    known = [speed for speed in speeds if speed is not None and MIN_SPEED_M_S < speed <= MAX_SPEED_M_S]
+    known = [
+        speed for speed in speeds if speed is not None and MIN_SPEED_M_S < speed <= MAX_SPEED_M_S
+    ]
     return min(known) if known and len(known) == len(speeds) else None
 
 
@@ -437,7 +592,8 @@ def _parse_one_speed(text: str) -> float | None:
     match = re.fullmatch(r"([a-z]{2})(?:-[a-z]+)?:(?:zone[:_]?)?([a-z_]+|\d+)(?:[:_]zone)?", text)
     if match is None:
         return None
-    country, zone = match[1], match[2]
+    country = match[1]
+    zone = match[2]
     unit = MPH_M_S if country in zones["miles"] else KMH_M_S
     if zone.isdigit():
         return float(zone) * unit
@@ -460,11 +616,15 @@ def _list_unused(tags: Tags) -> list[str]:
         notes.append(OWN_LANES)
     if any(key.startswith(("turn:lanes", "change:lanes")) for key in tags):
         notes.append(ARROWS)
-    if any(re.fullmatch(r"maxspeed:(lanes|hgv|bus|psv|goods|motorcycle|trailer|\w+:lanes).*", key) for key in tags):
+    if any(
+        re.fullmatch(r"maxspeed:(lanes|hgv|bus|psv|goods|motorcycle|trailer|\w+:lanes).*", key)
+        for key in tags
+    ):
         notes.append(SPEEDS)
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES)
-    counted, total = number_lanes(tags).get("lanes"), tags.get("lanes", "")
+    counted = number_lanes(tags).get("lanes")
+    total = tags.get("lanes", "")
     if re.fullmatch("[1-8]", total) and total != counted and "lanes:both_ways" not in tags:
         notes.append(SUM)
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
@@ -483,7 +643,14 @@ def _list_unused(tags: Tags) -> list[str]:
 
 
 def _bears_on_traffic(key: str) -> bool:
-    return key.partition(":")[0] in ACCESS_KEYS | {"maxspeed", "oneway", "lanes", "turn", "restriction", "hov"}
+    return key.partition(":")[0] in ACCESS_KEYS | {
+        "maxspeed",
+        "oneway",
+        "lanes",
+        "turn",
+        "restriction",
+        "hov",
+    }
 
 
 def _is_own_lane(key: str, value: str) -> bool:

@@ -1,4 +1,5 @@
-"""Random junctions, 3 to 5 legs or a roundabout, with surroundings, mounts and sensors; each has a seed."""
+"""Random junctions, 3 to 5 legs or a roundabout, with surroundings, mounts and sensors; each has a
+seed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,14 +11,32 @@ from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.furniture import on_ground, settle
-from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street
+from toolkit.sites.network import (
+    XmlAttributes,
+    build_network,
+    line,
+    road_polygons,
+    shoulders,
+    street,
+)
 from toolkit.sites.site import Mount, Relief, Site
-from toolkit.sites.surroundings import ANGLES, CLOSED_LANE, Road, draw_everything, furnish, place_mounts
+from toolkit.sites.surroundings import (
+    ANGLES,
+    CLOSED_LANE,
+    Road,
+    draw_everything,
+    furnish,
+    place_mounts,
+)
 
 LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
-LOWEST, HIGHEST = 1.6, 9.0  # m above the foot of a mount, where sensors hang
+# m above the foot of a mount, where sensors hang
+LOWEST = 1.6
+HIGHEST = 9.0
 _LOW_MOUNTS = 0.35  # share of mounts that allow a sensor at eye level
-SLOPING, STEEPEST_STREET = 0.4, 0.06  # share of sites on a slope; m per m
+# share of sites on a slope; m per m
+SLOPING = 0.4
+STEEPEST_STREET = 0.06
 _STEEPEST = np.deg2rad(35.0)
 
 
@@ -26,7 +45,9 @@ class Shoulder:
     """Strip without traffic between lanes and footway."""
 
     width: float = 0.0  # m, 0 for none
-    angle: int | None = None  # of the bays on it (degrees, 0: along the kerb; None: road works instead of bays)
+    angle: int | None = (
+        None  # of the bays on it (degrees, 0: along the kerb; None: road works instead of bays)
+    )
 
 
 @dataclass(frozen=True)
@@ -43,18 +64,23 @@ class Leg:
 
     @property
     def half_widths(self) -> tuple[float, float]:
-        """Distance (m) from the path to the footway's outer edge, left (inbound side) and right (outbound side)."""
+        """Distance (m) from the path to the footway's outer edge, left (inbound side) and right
+        (outbound side)."""
         directions = zip((self.inbound, self.outbound), self.shoulders, strict=True)
-        left, right = (n * self.lane + self.footway + shoulder.width if n else 0.0 for n, shoulder in directions)
+        left, right = (
+            n * self.lane + self.footway + shoulder.width if n else 0.0
+            for n, shoulder in directions
+        )
         return left, right
 
 
 def random_site(rng: Rng | int) -> Site:
     """Draw a junction from a generator or a seed; the same seed gives the same site.
 
-    The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be centred on it. There
-    are at least 12 mounts with 1 to 10 default sensors. By chance there are avenues whose crowns hang over the road,
-    vehicles parked along kerbs, road works, and hedges, containers and the like beside the lanes and on islands.
+    The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be
+    centred on it. There are at least 12 mounts with 1 to 10 default sensors. By chance there are
+    avenues whose crowns hang over the road, vehicles parked along kerbs, road works, and hedges,
+    containers and the like beside the lanes and on islands.
 
     Raises ValueError for a negative seed."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
@@ -66,34 +92,52 @@ def random_site(rng: Rng | int) -> Site:
     area = np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
     legs, network = (_roundabout if rng.random() < 0.25 else _crossroads)(rng)
     lanes, footways = road_polygons(network, area)
-    ways = [(f"{way}{i}", leg.shoulders[k]) for i, leg in enumerate(legs) for k, way in enumerate(("in", "out"))]
+    ways = [
+        (f"{way}{i}", leg.shoulders[k])
+        for i, leg in enumerate(legs)
+        for k, way in enumerate(("in", "out"))
+    ]
     angles = {edge: shoulder.angle for edge, shoulder in ways if shoulder.angle is not None}
-    paths, widths = [leg.path for leg in legs], [leg.half_widths for leg in legs]
+    paths = [leg.path for leg in legs]
+    widths = [leg.half_widths for leg in legs]
     road = Road(paths, widths, lanes, footways, shoulders(network), angles)
     relief = sloping(Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31))))
     mounts = place_mounts(road, area, rng)
     low = rng.random(len(mounts)) < _LOW_MOUNTS
-    mounts = tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))
+    mounts = tuple(
+        replace(m, min_height=LOWEST) if is_low else m
+        for m, is_low in zip(mounts, low, strict=True)
+    )
     solids, bays = furnish(road, area, mounts, rng)
-    site = Site(name, area, lanes=lanes, footways=footways, parking=bays, network=network, relief=relief)
-    site = draw_everything(replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site)))
+    site = Site(
+        name, area, lanes=lanes, footways=footways, parking=bays, network=network, relief=relief
+    )
+    site = draw_everything(
+        replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site))
+    )
     return replace(site, sensors=random_sensors(site, rng))
 
 
 def sloping(relief: Relief) -> Relief:
-    """Give a relief a slope drawn from its seed, up to `STEEPEST_STREET`; two of five are steeper than 1 %."""
+    """Give a relief a slope drawn from its seed, up to `STEEPEST_STREET`; two of five are steeper
+    than 1 %."""
     rng = np.random.default_rng([relief.seed, 6])
     if rng.random() > SLOPING:
         return relief
-    rise, towards = rng.uniform(0.01, STEEPEST_STREET), rng.uniform(0, 2 * np.pi)
-    return replace(relief, slope=(round(float(rise * np.cos(towards)), 4), round(float(rise * np.sin(towards)), 4)))
+    rise = rng.uniform(0.01, STEEPEST_STREET)
+    towards = rng.uniform(0, 2 * np.pi)
+    return replace(
+        relief,
+        slope=(round(float(rise * np.cos(towards)), 4), round(float(rise * np.sin(towards)), 4)),
+    )
 
 
 def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tuple[Sensor, ...]:
     """Hang random depth cameras and lidars on mounts. count: 1 to 10 if None.
 
-    They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang, most
-    of them headed for the middle of the area. Cameras come first in order of name: d0, d1, ... then lidars l2, l3, ...
+    They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher
+    they hang, most of them headed for the middle of the area. Cameras come first in order of name:
+    d0, d1, ... then lidars l2, l3, ...
 
     Raises ValueError for a site without mounts and for a count below 1."""
     rng = np.random.default_rng(rng)
@@ -107,7 +151,13 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
     lidars = int(rng.binomial(count, 0.35))
     digits = len(str(count - 1))
     return tuple(
-        _hang(f"{'d' if i < count - lidars else 'l'}{i:0{digits}}", i >= count - lidars, mount, site, rng)
+        _hang(
+            f"{'d' if i < count - lidars else 'l'}{i:0{digits}}",
+            i >= count - lidars,
+            mount,
+            site,
+            rng,
+        )
         for i, mount in enumerate(mounts)
     )
 
@@ -126,7 +176,9 @@ def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sens
     tilt = float(np.clip(tilt, 0.0, _STEEPEST))
     if not is_lidar:
         width = int(rng.choice([320, 360, 400, 440, 480]))
-        camera = DepthCamera(width=width, height=width * 3 // 4, fov=float(np.deg2rad(rng.uniform(60.0, 100.0))))
+        camera = DepthCamera(
+            width=width, height=width * 3 // 4, fov=float(np.deg2rad(rng.uniform(60.0, 100.0)))
+        )
         return Sensor(name, camera, look((x, y, z), heading, tilt))
     lidar = SpinningLidar(
         channels=int(rng.choice([16, 32, 64, 128])),
@@ -144,9 +196,17 @@ def _crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
     legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
-    middle = {"id": "c", "x": 0, "y": 0, "type": rule, "radius": round(float(rng.uniform(3.0, 8.0)), 1)}
+    middle = {
+        "id": "c",
+        "x": 0,
+        "y": 0,
+        "type": rule,
+        "radius": round(float(rng.uniform(3.0, 8.0)), 1),
+    }
     major = rng.permutation(count)[:2]
-    edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, "c", 3 if i in major else 1)]
+    edges = [
+        row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, "c", 3 if i in major else 1)
+    ]
     return legs, build_network([middle, *_ends(legs)], edges)
 
 
@@ -159,16 +219,23 @@ def _roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
     legs = _legs(rng, directions, start=radius, most_lanes=1 + wide)
     ring = street(1 + wide, width=4.5, footway=round(rng.uniform(1.5, 3.0), 2), speed=7.0)
     nodes: list[XmlAttributes] = [
-        {"id": f"r{i}", "x": leg.path[0, 0], "y": leg.path[0, 1], "type": "priority"} for i, leg in enumerate(legs)
+        {"id": f"r{i}", "x": leg.path[0, 0], "y": leg.path[0, 1], "type": "priority"}
+        for i, leg in enumerate(legs)
     ]
     edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, f"r{i}", 1)]
     for i in range(count):
-        start, end = directions[i], directions[(i + 1) % count]
+        start = directions[i]
+        end = directions[(i + 1) % count]
         arc = np.linspace(start, start + (end - start) % (2 * np.pi), 16)
         shape = radius * np.stack([np.cos(arc), np.sin(arc)], axis=1)
         ends = {"id": f"ring{i}", "from": f"r{i}", "to": f"r{(i + 1) % count}"}
-        edges.append({**ends, "shape": line(shape), "spreadType": "center", "priority": 3, "lanes": ring})
-    circle = {"nodes": " ".join(f"r{i}" for i in range(count)), "edges": " ".join(f"ring{i}" for i in range(count))}
+        edges.append(
+            {**ends, "shape": line(shape), "spreadType": "center", "priority": 3, "lanes": ring}
+        )
+    circle = {
+        "nodes": " ".join(f"r{i}" for i in range(count)),
+        "edges": " ".join(f"ring{i}" for i in range(count)),
+    }
     return legs, build_network(nodes + _ends(legs), edges, roundabouts=[circle])
 
 
@@ -183,7 +250,8 @@ def _directions(rng: Rng, count: int) -> Float64[np.ndarray, " n"]:
 
 def _legs(rng: Rng, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
     """Draw legs along `directions`, gently bent."""
-    lane, footway = rng.uniform(3.0, 3.75), rng.uniform(1.5, 4.0)
+    lane = rng.uniform(3.0, 3.75)
+    footway = rng.uniform(1.5, 4.0)
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
     usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
     legs = []
@@ -199,12 +267,16 @@ def _legs(rng: Rng, directions: np.ndarray, *, start: float, most_lanes: int) ->
         inbound, outbound = (int(n) for n in lanes)
         walk = round(float(np.clip(footway + rng.uniform(-0.5, 0.5), 1.5, 4.0)), 2)
         speed = round(float(rng.choice([8.3, 11.1, 13.9])), 1)
-        legs.append(Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, beside, speed))
+        legs.append(
+            Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, beside, speed)
+        )
     return tuple(legs)
 
 
 def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
-    return [{"id": f"e{i}", "x": leg.path[-1, 0], "y": leg.path[-1, 1]} for i, leg in enumerate(legs)]
+    return [
+        {"id": f"e{i}", "x": leg.path[-1, 0], "y": leg.path[-1, 1]} for i, leg in enumerate(legs)
+    ]
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
@@ -215,7 +287,9 @@ def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlA
         (leg.outbound, leg.shoulders[1], f"out{number}", junction, f"e{number}", leg.path),
     ):
         if count:
-            lanes = street(count, width=leg.lane, footway=leg.footway, shoulder=shoulder.width, speed=leg.speed)
+            lanes = street(
+                count, width=leg.lane, footway=leg.footway, shoulder=shoulder.width, speed=leg.speed
+            )
             ends = {"id": name, "from": start, "to": end}
             rows.append({**ends, "shape": line(path), "priority": priority, "lanes": lanes})
     return rows

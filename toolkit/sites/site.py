@@ -1,7 +1,9 @@
 """A junction: detection area, road, solids beside it, sensors, and the network that traffic uses.
 
-Site frame: right-handed, metres, z up, zero at the mean height of the street; where that slopes, z is 0 at the origin.
-`map_SE3_site` turns it into the frame of the map the site was taken from, which is right-handed too (a CARLA map: x,
+Site frame: right-handed, metres, z up, zero at the mean height of the street; where that slopes, z
+    is 0 at the origin.
+`map_SE3_site` turns it into the frame of the map the site was taken from, which is right-handed too
+    (a CARLA map: x,
 -y_carla, z)."""
 
 from collections.abc import Sequence
@@ -18,13 +20,27 @@ from toolkit.geometry import LEVEL, MAX_COORDINATE_M, Slope, check_pose, check_s
 from toolkit.sensors.sensor import Sensor, tabulate_sensors
 
 KINDS = (
-    *("building", "wall", "fence", "hedge", "bush", "tree", "trunk", "post", "sign", "bin", "bench", "shelter"),
+    *(
+        "building",
+        "wall",
+        "fence",
+        "hedge",
+        "bush",
+        "tree",
+        "trunk",
+        "post",
+        "sign",
+        "bin",
+        "bench",
+        "shelter",
+    ),
     *("container", "cabinet", "planter", "barrier", "cone", "heap", "machine", "bicycle"),
     *("kerb", "island", "pond"),
 )
 ORIGINS = ("mapped", "surveyed", "drawn")  # of a map, measured on site, or made up by coview
 MOST_HEIGHT = 1000.0  # m of solids and mounts
-EQUAL = 1e-9  # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
+# m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
+EQUAL = 1e-9
 Furnishing = Literal["none", "light", "dense"]
 HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its section IV-B)
 
@@ -33,9 +49,9 @@ HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its sectio
 class Solid:
     """Prism that stands still, from `base` up to `top` (m, site frame).
 
-    footprint: (k, 2) polygon; kind: one of `KINDS`; origin: one of `ORIGINS`. A tree is two solids, a `trunk` and a
-    crown (`tree`). A `pond` is a hole: there is no ground inside its footprint, but a surface at `top`, below the
-    street."""
+    footprint: (k, 2) polygon; kind: one of `KINDS`; origin: one of `ORIGINS`. A tree is two solids,
+    a `trunk` and a crown (`tree`). A `pond` is a hole: there is no ground inside its footprint, but
+    a surface at `top`, below the street."""
 
     footprint: Float64[np.ndarray, "k 2"]
     base: float
@@ -49,9 +65,14 @@ class Solid:
             raise ValueError(f"solid.kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
         _check_origin(self.origin, "solid.origin")
         if not (np.isfinite([self.base, self.top]).all() and self.base < self.top):
-            raise ValueError(f"solid.top must lie above its base, got base {self.base} and top {self.top}")
+            raise ValueError(
+                f"solid.top must lie above its base, got base {self.base} and top {self.top}"
+            )
         if self.top - self.base > MOST_HEIGHT:
-            raise ValueError(f"a solid is at most {MOST_HEIGHT:g} m high, got {self.top - self.base:g}: give metres")
+            raise ValueError(
+                f"a solid is at most {MOST_HEIGHT:g} m high, got {self.top - self.base:g}: give "
+                "metres"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,26 +84,38 @@ class Mount:
     min_height: float = 3.0  # of sensors above it (m)
     max_height: float = 8.0
     price: float = 1.0  # of building there, in units of one ordinary mount
-    capacity: float = 2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
+    capacity: float = (
+        2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
+    )
     max_sensors: int = 1
-    origin: str = "mapped"  # one of `ORIGINS`; places along the kerb that an import suggests are drawn
+    origin: str = (
+        "mapped"  # one of `ORIGINS`; places along the kerb that an import suggests are drawn
+    )
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
         if position.shape != (3,) or not np.isfinite(position).all():
-            raise ValueError(f"mount.position must be three finite numbers x, y, z, got {self.position}")
+            raise ValueError(
+                f"mount.position must be three finite numbers x, y, z, got {self.position}"
+            )
         if not np.abs(position).max() <= MAX_COORDINATE_M:
             far = f"mount.position must lie within {MAX_COORDINATE_M:g} m of the origin"
             raise ValueError(f"{far}, got {position.tolist()}: give metres of the site")
         object.__setattr__(self, "position", position)
         if not 0 <= self.min_height <= self.max_height <= MOST_HEIGHT:
             got = f"{self.min_height:g} and {self.max_height:g}"
-            raise ValueError(f"mount.min_height <= max_height must lie in 0..{MOST_HEIGHT:g} m, got {got}")
+            raise ValueError(
+                f"mount.min_height <= max_height must lie in 0..{MOST_HEIGHT:g} m, got {got}"
+            )
         if not 0 <= self.price < np.inf or not self.capacity > 0:
-            raise ValueError(f"mount needs price >= 0 and capacity > 0, got {self.price} and {self.capacity}")
+            raise ValueError(
+                f"mount needs price >= 0 and capacity > 0, got {self.price} and {self.capacity}"
+            )
         _check_origin(self.origin, "mount.origin")
         if self.max_sensors != int(self.max_sensors) or self.max_sensors < 1:
-            raise ValueError(f"mount.max_sensors must be a whole number from 1 up, got {self.max_sensors}")
+            raise ValueError(
+                f"mount.max_sensors must be a whole number from 1 up, got {self.max_sensors}"
+            )
         object.__setattr__(self, "max_sensors", int(self.max_sensors))
 
 
@@ -96,7 +129,9 @@ class Relief:
 
     def __post_init__(self) -> None:
         if not 0 <= self.amplitude < np.inf:
-            raise ValueError(f"relief.amplitude must be finite and not negative, got {self.amplitude}")
+            raise ValueError(
+                f"relief.amplitude must be finite and not negative, got {self.amplitude}"
+            )
         if self.seed != int(self.seed) or self.seed < 0:
             raise ValueError(f"relief.seed must be a whole number from 0 up, got {self.seed}")
         object.__setattr__(self, "slope", check_slope(self.slope, "relief.slope"))
@@ -104,18 +139,21 @@ class Relief:
 
 @dataclass(frozen=True, eq=False)
 class Site(Displayed):
-    """A junction: detection area, roads, solids, mounts, sensors and network. Two sites are equal if all fields are,
-    numbers to `EQUAL`, networks line by line. Raises ValueError that names the field that does not fit."""
+    """A junction: detection area, roads, solids, mounts, sensors and network. Two sites are equal
+    if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
+    field that does not fit."""
 
     name: str
     area: Float64[np.ndarray, "4"]  # xmin ymin xmax ymax of the detection area
     height: float = 4.0  # up to which points are kept (m)
-    lanes: tuple[Float64[np.ndarray, "_ 2"], ...] = ()  # polygons for wheels and for feet, in and around the area
+    # polygons for wheels and for feet, in and around the area
+    lanes: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
     footways: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
     solids: tuple[Solid, ...] = ()
     mounts: tuple[Mount, ...] = ()  # possible places of sensors
     sensors: tuple[Sensor, ...] = ()  # present ones
-    parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))  # bays x, y, yaw
+    # bays x, y, yaw
+    parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     parking_origins: tuple[str, ...] = ()  # of each bay, () for all mapped
     road_origin: str = "mapped"  # of lanes, footways and network
     furnished: Furnishing = "none"  # how densely coview drew what the map is silent of
@@ -123,16 +161,22 @@ class Site(Displayed):
     map_SE3_site: Pose = field(default_factory=lambda: np.eye(4))
     geo_reference: str | None = None  # PROJ string of the map frame, None if unknown
     relief: Relief = Relief()
-    hybrid_radius: float = HYBRID_RADIUS  # m within which sensors send no points in hybrid fusion (paper IV-B)
+    hybrid_radius: float = (
+        HYBRID_RADIUS  # m within which sensors send no points in hybrid fusion (paper IV-B)
+    )
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {"area": check_area(self.area)}
         if not 0 < self.height < np.inf:
             raise ValueError(f"height must be positive, got {self.height}")
         if not 0 <= self.hybrid_radius < np.inf:
-            raise ValueError(f"hybrid_radius must be finite and at least 0 m, got {self.hybrid_radius}")
+            raise ValueError(
+                f"hybrid_radius must be finite and at least 0 m, got {self.hybrid_radius}"
+            )
         for layer in ("lanes", "footways"):
-            checked[layer] = tuple(check_polygon(p, f"{layer}[{i}]") for i, p in enumerate(getattr(self, layer)))
+            checked[layer] = tuple(
+                check_polygon(p, f"{layer}[{i}]") for i, p in enumerate(getattr(self, layer))
+            )
         for layer in ("solids", "mounts", "sensors"):
             checked[layer] = tuple(getattr(self, layer))
         for layer in ("mounts", "sensors"):
@@ -143,13 +187,18 @@ class Site(Displayed):
             raise ValueError(f"parking must be finite rows x, y, yaw, got shape {bays.shape}")
         checked["parking_origins"] = origins = tuple(self.parking_origins)
         if len(origins) not in (0, len(bays)):
-            raise ValueError(f"parking_origins needs one for each of {len(bays)} bays, got {len(origins)}")
+            raise ValueError(
+                f"parking_origins needs one for each of {len(bays)} bays, got {len(origins)}"
+            )
         for origin in {*origins, self.road_origin}:
             _check_origin(origin, "parking_origins" if origin in origins else "road_origin")
         if set(origins) == {"mapped"}:
             checked["parking_origins"] = ()
         if self.furnished not in get_args(Furnishing):
-            raise ValueError(f"furnished must be one of {', '.join(get_args(Furnishing))}, got {self.furnished!r}")
+            raise ValueError(
+                f"furnished must be one of {', '.join(get_args(Furnishing))}, got "
+                f"{self.furnished!r}"
+            )
         _check_network(self.network)
         checked["map_SE3_site"] = check_pose(self.map_SE3_site, "map_SE3_site")
         for name, value in checked.items():
@@ -162,10 +211,20 @@ class Site(Displayed):
 
     def _card(self) -> Card:
         xmin, ymin, xmax, ymax = self.area
-        things = {"lane polygon": self.lanes, "solid": self.solids, "mount": self.mounts, "parking bay": self.parking}
+        things = {
+            "lane polygon": self.lanes,
+            "solid": self.solids,
+            "mount": self.mounts,
+            "parking bay": self.parking,
+        }
         size = f"{xmax - xmin:g} x {ymax - ymin:g} m"
         facts = size, *(describe_count(len(each), name) for name, each in things.items())
-        names = ", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]) or "none"
+        names = (
+            ", ".join(
+                f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]
+            )
+            or "none"
+        )
         more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
         shown = tables if self.sensors else dict(reversed(tables.items()))
@@ -175,7 +234,9 @@ class Site(Displayed):
     def _list_mounts(self) -> Table:
         x, y, _ = np.array([mount.position for mount in self.mounts]).reshape(-1, 3).T
         columns = ("name", "min_height", "max_height", "price", "origin")
-        named: dict[str, Any] = {name: [getattr(mount, name) for mount in self.mounts] for name in columns}
+        named: dict[str, Any] = {
+            name: [getattr(mount, name) for mount in self.mounts] for name in columns
+        }
         return {"name": named.pop("name"), "x": x, "y": y} | named
 
     @property
@@ -186,29 +247,35 @@ class Site(Displayed):
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
         """Height of the ground (m) at places (..., 2) of the site.
 
-        On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a large place is zero.
-        Ponds, kerbs and islands are solids and not part of it."""
+        On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a
+        large place is zero. Ponds, kerbs and islands are solids and not part of it."""
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:
             return plane
         rng = np.random.default_rng(self.relief.seed)
-        lengths, parts = np.array([160.0, 90, 50, 28, 16, 11, 7]), np.array([5.0, 4, 4, 3, 2, 1, 1])
+        lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])
+        parts = np.array([5.0, 4, 4, 3, 2, 1, 1])
         directions = rng.uniform(0, 2 * np.pi, len(lengths))
         wave_vectors = 2 * np.pi / lengths * np.stack([np.cos(directions), np.sin(directions)])
-        phases, weights = rng.uniform(0, 2 * np.pi, len(lengths)), self.relief.amplitude * parts / parts.sum()
+        phases = rng.uniform(0, 2 * np.pi, len(lengths))
+        weights = self.relief.amplitude * parts / parts.sum()
         return np.asarray(plane + np.cos(xy @ wave_vectors + phases) @ weights)
 
     def plane(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
         """Height (m) of the sloping plane at places (..., 2)."""
-        return np.asarray(np.asarray(xy, np.float64) @ np.array(self.relief.slope, np.float64) + 0.0)
+        return np.asarray(
+            np.asarray(xy, np.float64) @ np.array(self.relief.slope, np.float64) + 0.0
+        )
 
 
 def _alike(one: object, other: object) -> bool:
     """Compare two field values or dataclasses, numbers to `EQUAL`."""
     if is_dataclass(one):
         names = [f.name for f in fields(one)]
-        return type(one) is type(other) and all(_alike(getattr(one, n), getattr(other, n)) for n in names)
+        return type(one) is type(other) and all(
+            _alike(getattr(one, n), getattr(other, n)) for n in names
+        )
     if isinstance(one, tuple) and isinstance(other, tuple):
         return len(one) == len(other) and all(map(_alike, one, other))
     if isinstance(one, str) and isinstance(other, str):
@@ -227,7 +294,10 @@ def check_area(area: object) -> Float64[np.ndarray, "4"]:
         raise ValueError(f"area is empty: it needs xmin < xmax and ymin < ymax, got {box.tolist()}")
     size = box[2:] / 1e3 - box[:2] / 1e3
     if not (size.max() <= 10 and size.prod() <= 4):
-        raise ValueError(f"area must be at most 10 km long and 4 km² large, got {box.tolist()}: cut it into several")
+        raise ValueError(
+            f"area must be at most 10 km long and 4 km² large, got {box.tolist()}: cut it into "
+            "several"
+        )
     return box
 
 
@@ -236,17 +306,28 @@ def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
     try:
         polygon = np.asarray(vertices, np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"{where} must be a list of [x, y] pairs of numbers, got {str(vertices)[:60]}") from None
+        raise ValueError(
+            f"{where} must be a list of [x, y] pairs of numbers, got {str(vertices)[:60]}"
+        ) from None
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
-        raise ValueError(f"{where} must be at least three [x, y] corners, got shape {polygon.shape}")
+        raise ValueError(
+            f"{where} must be at least three [x, y] corners, got shape {polygon.shape}"
+        )
     if not (finite := np.isfinite(polygon).all(axis=1)).all():
-        raise ValueError(f"{where} holds NaN or infinite numbers at corner {int(np.argmin(finite))}")
+        raise ValueError(
+            f"{where} holds NaN or infinite numbers at corner {int(np.argmin(finite))}"
+        )
     shape = shapely.Polygon(polygon)
     if not shape.is_valid:
         at = shapely.is_valid_reason(shape).partition("[")[2].rstrip("]").replace(" ", ", ")
-        raise ValueError(f"{where}: polygon crosses itself near ({at}): put its corners in order round the outline")
+        raise ValueError(
+            f"{where}: polygon crosses itself near ({at}): put its corners in order round the "
+            "outline"
+        )
     if shape.area < 1e-6:
-        raise ValueError(f"{where}: polygon has no area, its corners lie on one line near {polygon[0].tolist()}")
+        raise ValueError(
+            f"{where}: polygon has no area, its corners lie on one line near {polygon[0].tolist()}"
+        )
     return polygon
 
 
@@ -261,7 +342,9 @@ def _check_unique(names: Sequence[str], where: str) -> None:
         if not name or not isinstance(name, str):
             raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")
         if seen.setdefault(name, i) != i:
-            raise ValueError(f"{where}[{i}].name {name!r} is taken by {where}[{seen[name]}]: rename one of them")
+            raise ValueError(
+                f"{where}[{i}].name {name!r} is taken by {where}[{seen[name]}]: rename one of them"
+            )
 
 
 def _check_network(network: str) -> None:
@@ -270,6 +353,11 @@ def _check_network(network: str) -> None:
     try:
         root = ElementTree.fromstring(network)
     except ElementTree.ParseError as error:
-        raise ValueError(f"network is damaged XML ({error}): build it again with toolkit.sites.network") from None
+        raise ValueError(
+            f"network is damaged XML ({error}): build it again with toolkit.sites.network"
+        ) from None
     if root.tag != "net" or root.find("edge") is None:
-        raise ValueError(f"network must be a SUMO <net> with edges, got <{root.tag}>: pass the text of a .net.xml")
+        raise ValueError(
+            f"network must be a SUMO <net> with edges, got <{root.tag}>: pass the text of a "
+            ".net.xml"
+        )

@@ -1,4 +1,5 @@
-"""Streets of a site as maps show them: a name along each, and an arrow on each lane in the direction of its traffic."""
+"""Streets of a site as maps show them: a name along each, and an arrow on each lane in the
+direction of its traffic."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ ARROW_PLACE = 0.5  # share of the lane's length at which its arrow is
 
 @dataclass(frozen=True)
 class StreetName:
-    """Name of a street, where it is written. x, y: m; angle: the text's, counter-clockwise from +x (rad), upright."""
+    """Name of a street, where it is written. x, y: m; angle: the text's, counter-clockwise from +x
+    (rad), upright."""
 
     name: str
     x: float
@@ -26,9 +28,13 @@ class StreetName:
     angle: float
 
 
-def find_street_names(site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]) -> list[StreetName]:
-    """Find places for the names of streets between two corners of a map, each name once, on its longest line."""
-    window, lines = shapely.box(*low, *high), defaultdict[str, list[shapely.Geometry]](list)
+def find_street_names(
+    site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]
+) -> list[StreetName]:
+    """Find places for the names of streets between two corners of a map, each name once, on its
+    longest line."""
+    window = shapely.box(*low, *high)
+    lines = defaultdict[str, list[shapely.Geometry]](list)
     for edge in _roads(site):
         lanes = edge.findall("lane") if edge.get("name") else []
         driven = [lane for lane in lanes if "passenger" in list_users(lane)]
@@ -50,8 +56,10 @@ def find_street_names(site: Site, low: Float64[np.ndarray, "2"], high: Float64[n
 def find_lane_arrows(
     site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]
 ) -> Float64[np.ndarray, "n 3"]:
-    """Find places and directions of arrows on the lanes of motor vehicles: x, y (m), heading from +x (rad)."""
-    window, rows = shapely.box(*low, *high), []
+    """Find places and directions of arrows on the lanes of motor vehicles: x, y (m), heading from
+    +x (rad)."""
+    window = shapely.box(*low, *high)
+    rows = []
     for edge in _roads(site):
         for lane in edge.findall("lane"):
             points = parse_shape(lane)
@@ -73,6 +81,7 @@ def _roads(site: Site) -> list[ElementTree.Element]:
 def _middle(line: shapely.Geometry) -> tuple[tuple[float, float], float]:
     """Point in the middle of a line, and its direction there (rad)."""
     at = ARROW_PLACE * line.length
-    before, after = line.interpolate(max(at - 1.0, 0.0)), line.interpolate(min(at + 1.0, line.length))
+    before = line.interpolate(max(at - 1.0, 0.0))
+    after = line.interpolate(min(at + 1.0, line.length))
     middle = line.interpolate(at)
     return (middle.x, middle.y), float(np.arctan2(after.y - before.y, after.x - before.x))

@@ -1,15 +1,18 @@
 """Ground around a road, parking bays, sensor places, and what is drawn beside the road.
 
-Things are placed on the ground one by one. Nothing stands where anyone drives. On a footway stand only slim things
-near the kerb. Bays lie along kerbs, in line, at an angle or at right angles, and on forecourts behind the footways.
+Things are placed on the ground one by one. Nothing stands where anyone drives. On a footway stand
+only slim things near the kerb. Bays lie along kerbs, in line, at an angle or at right angles, and
+on forecourts behind the footways.
 
 Furnishing of a street and its sides: whatever is drawn first gets its ground first.
 
-A tree's crown is several clumps of leaves with gaps between them. It keeps clear of walls and places for sensors, and
-traffic passes below it: only the trunk takes ground. Islands are kerbed, planted and signed. Road works lie off the
-lanes that are driven, closed off by cones, barriers or a fence.
+A tree's crown is several clumps of leaves with gaps between them. It keeps clear of walls and
+places for sensors, and traffic passes below it: only the trunk takes ground. Islands are kerbed,
+planted and signed. Road works lie off the lanes that are driven, closed off by cones, barriers or a
+fence.
 
-Things of a site by their origin: taken from a map, surveyed, or drawn by coview where the map is silent."""
+Things of a site by their origin: taken from a map, surveyed, or drawn by coview where the map is
+silent."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,7 +25,17 @@ from shapely.ops import substring
 
 from toolkit.arrays import Float, Float64, Points, Rng
 from toolkit.sites import furniture as f
-from toolkit.sites.furniture import BUILT, PLANTED, Make, bushes, container, digger, heap, move_solids, skip
+from toolkit.sites.furniture import (
+    BUILT,
+    PLANTED,
+    Make,
+    bushes,
+    container,
+    digger,
+    heap,
+    move_solids,
+    skip,
+)
 from toolkit.sites.network import unite
 from toolkit.sites.site import ORIGINS, Mount, Site, Solid
 
@@ -45,7 +58,8 @@ class Road:
     lanes: f.Outlines  # everything with a kerb, including `strips`
     footways: f.Outlines
     strips: Mapping[str, Strip] = field(default_factory=dict)  # shoulders without traffic, by edge
-    angles: Mapping[str, int] = field(default_factory=dict)  # of the bays on strips that have bays (degrees)
+    # of the bays on strips that have bays (degrees)
+    angles: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def carriageway(self) -> shapely.Geometry:
@@ -57,7 +71,9 @@ class Road:
         """Carriageway without its shoulders."""
         lines = [(shapely.LineString(line), width / 2) for line, width in self.strips.values()]
         strips = [line.buffer(half, cap_style="flat", join_style="mitre") for line, half in lines]
-        return self.carriageway.difference(shapely.union_all(strips).buffer(0.02, join_style="mitre"))
+        return self.carriageway.difference(
+            shapely.union_all(strips).buffer(0.02, join_style="mitre")
+        )
 
     @cached_property
     def surface(self) -> shapely.Geometry:
@@ -67,15 +83,21 @@ class Road:
     @cached_property
     def islands(self) -> list[shapely.Polygon]:
         """Ground that the road encloses."""
-        return [shapely.Polygon(ring) for part in shapely.get_parts(self.surface) for ring in part.interiors]
+        return [
+            shapely.Polygon(ring)
+            for part in shapely.get_parts(self.surface)
+            for ring in part.interiors
+        ]
 
 
 class Plot:
-    """Ground around a road, where solids are placed one by one. open: ground beside the road; lanes: kept clear, with
-    LANE_CLEARANCE; driven: the part kept clear even of solids on shoulders; mounts: (n, 2) places of sensors."""
+    """Ground around a road, where solids are placed one by one. open: ground beside the road;
+    lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on shoulders;
+    mounts: (n, 2) places of sensors."""
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
-        self.road, self.window = road, window
+        self.road = road
+        self.window = window
         self.solids: list[Solid] = []
         self.open = window.difference(shapely.union_all([road.surface, *road.islands]).buffer(0.3))
         self.lanes = road.carriageway.buffer(LANE_CLEARANCE)
@@ -84,9 +106,11 @@ class Plot:
         self._taken = [shapely.Point(place).buffer(MOUNT_CLEARANCE) for place in self.mounts]
         shapely.prepare([self.lanes, self.open, self.driven])
 
-    def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free; return success. shoulder:
-        it may lie on any ground that is not driven."""
+    def claim(
+        self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False
+    ) -> bool:
+        """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free;
+        return success. shoulder: it may lie on any ground that is not driven."""
         if shoulder:
             allowed = not self.driven.intersects(ground)
         else:
@@ -96,19 +120,29 @@ class Plot:
         self._taken.append(ground)
         return True
 
-    def place(self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False) -> bool:
+    def place(
+        self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False
+    ) -> bool:
         """Place solids together if there is room for all; return success."""
-        if not self.claim(unite(solid.footprint for solid in solids), footway=footway, shoulder=shoulder):
+        if not self.claim(
+            unite(solid.footprint for solid in solids), footway=footway, shoulder=shoulder
+        ):
             return False
         self.solids += solids
         return True
 
 
 def place_mounts(
-    road: Road, area: Extent, rng: Rng, *, spacing: float = 5.0, avoid: shapely.Geometry | None = None
+    road: Road,
+    area: Extent,
+    rng: Rng,
+    *,
+    spacing: float = 5.0,
+    avoid: shapely.Geometry | None = None,
 ) -> tuple[Mount, ...]:
-    """Choose sensor places at the kerb and behind the footway, their feet at z = 0. `FEWEST_MOUNTS` to twice as many
-    mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is room."""
+    """Choose sensor places at the kerb and behind the footway, their feet at z = 0. `FEWEST_MOUNTS`
+    to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there
+    is room."""
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
@@ -126,7 +160,9 @@ def place_mounts(
             break
         spacing *= 0.7
     places = [(f"pole{i:02}", np.round([x, y, 0.0], 3)) for i, (x, y) in enumerate(chosen)]
-    return tuple(Mount(*place, 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2)) for place in places)
+    return tuple(
+        Mount(*place, 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2)) for place in places
+    )
 
 
 def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
@@ -135,7 +171,9 @@ def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
     for part in shapely.get_parts(shapely.line_merge(lines)):
         if part.geom_type == "LineString" and part.length >= 2 * step:
             at = np.arange(step / 2, part.length - step / 2, step)
-            here, ahead = (shapely.get_coordinates(part.interpolate(s)) for s in (at, at + step / 2))
+            here, ahead = (
+                shapely.get_coordinates(part.interpolate(s)) for s in (at, at + step / 2)
+            )
             rows.append(np.column_stack([here, np.arctan2(*(ahead - here).T[::-1])]))
     return np.concatenate(rows)
 
@@ -143,22 +181,26 @@ def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
 def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
     """Union of polygons, gaps up to twice `gap` (m) filled."""
     union = unite(polygons)
-    return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(-gap, join_style="mitre", quad_segs=2)
+    return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(
+        -gap, join_style="mitre", quad_segs=2
+    )
 
 
 Bay = tuple[float, float, float]  # x, y, yaw
 Bays = Float64[np.ndarray, "n 3"]
 BAY = (5.8, 2.6)  # m, length and width of a parking bay
-ANGLES = {0: 2.3, 45: 4.8, 60: 5.1, 90: 5.2}  # degrees between bay and kerb, and how wide a strip of such bays is (m)
+# degrees between bay and kerb, and how wide a strip of such bays is (m)
+ANGLES = {0: 2.3, 45: 4.8, 60: 5.1, 90: 5.2}
 _CLEAR = 6.0  # m between a junction and the first bay
 _REACH = 75.0  # m from a junction; bays are drawn this far
 _UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the road there
 
 
 def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: Rng) -> Bays:
-    """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb). The junction is at the
-    end of a strip of an edge `in...`, and at the start of the others."""
-    rows, seen = [np.zeros((0, 3))], plot.window.buffer(-_UNSEEN, join_style="mitre")
+    """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb). The
+    junction is at the end of a strip of an edge `in...`, and at the start of the others."""
+    rows = [np.zeros((0, 3))]
+    seen = plot.window.buffer(-_UNSEEN, join_style="mitre")
     size = BAY[0] - 0.2, BAY[1] - 0.2
     for edge, angle in angles.items():
         if edge in strips:
@@ -166,7 +208,11 @@ def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int]
             bays = bays[rng.random(len(bays)) < rng.uniform(0.35, 1.0)]
             # parts that reach into the lane or to neighbours do not count
             ground = [outline(bay, size).difference(plot.driven).buffer(-0.02) for bay in bays]
-            rows.append(bays[[bool(seen.contains(g) and plot.claim(g, shoulder=True)) for g in ground]].reshape(-1, 3))
+            rows.append(
+                bays[
+                    [bool(seen.contains(g) and plot.claim(g, shoulder=True)) for g in ground]
+                ].reshape(-1, 3)
+            )
     return np.concatenate(rows)
 
 
@@ -175,7 +221,8 @@ def stations(strip: Strip, angle: int, *, at_end: bool) -> Bays:
     line = shapely.LineString(strip[0])
     at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), _spacing(angle))
     at = line.length - at if at_end else at
-    return (place_along(line, at, 0.25) - [0.0, 0.0, np.deg2rad(angle)]).round(4)  # the kerb is to the right
+    # the kerb is to the right
+    return (place_along(line, at, 0.25) - [0.0, 0.0, np.deg2rad(angle)]).round(4)
 
 
 def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Bays:
@@ -191,8 +238,11 @@ def _spacing(angle: int) -> float:
 
 
 def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Bays:
-    """Places x, y and headings `at` metres along a line. Both ends, `half` m from each middle, lie on the line."""
-    here, ahead = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - half, at + half))
+    """Places x, y and headings `at` metres along a line. Both ends, `half` m from each middle, lie
+    on the line."""
+    here, ahead = (
+        shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - half, at + half)
+    )
     return np.column_stack([(here + ahead) / 2, np.arctan2(*(ahead - here).T[::-1])])
 
 
@@ -200,7 +250,9 @@ def forecourts(plot: Plot, rng: Rng) -> Bays:
     """Parking bays behind the footways, along the road or across."""
     bays: list[Bay] = []
     across = rng.random() < 0.5
-    line = along(plot.road.surface.buffer(0.7 + BAY[not across] / 2).boundary.intersection(plot.window), 1.0)
+    line = along(
+        plot.road.surface.buffer(0.7 + BAY[not across] / 2).boundary.intersection(plot.window), 1.0
+    )
     for x, y, direction in rng.permutation(line)[: rng.integers(0, 14)]:
         yaw = direction + (np.pi / 2 if across else 0.0) + np.pi * rng.integers(2)
         if plot.claim(outline((x, y, yaw))):
@@ -222,12 +274,19 @@ _SLIMMEST = 1.0  # m, radius of the smallest crown that is planted
 
 
 def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
-    """Plant rows of trees with crowns over the road along `kerb` (x, y, direction every 0.5 m), at most sites."""
+    """Plant rows of trees with crowns over the road along `kerb` (x, y, direction every 0.5 m), at
+    most sites."""
     if rng.random() > 0.6 or not len(kerb):
         return
-    planted, every = rng.uniform(0.3, 0.9), rng.uniform(5.0, 13.0)
-    wide, tall = rng.uniform(*OVER_ROAD), rng.uniform(2.5, 6.0)
-    low = rng.uniform(_TRIMMED, UNDERSIDE[1]) if rng.random() < 0.5 else rng.uniform(UNDERSIDE[0], _TRIMMED)
+    planted = rng.uniform(0.3, 0.9)
+    every = rng.uniform(5.0, 13.0)
+    wide = rng.uniform(*OVER_ROAD)
+    tall = rng.uniform(2.5, 6.0)
+    low = (
+        rng.uniform(_TRIMMED, UNDERSIDE[1])
+        if rng.random() < 0.5
+        else rng.uniform(UNDERSIDE[0], _TRIMMED)
+    )
     step = max(1, round(every / 0.5))
     for row in kerb[int(rng.integers(step)) :: step]:
         if rng.random() > planted:
@@ -237,13 +296,18 @@ def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
         plant(plot, row[:2], width / 2, (underside, underside + tall * rng.uniform(0.8, 1.2)), rng)
 
 
-def plant(plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: Rng, *, footway: bool = True) -> bool:
-    """Plant a tree at `foot`; return False if there is no room. radius: of the crown, less near walls and mounts, and
-    off the road if it hangs too low; levels: its ends (m)."""
+def plant(
+    plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: Rng, *, footway: bool = True
+) -> bool:
+    """Plant a tree at `foot`; return False if there is no room. radius: of the crown, less near
+    walls and mounts, and off the road if it hangs too low; levels: its ends (m)."""
     x, y = (round(float(c), 3) for c in foot)
     spot = shapely.Point(x, y)
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
-    gaps = [*(np.hypot(*(plot.mounts - [x, y]).T) - _MOUNT_AIR), *shapely.distance(spot, np.array(houses, object))]
+    gaps = [
+        *(np.hypot(*(plot.mounts - [x, y]).T) - _MOUNT_AIR),
+        *shapely.distance(spot, np.array(houses, object)),
+    ]
     gaps += [] if levels[0] >= UNDERSIDE[0] else [shapely.distance(spot, plot.lanes)]
     radius = float(min([radius, *gaps]))
     trunk = f.disc(x, y, round(float(rng.uniform(0.1, 0.16 + 0.04 * radius)), 2))
@@ -259,14 +323,20 @@ def clumps(x: float, y: float, radius: float, levels: f.Span, rng: Rng) -> list[
     """Draw a crown of 3 to 8 overlapping clumps."""
     low, high = levels
     number = int(rng.integers(3, 9))
-    around = rng.uniform(0, 2 * np.pi) + np.arange(number) * 2 * np.pi / number + rng.normal(0.0, 0.3, number)
+    around = (
+        rng.uniform(0, 2 * np.pi)
+        + np.arange(number) * 2 * np.pi / number
+        + rng.normal(0.0, 0.3, number)
+    )
     made = []
     for k, angle in enumerate(around):
         size = radius * rng.uniform(0.4, 0.65)
         out = (radius - size) * rng.uniform(0.7, 1.0)
         bottom = low if k == 0 else low + (high - low) * rng.uniform(0.0, 0.4)
         top = high if k == 1 else bottom + (high - bottom) * rng.uniform(0.5, 1.0)
-        outline = f.disc(x + float(out * np.cos(angle)), y + float(out * np.sin(angle)), float(size), 7)
+        outline = f.disc(
+            x + float(out * np.cos(angle)), y + float(out * np.sin(angle)), float(size), 7
+        )
         made.append(Solid(outline, round(float(bottom), 2), round(float(top), 2), "tree"))
     return made
 
@@ -275,17 +345,22 @@ _SMALLEST = 30.0  # m², smallest island with solids on it
 
 
 def plant_islands(plot: Plot, rng: Rng) -> None:
-    """Put a centre piece, rings of hedges, bushes and signs on every large enough island of the road."""
+    """Put a centre piece, rings of hedges, bushes and signs on every large enough island of the
+    road."""
     for ground in plot.road.islands:
         parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lanes))
         island = max(parts, key=shapely.area, default=shapely.Polygon())
         if island.geom_type != "Polygon" or island.area < _SMALLEST:
             continue
-        plot.solids.append(Solid(shapely.get_coordinates(island.exterior)[:-1].round(3), 0.0, 0.15, "island"))
+        plot.solids.append(
+            Solid(shapely.get_coordinates(island.exterior)[:-1].round(3), 0.0, 0.15, "island")
+        )
         x, y = (float(c) for c in shapely.get_coordinates(island.centroid)[0])
-        middle, radius = (x, y), float(np.sqrt(island.area / np.pi))
+        middle = (x, y)
+        radius = float(np.sqrt(island.area / np.pi))
         if rng.random() < 0.5:
-            size, height = rng.uniform(0.15, 0.4) * radius, round(float(rng.uniform(0.5, 2.5)), 2)
+            size = rng.uniform(0.15, 0.4) * radius
+            height = round(float(rng.uniform(0.5, 2.5)), 2)
             kind = ("hedge", "wall", "heap", "bush")[rng.integers(4)]
             plot.place([Solid(f.disc(x, y, float(size), 12), 0.0, height, kind)], footway=True)
         for out in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
@@ -306,15 +381,23 @@ def plant_islands(plot: Plot, rng: Rng) -> None:
 
 def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: Rng) -> None:
     """Place hedges or bushes in a ring with gaps."""
-    length, width, height = (float(rng.uniform(*between)) for between in ((1.0, 5.0), (0.6, 2.2), (0.5, 1.8)))
+    length, width, height = (
+        float(rng.uniform(*between)) for between in ((1.0, 5.0), (0.6, 2.2), (0.5, 1.8))
+    )
     step = (length + rng.uniform(0.1, 4.0)) / out
-    turn, kept = rng.uniform(0, 2 * np.pi), rng.uniform(0.4, 1.0)
+    turn = rng.uniform(0, 2 * np.pi)
+    kept = rng.uniform(0.4, 1.0)
     is_round = rng.random() < 0.4
     for angle in np.arange(turn, turn + 2 * np.pi - step / 2, step)[:60]:
-        at, tall = _around(middle, out, angle), round(height * float(rng.uniform(0.8, 1.2)), 2)
+        at = _around(middle, out, angle)
+        tall = round(height * float(rng.uniform(0.8, 1.2)), 2)
         if rng.random() > kept:
             continue
-        shape = f.disc(*at, 0.35 * length, 9) if is_round else f.block((length, width), at, angle + np.pi / 2)
+        shape = (
+            f.disc(*at, 0.35 * length, 9)
+            if is_round
+            else f.block((length, width), at, angle + np.pi / 2)
+        )
         kind = ("hedge", "bush")[rng.integers(2)] if is_round else "hedge"
         plot.place([Solid(shape, 0.0, tall, kind)], footway=True)
 
@@ -345,10 +428,19 @@ def verge_works(plot: Plot, rng: Rng) -> None:
     for x, y, direction in rng.permutation(edge)[: rng.integers(0, 4)]:
         ahead = 9.0 * np.array([np.cos(direction), np.sin(direction)])
         path = shapely.LineString([(x, y), (x + ahead[0], y + ahead[1])])
-        _put_works(plot, path, (0.0, float(rng.uniform(4.0, 9.0))), float(rng.uniform(2.0, 3.0)), rng, shoulder=False)
+        _put_works(
+            plot,
+            path,
+            (0.0, float(rng.uniform(4.0, 9.0))),
+            float(rng.uniform(2.0, 3.0)),
+            rng,
+            shoulder=False,
+        )
 
 
-def _put_works(plot: Plot, path: shapely.LineString, span: f.Span, width: float, rng: Rng, *, shoulder: bool) -> None:
+def _put_works(
+    plot: Plot, path: shapely.LineString, span: f.Span, width: float, rng: Rng, *, shoulder: bool
+) -> None:
     start, end = span
 
     def put(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> None:
@@ -376,38 +468,66 @@ def barrier(length: float, rng: Rng) -> list[Solid]:
     """Barrier of two boards on feet, along x."""
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
-    feet = [Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
-    return feet + [Solid(f.block((length, 0.06)), low, round(low + 0.2, 2), "barrier") for low in levels]
+    feet = [
+        Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier")
+        for k in (-1, 1)
+    ]
+    return feet + [
+        Solid(f.block((length, 0.06)), low, round(low + 0.2, 2), "barrier") for low in levels
+    ]
 
 
 def cone(rng: Rng) -> list[Solid]:
     """Traffic cone."""
     height = float(rng.choice([0.5, 0.75, 1.0]))
     steps = [(0.19, 0.0, 0.05), (0.13, 0.05, 0.4), (0.07, 0.4, 0.8), (0.04, 0.8, 1.0)]
-    return [Solid(f.disc(0.0, 0.0, r, 8), round(a * height, 3), round(b * height, 3), "cone") for r, a, b in steps]
+    return [
+        Solid(f.disc(0.0, 0.0, r, 8), round(a * height, 3), round(b * height, 3), "cone")
+        for r, a, b in steps
+    ]
 
 
 def beacon(rng: Rng) -> list[Solid]:
     """Guide board on its foot, across the way."""
     top = round(float(rng.uniform(1.0, 1.3)), 2)
-    return [Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"), Solid(f.block((0.06, 0.25)), 0.12, top, "cone")]
+    return [
+        Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"),
+        Solid(f.block((0.06, 0.25)), 0.12, top, "cone"),
+    ]
 
 
 def concrete(rng: Rng) -> list[Solid]:
     """Piece of a concrete barrier."""
     top = round(float(rng.uniform(0.75, 0.95)), 2)
-    return [Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"), Solid(f.block((2.0, 0.25)), 0.3, top, "barrier")]
+    return [
+        Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"),
+        Solid(f.block((2.0, 0.25)), 0.3, top, "barrier"),
+    ]
 
 
 def fence(rng: Rng) -> list[Solid]:
     """Panel of a see-through site fence."""
     height = round(float(rng.uniform(1.2, 2.0)), 2)
-    bars = [Solid(f.disc(x, 0.0, 0.03, 6), 0.0, height, "fence") for x in np.linspace(-1.15, 1.15, 9)]
+    bars = [
+        Solid(f.disc(x, 0.0, 0.03, 6), 0.0, height, "fence") for x in np.linspace(-1.15, 1.15, 9)
+    ]
     feet = [Solid(f.block((0.2, 0.5), (x, 0.0)), 0.0, 0.14, "fence") for x in (-1.15, 1.15)]
-    return [*bars, *feet, *(Solid(f.block((2.3, 0.05)), z, round(z + 0.05, 2), "fence") for z in (0.2, height - 0.05))]
+    return [
+        *bars,
+        *feet,
+        *(
+            Solid(f.block((2.3, 0.05)), z, round(z + 0.05, 2), "fence")
+            for z in (0.2, height - 0.05)
+        ),
+    ]
 
 
-_CLOSINGS: tuple[tuple[Make, float], ...] = ((cone, 1.5), (beacon, 2.0), (concrete, 2.1), (fence, 2.5))
+_CLOSINGS: tuple[tuple[Make, float], ...] = (
+    (cone, 1.5),
+    (beacon, 2.0),
+    (concrete, 2.1),
+    (fence, 2.5),
+)
 
 
 FOOT_AIR = 0.2  # m from the top of a mount's own post to the lowest sensor on it
@@ -417,8 +537,9 @@ Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction al
 def furnish(
     road: Road, area: Extent, mounts: Sequence[Mount], rng: Rng, *, light: bool = False
 ) -> tuple[list[Solid], Bays]:
-    """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`. Strips of the road without bays
-    have road works. light: draw islands, trees along kerbs and street furniture only."""
+    """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`. Strips of the
+    road without bays have road works. light: draw islands, trees along kerbs and street furniture
+    only."""
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
     for mount in mounts:
         x, y, _ = mount.position.tolist()
@@ -430,7 +551,9 @@ def furnish(
         avenues(plot, kerb, rng)
         _furniture(plot, rng)
         return plot.solids, bays
-    lane_works(plot, {edge: strip for edge, strip in road.strips.items() if edge not in road.angles}, rng)
+    lane_works(
+        plot, {edge: strip for edge, strip in road.strips.items() if edge not in road.angles}, rng
+    )
     plant_islands(plot, rng)
     _houses(plot, rng)
     bays = np.concatenate([bays, forecourts(plot, rng)])
@@ -442,16 +565,24 @@ def furnish(
     _gardens(plot, rng)
     if rng.random() < 0.8:
         plot.solids += f.kerbs(road.lanes, road.footways, round(float(rng.uniform(0.06, 0.16)), 2))
-    leafy = rng.random() if rng.random() < 0.75 else 0.0  # of the hedges: rays go in, as into bushes
-    solids = [replace(s, kind="bush") if s.kind == "hedge" and rng.random() < leafy else s for s in plot.solids]
+    # of the hedges: rays go in, as into bushes
+    leafy = rng.random() if rng.random() < 0.75 else 0.0
+    solids = [
+        replace(s, kind="bush") if s.kind == "hedge" and rng.random() < leafy else s
+        for s in plot.solids
+    ]
     return solids, _free_of([s for s in solids if s.kind == "tree" and s.base < UNDERSIDE[0]], bays)
 
 
 def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
-    """Put skips, containers and the like in some bays, close to vehicles that park; return the bays left free."""
-    filled, things = rng.random(len(bays)) < rng.uniform(0.0, 0.3), list[Solid]()
+    """Put skips, containers and the like in some bays, close to vehicles that park; return the bays
+    left free."""
+    filled = rng.random(len(bays)) < rng.uniform(0.0, 0.3)
+    things = list[Solid]()
     for x, y, yaw in bays[filled]:
-        thing = move_solids(_INSIDE[rng.integers(len(_INSIDE))](rng), float(x), float(y), float(yaw))
+        thing = move_solids(
+            _INSIDE[rng.integers(len(_INSIDE))](rng), float(x), float(y), float(yaw)
+        )
         if unite(solid.footprint for solid in thing).disjoint(plot.driven):
             things += thing
     plot.solids += things
@@ -466,39 +597,58 @@ def _free_of(solids: Sequence[Solid], bays: Bays) -> Bays:
 
 def _bulky(plot: Plot, rng: Rng) -> None:
     """Place up to 30 car-sized things beside the footway."""
-    behind = along(plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5)
-    kerb = along(plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5)
+    behind = along(
+        plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5
+    )
+    kerb = along(
+        plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5
+    )
     green = rng.uniform(0.2, 0.8)
     for at_kerb, rows in ((False, rng.permutation(behind)), (True, rng.permutation(kerb))):
         for x, y, direction in rows[: rng.integers(0, 5 if at_kerb else 26)]:
             makes = PLANTED if rng.random() < green else BUILT
-            turn = rng.choice([0.0, np.pi, np.pi / 2, rng.uniform(0.0, np.pi)], p=[0.4, 0.3, 0.15, 0.15])
+            turn = rng.choice(
+                [0.0, np.pi, np.pi / 2, rng.uniform(0.0, np.pi)], p=[0.4, 0.3, 0.15, 0.15]
+            )
             thing = makes[rng.integers(len(makes))](rng)
-            plot.place(move_solids(thing, float(x), float(y), float(direction + turn)), footway=at_kerb)
+            plot.place(
+                move_solids(thing, float(x), float(y), float(direction + turn)), footway=at_kerb
+            )
 
 
 def _houses(plot: Plot, rng: Rng) -> None:
     """Place rows of houses along every leg."""
-    density, usual_height = rng.uniform(0.3, 0.95), rng.uniform(4.5, 16.0)
+    density = rng.uniform(0.3, 0.95)
+    usual_height = rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
         line = shapely.LineString(path)
         for side, half_width in zip((1, -1), widths, strict=True):
             setback = rng.uniform(0.5, 8.0)
             at = rng.uniform(4.0, 16.0)
             while at < 90.0:
-                front, depth = rng.uniform(7.0, 22.0), rng.uniform(7.0, 14.0)
+                front = rng.uniform(7.0, 22.0)
+                depth = rng.uniform(7.0, 14.0)
                 if rng.random() > density:
                     at += front
                     continue
-                start, end = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + front))
+                start, end = (
+                    shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + front)
+                )
                 ahead = (end - start) / (np.hypot(*(end - start)) + 1e-9)
                 across = np.array([-ahead[1], ahead[0]])
-                near, far = side * (half_width + setback) * across, side * (half_width + setback + depth) * across
+                near = side * (half_width + setback) * across
+                far = side * (half_width + setback + depth) * across
                 wall = front * ahead
-                outline = np.round([start + near, start + wall + near, start + wall + far, start + far], 3)
+                outline = np.round(
+                    [start + near, start + wall + near, start + wall + far, start + far], 3
+                )
                 height = np.clip(usual_height * rng.lognormal(0.0, 0.3), 4.0, 25.0)
                 placed = plot.place([Solid(outline, 0.0, round(float(height), 2), "building")])
-                at += front + (0.05 if rng.random() < 0.4 else rng.uniform(1.0, 9.0)) if placed else 1.5
+                at += (
+                    front + (0.05 if rng.random() < 0.4 else rng.uniform(1.0, 9.0))
+                    if placed
+                    else 1.5
+                )
 
 
 def _furniture(plot: Plot, rng: Rng) -> None:
@@ -506,12 +656,19 @@ def _furniture(plot: Plot, rng: Rng) -> None:
     kerb = along(plot.road.carriageway.buffer(0.5).boundary.intersection(plot.window), 0.5)
     behind = along(plot.road.surface.buffer(0.9).boundary.intersection(plot.window), 0.5)
     deep = along(plot.road.surface.buffer(2.4).boundary.intersection(plot.window), 0.5)
-    lamp, crown, tall = rng.uniform(4.5, 9.0), rng.uniform(0.9, 2.2), rng.uniform(4.0, 10.0)
+    lamp = rng.uniform(4.5, 9.0)
+    crown = rng.uniform(0.9, 2.2)
+    tall = rng.uniform(4.0, 10.0)
     for row in deep[rng.random(len(deep)) < 0.5 / rng.uniform(6, 40)]:
         levels = rng.uniform(1.8, 2.8), tall * rng.uniform(0.8, 1.2)
         plant(plot, row[:2], crown * rng.uniform(0.8, 1.2), levels, rng, footway=False)
     lines: tuple[tuple[np.ndarray, bool, Draw, float], ...] = (
-        (kerb if rng.random() < 0.6 else behind, True, lambda x, y, _: [f.post(x, y, lamp, 0.09)], rng.uniform(14, 30)),
+        (
+            kerb if rng.random() < 0.6 else behind,
+            True,
+            lambda x, y, _: [f.post(x, y, lamp, 0.09)],
+            rng.uniform(14, 30),
+        ),
         (kerb, True, lambda x, y, a: f.sign(x, y, a), rng.uniform(20, 60)),
         (kerb, True, lambda x, y, _: [f.post(x, y, 0.9, 0.07)], rng.uniform(10, 80)),
         (behind, False, lambda x, y, _: [f.litter_bin(x, y)], rng.uniform(20, 60)),
@@ -524,7 +681,11 @@ def _furniture(plot: Plot, rng: Rng) -> None:
 
 def _gardens(plot: Plot, rng: Rng) -> None:
     """Place hedges, walls and fences behind footways, and trees."""
-    edge = plot.road.surface.buffer(rng.uniform(0.8, 2.0)).boundary.simplify(0.1).intersection(plot.window)
+    edge = (
+        plot.road.surface.buffer(rng.uniform(0.8, 2.0))
+        .boundary.simplify(0.1)
+        .intersection(plot.window)
+    )
     kinds = rng.permutation(3)[: rng.integers(1, 4)]
     height = rng.uniform(0.9, 2.2)
     for part in shapely.get_parts(shapely.line_merge(edge)):
@@ -540,7 +701,14 @@ def _gardens(plot: Plot, rng: Rng) -> None:
     xmin, ymin, xmax, ymax = plot.window.bounds
     for x, y in rng.uniform((xmin, ymin), (xmax, ymax), (rng.integers(5, 60), 2)):
         low = rng.uniform(1.2, 3.0)
-        plant(plot, np.array([x, y]), rng.uniform(1.2, 2.8), (low, low + rng.uniform(2.5, 8.0)), rng, footway=False)
+        plant(
+            plot,
+            np.array([x, y]),
+            rng.uniform(1.2, 2.8),
+            (low, low + rng.uniform(2.5, 8.0)),
+            rng,
+            footway=False,
+        )
 
 
 _PART_OF = {"trunk": "tree"}
@@ -550,8 +718,8 @@ _TOUCHING = 0.15  # m between parts of one thing
 def count_things(site: Site) -> dict[str, dict[str, int]]:
     """Count the things of a site by origin, then by kind.
 
-    Solids of a kind that touch are one thing: a fence has many. A tree counts once, by its trunk. A pole is a mount,
-    and its own post no thing beside it. A drawn road is one thing."""
+    Solids of a kind that touch are one thing: a fence has many. A tree counts once, by its trunk. A
+    pole is a mount, and its own post no thing beside it. A drawn road is one thing."""
     found: dict[str, Counter[str]] = {origin: Counter() for origin in ORIGINS}
     trunks = unite(s.footprint for s in site.solids if s.kind == "trunk").buffer(6.0)
     feet = shapely.MultiPoint([mount.position[:2] for mount in site.mounts]).buffer(0.3)
@@ -559,7 +727,11 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
     for solid in site.solids:
         grouped.setdefault((solid.origin, solid.kind), []).append(shapely.Polygon(solid.footprint))
     for (origin, kind), shapes in grouped.items():
-        joined = shapely.union_all(shapes) if kind == "trunk" else shapely.union_all(shapes).buffer(_TOUCHING / 2)
+        joined = (
+            shapely.union_all(shapes)
+            if kind == "trunk"
+            else shapely.union_all(shapes).buffer(_TOUCHING / 2)
+        )
         parts = shapely.get_parts(joined)
         beside = {"tree": trunks, "post": feet}.get(kind)
         number = len(parts) if beside is None else int((~shapely.intersects(parts, beside)).sum())
@@ -569,7 +741,10 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
         found[origin]["bay"] += 1
     for mount in site.mounts:
         found[mount.origin]["pole"] += 1
-    return {origin: {kind: n for kind, n in sorted(kinds.items()) if n} for origin, kinds in found.items()}
+    return {
+        origin: {kind: n for kind, n in sorted(kinds.items()) if n}
+        for origin, kinds in found.items()
+    }
 
 
 def describe_things(counts: Mapping[str, int]) -> str:
@@ -585,6 +760,7 @@ def mark_drawn(solids: Sequence[Solid]) -> list[Solid]:
 
 def draw_everything(site: Site) -> Site:
     """Mark everything of a site as drawn."""
-    solids, bays = tuple(mark_drawn(site.solids)), ("drawn",) * len(site.parking)
+    solids = tuple(mark_drawn(site.solids))
+    bays = ("drawn",) * len(site.parking)
     mounts = tuple(replace(mount, origin="drawn") for mount in site.mounts)
     return replace(site, solids=solids, mounts=mounts, parking_origins=bays, road_origin="drawn")

@@ -1,16 +1,17 @@
-"""Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is where.
+"""Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is
+where.
 
-As in the paper's dataset, a spawned object is a car, a two-wheeler or a pedestrian with probability 0.6, 0.2 and 0.2
-(8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames, 5 s apart, before
-another takes its place. Classes without bodies, or without lanes of their own near the area (pedestrians, where there
-is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are drawn for the bays;
-they count among the 30, a fifth of them at most by default, and stay longer. Boxes that overlap are moved aside or
-dropped.
+As in the paper's dataset, a spawned object is a car, a two-wheeler or a pedestrian with probability
+0.6, 0.2 and 0.2 (8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in
+four frames, 5 s apart, before another takes its place. Classes without bodies, or without lanes of
+their own near the area (pedestrians, where there is no footway), are left out and the other
+probabilities grow in proportion. Parked vehicles are drawn for the bays; they count among the 30, a
+fifth of them at most by default, and stay longer. Boxes that overlap are moved aside or dropped.
 
-A share of all may be `Strays`, road users where their class seldom is: on any lane or footway, beside walls and
-vehicles, shoulder to shoulder. Where everybody keeps to lanes of their own, a detector learns the place in place of the
-shape: a pedestrian on a lane becomes a cyclist. Strays stand or go straight on, at any heading, for as many frames as
-other road users live."""
+A share of all may be `Strays`, road users where their class seldom is: on any lane or footway,
+beside walls and vehicles, shoulder to shoulder. Where everybody keeps to lanes of their own, a
+detector learns the place in place of the shape: a pedestrian on a lane becomes a cyclist. Strays
+stand or go straight on, at any heading, for as many frames as other road users live."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
@@ -34,19 +35,22 @@ _WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
 
 
 class Obstacles:
-    """Static solids high enough to be in the way, indexed by place. Heights count from the plane of the ground, as
-    those of boxes do until a snapshot puts them on the ground."""
+    """Static solids high enough to be in the way, indexed by place. Heights count from the plane of
+    the ground, as those of boxes do until a snapshot puts them on the ground."""
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
         above = np.array([solid.top for solid in site.solids]) - site.ground(middles)
-        blocking = [solid for solid, height in zip(site.solids, above, strict=True) if height > _WALKABLE]
+        blocking = [
+            solid for solid, height in zip(site.solids, above, strict=True) if height > _WALKABLE
+        ]
         places = np.array([solid.footprint.mean(axis=0) for solid in blocking]).reshape(-1, 2)
         self.bases = np.array([solid.base for solid in blocking]) - site.plane(places)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 
     def hit(self, boxes: _Boxes) -> Mask:
-        """Mask of boxes that touch an obstacle; they pass under one that begins above them, such as a tree's crown."""
+        """Mask of boxes that touch an obstacle; they pass under one that begins above them, such as
+        a tree's crown."""
         rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
         hit = np.zeros(len(boxes), bool)
         hit[rows[self.bases[obstacles] < boxes[rows, 2] + boxes[rows, 5] / 2]] = True
@@ -54,21 +58,26 @@ class Obstacles:
 
 
 def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Mask, int]:
-    """Separate boxes; return them, a mask of kept rows and the number of changes. Earlier rows have precedence. A row
-    in the way steps aside by up to 1 m across its heading, or is dropped."""
+    """Separate boxes; return them, a mask of kept rows and the number of changes. Earlier rows have
+    precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped."""
     kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(in_the_way):
         return boxes, kept, 0
-    settled, shapes = boxes.copy(), _shapes(boxes)
+    settled = boxes.copy()
+    shapes = _shapes(boxes)
     for row in in_the_way:
         kept[row] = False  # so that `kept` are the others
         places = np.tile(boxes[row], (len(STEPS_ASIDE), 1))
         places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(boxes[row, 6]), np.cos(boxes[row, 6])])
         place_shapes = _shapes(places)
-        free = ~obstacles.hit(places) & ~shapely.intersects(place_shapes[:, None], shapes[kept][None]).any(axis=1)
+        free = ~obstacles.hit(places) & ~shapely.intersects(
+            place_shapes[:, None], shapes[kept][None]
+        ).any(axis=1)
         first = np.argmax(free)
-        kept[row], settled[row], shapes[row] = free[first], places[first], place_shapes[first]
+        kept[row] = free[first]
+        settled[row] = places[first]
+        shapes[row] = place_shapes[first]
     return settled, kept, int((~kept | (settled != boxes).any(axis=1)).sum())
 
 
@@ -76,7 +85,9 @@ def overlaps(boxes: _Boxes) -> Bool[np.ndarray, "n n"]:
     """Mask of pairs of boxes closer than `GAP`, above the diagonal."""
     radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
     gaps = boxes[:, None, :2] - boxes[None, :, :2]
-    i, j = np.nonzero(np.triu(np.square(gaps).sum(-1) < np.square(radius[:, None] + radius[None]), 1))
+    i, j = np.nonzero(
+        np.triu(np.square(gaps).sum(-1) < np.square(radius[:, None] + radius[None]), 1)
+    )
     shapes = _shapes(boxes)
     close = np.zeros((len(boxes), len(boxes)), bool)
     close[i, j] = shapely.intersects(shapes[i], shapes[j])
@@ -90,10 +101,14 @@ def _shapes(boxes: _Boxes) -> np.ndarray:
 
 
 STRAY_SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}  # of the strays
-BESIDE, COMPANIONS = 0.35, 0.3  # share that stands beside a solid or a vehicle, and beside the stray drawn before
+# share that stands beside a solid or a vehicle, and beside the stray drawn before
+BESIDE = 0.35
+COMPANIONS = 0.3
 STANDING_SHARES = {PEDESTRIAN: 0.5, CYCLIST: 0.3, VEHICLE: 1.0, HEAVY: 1.0}  # share of the others
 SPEED = {PEDESTRIAN: (0.4, 1.8), CYCLIST: (1.0, 6.0)}  # m/s, from .. to
-_NEAREST, _FARTHEST = 0.12, 1.5  # m of air between a stray and what it stands beside
+# m of air between a stray and what it stands beside
+_NEAREST = 0.12
+_FARTHEST = 1.5
 _SHOULDER = 0.4  # m of air at most between two companions
 _TRIES = 6
 _EVERY = 0.5  # m between the places along an edge
@@ -102,7 +117,8 @@ _Poses = Float64[np.ndarray, "n 3"]
 
 @dataclass(frozen=True, eq=False)
 class StrayGround:
-    """Places of strays: points of lanes and footways in the area, and edges of solids there with outward normals."""
+    """Places of strays: points of lanes and footways in the area, and edges of solids there with
+    outward normals."""
 
     points: Float64[np.ndarray, "n 2"]
     edges: Float64[np.ndarray, "m 4"]
@@ -110,16 +126,21 @@ class StrayGround:
     @staticmethod
     def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> "StrayGround":
         """Draw places all over a site's road."""
-        surface = shapely.intersection(unite([*site.lanes, *site.footways]), shapely.box(*site.area))
+        surface = shapely.intersection(
+            unite([*site.lanes, *site.footways]), shapely.box(*site.area)
+        )
         drawn = rng.uniform(site.area[:2], site.area[2:], (8000, 2))
         shapely.prepare(surface)
         points = drawn[shapely.contains_xy(surface, *drawn.T)]
         solids = obstacles.tree.geometries
-        return StrayGround(points, outward_edges(solids[shapely.dwithin(solids, surface, _FARTHEST)]))
+        return StrayGround(
+            points, outward_edges(solids[shapely.dwithin(solids, surface, _FARTHEST)])
+        )
 
 
 def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
-    """Points every half metre along the outlines of polygons, and the outward normal at each: x y nx ny."""
+    """Points every half metre along the outlines of polygons, and the outward normal at each: x y
+    nx ny."""
     rings = shapely.segmentize(shapely.get_exterior_ring(shapely.normalize(polygons)), _EVERY)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     ahead = np.diff(xy, axis=0)[ring[1:] == ring[:-1]]
@@ -127,12 +148,14 @@ def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
     length = np.hypot(*ahead.T)
     kept = length > 1e-6
     normals = np.column_stack([-ahead[:, 1], ahead[:, 0]])[kept] / length[kept, None]
-    return np.column_stack([middles[kept], normals])  # normalised rings run clockwise: left is outside
+    # normalised rings run clockwise: left is outside
+    return np.column_stack([middles[kept], normals])
 
 
 @dataclass(frozen=True, eq=False)
 class Strays:
-    """Strays of a moment: body, id, pose when drawn (x, y, yaw), speed (m/s), time then (s) and frames to live."""
+    """Strays of a moment: body, id, pose when drawn (x, y, yaw), speed (m/s), time then (s) and
+    frames to live."""
 
     ground: StrayGround
     obstacles: Obstacles
@@ -144,14 +167,25 @@ class Strays:
     left: Int64[np.ndarray, " n"]
 
     @staticmethod
-    def draw(site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray) -> "Strays":
-        """Draw so many strays. vehicles: boxes (n, 7) of those that park, which strays stand beside too."""
-        rng, none = supply.rng, np.zeros(0)
-        ground = StrayGround.of(site, obstacles, rng) if number else StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
+    def draw(
+        site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray
+    ) -> "Strays":
+        """Draw so many strays. vehicles: boxes (n, 7) of those that park, which strays stand beside
+        too."""
+        rng = supply.rng
+        none = np.zeros(0)
+        ground = (
+            StrayGround.of(site, obstacles, rng)
+            if number
+            else StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
+        )
         if number and len(vehicles):
             beside = outward_edges(shapely.polygons(footprints(vehicles)))
-            again = max(1, len(ground.edges) // max(1, 2 * len(beside)))  # a third of the edges are those of vehicles
-            ground = replace(ground, edges=np.concatenate([ground.edges, np.tile(beside, (again, 1))]))
+            # a third of the edges are those of vehicles
+            again = max(1, len(ground.edges) // max(1, 2 * len(beside)))
+            ground = replace(
+                ground, edges=np.concatenate([ground.edges, np.tile(beside, (again, 1))])
+            )
         whole = none.astype(np.int64)
         strays = Strays(ground, obstacles, whole, whole, np.zeros((0, 3)), none, none, whole)
         number = number if len(ground.points) else 0
@@ -164,17 +198,27 @@ class Strays:
         return np.column_stack([x + gone * np.cos(yaw), y + gone * np.sin(yaw), yaw])
 
     def later(self, supply: Supply, time: float) -> "Strays":
-        """Strays a frame later, others in place of those whose life is over. time: of that frame (s)."""
-        number, left = len(self.ids), self.left - 1
+        """Strays a frame later, others in place of those whose life is over. time: of that frame
+        (s)."""
+        number = len(self.ids)
+        left = self.left - 1
         kept = left > 0
-        columns = {name: getattr(self, name)[kept] for name in ("bodies", "ids", "poses", "speeds", "drawn")}
+        columns = {
+            name: getattr(self, name)[kept]
+            for name in ("bodies", "ids", "poses", "speeds", "drawn")
+        }
         missing = number - int(kept.sum())
-        return replace(self, **columns, left=left[kept])._add(missing, supply, time, np.full(missing, LIFE))
+        return replace(self, **columns, left=left[kept])._add(
+            missing, supply, time, np.full(missing, LIFE)
+        )
 
     def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
-        rng, chosen = supply.rng, [label for label in STRAY_SHARES if (supply.labels == label).any()]
+        rng = supply.rng
+        chosen = [label for label in STRAY_SHARES if (supply.labels == label).any()]
         shares = np.array([STRAY_SHARES[label] for label in chosen])
-        bodies, poses, speeds = list[int](), list[np.ndarray](), list[float]()
+        bodies = list[int]()
+        poses = list[np.ndarray]()
+        speeds = list[float]()
         for label in rng.choice(chosen, number, p=shares / shares.sum()).tolist():
             has_company = bool(poses) and rng.random() < COMPANIONS
             if has_company:
@@ -183,7 +227,8 @@ class Strays:
             stands = rng.random() < STANDING_SHARES[label]
             speed = 0.0 if stands else float(rng.uniform(*SPEED[label]))
             if has_company:
-                pose, speed = self._place_companion(poses[-1], supply.sizes[[bodies[-1], body], 1], rng), speeds[-1]
+                pose = self._place_companion(poses[-1], supply.sizes[[bodies[-1], body], 1], rng)
+                speed = speeds[-1]
             else:
                 pose, beside = self._place(supply.sizes[body], rng)
                 speed = 0.0 if beside else speed
@@ -201,16 +246,27 @@ class Strays:
             left=np.append(self.left, left),
         )
 
-    def _place(self, size: np.ndarray, rng: np.random.Generator) -> tuple[Float64[np.ndarray, "3"], bool]:
-        """Pose on open ground or beside something, and whether it is the second; clear of solids where that is easy."""
-        pose, beside = np.zeros(3), False
+    def _place(
+        self, size: np.ndarray, rng: np.random.Generator
+    ) -> tuple[Float64[np.ndarray, "3"], bool]:
+        """Pose on open ground or beside something, and whether it is the second; clear of solids
+        where that is easy."""
+        pose = np.zeros(3)
+        beside = False
         for _ in range(_TRIES):
-            yaw, beside = rng.uniform(-np.pi, np.pi), len(self.ground.edges) > 0 and rng.random() < BESIDE
+            yaw = rng.uniform(-np.pi, np.pi)
+            beside = len(self.ground.edges) > 0 and rng.random() < BESIDE
             if beside:
                 x, y, nx, ny = self.ground.edges[rng.integers(len(self.ground.edges))]
                 edge = np.arctan2(nx, -ny)
-                yaw = edge + np.pi / 2 * rng.integers(4) + rng.normal(0, 0.1) if rng.random() < 0.6 else yaw
-                across = abs(np.cos(yaw - edge)) * size[1] / 2 + abs(np.sin(yaw - edge)) * size[0] / 2
+                yaw = (
+                    edge + np.pi / 2 * rng.integers(4) + rng.normal(0, 0.1)
+                    if rng.random() < 0.6
+                    else yaw
+                )
+                across = (
+                    abs(np.cos(yaw - edge)) * size[1] / 2 + abs(np.sin(yaw - edge)) * size[0] / 2
+                )
                 away = across + rng.uniform(_NEAREST, _FARTHEST)
                 pose = np.array([x + away * nx, y + away * ny, yaw])
             else:
@@ -221,11 +277,17 @@ class Strays:
         return pose, beside
 
     @staticmethod
-    def _place_companion(first: np.ndarray, widths: np.ndarray, rng: np.random.Generator) -> Float64[np.ndarray, "3"]:
+    def _place_companion(
+        first: np.ndarray, widths: np.ndarray, rng: np.random.Generator
+    ) -> Float64[np.ndarray, "3"]:
         """Pose to the left of the one drawn before, so that a group stands in a row."""
         x, y, yaw = first
-        across, behind = widths.sum() / 2 + rng.uniform(_NEAREST, _SHOULDER), rng.normal(0, 0.15)
-        x, y = x - across * np.sin(yaw) - behind * np.cos(yaw), y + across * np.cos(yaw) - behind * np.sin(yaw)
+        across = widths.sum() / 2 + rng.uniform(_NEAREST, _SHOULDER)
+        behind = rng.normal(0, 0.15)
+        x, y = (
+            x - across * np.sin(yaw) - behind * np.cos(yaw),
+            y + across * np.cos(yaw) - behind * np.sin(yaw),
+        )
         return np.array([x, y, yaw + rng.normal(0, 0.1)])
 
 
@@ -237,7 +299,8 @@ JITTER = (0.1, 0.1, np.radians(1.0))  # m, m, rad; how far off the middle of the
 
 @dataclass(frozen=True, eq=False)
 class Parked:
-    """Parked vehicles, and the bays (x, y, yaw) of the site: bay, body, id and pose (x, y, yaw) of each."""
+    """Parked vehicles, and the bays (x, y, yaw) of the site: bay, body, id and pose (x, y, yaw) of
+    each."""
 
     bays: Float64[np.ndarray, "m 3"]
     places: Int64[np.ndarray, " n"]
@@ -252,11 +315,15 @@ class Parked:
         room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
         bays = site.parking[~obstacles.hit(room)]
         number = min(round(len(bays) * supply.rng.uniform(*OCCUPIED)), most)
-        places, nobody = supply.rng.permutation(len(bays))[:number], np.zeros(number, np.int64)
-        return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(np.ones(number, bool), supply)
+        places = supply.rng.permutation(len(bays))[:number]
+        nobody = np.zeros(number, np.int64)
+        return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(
+            np.ones(number, bool), supply
+        )
 
     def later(self, supply: Supply) -> "Parked":
-        """Parked vehicles a frame later: each has left with probability 1 / `STAY`, another stands in a free bay."""
+        """Parked vehicles a frame later: each has left with probability 1 / `STAY`, another stands
+        in a free bay."""
         return self._refill(supply.rng.random(len(self.ids)) < 1 / STAY, supply)
 
     def boxes(self, supply: Supply) -> _Boxes:
@@ -267,8 +334,11 @@ class Parked:
     def _refill(self, left: np.ndarray, supply: Supply) -> "Parked":
         if not left.any():
             return self
-        rng, number = supply.rng, int(left.sum())
-        parked = replace(self, **{k: getattr(self, k).copy() for k in ("places", "bodies", "ids", "poses")})
+        rng = supply.rng
+        number = int(left.sum())
+        parked = replace(
+            self, **{k: getattr(self, k).copy() for k in ("places", "bodies", "ids", "poses")}
+        )
         free = np.setdiff1d(np.arange(len(self.bays)), self.places[~left])
         parked.places[left] = rng.permutation(free)[:number]
         parked.bodies[left] = supply.several(np.flatnonzero(supply.labels == VEHICLE), number)
@@ -281,16 +351,19 @@ class Parked:
 
 INTERVAL = 5.0  # s between frames
 MOST_OBJECTS = 30
-MARGIN = 10.0  # m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
+# m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
+MARGIN = 10.0
 WARM_UP = 15.0  # s before the first frame
-COMING_AND_GOING = 8  # times `INTERVAL` more before frames closer together: at first all stand in the queues they fill
+# times `INTERVAL` more before frames closer together: at first all stand in the queues they fill
+COMING_AND_GOING = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """One instant of traffic, site frame."""
 
-    objects: Objects  # all that touch the area or the `MARGIN` around it, so some centres lie outside the area
+    # all that touch the area or the `MARGIN` around it, so some centres lie outside the area
+    objects: Objects
     bodies: Int64[np.ndarray, " n"]  # row of each object in the bodies given to `simulate`
     time: float = 0.0  # s since the first frame
     repaired: int = 0  # objects moved aside or taken out because bodies overlapped
@@ -302,8 +375,12 @@ class Mix:
 
     most: int = MOST_OBJECTS  # at a time
     parked: int | None = None  # vehicles among them that park, a fifth at most by default
-    stay: int | None = None  # frames until all stand in other bays, for independent blocks; None: each on its own
-    strays: float = 0.0  # share of all that is anywhere, whatever its class, see `toolkit.traffic.snapshots`
+    stay: int | None = (
+        None  # frames until all stand in other bays, for independent blocks; None: each on its own
+    )
+    strays: float = (
+        0.0  # share of all that is anywhere, whatever its class, see `toolkit.traffic.snapshots`
+    )
 
     def __post_init__(self) -> None:
         if self.most < 1:
@@ -333,30 +410,44 @@ def simulate(
 ) -> Generator[Snapshot, None, None]:
     """Simulate `frames` snapshots of traffic on a site, `interval` (s) apart.
 
-    Below 1 s objects live as long as ever, in more frames. once: no body is used again before all of its class have
-    been, as is right for a fleet drawn afresh; some pedestrians walk in groups then. Same seed, same bytes. One
-    simulation runs at a time in a process: use up or close() the iterator before the next.
+    Below 1 s objects live as long as ever, in more frames. once: no body is used again before all
+    of its class have been, as is right for a fleet drawn afresh; some pedestrians walk in groups
+    then. Same seed, same bytes. One simulation runs at a time in a process: use up or close() the
+    iterator before the next.
 
-    Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;
-    ImportError without SUMO; RuntimeError where another simulation is open."""
+    Raises ValueError where the site has no network, nothing can drive near its area, or an argument
+    does not fit; ImportError without SUMO; RuntimeError where another simulation is open."""
     if not site.network:
-        raise ValueError(f"site {site.name!r} has no network, so no traffic: import one from a map, or build_network")
+        raise ValueError(
+            f"site {site.name!r} has no network, so no traffic: import one from a map, or "
+            "build_network"
+        )
     if frames < 0:
         raise ValueError(f"frames must be at least 0, got {frames}")
-    step, mix = sumo_step(interval), mix or Mix()
+    step = sumo_step(interval)
+    mix = mix or Mix()
     if not any(body.label == VEHICLE for body in bodies):
-        raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
-    obstacles, supply = Obstacles(site), Supply(bodies, np.random.default_rng(seed), once=once)
+        raise ValueError(
+            f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()"
+        )
+    obstacles = Obstacles(site)
+    supply = Supply(bodies, np.random.default_rng(seed), once=once)
     draw = partial(Parked.draw, site, obstacles, supply, most=mix.most_parked)
 
     def run() -> Generator[Snapshot, None, None]:
-        parked, periods = draw(), 0
+        parked = draw()
+        periods = 0
         standing = len(parked.ids) if mix.stay is None else min(len(parked.bays), mix.most_parked)
-        wander = partial(Strays.draw, site, obstacles, supply, round(mix.strays * (mix.most - standing)))
+        wander = partial(
+            Strays.draw, site, obstacles, supply, round(mix.strays * (mix.most - standing))
+        )
         strays = wander(parked.boxes(supply))
-        types, sumo_seed = supply.sumo_types(), int(supply.rng.integers(2**31 - 1))
+        types = supply.sumo_types()
+        sumo_seed = int(supply.rng.integers(2**31 - 1))
         with running(site.network, types, seed=sumo_seed, step=step) as sumo:
-            spawner = Spawner(sumo, site, supply, most=mix.most - standing - len(strays.ids), step=step)
+            spawner = Spawner(
+                sumo, site, supply, most=mix.most - standing - len(strays.ids), step=step
+            )
             look = partial(_snapshot, site, spawner, obstacles)
             spawner.advance(WARM_UP)
             for _ in range(COMING_AND_GOING if step < STEP else 0):
@@ -364,7 +455,8 @@ def simulate(
                 spawner.advance(INTERVAL)
             for index in range(frames):
                 passed, at = (int((index + k) * interval / INTERVAL + 1e-6) for k in (0, 1))
-                last = interval >= STEP or at > passed  # of an `INTERVAL`, by which parking and life are counted
+                # of an `INTERVAL`, by which parking and life are counted
+                last = interval >= STEP or at > passed
                 yield look(parked, strays, time=index * interval, counts=last)
                 if last:
                     periods += 1
@@ -379,11 +471,15 @@ def simulate(
 
 
 def sumo_step(interval: float) -> float:
-    """Step of SUMO (s) for an interval of frames. Raises ValueError unless the interval is a whole number of steps."""
+    """Step of SUMO (s) for an interval of frames. Raises ValueError unless the interval is a whole
+    number of steps."""
     step = STEP if interval >= STEP else FINE_STEP
     steps = interval / step
     if not (0.5 < steps < 1e6 and abs(steps - round(steps)) < 1e-6):
-        raise ValueError(f"interval must be a whole number of SUMO's steps of {STEP} or {FINE_STEP} s, got {interval}")
+        raise ValueError(
+            f"interval must be a whole number of SUMO's steps of {STEP} or {FINE_STEP} s, got "
+            f"{interval}"
+        )
     return step
 
 
@@ -397,9 +493,13 @@ def _snapshot(
     time: float,
     counts: bool = True,
 ) -> Snapshot:
-    """Objects near the area now; those that cannot be kept apart are removed. counts: note that they were seen."""
-    standing, last = (parked.ids, parked.bodies, parked.poses), (strays.ids, strays.bodies, strays.at(time))
-    ids, bodies, poses = (np.concatenate(parts) for parts in zip(standing, spawner.state(), last, strict=True))
+    """Objects near the area now; those that cannot be kept apart are removed. counts: note that
+    they were seen."""
+    standing = (parked.ids, parked.bodies, parked.poses)
+    last = (strays.ids, strays.bodies, strays.at(time))
+    ids, bodies, poses = (
+        np.concatenate(parts) for parts in zip(standing, spawner.state(), last, strict=True)
+    )
     sizes = spawner.supply.sizes[bodies]
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
@@ -409,6 +509,8 @@ def _snapshot(
     seen = np.flatnonzero(kept)[shapely.intersects(shapely.polygons(footprints(boxes[kept])), near)]
     if counts:
         spawner.count_frame(ids[seen])
-    boxes, bodies, ids = boxes[seen], bodies[seen], ids[seen]
+    boxes = boxes[seen]
+    bodies = bodies[seen]
+    ids = ids[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
     return Snapshot(Objects(boxes, spawner.supply.labels[bodies], ids), bodies, time, repaired)

@@ -1,8 +1,9 @@
 """Spawn traffic near the detection area, which SUMO moves, and remove it after four frames.
 
-SUMO runs in this process: one simulation at a time, silent, its errors raised. It gives the middle of a vehicle's front
-bumper, and as its angle the direction to it from the middle of the rear bumper, both on the path, so headings turn
-continuously through bends. A body's box lies on that line."""
+SUMO runs in this process: one simulation at a time, silent, its errors raised. It gives the middle
+of a vehicle's front bumper, and as its angle the direction to it from the middle of the rear
+bumper, both on the path, so headings turn continuously through bends. A body's box lies on that
+line."""
 
 import io
 import os
@@ -26,7 +27,9 @@ from toolkit.sites.site import Site
 
 STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
 FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still
-LATERAL_RESOLUTION = 0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
+LATERAL_RESOLUTION = (
+    0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
+)
 
 _OPTIONS = {
     "lateral-resolution": LATERAL_RESOLUTION,
@@ -40,12 +43,15 @@ _OPTIONS = {
 
 @contextmanager
 def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[ModuleType]:
-    """Run the libsumo module with a network (net.xml text) and vehicle types (additional-file text); step: s.
+    """Run the libsumo module with a network (net.xml text) and vehicle types (additional-file
+    text); step: s.
 
-    Raises ImportError without SUMO, RuntimeError where a simulation is open in this process already (libsumo knows only
-    one), ValueError with SUMO's own words where it refuses the network."""
+    Raises ImportError without SUMO, RuntimeError where a simulation is open in this process already
+    (libsumo knows only one), ValueError with SUMO's own words where it refuses the network."""
     try:
-        with redirect_stdout(io.StringIO()):  # it greets with a warning about pyarrow, which is not used here
+        with redirect_stdout(
+            io.StringIO()
+        ):  # it greets with a warning about pyarrow, which is not used here
             sumo = import_module("libsumo")
     except ImportError as error:
         raise ImportError(f'traffic needs SUMO ({error}): pip install "coview[sim]"') from None
@@ -58,15 +64,33 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
         files = {name: Path(folder) / name for name in ("net.xml", "types.xml", "said.txt")}
         files["net.xml"].write_text(network, encoding="utf-8")
         files["types.xml"].write_text(types, encoding="utf-8")
-        options = {**_OPTIONS, "net-file": files["net.xml"], "additional-files": files["types.xml"], "seed": seed}
-        options |= {"step-length": step} | ({} if step == STEP else {"default.action-step-length": STEP})
+        options = {
+            **_OPTIONS,
+            "net-file": files["net.xml"],
+            "additional-files": files["types.xml"],
+            "seed": seed,
+        }
+        options |= {"step-length": step} | (
+            {} if step == STEP else {"default.action-step-length": STEP}
+        )
         try:
             with _stderr_into(files["said.txt"]):
-                sumo.start(["sumo", *(word for name, value in options.items() for word in (f"--{name}", str(value)))])
+                sumo.start(
+                    [
+                        "sumo",
+                        *(
+                            word
+                            for name, value in options.items()
+                            for word in (f"--{name}", str(value))
+                        ),
+                    ]
+                )
         except Exception as error:  # SUMO says why only on stderr
             said = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
             reason = said.splitlines()[0].removeprefix("Error: ").rstrip(".")
-            raise ValueError(f"SUMO refuses the site's network: {reason}: build it again with netconvert") from None
+            raise ValueError(
+                f"SUMO refuses the site's network: {reason}: build it again with netconvert"
+            ) from None
     try:
         yield sumo
     finally:
@@ -88,38 +112,53 @@ def _stderr_into(file: Path) -> Iterator[None]:
 
 
 HEAVY_SHARE = 0.08  # of the vehicles
-SHARES = {VEHICLE: 0.6 * (1 - HEAVY_SHARE), HEAVY: 0.6 * HEAVY_SHARE, CYCLIST: 0.2, PEDESTRIAN: 0.2}  # paper, Dataset
-SWAY = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}  # degrees; deviation of yaw from the path's
-ASIDE = {VEHICLE: 0.25, HEAVY: 0.0, CYCLIST: 0.8, PEDESTRIAN: 0.0}  # m; deviation from the middle of the lane
+# paper, Dataset
+SHARES = {VEHICLE: 0.6 * (1 - HEAVY_SHARE), HEAVY: 0.6 * HEAVY_SHARE, CYCLIST: 0.2, PEDESTRIAN: 0.2}
+# degrees; deviation of yaw from the path's
+SWAY = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}
+# m; deviation from the middle of the lane
+ASIDE = {VEHICLE: 0.25, HEAVY: 0.0, CYCLIST: 0.8, PEDESTRIAN: 0.0}
 BICYCLE_LENGTH = 1.75  # m; a longer two-wheeler has an engine
 POSITIONS = 3  # lateral positions in the lane, drawn per body
 
 
 class Supply:
-    """Bodies of traffic in random order of use, with SUMO's types for them and the next numbers of objects.
+    """Bodies of traffic in random order of use, with SUMO's types for them and the next numbers of
+    objects.
 
-    labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes are open to it; once:
-    a body that was taken does not come again before all others offered with it have been taken too, so that in a large
-    fleet every object has a body of its own."""
+    labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes
+    are open to it; once: a body that was taken does not come again before all others offered with
+    it have been taken too, so that in a large fleet every object has a body of its own."""
 
     def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
-        self.rng, self.once, self.ids, self._taken = rng, once, count(), np.zeros(len(bodies), bool)
+        self.rng = rng
+        self.once = once
+        self.ids = count()
+        self._taken = np.zeros(len(bodies), bool)
         self.labels = np.array([body.label for body in bodies], np.int64)
         self.sizes = np.array([body.size for body in bodies], np.float64).reshape(-1, 3)
         names = {VEHICLE: "passenger", HEAVY: "truck", PEDESTRIAN: "pedestrian"}
-        two_wheelers = ("bicycle" if body.size[0] <= BICYCLE_LENGTH else "motorcycle" for body in bodies)
-        self.classes = tuple(names.get(body.label, other) for body, other in zip(bodies, two_wheelers, strict=True))
+        two_wheelers = (
+            "bicycle" if body.size[0] <= BICYCLE_LENGTH else "motorcycle" for body in bodies
+        )
+        self.classes = tuple(
+            names.get(body.label, other) for body, other in zip(bodies, two_wheelers, strict=True)
+        )
 
     def sumo_types(self) -> str:
-        """SUMO's additional file with a type "row-position" for each body and lateral position in the lane."""
+        """SUMO's additional file with a type "row-position" for each body and lateral position in
+        the lane."""
         rows = []
-        for row, (label, (length, width, height)) in enumerate(zip(self.labels.tolist(), self.sizes, strict=True)):
+        for row, (label, (length, width, height)) in enumerate(
+            zip(self.labels.tolist(), self.sizes, strict=True)
+        ):
             for position in range(POSITIONS):
                 aside = np.clip(self.rng.normal(0, ASIDE[label]), -1.2, 1.2)
                 gap = self.rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
                 rows.append(
-                    f'<vType id="{row}-{position}" vClass="{self.classes[row]}" length="{length:.3f}" '
-                    f'width="{width:.3f}" height="{height:.3f}" minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
+                    f'<vType id="{row}-{position}" vClass="{self.classes[row]}" '
+                    f'length="{length:.3f}" width="{width:.3f}" height="{height:.3f}" '
+                    f'minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
                 )
         return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
 
@@ -129,7 +168,8 @@ class Supply:
             return int(self.rng.choice(rows))
         free = rows[~self._taken[rows]]
         if not len(free):
-            self._taken[rows], free = False, rows
+            self._taken[rows] = False
+            free = rows
         return int(self.rng.choice(free))
 
     def take(self, row: int, *, taken: bool = True) -> None:
@@ -150,7 +190,8 @@ SPACING = 2.0  # m between the places of a lane
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """Lane of the network. shape: (k, 2) middle line (m); following: lanes its links lead to, U-turns last."""
+    """Lane of the network. shape: (k, 2) middle line (m); following: lanes its links lead to,
+    U-turns last."""
 
     name: str
     edge: str
@@ -163,12 +204,15 @@ class Lane:
         """Points of the middle line, `offset` (m) from its start."""
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.shape, axis=0).T))])
         stretched = offset * along[-1] / self.length
-        return np.stack([np.interp(stretched, along, self.shape[:, axis]) for axis in (0, 1)], axis=-1)
+        return np.stack(
+            [np.interp(stretched, along, self.shape[:, axis]) for axis in (0, 1)], axis=-1
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places on lanes: names and lengths (m) of their lanes, offsets from the lane's start (m), and points."""
+    """Places on lanes: names and lengths (m) of their lanes, offsets from the lane's start (m), and
+    points."""
 
     lanes: tuple[str, ...]
     lengths: Float64[np.ndarray, " n"]
@@ -189,18 +233,28 @@ class Roads:
         for name in sumo.lane.getIDList():
             if not name.startswith(":"):
                 links = sumo.lane.getLinks(name)
-                onward = [link[0] for link in links if link[6] != "t"] or [link[0] for link in links]
-                following = tuple(dict.fromkeys(lane for lane in onward if not lane.startswith(":")))
+                onward = [link[0] for link in links if link[6] != "t"] or [
+                    link[0] for link in links
+                ]
+                following = tuple(
+                    dict.fromkeys(lane for lane in onward if not lane.startswith(":"))
+                )
                 shape = np.array(sumo.lane.getShape(name), np.float64)
-                edge, length = sumo.lane.getEdgeID(name), sumo.lane.getLength(name)
-                lanes[name] = Lane(name, edge, length, shape, frozenset(sumo.lane.getDisallowed(name)), following)
+                edge = sumo.lane.getEdgeID(name)
+                length = sumo.lane.getLength(name)
+                lanes[name] = Lane(
+                    name, edge, length, shape, frozenset(sumo.lane.getDisallowed(name)), following
+                )
         return Roads(lanes)
 
     def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
-        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class. Outside the area they
-        are headed for it. Pedestrians start on lanes of their own and walk either way."""
+        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class.
+        Outside the area they are headed for it. Pedestrians start on lanes of their own and walk
+        either way."""
         walks = vehicle_class == "pedestrian"
-        names, offsets, points = [], [np.zeros(0)], [np.zeros((0, 2))]
+        names = []
+        offsets = [np.zeros(0)]
+        points = [np.zeros((0, 2))]
         for lane in self.lanes.values():
             if vehicle_class in lane.forbidden or (walks and "passenger" not in lane.forbidden):
                 continue
@@ -216,13 +270,23 @@ class Roads:
         lengths = np.array([self.lanes[name].length for name in names])
         return Places(tuple(names), lengths, np.concatenate(offsets), np.concatenate(points))
 
-    def route(self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator) -> list[str]:
-        """Draw the edges of a drive of at least `distance` (m) from lane `start` on, or to where the road ends."""
-        lane, edges, driven = self.lanes[start], [self.lanes[start].edge], 0.0
+    def route(
+        self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator
+    ) -> list[str]:
+        """Draw the edges of a drive of at least `distance` (m) from lane `start` on, or to where
+        the road ends."""
+        lane = self.lanes[start]
+        edges = [self.lanes[start].edge]
+        driven = 0.0
         while driven < distance:
             choices: list[str] = []
-            for candidate in (lane, *self._neighbours[lane.edge]):  # at a lane's end its neighbours may go on
-                choices = choices or [n for n in candidate.following if vehicle_class not in self.lanes[n].forbidden]
+            for candidate in (
+                lane,
+                *self._neighbours[lane.edge],
+            ):  # at a lane's end its neighbours may go on
+                choices = choices or [
+                    n for n in candidate.following if vehicle_class not in self.lanes[n].forbidden
+                ]
             if not choices:
                 break
             lane = self.lanes[choices[rng.integers(len(choices))]]
@@ -238,20 +302,25 @@ class Roads:
         return edges
 
 
-def distance_to_area(points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "*n"]:
+def distance_to_area(
+    points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]
+) -> Float64[np.ndarray, "*n"]:
     """Distance (m) from points to a rectangle, 0 inside."""
     beyond = points - np.clip(points, area[:2], area[2:])
     return np.hypot(beyond[..., 0], beyond[..., 1])
 
 
 LIFE = 4  # frames an object is seen in
-SPAWN_REACH = 25.0  # m round the area in which things are spawned; they are removed `_LEEWAY` farther out
+SPAWN_REACH = (
+    25.0  # m round the area in which things are spawned; they are removed `_LEEWAY` farther out
+)
 
 _LEEWAY = 10.0
 _ROUTE_LENGTH = 300.0  # m; farther than anything drives in its life
 _TRIES = 8  # places looked at before a spawn is put off to the next step
 _ASIDE = 0.3  # m a pedestrian walks beside the middle of its stripe
-_COMPANIONS = (0.7, 0.19, 0.08, 0.03)  # shares of pedestrians of a drawn fleet with 0, 1, 2, 3 companions
+# shares of pedestrians of a drawn fleet with 0, 1, 2, 3 companions
+_COMPANIONS = (0.7, 0.19, 0.08, 0.03)
 _RESERVED = 2  # of the places are left to companions where there may be some
 _SHOULDER = (0.55, 0.8)  # m between two pedestrians side by side, from .. to
 
@@ -267,19 +336,31 @@ class Spawned:
     inserted: bool = False
     frames: int = 0  # it has been seen in
     behind: float = 0.0
-    leader: int | None = None  # object whose pose that is, for companions on foot, which SUMO does not know
+    leader: int | None = (
+        None  # object whose pose that is, for companions on foot, which SUMO does not know
+    )
 
 
 class Spawner:
-    """Spawn and remove everything that SUMO moves, at most `most` objects at a time. Object n is vehicle or person "n"
-    in SUMO. Raises ValueError where no lane near the area is open to cars."""
+    """Spawn and remove everything that SUMO moves, at most `most` objects at a time. Object n is
+    vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars."""
 
-    def __init__(self, sumo: ModuleType, site: Site, supply: Supply, *, most: int, step: float = STEP) -> None:
-        self.sumo, self.area, self.most, self.step = sumo, site.area, most, step
-        self.supply, self.rng, self.ids = supply, supply.rng, supply.ids
+    def __init__(
+        self, sumo: ModuleType, site: Site, supply: Supply, *, most: int, step: float = STEP
+    ) -> None:
+        self.sumo = sumo
+        self.area = site.area
+        self.most = most
+        self.step = step
+        self.supply = supply
+        self.rng = supply.rng
+        self.ids = supply.ids
         self.domains = {False: sumo.vehicle, True: sumo.person}  # True: on foot
         self.roads = Roads.read(sumo)
-        self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(supply.classes))}
+        self.places = {
+            kind: self.roads.places(site.area, SPAWN_REACH, kind)
+            for kind in sorted(set(supply.classes))
+        }
         if not self.places["passenger"].lanes:
             where = f"within {SPAWN_REACH:.0f} m of the area {site.area.tolist()}"
             remedy = "give the network in site coordinates, or move the area onto the road"
@@ -295,7 +376,8 @@ class Spawner:
         self.routes: set[str] = set()
 
     def advance(self, seconds: float) -> None:
-        """Simulate on, spawning missing objects before every step. Objects without a place by the end are given up."""
+        """Simulate on, spawning missing objects before every step. Objects without a place by the
+        end are given up."""
         for _ in range(round(seconds / self.step)):
             self._spawn()
             self.sumo.simulationStep()
@@ -304,24 +386,34 @@ class Spawner:
                 if str(name if spawned.leader is None else spawned.leader) in there:
                     spawned.inserted = True
                     continue
-                del self.spawned[name]  # it arrived, or SUMO could not insert it: then it is due again
+                del self.spawned[
+                    name
+                ]  # it arrived, or SUMO could not insert it: then it is due again
                 if not spawned.inserted:
                     self.supply.take(spawned.body, taken=False)
-                    self.due += [int(self.supply.labels[spawned.body])] if spawned.leader is None else []
+                    self.due += (
+                        [int(self.supply.labels[spawned.body])] if spawned.leader is None else []
+                    )
             for known in self.sumo.vehicle.getIDList():  # none may come later
                 if int(known) not in self.spawned:
                     self.sumo.vehicle.remove(known)
         self.due = []
 
-    def state(self) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, "n 3"]]:
+    def state(
+        self,
+    ) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, "n 3"]]:
         """Ids, bodies and poses (x, y, yaw of the middle), the oldest first."""
         poses = {}
         for name, spawned in self.spawned.items():
-            domain, known = self.domains[spawned.walks], str(name if spawned.leader is None else spawned.leader)
+            domain = self.domains[spawned.walks]
+            known = str(name if spawned.leader is None else spawned.leader)
             x, y = domain.getPosition(known)
-            angle = domain.getAngle(known)  # degrees clockwise from north; NaN for some that change lanes
+            # degrees clockwise from north; NaN for some that change lanes
+            angle = domain.getAngle(known)
             if not np.isfinite(angle):
-                angle = self.sumo.lane.getAngle(domain.getLaneID(known), domain.getLanePosition(known))
+                angle = self.sumo.lane.getAngle(
+                    domain.getLaneID(known), domain.getLanePosition(known)
+                )
             yaw = np.pi / 2 - np.radians(angle)
             back = spawned.behind if spawned.walks else self.supply.sizes[spawned.body, 0] / 2
             x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
@@ -338,7 +430,9 @@ class Spawner:
         """Remove objects from the simulation; other ids are ignored."""
         for name in ids.tolist():
             spawned = self.spawned.pop(name, None)
-            self.spawned = {other: each for other, each in self.spawned.items() if each.leader != name}
+            self.spawned = {
+                other: each for other, each in self.spawned.items() if each.leader != name
+            }
             if spawned and spawned.leader is None:
                 self.domains[spawned.walks].remove(str(name))
 
@@ -347,7 +441,9 @@ class Spawner:
         seen = [name for name in ids.tolist() if name in self.spawned]
         for name in seen:
             self.spawned[name].frames += 1
-        self.remove(np.array([name for name in seen if self.spawned[name].frames >= LIFE], np.int64))
+        self.remove(
+            np.array([name for name in seen if self.spawned[name].frames >= LIFE], np.int64)
+        )
 
     def _spawn(self) -> None:
         """Fill up to `most`."""
@@ -359,9 +455,16 @@ class Spawner:
             return
         positions = {}
         for walks, domain in self.domains.items():
-            names = [name for name, each in self.spawned.items() if each.walks == walks and each.leader is None]
-            positions[walks] = np.array([domain.getPosition(str(name)) for name in names]).reshape(-1, 2)
-        waiting, self.due = self.due, []
+            names = [
+                name
+                for name, each in self.spawned.items()
+                if each.walks == walks and each.leader is None
+            ]
+            positions[walks] = np.array([domain.getPosition(str(name)) for name in names]).reshape(
+                -1, 2
+            )
+        waiting = self.due
+        self.due = []
         for label in waiting:
             walks = label == PEDESTRIAN
             body = self.supply.offer(self.choices[label])
@@ -377,11 +480,14 @@ class Spawner:
             self.spawned[name] = Spawned(body, walks, aside, turn)
             if walks and self.supply.once:
                 self._add_companions(name, self.most - len(self.spawned) - len(waiting))
-            positions[walks] = np.vstack([positions[walks], self.places[self.supply.classes[body]].points[place]])
+            positions[walks] = np.vstack(
+                [positions[walks], self.places[self.supply.classes[body]].points[place]]
+            )
 
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
         """Draw a free place with room for the body behind it, if found quickly."""
-        places, length = self.places[self.supply.classes[body]], self.supply.sizes[body, 0]
+        places = self.places[self.supply.classes[body]]
+        length = self.supply.sizes[body, 0]
         candidates = self.rng.integers(len(places.lanes), size=_TRIES)
         gaps = np.square(places.points[candidates][:, None] - taken[None]).sum(-1)
         drives = self.supply.labels[body] != PEDESTRIAN
@@ -398,7 +504,9 @@ class Spawner:
             self.sumo.route.add(route, edges)
             self.routes.add(route)
         start = {"departLane": lane.rpartition("_")[2], "departPos": f"{places.offsets[place]:.2f}"}
-        self.sumo.vehicle.add(name, route, f"{body}-{self.rng.integers(POSITIONS)}", **start, departSpeed="max")
+        self.sumo.vehicle.add(
+            name, route, f"{body}-{self.rng.integers(POSITIONS)}", **start, departSpeed="max"
+        )
 
     def _add_walker(self, name: str, body: int, place: int) -> None:
         places = self.places["pedestrian"]
@@ -409,16 +517,20 @@ class Spawner:
             self.walks[start, end] = [edge for stage in stages for edge in stage.edges] or [start]
         self.sumo.person.add(name, start, float(places.offsets[place]), typeID=f"{body}-0")
         walk = self.walks[start, end]
-        arrival = places.offsets[there] if walk[-1] == end else places.lengths[place] / 2  # no way there: stay here
+        # no way there: stay here
+        arrival = places.offsets[there] if walk[-1] == end else places.lengths[place] / 2
         self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
     def _add_companions(self, leader: int, room: int) -> None:
         """Add companions beside a pedestrian, room permitting."""
-        first, beside = self.spawned[leader], 0.0
+        first = self.spawned[leader]
+        beside = 0.0
         for _ in range(min(int(self.rng.choice(len(_COMPANIONS), p=_COMPANIONS)), room)):
             body = self.supply.offer(self.choices[PEDESTRIAN])
             self.supply.take(body)
             beside = beside + self.rng.uniform(*_SHOULDER) if beside >= 0 else -beside
             turn = first.turn + float(np.radians(self.rng.normal(0, SWAY[PEDESTRIAN])))
             behind = self.rng.uniform(-0.4, 0.4)
-            self.spawned[next(self.ids)] = Spawned(body, True, first.aside + beside, turn, behind=behind, leader=leader)
+            self.spawned[next(self.ids)] = Spawned(
+                body, True, first.aside + beside, turn, behind=behind, leader=leader
+            )

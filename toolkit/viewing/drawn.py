@@ -1,6 +1,7 @@
-"""Frames as drawn: clouds, boxes and outcomes, counted from one origin, on level ground if wanted. Outcomes are by the
-rule `measured` of `toolkit.detection.evaluation`: a detection is true if its IoU by volume with a label of its class,
-which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`."""
+"""Frames as drawn: clouds, boxes and outcomes, counted from one origin, on level ground if wanted.
+Outcomes are by the rule `measured` of `toolkit.detection.evaluation`: a detection is true if its
+IoU by volume with a label of its class, which no surer detection took, is at least
+`toolkit.detection.metrics.TRUE_IOU`."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,23 +21,31 @@ from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.canvas import Outcome, sensor_colour
 
 Marked = Literal["hits", "missed", "false alarms", "ignored"]
-_OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (("hits", "hit"), ("missed", "missed"), ("false alarms", "false alarm"))
+_OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (
+    ("hits", "hit"),
+    ("missed", "missed"),
+    ("false alarms", "false alarm"),
+)
 MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
 
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
 
 def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
-    """Detections of each outcome and class, world frame, and labelled boxes that were missed, with scores NaN.
+    """Detections of each outcome and class, world frame, and labelled boxes that were missed, with
+    scores NaN.
 
-    Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or on an object that
-    does not count. The second label of an object is a false alarm."""
+    Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or
+    on an object that does not count. The second label of an object is a false alarm."""
     made: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
     truth = select_truth(each.frame, each.stand.corners)
-    detections, outside = each.detections, ~truth.inside(each.detections)
-    match_class = partial(matches, detections, truth.objects, counted=truth.counted, outside=outside)
+    detections = each.detections
+    outside = ~truth.inside(each.detections)
+    match_class = partial(
+        matches, detections, truth.objects, counted=truth.counted, outside=outside
+    )
     second = second_labels(detections, truth.objects, counted=truth.counted, outside=outside)
     for label, name in enumerate(LABELS):
         (what,) = match_class([TRUE_IOU[label]], label=label)
@@ -56,7 +65,9 @@ def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
 
 OTHERS = "others"  # labels of classes other than ours
 BOX_KINDS = (*LABELS, OTHERS)
-GROUND_PERCENTILE = 5.0  # percentile of heights where the ground of a cloud that is not levelled is taken to be
+GROUND_PERCENTILE = (
+    5.0  # percentile of heights where the ground of a cloud that is not levelled is taken to be
+)
 
 Colouring = Literal["sensor", "height", "intensity", "age"]
 COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
@@ -64,8 +75,8 @@ COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
 
 @dataclass(frozen=True, eq=False)
 class DrawnCloud:
-    """Points and place of one sensor, from the origin. intensity: as the set gives it; time: of each point, seconds
-    from the frame's. Each is None if the set has none."""
+    """Points and place of one sensor, from the origin. intensity: as the set gives it; time: of
+    each point, seconds from the frame's. Each is None if the set has none."""
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -75,7 +86,8 @@ class DrawnCloud:
 
 
 class Tag(NamedTuple):
-    """Class and score beside a box, with its outcome, and where that stands: the middle of the roof."""
+    """Class and score beside a box, with its outcome, and where that stands: the middle of the
+    roof."""
 
     kind: str
     outcome: Outcome
@@ -87,14 +99,22 @@ def _list_tags(outcome: Outcome, kind: str, boxes: np.ndarray, rows: Detections)
     tags = []
     for (x, y, z, _, _, height, _), score in zip(boxes.tolist(), rows.scores, strict=True):
         text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
-        tags.append(Tag(kind, outcome, text + (" false" if outcome == "false alarm" else ""), (x, y, z + height / 2)))
+        tags.append(
+            Tag(
+                kind,
+                outcome,
+                text + (" false" if outcome == "false alarm" else ""),
+                (x, y, z + height / 2),
+            )
+        )
     return tags
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnSample:
-    """One instant to be drawn. truth, detections: boxes by kind of `BOX_KINDS`, without the kinds that are absent;
-    warning: of ground that is not level; outcomes: boxes by outcome, empty if unknown; tags: of detected and missed."""
+    """One instant to be drawn. truth, detections: boxes by kind of `BOX_KINDS`, without the kinds
+    that are absent; warning: of ground that is not level; outcomes: boxes by outcome, empty if
+    unknown; tags: of detected and missed."""
 
     name: str
     time: float
@@ -107,22 +127,29 @@ class DrawnSample:
 
     def describe(self) -> str:
         """Describe its contents in one line."""
-        labelled, detected = (sum(map(len, boxes.values())) for boxes in (self.truth, self.detections))
+        labelled, detected = (
+            sum(map(len, boxes.values())) for boxes in (self.truth, self.detections)
+        )
         of_labels = of_detections = ""
         if self.outcomes:
-            hits, missed, false, ignored = (sum(map(len, self.outcomes[name].values())) for name in MARKED)
+            hits, missed, false, ignored = (
+                sum(map(len, self.outcomes[name].values())) for name in MARKED
+            )
             of_labels = f" ({hits} hit, {missed} missed, {labelled - hits - missed} not counted)"
             alarms = describe_count(false, "false alarm")
             of_detections = f" ({describe_count(hits, 'hit')}, {alarms}, {ignored} ignored)"
         points = sum(len(cloud.points) for cloud in self.clouds)
-        return f"{self.name}: {points} points, {labelled} labelled{of_labels}, {detected} detected{of_detections}"
+        return (
+            f"{self.name}: {points} points, {labelled} labelled{of_labels}, {detected} "
+            f"detected{of_detections}"
+        )
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Options for drawing frames. detector: its boxes are drawn too; place: where it looks, and on what ground;
-    least_score: of the boxes that are drawn; classes, sensors: only boxes of these, and only the clouds of these, all
-    when None."""
+    """Options for drawing frames. detector: its boxes are drawn too; place: where it looks, and on
+    what ground; least_score: of the boxes that are drawn; classes, sensors: only boxes of these,
+    and only the clouds of these, all when None."""
 
     detector: Detector | None = None
     place: Place = Place("none")
@@ -131,8 +158,8 @@ class Drawing:
     sensors: Sequence[int | str] | None = None
 
     def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
-        """Origin (m) for a recording that begins with this frame. It is in the world frame: the middle of the sensors,
-        and their ground if that stays as it is."""
+        """Origin (m) for a recording that begins with this frame. It is in the world frame: the
+        middle of the sensors, and their ground if that stays as it is."""
         points = sample.points()
         stays = self.place.level == "none" and len(points) > 0
         low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
@@ -146,11 +173,15 @@ class Drawing:
         each = replace(each, detections=each.detections[each.detections.scores >= self.least_score])
         if self.classes is not None:
             wanted = [label_index(label) for label in self.classes]
-            frame = replace(each.frame.of(np.isin(each.frame.objects.labels, wanted)), others=OtherObjects())
+            frame = replace(
+                each.frame.of(np.isin(each.frame.objects.labels, wanted)), others=OtherObjects()
+            )
             kept = each.detections[np.isin(each.detections.labels, wanted)]
             each = replace(each, frame=frame, detections=kept)
-        sample, found = each.frame, each.detections
-        ground, to_middle = each.stand.ground, np.array([*each.stand.middle, 0.0])
+        sample = each.frame
+        found = each.detections
+        ground = each.stand.ground
+        to_middle = np.array([*each.stand.middle, 0.0])
         back = to_middle - origin
 
         def placed(points: np.ndarray) -> np.ndarray:
@@ -159,20 +190,35 @@ class Drawing:
 
         def boxes(rows: np.ndarray) -> np.ndarray:
             near = rows - np.array([*to_middle, 0, 0, 0, 0])
-            return (near if ground is None or not len(near) else ground.boxes(near)) + np.array([*back, 0, 0, 0, 0])
+            return (near if ground is None or not len(near) else ground.boxes(near)) + np.array(
+                [*back, 0, 0, 0, 0]
+            )
 
         clouds = []
         for cloud in sample.clouds:
-            points, place = placed(cloud.in_world()).astype(np.float32), placed(cloud.world_SE3_sensor[None, :3, 3])[0]
+            points = placed(cloud.in_world()).astype(np.float32)
+            place = placed(cloud.world_SE3_sensor[None, :3, 3])[0]
             clouds.append(DrawnCloud(cloud.name, points, place, cloud.time, cloud.intensity))
         truth = sort_kinds(boxes(sample.objects.boxes), sample.objects.labels)
         truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
         detections = sort_kinds(boxes(found.boxes), found.labels)
         known = {} if self.detector is None else sort_outcomes(each)
-        outcomes = {name: {kind: boxes(rows.boxes) for kind, rows in by.items()} for name, by in known.items()}
-        named = [(MARKED[name], kind, rows) for name, by in known.items() for kind, rows in by.items()]
-        named = named or [("detection", LABELS[label], found[found.labels == label]) for label in set(found.labels)]
-        tags = tuple(tag for outcome, kind, rows in named for tag in _list_tags(outcome, kind, boxes(rows.boxes), rows))
+        outcomes = {
+            name: {kind: boxes(rows.boxes) for kind, rows in by.items()}
+            for name, by in known.items()
+        }
+        named = [
+            (MARKED[name], kind, rows) for name, by in known.items() for kind, rows in by.items()
+        ]
+        named = named or [
+            ("detection", LABELS[label], found[found.labels == label])
+            for label in set(found.labels)
+        ]
+        tags = tuple(
+            tag
+            for outcome, kind, rows in named
+            for tag in _list_tags(outcome, kind, boxes(rows.boxes), rows)
+        )
         drawn = DrawnSample(sample.name, sample.time, tuple(clouds), truth, detections)
         return replace(drawn, warning=each.stand.warning, outcomes=outcomes, tags=tags)
 
@@ -199,14 +245,18 @@ def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
     if len(cloud.points) <= most:
         return cloud
     rows = np.linspace(0, len(cloud.points), most, endpoint=False).astype(np.int64)
-    time, intensity = (None if column is None else column[rows] for column in (cloud.time, cloud.intensity))
+    time, intensity = (
+        None if column is None else column[rows] for column in (cloud.time, cloud.intensity)
+    )
     return replace(cloud, points=cloud.points[rows], time=time, intensity=intensity)
 
 
 def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
     """Colourings that the points of some frames allow."""
     clouds = [cloud for sample in samples for cloud in sample.clouds]
-    timed, bright = (any(getattr(cloud, name) is not None for cloud in clouds) for name in ("time", "intensity"))
+    timed, bright = (
+        any(getattr(cloud, name) is not None for cloud in clouds) for name in ("time", "intensity")
+    )
     return tuple(each for each in COLOURINGS if {"intensity": bright, "age": timed}.get(each, True))
 
 
@@ -228,10 +278,13 @@ class Scales:
     @staticmethod
     def of(sample: DrawnSample) -> "Scales":
         """Choose ranges that cover nearly all points of a frame."""
-        spans, newest = {}, find_newest(sample)
+        spans = {}
+        newest = find_newest(sample)
         for colouring in COLOURINGS[1:]:
             columns = [_values(cloud, colouring, newest) for cloud in sample.clouds]
-            values = np.concatenate([np.zeros(0), *(column for column in columns if column is not None)])
+            values = np.concatenate(
+                [np.zeros(0), *(column for column in columns if column is not None)]
+            )
             values = values[np.isfinite(values)]
             if len(values):
                 spans[colouring] = tuple(np.percentile(values, _SPREAD).tolist())
@@ -248,7 +301,11 @@ class Scales:
 
 def find_newest(sample: DrawnSample) -> float:
     """Time of a frame's newest point, in seconds from the frame's time; 0 if no time is known."""
-    times = [float(cloud.time.max()) for cloud in sample.clouds if cloud.time is not None and len(cloud.time)]
+    times = [
+        float(cloud.time.max())
+        for cloud in sample.clouds
+        if cloud.time is not None and len(cloud.time)
+    ]
     return max(times, default=0.0)
 
 
@@ -261,14 +318,20 @@ def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarra
 def shades(
     cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
 ) -> UInt8[np.ndarray, "n 3"]:
-    """Red, green and blue of the points of sensor `index`. Dark is low, or new. newest: as `find_newest`."""
+    """Red, green and blue of the points of sensor `index`. Dark is low, or new. newest: as
+    `find_newest`."""
     from matplotlib import colormaps
 
     values = None if colouring == "sensor" else _values(cloud, colouring, newest)
     if values is None:
-        colour = tuple(bytes.fromhex(sensor_colour(index)[1:])) if colouring == "sensor" else UNKNOWN_SHADE
+        colour = (
+            tuple(bytes.fromhex(sensor_colour(index)[1:]))
+            if colouring == "sensor"
+            else UNKNOWN_SHADE
+        )
         return np.tile(np.array(colour, np.uint8), (len(cloud.points), 1))
     low, high = getattr(scales, colouring)
     share = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
-    viridis = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))  # without its end that is lost on white
+    # without its end that is lost on white
+    viridis = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))
     return np.round(255 * viridis[:, :3]).astype(np.uint8)[(share * (_STEPS - 1)).astype(np.int64)]

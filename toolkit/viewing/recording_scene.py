@@ -1,4 +1,5 @@
-"""A recording in 3D, live in the browser or as a page: nodes of its scene, of which any part can be hidden.
+"""A recording in 3D, live in the browser or as a page: nodes of its scene, of which any part can be
+hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
@@ -10,9 +11,9 @@
 
 A node is seen if it and all nodes above it are visible.
 
-The page is one file of HTML that works from disk, without server or network: frames, switches and the scene. The
-scene holds every frame as nodes of their own; the page shows one at a time and plays them. Points are stored once,
-whatever they are coloured by, and thinned to what a page can hold.
+The page is one file of HTML that works from disk, without server or network: frames, switches and
+the scene. The scene holds every frame as nodes of their own; the page shows one at a time and plays
+them. Points are stored once, whatever they are coloured by, and thinned to what a page can hold.
 
 The live view reads the recording while it is shown, with a slider for frames and switches."""
 
@@ -51,15 +52,24 @@ BOXES = {"truth": FAINT, "detections": OUTCOME["detection"].colour}  # colour by
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
 _LOOKS = "green", "red with a cross", "violet with a mark", "grey, dotted"
 SHOWN_AS: dict[Marked, str] = dict(zip(MARKED, _LOOKS, strict=True))
-TAGS, TAGS_NAME = "tags", "class and score"
+TAGS = "tags"
+TAGS_NAME = "class and score"
 SHOWN_POINT_SIZE = 0.07  # m
 GRID_NODE = "/grid"
 _LEAST_AREA = 20.0  # m: least extent of a scene
 _MOST = (10.0, 90.0)  # percentiles of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
-_LINES: dict[str, tuple[float, Callable[[BoxRows], list[scene.Segments]]]] = {  # width (pixels), by node
+_LINES: dict[
+    str, tuple[float, Callable[[BoxRows], list[scene.Segments]]]
+] = {  # width (pixels), by node
     "truth": (1.5, lambda boxes: [scene.box_edges(boxes), scene.headings(boxes)]),
-    "detections": (2.5, lambda boxes: [scene.dashes(scene.box_edges(boxes), dash=0.4, gap=0.2), scene.headings(boxes)]),
+    "detections": (
+        2.5,
+        lambda boxes: [
+            scene.dashes(scene.box_edges(boxes), dash=0.4, gap=0.2),
+            scene.headings(boxes),
+        ],
+    ),
     "hits": (3.0, lambda boxes: [scene.box_edges(boxes)]),
     "missed": (3.0, lambda boxes: [scene.box_edges(boxes), scene.roof_crosses(boxes)]),
     "false_alarms": (3.0, lambda boxes: [scene.box_edges(boxes), scene.spikes(boxes)]),
@@ -69,8 +79,9 @@ _LINES: dict[str, tuple[float, Callable[[BoxRows], list[scene.Segments]]]] = {  
 
 @dataclass(frozen=True)
 class SceneStyle:
-    """Selection and style of what is drawn in each frame. sensors: names, in the order of their numbers; most: points
-    of a cloud; precision: of their coordinates; float16 is half as large, in steps of 3 cm beyond 32 m."""
+    """Selection and style of what is drawn in each frame. sensors: names, in the order of their
+    numbers; most: points of a cloud; precision: of their coordinates; float16 is half as large, in
+    steps of 3 cm beyond 32 m."""
 
     sensors: tuple[str, ...]
     colourings: tuple[Colouring, ...]
@@ -90,14 +101,18 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
     names = ["/sensors", *(f"/{group}" for group in groups)]
     names += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
     made = [api.add_frame(name, show_axes=False) for name in names]
-    return made + [handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)]
+    return made + [
+        handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)
+    ]
 
 
 def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Handle]:
     """Add the nodes above all nodes of one sensor."""
     nodes = {f"/sensors/{number}": True, f"/sensors/{number}/place": True}
     nodes |= {f"/sensors/{number}/{each}": each == style.colourings[0] for each in style.colourings}
-    return [api.add_frame(node, show_axes=False, visible=visible) for node, visible in nodes.items()]
+    return [
+        api.add_frame(node, show_axes=False, visible=visible) for node, visible in nodes.items()
+    ]
 
 
 def add_sample(
@@ -107,21 +122,36 @@ def add_sample(
     newest = drawings.find_newest(sample)
     made: list[scene.Handle] = []
     for each in sample.clouds:
-        cloud, number = drawings.thinned(each, style.most), style.sensors.index(each.name)
+        cloud = drawings.thinned(each, style.most)
+        number = style.sensors.index(each.name)
         place, (x, y, z) = f"/sensors/{number}/place/{frame}", cloud.place.tolist()
         made.append(api.add_frame(place, show_axes=False, visible=visible))
-        scene.add_mesh(api, f"{place}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number))
+        scene.add_mesh(
+            api, f"{place}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number)
+        )
         api.add_label(f"{place}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
         for colouring in style.colourings if len(cloud.points) else ():
             colours = drawings.shades(cloud, colouring, style.scales, index=number, newest=newest)
-            node, look = f"/sensors/{number}/{colouring}/{frame}", scene.Look(size=SHOWN_POINT_SIZE, visible=visible)
-            made.append(scene.add_points(api, node, cloud.points, colours, precision=style.precision, **look))
+            node = f"/sensors/{number}/{colouring}/{frame}"
+            look = scene.Look(size=SHOWN_POINT_SIZE, visible=visible)
+            made.append(
+                scene.add_points(
+                    api, node, cloud.points, colours, precision=style.precision, **look
+                )
+            )
     for number, tag in enumerate(sample.tags):
         node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
-        made.append(api.add_label(node, tag.text, position=tag.place, anchor="bottom-center", visible=visible))
+        made.append(
+            api.add_label(
+                node, tag.text, position=tag.place, anchor="bottom-center", visible=visible
+            )
+        )
     groups = [("truth", BOXES["truth"], sample.truth)]
     groups += [] if sample.outcomes else [("detections", BOXES["detections"], sample.detections)]
-    groups += [(OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes) for name, boxes in sample.outcomes.items()]
+    groups += [
+        (OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes)
+        for name, boxes in sample.outcomes.items()
+    ]
     for group, colour, by_kind in groups:
         width, lines = _LINES[group]
         for kind, boxes in by_kind.items():
@@ -142,16 +172,26 @@ def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.
     xmin, ymin, xmax, ymax = area
     colours = scene.Look(cell_color=scene.rgb(_GRID_COLOUR), section_color=scene.rgb(_GRID_COLOUR))
     sizes = scene.Look(width=xmax - xmin, height=ymax - ymin, cell_size=10.0, section_size=10.0)
-    middle, far = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02), 10.0 * max(xmax - xmin, ymax - ymin)
-    return api.add_grid(GRID_NODE, plane="xy", position=middle, fade_distance=far, **sizes, **colours)
+    middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)
+    far = 10.0 * max(xmax - xmin, ymax - ymin)
+    return api.add_grid(
+        GRID_NODE, plane="xy", position=middle, fade_distance=far, **sizes, **colours
+    )
 
 
 def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """Area (xmin, ymin, xmax, ymax, rounded to 10 m) of most points of a frame and its sensors, or else its boxes."""
-    clouds = [cloud.points[:, :2].astype(np.float64) for cloud in sample.clouds if len(cloud.points)]
+    """Area (xmin, ymin, xmax, ymax, rounded to 10 m) of most points of a frame and its sensors, or
+    else its boxes."""
+    clouds = [
+        cloud.points[:, :2].astype(np.float64) for cloud in sample.clouds if len(cloud.points)
+    ]
     near = [np.percentile(xy, percent, axis=0)[None] for xy in clouds for percent in _MOST]
     places = [cloud.place[None, :2] for cloud in sample.clouds] if clouds else []
-    boxes = [] if clouds else [rows[:, :2] for rows in (*sample.truth.values(), *sample.detections.values())]
+    boxes = (
+        []
+        if clouds
+        else [rows[:, :2] for rows in (*sample.truth.values(), *sample.detections.values())]
+    )
     every = np.concatenate([np.zeros((0, 2)), *near, *places, *boxes])
     low, high = (every.min(axis=0), every.max(axis=0)) if len(every) else (np.zeros(2), np.zeros(2))
     more = np.maximum(_LEAST_AREA - (high - low), 0.0) / 2
@@ -176,8 +216,9 @@ class Switch:
 
 @dataclass(frozen=True)
 class PageContent:
-    """Contents of a page: a switch for each part, one of `colourings` at a time, and frames by their nodes with a line
-    of text each. points: number of all points; drawn: number of those on the page."""
+    """Contents of a page: a switch for each part, one of `colourings` at a time, and frames by
+    their nodes with a line of text each. points: number of all points; drawn: number of those on
+    the page."""
 
     title: str
     html: str
@@ -189,13 +230,17 @@ class PageContent:
     drawn: int
 
 
-def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE_POINTS) -> PageContent:
-    """Contents of a page of some frames. most: limit on its points. Raises ValueError without a frame, ImportError
-    without viser."""
+def page_content(
+    samples: Sequence[DrawnSample], title: str, *, most: int = PAGE_POINTS
+) -> PageContent:
+    """Contents of a page of some frames. most: limit on its points. Raises ValueError without a
+    frame, ImportError without viser."""
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
     sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
-    sensors, colourings, scales = list_sensors(samples), list_colourings(samples), Scales.of(samples[0])
+    sensors = list_sensors(samples)
+    colourings = list_colourings(samples)
+    scales = Scales.of(samples[0])
     style = SceneStyle(sensors, colourings, scales, max(most // max(len(sizes), 1), 1), "float16")
     area = find_view_area(samples[0])
     nodes: list[tuple[str, ...]] = []
@@ -212,16 +257,24 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
     boxes = [name for name in BOXES if name != "detections" or not all(s.outcomes for s in samples)]
     switches += [Switch(name, f"/{name}", BOXES[name]) for name in boxes]
     colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if known}
-    switches += [Switch(name, f"/{OUTCOME_NODES[name]}", colour) for name, colour in colours.items()]
+    switches += [
+        Switch(name, f"/{OUTCOME_NODES[name]}", colour) for name, colour in colours.items()
+    ]
     if any(sample.tags for sample in samples):
         switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
     there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
     kinds = {kind: nodes_of_kind(kind, outcomes=known) for kind in BOX_KINDS if kind in there}
     switches += [Switch(kind, " ".join(nodes)) for kind, nodes in kinds.items()]
-    points = {each: " ".join(f"/sensors/{number}/{each}" for number in range(len(sensors))) for each in colourings}
+    points = {
+        each: " ".join(f"/sensors/{number}/{each}" for number in range(len(sensors)))
+        for each in colourings
+    }
     return PageContent(
         *(title, html, (*switches, Switch("grid of 10 m", GRID_NODE))),
-        tuple(Switch(scales.describe(each), points[each], checked=each == colourings[0]) for each in colourings),
+        tuple(
+            Switch(scales.describe(each), points[each], checked=each == colourings[0])
+            for each in colourings
+        ),
         *(tuple(nodes), tuple(sample.describe() for sample in samples)),
         *(sum(sizes), sum(min(size, style.most) for size in sizes)),
     )
@@ -234,7 +287,8 @@ def page_html(content: PageContent) -> str:
 
 
 def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
-    """Write frames as a page, whole or not at all; return its contents. The same frames give the same bytes."""
+    """Write frames as a page, whole or not at all; return its contents. The same frames give the
+    same bytes."""
     content = page_content(samples, title)
     write_text(out, page_html(content))
     return content
@@ -245,12 +299,16 @@ PORT = 8080  # unless it is taken
 
 
 class LiveView:
-    """Scene of one frame at a time, served by viser. It has controls. said: the line below the slider, with the frame's
-    contents or the reason why it cannot be shown. Raises the errors of reading the first frame."""
+    """Scene of one frame at a time, served by viser. It has controls. said: the line below the
+    slider, with the frame's contents or the reason why it cannot be shown. Raises the errors of
+    reading the first frame."""
 
     def __init__(self, server: "ViserServer", samples: Part, drawing: Drawing) -> None:
-        self.server, self.samples, self.drawing = server, samples, drawing
-        self.said, self._lock = "", Lock()
+        self.server = server
+        self.samples = samples
+        self.drawing = drawing
+        self.said = ""
+        self._lock = Lock()
         self.colouring: Colouring = COLOURINGS[0]
         self._drawn: DrawnSample | None = None
         first = samples[0]
@@ -298,12 +356,18 @@ class LiveView:
                 parts = [drawn.describe()]
                 if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
                     parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
-                self._drawn, self.said = drawn, ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
+                self._drawn = drawn
+                self.said = ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
             except (ValueError, OSError) as error:
-                self._drawn, self.said = None, f"sample {number} cannot be shown: {error}"
+                self._drawn = None
+                self.said = f"sample {number} cannot be shown: {error}"
             self._redraw()
-            letters = (f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in self.said)
-            self._line.content = "".join(letters)  # Markdown that shows names of any characters literally
+            letters = (
+                f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter
+                for letter in self.said
+            )
+            # Markdown that shows names of any characters literally
+            self._line.content = "".join(letters)
 
     def colour_by(self, colouring: Colouring) -> None:
         """Show points in these colours."""
@@ -355,10 +419,12 @@ class LiveView:
         switch.on_update(apply)
 
 
-def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print) -> None:
-    """Serve a recording to browsers of this machine. It runs until the process is interrupted. ready: called with the
-    address. Raises ImportError without viser, ValueError for an invalid port, and the errors of reading the first
-    frame."""
+def view_live(
+    samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print
+) -> None:
+    """Serve a recording to browsers of this machine. It runs until the process is interrupted.
+    ready: called with the address. Raises ImportError without viser, ValueError for an invalid
+    port, and the errors of reading the first frame."""
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
     token = secrets.token_urlsafe(16)

@@ -38,24 +38,33 @@ def detect(
     place: Place = Place(),
     writing: Writing = Writing(),
 ) -> int:
-    """Find road users in cloud files, folders of clouds, bags, public sets and simulated recordings, on level ground.
+    """Find road users in cloud files, folders of clouds, bags, public sets and simulated
+    recordings, on level ground.
 
     Example: coview detect my-recording --level map --out boxes.json
 
-    Example: coview detect junction.bag --layout rosbag --still --area -40 -40 40 40 --out boxes.json
+    Example: coview detect junction.bag --layout rosbag --still --area -40 -40 40 40
+        --out boxes.json
 
     Args:
         clouds: Cloud files, folders, bags or recordings.
         out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
-        detector: general, another shipped network, a file of weights or in ONNX, or package.module:callable;
-            +background, which plan.json names too, drops what stands at the recording's site or in its empty scene;
-            general has it where the site is known, or learns it where the sensors stand still over ten frames and more;
-            general-background has not; +phases4 detects on four shifted grids; +float32 in exact numbers where the
+        detector: general, another shipped network, a file of weights or in ONNX, or
+            package.module:callable; +background, which plan.json names too, drops what stands at
+            the recording's site or in its empty scene; general has it where the site is known, or
+            learns it where the sensors stand still over ten frames and more; general-background has
+            not; +phases4 detects on four shifted grids; +float32 in exact numbers where the
             processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti."""
     from toolkit.datasets.recordings import Part
-    from toolkit.detection.detect import Detected, describe_summary, detect_frames, summarise, write_detections
+    from toolkit.detection.detect import (
+        Detected,
+        describe_summary,
+        detect_frames,
+        summarise,
+        write_detections,
+    )
     from toolkit.detection.standing import learn_standing_scene
 
     check_least("--frames", frames, 1, "leave it out for all")
@@ -65,7 +74,11 @@ def detect(
     levelled = replace(place, level=place.level or "map")
     quick = detector + QUICK
     network = None if parse_detector(quick).known else place_detector(quick, levelled)
-    bare = place_detector(detector + BARE + QUICK, levelled) if learns_background(detector) else network
+    bare = (
+        place_detector(detector + BARE + QUICK, levelled)
+        if learns_background(detector)
+        else network
+    )
     if format == "boxes":
         check_ending(out, (".json",), "a file of boxes")
     check = check_file if format == "boxes" else check_new_folder
@@ -75,11 +88,16 @@ def detect(
         opened = [Part(recording, frames) for recording in recordings]
         looking: list[tuple[Detector, Place]] = []
         scenes = [
-            learn_standing_scene(part) if recording.site is None and learns_background(detector) else None
+            learn_standing_scene(part)
+            if recording.site is None and learns_background(detector)
+            else None
             for recording, part in zip(recordings, opened, strict=True)
         ]
         for recording, scene in zip(recordings, scenes, strict=True):
-            if network is None or parse_detector(quick, recording.site if place.at(recording.site) else None).known:
+            if (
+                network is None
+                or parse_detector(quick, recording.site if place.at(recording.site) else None).known
+            ):
                 looking.append((recording_detector(quick, recording, place), place))
             else:
                 looking.append((network if scene is None or bare is None else bare, levelled))
@@ -88,19 +106,23 @@ def detect(
 
         def watch() -> Iterator[Detected]:
             """Yield what is found, the first warning in words."""
-            warned, done = False, 0
+            warned = False
+            done = 0
             for part, (detect, where), scene in zip(opened, looking, scenes, strict=True):
                 left_out = 0
                 for each in detect_frames(part, detect, where, scene):
                     if each.stand.warning is not None and not warned:
                         warned = True
                         warnings.warn(f"{each.frame.name}: {each.stand.warning}", stacklevel=2)
-                    done, left_out = done + 1, left_out + each.left_out
+                    done = done + 1
+                    left_out = left_out + each.left_out
                     bar.to(done)
                     yield each
                 if scene is not None and left_out:
                     warnings.warn(scene.describe(left_out), stacklevel=2)
 
         figures = summarise(write_detections(watch(), out, format, detector=detector, level=level))
-    print_result(figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json)
+    print_result(
+        figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json
+    )
     return OK

@@ -30,11 +30,13 @@ class Link:
     """Link from sensors to the centre."""
 
     codec: str = "paper"
-    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes, as scheme foreground does."""
+    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes, as scheme
+    foreground does."""
     step: float = 0.02
     """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08."""
     refers_to: Literal["previous", "key"] = "previous"
-    """Reference of differences: the previous message, or the last whole image where messages may be lost."""
+    """Reference of differences: the previous message, or the last whole image where messages may be
+    lost."""
     key_every: int = 10
     """Maximum number of messages from one whole image to the next, where differences are sent."""
     rate: float | None = None
@@ -46,17 +48,20 @@ class Rules:
     """Rules of scoring."""
 
     schemes: tuple[str, ...] | None = None
-    """Fusion schemes: early, late, hybrid, foreground, differences; when left out, the first three at a known site."""
+    """Fusion schemes: early, late, hybrid, foreground, differences; when left out, the first three
+    at a known site."""
     sensors: tuple[str, ...] = ("all",)
     """Sensor sets, each a comma-separated list of numbers or names, or all."""
     classes: tuple[arguments.Label, ...] | None = None
     """Classes to score; those that the detector knows when left out."""
     iou: tuple[float, ...] | None = None
-    """IoU thresholds; 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian when left out."""
+    """IoU thresholds; 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian
+    when left out."""
     metric: Literal["3d", "bev"] = "3d"
     """IoU of volumes or of footprints."""
     protocol: Literal["exact", "published", "measured"] | None = None
-    """Objects that count: exact, as the published code counts, or with a point (measured, usual without a site)."""
+    """Objects that count: exact, as the published code counts, or with a point (measured, usual
+    without a site)."""
     breakdown: bool | None = None
     """Print AP by range and points, and in other protocols; usual without a known site."""
     radius: float | None = None
@@ -69,14 +74,14 @@ class Subject:
     """Detector and sensors to score."""
 
     detector: str | None = None
-    """Detector: voxelnet (the site's network, or general), cluster, general, a file of weights or in ONNX, or
-    package.module:callable; +background drops what stands, +phases4 detects on four shifted grids, +bfloat16 in coarser
-    numbers."""
+    """Detector: voxelnet (the site's network, or general), cluster, general, a file of weights or
+    in ONNX, or package.module:callable; +background drops what stands, +phases4 detects on four
+    shifted grids, +bfloat16 in coarser numbers."""
     calibrate: str | None = None
     """Reference, as in coview calibrate, to find the sensors' poses by first, or together."""
     errors: str = "paper"
-    """Error profile of sensors that measured images: paper (their own noise), surveyed, typical, glare, typical-clock,
-    poor."""
+    """Error profile of sensors that measured images: paper (their own noise), surveyed, typical,
+    glare, typical-clock, poor."""
 
 
 def evaluate(
@@ -91,19 +96,23 @@ def evaluate(
     run: Run = Run(),
     writing: Writing = Writing(),
 ) -> int:
-    """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON and PR curves.
+    """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON
+    and PR curves.
 
-    A second table shows, class by class, what the detector's threshold yields. The usual detector is the network of the
-    site's sensors, elsewhere general. Without a known site all clouds are fused at once.
+    A second table shows, class by class, what the detector's threshold yields. The usual detector
+    is the network of the site's sensors, elsewhere general. Without a known site all clouds are
+    fused at once.
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
     Example: coview evaluate my-log --layout argoverse --detector general
 
-    Example: coview evaluate my-junction --schemes early late foreground --calibrate together --still
+    Example: coview evaluate my-junction --schemes early late foreground --calibrate together
+        --still
 
     Args:
-        dataset: Recording made by coview simulate, one of the authors' files, or clouds in any layout.
+        dataset: Recording made by coview simulate, one of the authors' files, or clouds in any
+            layout.
         out: Folder for table.json and the PR curves."""
     from toolkit.calibration.empty_scene import Scenes
     from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
@@ -123,9 +132,12 @@ def evaluate(
     arguments.check_least("--key-every", rules.link.key_every, 1)
     arguments.check_share("--step", rules.link.step)
     find_profile(subject.errors)
-    inputs, reads = [dataset, *opening.files], Reads(subject.errors, run.seed, run.frames)
+    inputs = [dataset, *opening.files]
+    reads = Reads(subject.errors, run.seed, run.frames)
 
-    def check_outputs(overwrite: bool, labels: Sequence[str] = rules.classes or ("vehicle",)) -> None:
+    def check_outputs(
+        overwrite: bool, labels: Sequence[str] = rules.classes or ("vehicle",)
+    ) -> None:
         for name in ("table.json", *curve_files(labels, rules.iou)):
             check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
@@ -141,7 +153,9 @@ def evaluate(
         sensors = opened[0].sensors if len(opened) else ()
         for chosen in sets if len(opened) else ():
             select_sensors(sensors, chosen)
-        claimed = claim(out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite)
+        claimed = claim(
+            out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite
+        )
         again = stack.enter_context(claimed)
         poses: tuple[FoundPose, ...] = ()
         if subject.calibrate is not None:
@@ -170,11 +184,16 @@ def evaluate(
         if not any(row.truths for row in found):
             raise ValueError(
                 f"there is no AP, since no {' and no '.join(labels)} is to be found in "
-                f"{describe_count(reads.count(recording), 'frame')}: take more frames, other --classes or another area"
+                f"{describe_count(reads.count(recording), 'frame')}: take more frames, other "
+                "--classes or another area"
             )
         found = replace(found, poses=poses)
         save_evaluation(found, out)
-    usual = "" if subject.detector else f"detector {getattr(detect, 'name', 'general')}, as --detector is left out\n\n"
+    usual = (
+        ""
+        if subject.detector
+        else f"detector {getattr(detect, 'name', 'general')}, as --detector is left out\n\n"
+    )
     text = f"{usual}{found.text()}\nwritten to {out}/table.json, PR curves beside it"
     print_result(found.as_dict(), text, as_json=writing.json)
     return OK

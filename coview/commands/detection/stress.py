@@ -1,4 +1,5 @@
-"""`coview stress`: what is left of the AP when messages are late or lost, poses are wrong and sensors fail."""
+"""`coview stress`: what is left of the AP when messages are late or lost, poses are wrong and
+sensors fail."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,19 +28,23 @@ def stress(
     run: Run = Run(),
     writing: Writing = Writing(),
 ) -> int:
-    """Put fusion schemes under stress: wrong poses, sensors that fail, and messages that are late or lost.
+    """Put fusion schemes under stress: wrong poses, sensors that fail, and messages that are late
+    or lost.
 
-    Prints and writes AP with intervals, where one scheme overtakes another, and how soon the failure of a sensor is
-    noticed. Delay, loss, rate and clock need frames that lie close together (coview simulate --every 0.1). With --cache
-    an interrupted run resumes, and another one detects only what is new.
+    Prints and writes AP with intervals, where one scheme overtakes another, and how soon the
+    failure of a sensor is noticed. Delay, loss, rate and clock need frames that lie close together
+    (coview simulate --every 0.1). With --cache an interrupted run resumes, and another one detects
+    only what is new.
 
-    Example: coview stress sequence.hdf5 --detector voxelnet --schemes early foreground --kinds bytes pose delay
+    Example: coview stress sequence.hdf5 --detector voxelnet --schemes early foreground
+        --kinds bytes pose delay
 
     Args:
         dataset: Recording of a known site.
         detector: Detector, as in coview evaluate.
         site: Name or file of the site, for recordings that show no built-in one.
-        table: Built-in site or .npz of coview table, to add exact figures for one or two failing sensors.
+        table: Built-in site or .npz of coview table, to add exact figures for one or two failing
+            sensors.
         out: Folder for stress.json and stress.svg, rewritten after each condition."""
     from coview.studies.stress import outputs, stressing
     from coview.studies.stress.noticing import time_faults
@@ -52,12 +57,19 @@ def stress(
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
 
     asked = (dataset, detector, site, table, question, run)
-    left = None if table is None else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
+    left = (
+        None
+        if table is None
+        else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
+    )
     check_detector(detector)
     for name in ("schemes", "kinds", "iou"):
         check_each_once(f"--{name}", getattr(question, name))
     stressing.check_kinds(question.kinds or ())
-    with open_recording(dataset, site) as recording, claim(out, asked, check, overwrite=writing.overwrite):
+    with (
+        open_recording(dataset, site) as recording,
+        claim(out, asked, check, overwrite=writing.overwrite),
+    ):
         total = frame_count(recording, run.frames)
         kinds = stressing.choose_kinds(recording, question.kinds)
         detect = recording_detector(detector, recording)
@@ -65,7 +77,9 @@ def stress(
             check_digest(detector, detect, ", or leave --cache out")
         kept = stressing.KeptDetections.of(detect, run.memo)
         provenance = dataset_origin(recording) | detector_origin(detect)
-        provenance |= settings_origin(PAPER, site=recording.site.name, frames=total, seed=run.seed, kinds=kinds)
+        provenance |= settings_origin(
+            PAPER, site=recording.site.name, frames=total, seed=run.seed, kinds=kinds
+        )
         rows: list[stressing.StressRow] = []
 
         def keep(more: Sequence[stressing.StressRow]) -> None:
@@ -74,8 +88,12 @@ def stress(
 
         with progress_bar("frame", hidden=writing.json) as bar:
             question = replace(question, kinds=kinds)
-            stressing.run_stress(recording, kept, question, replace(run, progress=bar.stage), finished=keep)
-        results = outputs.StressResults(tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=left)
+            stressing.run_stress(
+                recording, kept, question, replace(run, progress=bar.stage), finished=keep
+            )
+        results = outputs.StressResults(
+            tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=left
+        )
         if stressing.is_sequence(recording) and {"silent", "blinded", "frozen"} & {*kinds}:
             noticed, alarms = time_faults(recording, kept, run)
             results = replace(results, noticed=noticed, false_alarms=alarms)

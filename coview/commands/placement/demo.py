@@ -15,7 +15,9 @@ from toolkit.runtime.files import UNFINISHED
 from toolkit.runtime.run import Run
 
 RECORDING = "tjunction.hdf5"
-PLAN, CACHE = "plan", "cache"  # folders
+# folders
+PLAN = "plan"
+CACHE = "cache"
 PLAN_SENSORS = 3  # of the site's own six
 
 
@@ -46,15 +48,26 @@ def demo(
     check_detector(detector)
     files = {RECORDING, "table.json", "birds_eye.png", *curve_files(LABELS)}
     made = files | {f"{RECORDING}.parts", PLAN, CACHE}
-    found = {each.name for each in out.iterdir() if UNFINISHED not in each.name} if out.is_dir() else {""}
+    found = (
+        {each.name for each in out.iterdir() if UNFINISHED not in each.name}
+        if out.is_dir()
+        else {""}
+    )
     again = overwrite or found <= made
     for name in sorted(files):
         check_folder(out, holds=name, overwrite=again)
     writing = Writing(overwrite=again)
-    simulate("tjunction", out=out / RECORDING, run=Run(frames=frames, seed=seed, workers=None), writing=writing)
+    simulate(
+        "tjunction",
+        out=out / RECORDING,
+        run=Run(frames=frames, seed=seed, workers=None),
+        writing=writing,
+    )
     evaluate(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
     with open_recording(out / RECORDING, None) as recording:
-        draw_example(recording, recording_detector(detector, recording), out / "birds_eye.png", seed=seed)
+        draw_example(
+            recording, recording_detector(detector, recording), out / "birds_eye.png", seed=seed
+        )
     say(f"pictures in {out}: birds_eye.png, pr_0.7.png")
     if plan_frames:
         plan(

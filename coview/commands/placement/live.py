@@ -1,4 +1,5 @@
-"""`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command line."""
+"""`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command
+line."""
 
 import sys
 from contextlib import closing
@@ -35,8 +36,8 @@ class Changes:
     drop: UseAppendAction[tuple[str, ...]] = ()
     """Sensor to take away; may be repeated."""
     move: UseAppendAction[tuple[tuple[str, str, float], ...]] = ()
-    """Sensor, its new compass bearing (degrees clockwise from north; heading=135 is counter-clockwise from +x) and tilt
-    below the horizon, as in the schedule; may be repeated."""
+    """Sensor, its new compass bearing (degrees clockwise from north; heading=135 is
+    counter-clockwise from +x) and tilt below the horizon, as in the schedule; may be repeated."""
     lift: UseAppendAction[tuple[tuple[str, float], ...]] = ()
     """Sensor and its new height above the foot of its pole (m); may be repeated."""
     carry: UseAppendAction[tuple[tuple[str, str], ...]] = ()
@@ -47,7 +48,8 @@ class Changes:
     """Sensor that fails; may be repeated."""
 
     def apply(self, planner: "LivePlanner") -> None:
-        """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without room."""
+        """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without
+        room."""
         from placement_env.live.directions import parse_heading, parse_height, parse_tilt
 
         yard = planner.yard
@@ -55,7 +57,11 @@ class Changes:
             planner.remove(name)
         for name, bearing, tilt in self.move:
             sensor = planner.variant.find(name)
-            planner.move(name, parse_heading(yard.site, bearing, sensor.heading), parse_tilt(tilt, sensor.tilt))
+            planner.move(
+                name,
+                parse_heading(yard.site, bearing, sensor.heading),
+                parse_tilt(tilt, sensor.tilt),
+            )
         for name, height in self.lift:
             sensor = planner.variant.find(name)
             pole = yard.find_mount(planner.variant, sensor.mount)
@@ -75,11 +81,12 @@ class LiveConditions:
     iou: float | None = None
     """IoU at which a detection counts; the plan's, or 0.7, when left out."""
     errors: str | None = None
-    """Error profile of the sensors if the detector measures: paper, surveyed, typical, glare or poor; the plan's,
-    or paper, when left out."""
+    """Error profile of the sensors if the detector measures: paper, surveyed, typical, glare or
+    poor; the plan's, or paper, when left out."""
 
     def apply(self, cases: Cases) -> Cases:
-        """Return cases with the options that were given. Raises ValueError for an unknown profile or IoU."""
+        """Return cases with the options that were given. Raises ValueError for an unknown profile
+        or IoU."""
         if self.iou is not None:
             cases = replace(cases, iou=self.iou)
         return cases if self.errors is None else replace(cases, errors=(self.errors,))
@@ -118,9 +125,11 @@ def what_if(
     run: Run = LIVE_RUN,
     writing: Writing = Writing(),
 ) -> int:
-    """Say what moving, adding, dropping or failing sensors does to a plan, before and after, in seconds.
+    """Say what moving, adding, dropping or failing sensors does to a plan, before and after, in
+    seconds.
 
-    Figures are predicted by the surrogate on the frames that the plan's searches saw, or --frames of --seed at a site.
+    Figures are predicted by the surrogate on the frames that the plan's searches saw, or --frames
+    of --seed at a site.
 
     Example: coview what-if out/plan --move pole03 350 12
 
@@ -129,7 +138,8 @@ def what_if(
     Args:
         plan: Folder of a plan, or a site with sensors."""
     planner = open_planner(plan, stock, classes, conditions, run)
-    before, stated = planner.finish(), planner.stated
+    before = planner.finish()
+    stated = planner.stated
     changes.apply(planner)
     after = planner.finish().since(before, "before and after")
     figures = {"before": before.as_dict(), "after": after.as_dict()}
@@ -153,8 +163,9 @@ def live(
 ) -> int:
     """Move sensors by hand in the browser, and see at once what it does.
 
-    Sensors are dragged by their handles; AP, intervals, approaches, data, price and the worst failure follow. Every
-    change is kept in the project file, from which the next start goes on. Served to this machine alone until Ctrl-C.
+    Sensors are dragged by their handles; AP, intervals, approaches, data, price and the worst
+    failure follow. Every change is kept in the project file, from which the next start goes on.
+    Served to this machine alone until Ctrl-C.
 
     Example: coview live tjunction
 
@@ -163,7 +174,8 @@ def live(
     Example: coview live out/plan --project out/live/main-street.json
 
     Args:
-        site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out."""
+        site: A site with or without sensors, or the folder of a plan; the page asks for a map or
+            site when left out."""
     import webbrowser
 
     from coview.live_start import LiveSession, interrupted_by_sigterm
@@ -203,10 +215,11 @@ def open_planner(
     *,
     first: int | None = None,
 ) -> "LivePlanner":
-    """Open a planner at a site, or with the sensors of a plan's folder. first: frames of its first figures.
+    """Open a planner at a site, or with the sensors of a plan's folder. first: frames of its first
+    figures.
 
-    A plan brings its question, poles, models, prices and keep-out areas, and frames and seed if the options are left
-    out. Raises ValueError and OSError for what cannot be read."""
+    A plan brings its question, poles, models, prices and keep-out areas, and frames and seed if the
+    options are left out. Raises ValueError and OSError for what cannot be read."""
     from placement_env.live.planner import LivePlanner
     from placement_env.report.planning.plan_folder import is_plan_folder
 
@@ -224,16 +237,20 @@ def open_planner(
 def _open_plan(
     where: str, stock: StockOptions, classes: ClassOptions, conditions: LiveConditions, run: Run
 ) -> "PlanFolder":
-    """Read a plan's folder, and change its question by the options. Raises ValueError for those that a plan brings."""
+    """Read a plan's folder, and change its question by the options. Raises ValueError for those
+    that a plan brings."""
     from placement_env.report.planning.plan_folder import read_plan_folder
 
     for name in ("candidates", "sensors", "keep_out", "keep", "capacity"):
         if getattr(stock, name) != getattr(USUAL_STOCK, name):
             option = f"--{name.replace('_', '-')}"
             remedy = f"leave it out, or take the site {where}/site.json"
-            raise ValueError(f"{option} does not go with the folder of a plan, which brings its own: {remedy}")
+            raise ValueError(
+                f"{option} does not go with the folder of a plan, which brings its own: {remedy}"
+            )
     plan = read_plan_folder(where)
-    setting, changes = plan.setting, dict[str, Any]()
+    setting = plan.setting
+    changes = dict[str, Any]()
     if stock.scheme != USUAL_STOCK.scheme:
         check_schemes([stock.scheme])
         changes["scheme"] = stock.scheme
@@ -261,14 +278,24 @@ def _describe(before: "LiveAnswer", after: "LiveAnswer", stated: "StatedFigure |
     if stated is not None:
         errors = "" if stated.errors == "paper" else f", errors {stated.errors}"
         rows.append(
-            [f"AP that the plan states, by its detector{errors}", format_share(stated.ap, stated.objects), "", ""]
+            [
+                f"AP that the plan states, by its detector{errors}",
+                format_share(stated.ap, stated.objects),
+                "",
+                "",
+            ]
         )
     rows += [
         [name, f"{old:{form}}", f"{new:{form}}", f"{new - old:+{form}}"]
         for name, form, old, new in (
             ("AP, predicted", whole, before.ap, after.ap),
             *(
-                (f"AP of {one.name}", f".{figure_digits(two.objects)}f", one.ap or 0.0, two.ap or 0.0)
+                (
+                    f"AP of {one.name}",
+                    f".{figure_digits(two.objects)}f",
+                    one.ap or 0.0,
+                    two.ap or 0.0,
+                )
                 for one, two in zip(before.classes, after.classes, strict=True)
                 if len(before.classes) > 1
             ),
@@ -279,7 +306,12 @@ def _describe(before: "LiveAnswer", after: "LiveAnswer", stated: "StatedFigure |
             ),
             ("AP after the worst failure", whole, before.worst, after.worst),
             ("kbit per frame", ".1f", before.kbit, after.kbit),
-            (f"price{' in ' + after.currency if after.currency else ''}", "g", before.price, after.price),
+            (
+                f"price{' in ' + after.currency if after.currency else ''}",
+                "g",
+                before.price,
+                after.price,
+            ),
         )
     ]
     interval = describe_interval(after.change_low, after.change_high, digits)

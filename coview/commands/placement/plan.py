@@ -43,15 +43,23 @@ class Goal:
     max_kbit: float | None = None
     """Maximum data (kbit) that a sensor may send per frame, in --link-share of the frames."""
     confidence: float = 0.95
-    """Confidence, at the end of a comparison, that no set of as many sensors is better by more than 0.01."""
+    """Confidence, at the end of a comparison, that no set of as many sensors is better by more than
+    0.01."""
     width: float | None = None
-    """Width of the 95 % interval of the stated AP: 0.02 takes as many frames as that needs, up to 1,200."""
+    """Width of the 95 % interval of the stated AP: 0.02 takes as many frames as that needs, up to
+    1,200."""
     drawings: int = 1
-    """At an imported site, number of drawings of what its map does not show, over which sets are compared."""
+    """At an imported site, number of drawings of what its map does not show, over which sets are
+    compared."""
 
     def __post_init__(self) -> None:
         check_least("--drawings", self.drawings, 1)
-        named = {"--budget": self.budget, "--money": self.money, "--min-ap": self.min_ap, "--max-kbit": self.max_kbit}
+        named = {
+            "--budget": self.budget,
+            "--money": self.money,
+            "--min-ap": self.min_ap,
+            "--max-kbit": self.max_kbit,
+        }
         for option, value in named.items():
             check_least(option, value, 0)
         check_share("--confidence", self.confidence)
@@ -66,7 +74,8 @@ class StockOptions:
     candidates: str = "pool"
     """Sensors to choose from: pool, paper for the site's own, or a GeoJSON file of poles."""
     sensors: Path | None = None
-    """Catalogue of sensor models with prices (TOML); the paper's camera at no price when left out."""
+    """Catalogue of sensor models with prices (TOML); the paper's camera at no price when left
+    out."""
     keep_out: Path | None = None
     """GeoJSON file of areas where no sensor may stand."""
     keep: tuple[str, ...] = ()
@@ -78,7 +87,8 @@ class StockOptions:
     scheme: str = "early"
     """Fusion scheme: early, late, hybrid or foreground."""
     codec: str = "paper"
-    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm."""
+    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of
+    2 cm."""
     detector: str | None = None
     """Detector, as in coview evaluate except cluster; a shipped one when left out."""
 
@@ -92,7 +102,8 @@ class StockOptions:
         )
 
     def setting(self, site: str, classes: ClassOptions, cases: Cases, run: Run) -> Setting:
-        """Build the setting at a site (name or file). Raises ValueError and OSError for unusable options and files."""
+        """Build the setting at a site (name or file). Raises ValueError and OSError for unusable
+        options and files."""
         check_schemes([self.scheme])
         if run.cache is not None:
             check_writable(run.cache.resolve(), run.cache)
@@ -109,6 +120,7 @@ class StockOptions:
         )
 
 
+# shares of the time of a plan, as measured at imported crossings
 PLAN_STEPS = {
     "poses rendered": 0.15,
     "searches": 0.25,
@@ -117,7 +129,8 @@ PLAN_STEPS = {
     "frames of the chosen set": 0.1,
     "frames of the fusion schemes": 0.1,
     "frames of the order of building": 0.05,
-}  # shares of the time of a plan, as measured at imported crossings
+}
+# likewise, of a plan with --min-ap
 PRICE_STEPS = {
     "poses rendered": 0.1,
     "searches": 0.28,
@@ -126,8 +139,9 @@ PRICE_STEPS = {
     "frames of the chosen set": 0.08,
     "frames of the fusion schemes": 0.18,
     "frames of the order of building": 0.04,
-}  # likewise, of a plan with --min-ap
-USUAL_CLASSES, USUAL_OUTPUT = ClassOptions(), Output(out=Path("out/plan"))
+}
+USUAL_CLASSES = ClassOptions()
+USUAL_OUTPUT = Output(out=Path("out/plan"))
 USUAL_RUN = Run(cache=Path("out/cache"), workers=2)
 
 
@@ -144,9 +158,10 @@ def plan(
 ) -> int:
     """Plan which sensors to build, and write a report with the reasons.
 
-    A fast estimate searches the sets, the detector compares the best ones on fresh traffic, and the answer is judged on
-    other traffic again. Each of these three parts has --frames frames (60, 120 and 120 when left out). The cases say
-    under which conditions sets are compared and must reach --min-ap. An interrupted plan resumes.
+    A fast estimate searches the sets, the detector compares the best ones on fresh traffic, and the
+    answer is judged on other traffic again. Each of these three parts has --frames frames (60, 120
+    and 120 when left out). The cases say under which conditions sets are compared and must reach
+    --min-ap. An interrupted plan resumes.
 
     Example: coview plan tjunction --budget 4 --min-ap 0.9 --out out/plan
 
@@ -157,12 +172,25 @@ def plan(
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
     inputs = [*site_file(site), *site_file(stock.candidates), *files]
-    check = partial(check_folder, out, holds=CONTENT, inputs=inputs, writes=PLAN_FILES, kind=PLAN_KIND)
+    check = partial(
+        check_folder, out, holds=CONTENT, inputs=inputs, writes=PLAN_FILES, kind=PLAN_KIND
+    )
     asked = (site, goal, stock, classes, cases, run)
     most_price = math.inf if goal.money is None else goal.money
-    setting = replace(stock.setting(site, classes, cases, run), most_price=most_price, keep=stock.keep)
+    setting = replace(
+        stock.setting(site, classes, cases, run), most_price=most_price, keep=stock.keep
+    )
     sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
-    question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width, goal.drawings)
+    question = Question(
+        setting,
+        run,
+        sensors,
+        goal.min_ap,
+        goal.max_kbit,
+        goal.confidence,
+        goal.width,
+        goal.drawings,
+    )
     with suppress(NoCandidates):  # the plan says why there are none
         _ = setting.pool
     claimed = claim(out, asked, check, overwrite=output.overwrite or found_nothing(out / CONTENT))
@@ -170,7 +198,9 @@ def plan(
     with claimed, progress_bar("", hidden=output.json, steps=steps) as bar:
         planned = answer(replace(question, run=replace(run, progress=bar.stage)))
         written = write_plan(planned, out)
-    text = f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"
+    text = (
+        f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"
+    )
     print_result(planned.plan.as_dict(), text, as_json=output.json)
     return NOT_MET if planned.plan.verdict.met is False else OK
 
@@ -180,23 +210,37 @@ def _describe(plan: "Plan") -> str:
     from placement_env.handover.mounted import is_named_by_pole
 
     verdict = plan.verdict
-    lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
+    lines = [
+        " ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence
+    ]
     for s in plan.sensors:
         place = "" if is_named_by_pole(s.name, s.pole) else f"{s.pole}, "
         facing = f"facing {s.bearing_deg:.0f} degrees from north, {s.tilt_deg:.0f} degrees down"
         lines.append(f"  {s.name}: {place}{s.model}, {s.height:.1f} m up, {facing}")
-    classes = [(f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "") for row in plan.class_ap]
+    classes = [
+        (f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "")
+        for row in plan.class_ap
+    ]
     rows = (*plan.by_level, *plan.by_errors)
-    cases = [(f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames") for r in rows if r.judged is not None]
+    cases = [
+        (f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames")
+        for r in rows
+        if r.judged is not None
+    ]
     for name, judged, iou, frames in (*(classes if len(classes) > 1 else ()), *cases):
         ends = judged.describe_interval()
-        lines.append(f"  {name} AP {judged.format_ap()} ({ends}){iou}, {judged.vehicles} to find{frames}")
+        lines.append(
+            f"  {name} AP {judged.format_ap()} ({ends}){iou}, {judged.vehicles} to find{frames}"
+        )
     for drawn in plan.by_draw:
         mean, tenth = (plan.format_drawn_ap(ap, drawn) for ap in (drawn.mean, drawn.tenth))
-        lines.append(f"  {drawn.profile}: mean AP {mean} of {len(drawn.aps)} draws, a tenth below {tenth}")
+        lines.append(
+            f"  {drawn.profile}: mean AP {mean} of {len(drawn.aps)} draws, a tenth below {tenth}"
+        )
     if plan.confidence is not None:
         better = f"is better by more than {AP_TOLERANCE:g}"
         lines.append(
-            f"  {describe_sureness(plan.confidence)} sure that no other compared set of as many sensors {better}"
+            f"  {describe_sureness(plan.confidence)} sure that no other compared set of as many "
+            f"sensors {better}"
         )
     return "\n".join(lines)

@@ -24,17 +24,21 @@ def reproduce(
     json: bool = False,
     processes: Processes = Processes(),
 ) -> int:
-    """Run the paper's experiments at one of its two sites, and write our figures beside the paper's.
+    """Run the paper's experiments at one of its two sites, and write our figures beside the
+    paper's.
 
-    Results are a page, CSV and SVG. An interrupted run resumes; a finished one rewrites its page within seconds.
+    Results are a page, CSV and SVG. An interrupted run resumes; a finished one rewrites its page
+    within seconds.
 
     Example: coview reproduce tjunction --frames 100 --out out/paper_tjunction
 
     Args:
         site: tjunction or roundabout.
-        out: Folder for the page, the files of each experiment, the test recording and its detections.
+        out: Folder for the page, the files of each experiment, the test recording and its
+            detections.
         frames: Number of test frames; the paper has 1000, 20 take minutes.
-        detector: Detector, as in coview evaluate; any but the site's own makes a new table, which takes long.
+        detector: Detector, as in coview evaluate; any but the site's own makes a new table, which
+            takes long.
         table: Table of all sensor sets (.npz of coview table) in place of the shipped one.
         json: Print all figures as JSON."""
     from coview.studies.paper.reproduction import PAGE, check_paper_site, run_reproduction
@@ -43,7 +47,10 @@ def reproduce(
     check_least("--frames", frames, 1)
     check_detector(detector)
     check = partial(check_folder, out, holds=PAGE, inputs=[] if table is None else [table])
-    with claim(out, (site, frames, detector, table), check, overwrite=True), progress_bar("frame", hidden=json) as bar:
+    with (
+        claim(out, (site, frames, detector, table), check, overwrite=True),
+        progress_bar("frame", hidden=json) as bar,
+    ):
         made = run_reproduction(
             site,
             out,

@@ -16,13 +16,20 @@ from placement_env.search.methods import usual_method
 from toolkit.runtime.run import Run
 from toolkit.sites.files import load_site
 
-SEARCH_STEPS = {
-    "poses rendered": 0.3,
-    "searches": 0.2,
-    "frames raced": 0.35,
-    "frames judged": 0.15,
-}  # shares of the time
-Method = Literal["portfolio", "exhaustive", "greedy", "raced", "swap", "cpsat", "hits", "cheapest", "cmaes", "ppo"]
+# shares of the time
+SEARCH_STEPS = {"poses rendered": 0.3, "searches": 0.2, "frames raced": 0.35, "frames judged": 0.15}
+Method = Literal[
+    "portfolio",
+    "exhaustive",
+    "greedy",
+    "raced",
+    "swap",
+    "cpsat",
+    "hits",
+    "cheapest",
+    "cmaes",
+    "ppo",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,21 +37,26 @@ class SearchOptions:
     """Search, and check of its answer."""
 
     method: Method | None = None
-    """Search method: portfolio races several searches on fresh traffic; chosen by the other options when left out."""
+    """Search method: portfolio races several searches on fresh traffic; chosen by the other options
+    when left out."""
     budget: int = 4
     """Maximum number of sensors."""
     verify: Literal["detector"] | None = None
     """Score the answer of one method, and its best neighbours, with the detector."""
     judge: Literal["detector", "surrogate", "coverage"] | None = None
-    """What judges a portfolio: the detector when left out; another where no detector knows the classes."""
+    """What judges a portfolio: the detector when left out; another where no detector knows the
+    classes."""
     contenders: bool = False
     """Judge the answer of each of a portfolio's searches too, to see how far each overrates it."""
     confidence: float = 0.95
-    """Confidence, at the end of a portfolio's race, that no other set is better by more than 0.01."""
+    """Confidence, at the end of a portfolio's race, that no other set is better by more than
+    0.01."""
     curve: bool = False
-    """Print the best AP for every number of sensors up to --budget, or for every sum up to --money."""
+    """Print the best AP for every number of sensors up to --budget, or for every sum up to
+    --money."""
     at_least: float | None = None
-    """Score to reach, whichever sensor fails and at every traffic level; finds the cheapest set that does."""
+    """Score to reach, whichever sensor fails and at every traffic level; finds the cheapest set
+    that does."""
     parts: int = 1
     """Number of consecutive parts of the traffic that must each reach --at-least."""
     seconds: float | None = None
@@ -71,12 +83,14 @@ def search(
 ) -> int:
     """Search for the sensors to build: which poles, headings and tilts.
 
-    With --out, the folder gets the site with its sensors, a schedule, a map and a picture; with --curve, a table, a
-    picture and the site with each set. A portfolio uses up to 96 more frames for its race and 120 to judge the winner.
+    With --out, the folder gets the site with its sensors, a schedule, a map and a picture; with
+    --curve, a table, a picture and the site with each set. A portfolio uses up to 96 more frames
+    for its race and 120 to judge the winner.
 
-    The methods cpsat and hits prove how much more could be covered or hit, exhaustive needs at most 16 candidates,
-    raced needs --fidelity detector, cmaes turns and lifts what greedy found, and ppo learns a policy first. Left out,
-    the method is portfolio, or exhaustive for --fidelity table, greedy with --verify, cheapest with --at-least.
+    The methods cpsat and hits prove how much more could be covered or hit, exhaustive needs at most
+    16 candidates, raced needs --fidelity detector, cmaes turns and lifts what greedy found, and ppo
+    learns a policy first. Left out, the method is portfolio, or exhaustive for --fidelity table,
+    greedy with --verify, cheapest with --at-least.
 
     Example: coview search tjunction --budget 4 --scheme early --confidence 0.9 --out answer
 
@@ -121,7 +135,11 @@ def search(
                 check_folder(output.out, holds=name, inputs=inputs, overwrite=again)
         with order.keeping(output.out, overwrite=output.overwrite) as (kept, checkpoint):
             answer = run_search(kept, checkpoint)
-            written = [] if output.out is None or not answer.met else [write_answer(output.out, kept, answer)]
+            written = (
+                []
+                if output.out is None or not answer.met
+                else [write_answer(output.out, kept, answer)]
+            )
     print_result(answer.summary, "\n".join([*answer.lines, *written]), as_json=output.json)
     return OK if answer.met else NOT_MET
 
@@ -129,22 +147,37 @@ def search(
 def _check(query: SearchOptions, setting: SettingOptions) -> str:
     """Method to use. Raises ValueError where options conflict."""
     check_schemes([setting.scheme])
-    demands, verifies = query.at_least is not None, query.verify is not None
+    demands = query.at_least is not None
+    verifies = query.verify is not None
     method: str = query.method or usual_method(setting.fidelity, verify=verifies, at_least=demands)
     if (method == "cheapest") != demands or (query.parts > 1 and not demands):
-        raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
+        raise ValueError(
+            "--method cheapest and --parts go with --at-least 0.9, and no other method does"
+        )
     if demands and "mean" in (setting.cases.failures, setting.cases.levels_by):
-        raise ValueError("--at-least asks for the worst case: leave --failures mean and --levels-by mean out")
+        raise ValueError(
+            "--at-least asks for the worst case: leave --failures mean and --levels-by mean out"
+        )
     if verifies and method == "portfolio":
-        raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
-    asked = ("--judge", query.judge), ("--curve", query.curve or None), ("--contenders", query.contenders or None)
+        raise ValueError(
+            "--verify is for one method: portfolio is judged by --judge on fresh traffic anyway"
+        )
+    asked = (
+        ("--judge", query.judge),
+        ("--curve", query.curve or None),
+        ("--contenders", query.contenders or None),
+    )
     for option, said in asked:
         if said is not None and method != "portfolio":
-            raise ValueError(f"{option} is for --method portfolio, got {method}: leave one of them out")
+            raise ValueError(
+                f"{option} is for --method portfolio, got {method}: leave one of them out"
+            )
     judged = method == "portfolio" and query.judge in (None, "detector")
     detects = "detector" in (setting.fidelity, query.verify) or judged
     errors = setting.cases.errors != USUAL_CASES.errors
     for option, given in (("--errors", errors), ("--detector", setting.detector is not None)):
         if given and not detects:
-            raise ValueError(f"{option} is for --fidelity, --verify or --judge detector: say one of them")
+            raise ValueError(
+                f"{option} is for --fidelity, --verify or --judge detector: say one of them"
+            )
     return method

@@ -1,4 +1,5 @@
-"""`coview surrogate`: fit to a detector what predicts its AP from how many points sensors have on each object."""
+"""`coview surrogate`: fit to a detector what predicts its AP from how many points sensors have on
+each object."""
 
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -62,11 +63,13 @@ def surrogate(
     run: Run = Run(seed=1000, frames=100, cache=Path("out/cache")),
     writing: Writing = Writing(),
 ) -> int:
-    """Fit a fast surrogate of a detector at some sites: it predicts AP from the points of sensors on each object.
+    """Fit a fast surrogate of a detector at some sites: it predicts AP from the points of sensors
+    on each object.
 
     Choose another --seed than that of the traffic on which the surrogate will be judged.
 
-    Example: coview surrogate tjunction --detector tjunction --classes vehicle pedestrian --out people.json
+    Example: coview surrogate tjunction --detector tjunction --classes vehicle pedestrian
+        --out people.json
 
     Args:
         sites: tjunction, roundabout, or site files; none with --random-sites.
@@ -92,8 +95,8 @@ def surrogate(
     names = ", ".join(place.name for place in places[: len(sites)])
     drawn = f"{fit.random_sites} random sites" if fit.random_sites else ""
     source = (
-        f"{run.frames} frames of {' and '.join(filter(None, (names, drawn)))} traffic, seed {run.seed}, "
-        f"{fit.sets} sets, detector {fit.detector}"
+        f"{run.frames} frames of {' and '.join(filter(None, (names, drawn)))} traffic, seed "
+        f"{run.seed}, {fit.sets} sets, detector {fit.detector}"
     )
     sampling = Sampling(fit.poses, fit.sets, tuple(map(find_model, fit.model)), fit.resamples)
     claimed = claim(out, (sites, fit, run), check, overwrite=writing.overwrite)
@@ -109,7 +112,10 @@ def surrogate(
             run=replace(run, progress=bar.stage),
         )
         save_models(tuple(model for model, _ in fitted), out)
-    lines = [f"{m.label:<10} {m.scheme:<7} IoU {m.iou:g}: AP within {rms:.3f} of the detector's" for m, rms in fitted]
+    lines = [
+        f"{m.label:<10} {m.scheme:<7} IoU {m.iou:g}: AP within {rms:.3f} of the detector's"
+        for m, rms in fitted
+    ]
     rows = [{**asdict(model), "rms": rms} for model, rms in fitted]
     print_result(rows, "\n".join([*lines, f"written to {out}"]), as_json=writing.json)
     return OK

@@ -49,9 +49,11 @@ def table(
     processes: Processes = Processes(),
     writing: Writing = Writing(),
 ) -> int:
-    """Score every set of a recording's sensors, in every scheme, with a detector. An interrupted run resumes.
+    """Score every set of a recording's sensors, in every scheme, with a detector. An interrupted
+    run resumes.
 
-    The table holds the AP of each class; --class-weights and --combine are for the best sets that are printed.
+    The table holds the AP of each class; --class-weights and --combine are for the best sets that
+    are printed.
 
     Example: coview table tj_test.hdf5 --frames 200 --workers 2 --out tjunction.npz
 
@@ -95,5 +97,7 @@ def table(
 
 def _describe_best(title: str, sets: Sequence[Best], objects: int) -> str:
     """Line of the best sets of one size with their AP."""
-    texts = [f"{','.join(map(str, best.sensors))}: {format_share(best.ap, objects)}" for best in sets]
+    texts = [
+        f"{','.join(map(str, best.sensors))}: {format_share(best.ap, objects)}" for best in sets
+    ]
     return "  ".join([title, *texts])

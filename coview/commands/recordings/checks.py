@@ -25,7 +25,8 @@ def survey(
     json: bool = False,
     opening: Opening = Opening(),
 ) -> int:
-    """Count what a recording holds: objects per frame, kbit of early fusion, points on the objects of each class.
+    """Count what a recording holds: objects per frame, kbit of early fusion, points on the objects
+    of each class.
 
     Counted is the site's area where that is known, else all that is there.
 
@@ -52,7 +53,9 @@ def survey(
             raise ValueError("there is no frame to survey: check the path and the layout")
         chosen = [select_sensors(recording[0].sensors, sensor_set(each)) for each in sensors]
         with progress_bar("frame", total, hidden=json) as bar:
-            counted = count(recording, classes=classes, reads=Reads(errors, seed, total), progress=bar.to)
+            counted = count(
+                recording, classes=classes, reads=Reads(errors, seed, total), progress=bar.to
+            )
     print_result(counted.as_dict(chosen), counted.text(chosen), as_json=json)
     return OK
 
@@ -67,7 +70,8 @@ def doctor(
     frames: int = 20,
     json: bool = False,
 ) -> int:
-    """Check a recording for the classic mistakes and say which are suspected and why. Exit code 1 if any is.
+    """Check a recording for the classic mistakes and say which are suspected and why. Exit code 1
+    if any is.
 
     Example: coview doctor my-recording.hdf5
 
@@ -76,7 +80,8 @@ def doctor(
     Args:
         dataset: Recording in any layout.
         site: Name or file of the site, for hdf5, as in coview evaluate.
-        reference: Reference, as in coview calibrate, against which the sensors' poses are checked too.
+        reference: Reference, as in coview calibrate, against which the sensors' poses are checked
+            too.
         layout: Layout, as in coview evaluate.
         frames: Number of first frames whose labels are checked; of hdf5 all are.
         json: Print as JSON."""
@@ -114,13 +119,15 @@ class Fit:
     """Surfaces or sensors that poses are fitted to."""
 
     reference: str | None = None
-    """Site, survey cloud in its frame, or recording of the day of mounting; sensors fit each other when left out."""
+    """Site, survey cloud in its frame, or recording of the day of mounting; sensors fit each other
+    when left out."""
     reference_frames: int | None = None
     """Number of first frames to use of a recording as reference."""
     held: tuple[str, ...] = ()
     """Numbers or names of sensors that stay in place, without a reference."""
     detector: str | None = None
-    """Detector, as in coview evaluate, of road users that two sensors see at once, without a reference."""
+    """Detector, as in coview evaluate, of road users that two sensors see at once, without a
+    reference."""
 
 
 def calibrate(
@@ -133,20 +140,24 @@ def calibrate(
     reading: Reading = Reading(),
     writing: Writing = Writing(),
 ) -> int:
-    """Find again where the sensors of a recording are, by what stands still there. Exit code 1 if one cannot be found.
+    """Find again where the sensors of a recording are, by what stands still there. Exit code 1 if
+    one cannot be found.
 
-    Each sensor learns its empty scene from its own frames and is registered against the reference, from up to 5° and
-    half a metre off. What the scene cannot say, such as moves along a bare plane, is named and kept. Lidars
-    known by their clouds are found by range images of these, on a vehicle or in fewer than five frames by one sweep.
+    Each sensor learns its empty scene from its own frames and is registered against the reference,
+    from up to 5° and half a metre off. What the scene cannot say, such as moves along a bare plane,
+    is named and kept. Lidars known by their clouds are found by range images of these, on a vehicle
+    or in fewer than five frames by one sweep.
 
-    Example: coview calibrate monday.hdf5 --reference tjunction --out corrected.hdf5 --poses poses.json
+    Example: coview calibrate monday.hdf5 --reference tjunction --out corrected.hdf5
+        --poses poses.json
 
     Example: coview calibrate my-junction --layout folder --reference survey.ply --poses poses.json
 
     Args:
         dataset: Recording in any layout.
         out: Copy of the recording to write with corrected poses; a plain folder for clouds.
-        poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions; coview fuse reads it."""
+        poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions;
+            coview fuse reads it."""
     from toolkit.calibration.poses import TOGETHER, find_poses, save_poses, write_corrected
     from toolkit.calibration.registration import read_surface
     from toolkit.datasets.recordings import Part, ReadRecording, Reads
@@ -154,22 +165,31 @@ def calibrate(
     find_profile(reading.errors)
     reference = None if fit.reference == TOGETHER else fit.reference
     if reference is not None and (fit.held or fit.detector is not None):
-        raise ValueError("--held and --detector are for sensors fitted to each other: leave them or --reference out")
+        raise ValueError(
+            "--held and --detector are for sensors fitted to each other: leave them or "
+            "--reference out"
+        )
     inputs = [dataset, *site_file(reference), *site_file(reading.site)]
     with Opening(reading.layout, site=reading.site).open(dataset) as recording:
         total = frame_count(recording, reading.frames)
         clouds = total and not recording[0].has_images
         if out is not None:
-            (check_new_folder if clouds else check_file)(out, inputs=inputs, overwrite=writing.overwrite)
+            (check_new_folder if clouds else check_file)(
+                out, inputs=inputs, overwrite=writing.overwrite
+            )
         check_file(poses, inputs=[*inputs, *([out] if out else [])], overwrite=writing.overwrite)
         read = ReadRecording(recording, Reads(reading.errors, reading.seed))
-        surface = None if reference is None else read_surface(reference, frames=fit.reference_frames)
+        surface = (
+            None if reference is None else read_surface(reference, frames=fit.reference_frames)
+        )
         with progress_bar("sensor", hidden=writing.json) as bar:
             found = find_poses(
                 read,
                 surface,
                 held=sensor_set(",".join(fit.held)) or [] if fit.held else [],
-                detector=None if fit.detector is None else recording_detector(fit.detector, recording),
+                detector=None
+                if fit.detector is None
+                else recording_detector(fit.detector, recording),
                 frames=total,
                 progress=bar.to,
             )

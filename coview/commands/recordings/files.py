@@ -60,7 +60,8 @@ def convert(
 
     Args:
         recording: Recording in any layout.
-        to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5 keeps everything.
+        to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5
+            keeps everything.
         out: Folder to write, or file for hdf5."""
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:
@@ -70,18 +71,29 @@ def convert(
     if to == "hdf5" and not out.is_dir():
         check_ending(out, (".hdf5", ".h5"), f"a recording in layout {to}")
     if not target.file and out.suffix.lower() in (".hdf5", ".h5", ".json", ".zip"):
-        raise ValueError(f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or say --to hdf5")
-    write, problems = target.write, dict[str, int]()
+        raise ValueError(
+            f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or say "
+            "--to hdf5"
+        )
+    write = target.write
+    problems = dict[str, int]()
     with opening.open(recording) as opened:
-        inputs, asked = [recording, *opening.files], (recording, to, contents, opening)
-        check_new_folder(out, inputs=inputs, overwrite=writing.overwrite) if not target.file else None
+        inputs = [recording, *opening.files]
+        asked = (recording, to, contents, opening)
+        check_new_folder(
+            out, inputs=inputs, overwrite=writing.overwrite
+        ) if not target.file else None
         check = partial(check_file, out, inputs=inputs)
-        claimed = claim(out, asked, check, overwrite=writing.overwrite) if target.file else nullcontext()
+        claimed = (
+            claim(out, asked, check, overwrite=writing.overwrite) if target.file else nullcontext()
+        )
         errors = contents.errors
         read = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
         some = Part(read, contents.frames)
         with claimed, progress_bar("frame", len(some), hidden=writing.json) as bar:
-            written = write(count_passing(filter_classes(some, contents.classes), problems, bar.to), out)
+            written = write(
+                count_passing(filter_classes(some, contents.classes), problems, bar.to), out
+            )
     met = "".join(f"; {number} {kind}" for kind, number in problems.items())
     summary = {"out": str(out), "samples": written, "problems": problems}
     print_result(summary, f"{out}: {written} frames as {to}{met}", as_json=writing.json)
@@ -113,9 +125,11 @@ def fuse(
     crop: Crop = Crop(),
     writing: Writing = Writing(),
 ) -> int:
-    """Fuse cloud files in the frame of their poses; or take an Argoverse 2 log apart, fuse it back and check it.
+    """Fuse cloud files in the frame of their poses; or take an Argoverse 2 log apart, fuse it back
+    and check it.
 
-    Example: coview fuse north.ply south.pcd --poses poses.json --area -40 -20 40 20 --out junction.ply
+    Example: coview fuse north.ply south.pcd --poses poses.json --area -40 -20 40 20
+        --out junction.ply
 
     Example: coview fuse --argoverse my-log
 
@@ -124,13 +138,21 @@ def fuse(
         poses: One file with all poses, or one per cloud; pipes such as <(...) work too.
         inverted: Take the poses as world to sensor (extrinsics) instead of sensor to world.
         out: File for the fused cloud (ply, pcd or npz).
-        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded counts."""
+        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded
+            counts."""
     from toolkit.clouds import down_sample, save
 
     if argoverse is not None:
         rows = check_log(argoverse)
-        lines = [f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows]
-        text = "\n".join([*lines, f"{sum(row.points == row.recorded for row in rows)} of {len(rows)} cuboids agree"])
+        lines = [
+            f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows
+        ]
+        text = "\n".join(
+            [
+                *lines,
+                f"{sum(row.points == row.recorded for row in rows)} of {len(rows)} cuboids agree",
+            ]
+        )
         print_result({"rows": [row._asdict() for row in rows]}, text, as_json=writing.json)
         return OK
     if not clouds or not poses:
@@ -139,7 +161,11 @@ def fuse(
     check_file(out, inputs=[*clouds, *poses], overwrite=writing.overwrite)
     cloud = fuse_files(clouds, load_poses(clouds, poses, inverted=inverted))
     if crop.area is not None:
-        check = "leave out --inverted" if inverted else "say --inverted if the poses are world to sensor"
+        check = (
+            "leave out --inverted"
+            if inverted
+            else "say --inverted if the poses are world to sensor"
+        )
         remedy = f"give another --area, --height or --floor, or {check}"
         cloud = crop_area(cloud, crop.area, crop.height, floor=crop.floor, remedy=remedy)
     if crop.voxel is not None:
@@ -161,10 +187,11 @@ class RandomSites:
     random_sites: int = 0
     """Number of junctions to draw, with sensors and traffic."""
     at: tuple[Path, ...] = ()
-    """Site files, such as imported ones, to record in turn with random sensors and traffic, instead of drawing any."""
+    """Site files, such as imported ones, to record in turn with random sensors and traffic, instead
+    of drawing any."""
     fleet: Literal["own", "even", "catalogue"] = "own"
-    """Bodies of road users: all drawn afresh (own), with many prams and e-scooters (even), or our 47, each a little
-    stretched (catalogue)."""
+    """Bodies of road users: all drawn afresh (own), with many prams and e-scooters (even), or our
+    47, each a little stretched (catalogue)."""
 
 
 def pack(
@@ -181,9 +208,9 @@ def pack(
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
 
-    At a known site what differs from the empty site is kept; of other recordings their points, on level ground. If
-    killed while drawing random sites, it resumes and writes the same bytes. Of each random site 20 frames are recorded
-    when --frames is left out.
+    At a known site what differs from the empty site is kept; of other recordings their points, on
+    level ground. If killed while drawing random sites, it resumes and writes the same bytes. Of
+    each random site 20 frames are recorded when --frames is left out.
 
     Example: coview pack tjunction.hdf5 --out tjunction.packed
 
@@ -194,7 +221,8 @@ def pack(
     Args:
         datasets: Recordings, at the same or different sites.
         out: Packed file to write.
-        packed: Packed files whose frames are appended, to train on simulated and recorded frames together."""
+        packed: Packed files whose frames are appended, to train on simulated and recorded frames
+            together."""
     from models.training.packing import (
         dataset_recording,
         drawn_file,

@@ -18,8 +18,8 @@ class Bodies:
     """Bodies of the traffic."""
 
     fleet: Literal["own", "even", "catalogue", "meshes", "both"] | None = None
-    """Bodies: all drawn (own), with many prams and e-scooters to train on (even), your --meshes, both, or our 47 and
-    yours (catalogue); own when left out."""
+    """Bodies: all drawn (own), with many prams and e-scooters to train on (even), your --meshes,
+    both, or our 47 and yours (catalogue); own when left out."""
     meshes: Path | None = None
     """Folder of your own meshes, in any format that Open3D reads, for fleet meshes."""
     mirrors_in_boxes: bool = False
@@ -27,7 +27,8 @@ class Bodies:
     held_out: bool = False
     """Use only our cars that no shipped detector was trained on."""
     strays: float = 0.0
-    """Share of road users that are anywhere: people on lanes, cyclists on footways, groups, beside walls and cars."""
+    """Share of road users that are anywhere: people on lanes, cyclists on footways, groups, beside
+    walls and cars."""
 
 
 def simulate(
@@ -54,20 +55,40 @@ def simulate(
     from toolkit.datasets.simulation import FRAMES, simulate_dataset
     from toolkit.sites.files import load_site
 
-    fleet = fleet_named(bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes)
+    fleet = fleet_named(
+        bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes
+    )
     if not writing.json:
         for note in fleet.notes:
             say(note)
-    place, started, frames = load_site(site), perf_counter(), run.frames_or(FRAMES)
-    check_file(out, inputs=site_file(site), overwrite=True)  # whether it holds the same recording is seen later
+    place = load_site(site)
+    started = perf_counter()
+    frames = run.frames_or(FRAMES)
+    # whether it holds the same recording is seen later
+    check_file(out, inputs=site_file(site), overwrite=True)
     check_ending(out, (".hdf5", ".h5"), "a recording")
     with progress_bar("frame", frames, hidden=writing.json) as bar:
         run = replace(run, progress=bar.stage)
         new = simulate_dataset(
-            place, out, run=run, fleet=fleet, interval=every, strays=bodies.strays, overwrite=writing.overwrite
+            place,
+            out,
+            run=run,
+            fleet=fleet,
+            interval=every,
+            strays=bodies.strays,
+            overwrite=writing.overwrite,
         )
     seconds = perf_counter() - started
-    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds}
-    text = f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a second"
+    summary = {
+        "file": str(out),
+        "site": place.name,
+        "frames": frames,
+        "frames_made_now": new,
+        "seconds": seconds,
+    }
+    text = (
+        f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a "
+        "second"
+    )
     print_result({**summary, "meshes": list(fleet.notes)}, text, as_json=writing.json)
     return OK

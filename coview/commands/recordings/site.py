@@ -19,28 +19,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImportMap:
-    """Make a site from a real map: roads and footways, buildings, trees, furniture, signals and parking that it holds.
+    """Make a site from a real map: roads and footways, buildings, trees, furniture, signals and
+    parking that it holds.
 
-    What stands beside the road and is in no map is drawn at random, marked as drawn in the site file, and said, unless
-    --furnish none. The site has no sensors, unless --sensors says how many: coview plan and coview search say which to
+    What stands beside the road and is in no map is drawn at random, marked as drawn in the site
+        file, and said, unless
+    --furnish none. The site has no sensors, unless --sensors says how many: coview plan and coview
+        search say which to
     build.
 
-    Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40 --out my-junction.json
+    Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40
+        --out my-junction.json
 
     Attributes:
-        centre: Centre of the detection area: metres of an OpenDRIVE map, or longitude and latitude of OpenStreetMap.
+        centre: Centre of the detection area: metres of an OpenDRIVE map, or longitude and latitude
+            of OpenStreetMap.
         size: Size of the detection area along x and y (m).
         out: Site file to write.
         opendrive: OpenDRIVE file (.xodr).
         osm: OpenStreetMap file (.osm, also .gz or .bz2, or JSON of Overpass).
-        bearing: Compass bearing of the area's x axis (degrees clockwise from the map's north); 90, east, when left
-            out.
+        bearing: Compass bearing of the area's x axis (degrees clockwise from the map's north); 90,
+            east, when left out.
         heading_deg: The same direction as a heading: degrees counter-clockwise from the map's east.
-        lefthand: Let traffic keep left; without it and --righthand, traffic keeps the side that the map's roads
-            (driving_side) or their country keep to (OpenStreetMap only).
+        lefthand: Let traffic keep left; without it and --righthand, traffic keeps the side that the
+            map's roads (driving_side) or their country keep to (OpenStreetMap only).
         righthand: Let traffic keep right (OpenStreetMap only).
-        furnish: Draw nothing, or where the map is silent uneven ground, trees along kerbs and street furniture
-            (light), also houses, gardens, works and parked cars (dense).
+        furnish: Draw nothing, or where the map is silent uneven ground, trees along kerbs and
+            street furniture (light), also houses, gardens, works and parked cars (dense).
         seed: Seed of the surroundings.
         sensors: Number of cameras to place by greedy coverage, to try the site with.
         overwrite: Replace existing files."""
@@ -68,22 +73,32 @@ class ImportMap:
             raise ValueError("give one map: --opendrive FILE or --osm FILE")
         if self.opendrive is not None and (self.lefthand or self.righthand):
             option = "--lefthand" if self.lefthand else "--righthand"
-            raise ValueError(f"{option} is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
+            raise ValueError(
+                f"{option} is for --osm: an OpenDRIVE map says itself which side traffic keeps to"
+            )
         if self.lefthand and self.righthand:
             raise ValueError("traffic keeps one side: give --lefthand or --righthand")
         side = self.lefthand if self.lefthand or self.righthand else None
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         seed = None if self.furnish == "none" else self.seed
-        piece = MapPiece(maps[0], self.centre, self.size, radians(self._find_heading()), seed, self.furnish)
+        piece = MapPiece(
+            maps[0], self.centre, self.size, radians(self._find_heading()), seed, self.furnish
+        )
         check_file(self.out, inputs=maps, overwrite=self.overwrite, kind=SITE_KIND)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
         with progress_bar("import of the map"):
             imported = import_osm(piece, lefthand=side) if self.osm else import_opendrive(piece)
         if self.sensors is None:
             code = _save(imported, self.out)
-            say(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
-            say("mounts along the kerbs are suggestions: give your own poles as --candidates FILE.geojson")
+            say(
+                f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N "
+                "places some to try"
+            )
+            say(
+                "mounts along the kerbs are suggestions: give your own poles as --candidates "
+                "FILE.geojson"
+            )
             return code
         from placement_env.search.greedy import with_first_sensors
 
@@ -96,7 +111,9 @@ class ImportMap:
     def _find_heading(self) -> float:
         """Direction of the area's x axis, counter-clockwise from the map's east (degrees)."""
         if self.bearing is not None and self.heading_deg is not None:
-            raise ValueError("--bearing and --heading-deg are two directions of one axis: give one of them")
+            raise ValueError(
+                "--bearing and --heading-deg are two directions of one axis: give one of them"
+            )
         if self.bearing is not None:
             return 90.0 - check_bearing(self.bearing, "--bearing")
         return 0.0 if self.heading_deg is None else check_turn(self.heading_deg, "--heading-deg")
@@ -104,7 +121,8 @@ class ImportMap:
 
 @dataclass(frozen=True)
 class ExportSite:
-    """Write a site as GeoJSON in longitude and latitude, which QGIS and other GIS tools show where it is on earth.
+    """Write a site as GeoJSON in longitude and latitude, which QGIS and other GIS tools show where
+    it is on earth.
 
     The site file itself is GeoJSON in metres, for coview.
 

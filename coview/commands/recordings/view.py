@@ -27,7 +27,8 @@ class Shown:
     """Contents of the view."""
 
     detector: str | None = None
-    """Detector to show: general, another shipped name, a weights file, or package.module:callable."""
+    """Detector to show: general, another shipped name, a weights file, or
+    package.module:callable."""
     score: float = 0.0
     """Least score of detections to show."""
     classes: tuple[Label, ...] | None = None
@@ -43,7 +44,8 @@ class Shown:
     colour: Literal["sensor", "height", "intensity", "age"] = "sensor"
     """Colour of a picture's points."""
     level: Level | None = None
-    """Ground below points, as in coview detect; map for clouds, none at a known site when left out."""
+    """Ground below points, as in coview detect; map for clouds, none at a known site when left
+    out."""
     area: Corners | None = None
     """Area of the detector, as in coview detect, and of a picture."""
 
@@ -59,11 +61,13 @@ def view(
     opening: Opening = Opening(),
     writing: Writing = Writing(),
 ) -> int:
-    """Look at a recording: points, sensors, what is labelled and what is detected, in a browser of this machine.
+    """Look at a recording: points, sensors, what is labelled and what is detected, in a browser of
+    this machine.
 
-    Frames have a slider; sensors, truth, detections and classes can be hidden; points are coloured by sensor, height,
-    intensity or age. With --detector its boxes are marked as hits and false alarms, and labels as missed. Served to
-    this machine alone until Ctrl-C; with --out written as one page that works from disk, with --still as a picture.
+    Frames have a slider; sensors, truth, detections and classes can be hidden; points are coloured
+    by sensor, height, intensity or age. With --detector its boxes are marked as hits and false
+    alarms, and labels as missed. Served to this machine alone until Ctrl-C; with --out written as
+    one page that works from disk, with --still as a picture.
 
     Example: coview view tjunction.hdf5
 
@@ -88,13 +92,17 @@ def view(
     if still is None:
         check_viser()
     with opening.open(recording) as opened:
-        samples = Part(opened, shown.frames if out is None else shown.frames or PAGE_FRAMES, shown.every)
+        samples = Part(
+            opened, shown.frames if out is None else shown.frames or PAGE_FRAMES, shown.every
+        )
         place = Place(shown.level or ("map" if opened.site is None else "none"), area=shown.area)
         network = None if shown.detector is None else place_detector(shown.detector, place)
         sensors = None if shown.sensors is None else sensor_set(shown.sensors)
         drawing = Drawing(network, place, shown.score, shown.classes, sensors)
         if still is not None and shown.frame >= len(samples):
-            raise ValueError(f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0")
+            raise ValueError(
+                f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0"
+            )
         if len(samples):
             select_sensors(samples[0].sensors, sensors)
         check_file(still or out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
@@ -102,13 +110,25 @@ def view(
             sample = samples[shown.frame]
             drawn = drawing.draw(sample, drawing.origin(sample))
             half = None if shown.area is None else place.half
-            write_still(drawn, still, title=f"{recording.name}, {drawn.name}", colouring=shown.colour, half=half)
+            write_still(
+                drawn,
+                still,
+                title=f"{recording.name}, {drawn.name}",
+                colouring=shown.colour,
+                half=half,
+            )
             said = drawn.describe()
-            print_result({"still": str(still), "said": said}, f"{still}: {said}", as_json=writing.json)
+            print_result(
+                {"still": str(still), "said": said}, f"{still}: {said}", as_json=writing.json
+            )
         elif out is None:
 
             def say(url: str) -> None:
-                print_result({"url": url}, f"{url} (this machine alone; Ctrl-C ends it)", as_json=writing.json)
+                print_result(
+                    {"url": url},
+                    f"{url} (this machine alone; Ctrl-C ends it)",
+                    as_json=writing.json,
+                )
                 sys.stdout.flush()  # here, as nothing else is printed while it is served
 
             view_live(samples, drawing, port=port, ready=say)
@@ -116,7 +136,19 @@ def view(
             with progress_bar("frame", len(samples), hidden=writing.json) as bar:
                 every = drawing.draw_all(samples, progress=bar.to)
                 page = write_page(every, recording.name or str(recording), out)
-            figures = {"out": str(out), "frames": len(page.frames), "points": page.points, "drawn": page.drawn}
-            text = f"{out}: {len(page.frames)} of {len(opened)} frames, {page.drawn} of {page.points} points drawn"
-            print_result(figures | {"of_frames": len(opened), "said": list(page.names)}, text, as_json=writing.json)
+            figures = {
+                "out": str(out),
+                "frames": len(page.frames),
+                "points": page.points,
+                "drawn": page.drawn,
+            }
+            text = (
+                f"{out}: {len(page.frames)} of {len(opened)} frames, {page.drawn} of "
+                f"{page.points} points drawn"
+            )
+            print_result(
+                figures | {"of_frames": len(opened), "said": list(page.names)},
+                text,
+                as_json=writing.json,
+            )
     return OK

@@ -3,12 +3,13 @@
 Two kinds of value are kept on disk for each frame:
 
     truth    scored vehicles, and the points of each sensor on each of them
-    run      detections of one sensor set in one scheme: boxes and scores after fusion, their hits at each IoU of `IOUS`
-             by the exact and by the published protocol, the IoU of each scored vehicle with the detection that fits it
-             best, bits sent and milliseconds
+    run      detections of one sensor set in one scheme: boxes and scores after fusion, their hits
+             at each IoU of `IOUS` by the exact and by the published protocol, the IoU of each
+             scored vehicle with the detection that fits it best, bits sent and milliseconds
 
-All experiments are computed from these without a detector. The values of a frame are stored together, so an interrupted
-run resumes with the frame it was at, and a run with more frames or sets computes only those."""
+All experiments are computed from these without a detector. The values of a frame are stored
+together, so an interrupted run resumes with the frame it was at, and a run with more frames or sets
+computes only those."""
 
 import sys
 from collections.abc import Sequence
@@ -47,9 +48,9 @@ class SchemeRun(NamedTuple):
 class FrameTruth(NamedTuple):
     """Scored vehicles of one frame.
 
-    boxes: of the vehicles; points: of each sensor on each vehicle; sent: per sensor the points in the crop, those
-    beyond the hybrid radius in the horizontal plane, and those beyond it as the published code measures
-    (`toolkit.points.is_beyond`)."""
+    boxes: of the vehicles; points: of each sensor on each vehicle; sent: per sensor the points in
+    the crop, those beyond the hybrid radius in the horizontal plane, and those beyond it as the
+    published code measures (`toolkit.points.is_beyond`)."""
 
     boxes: Float64[np.ndarray, "m 7"]
     points: Int64[np.ndarray, "m sensors"]
@@ -59,9 +60,10 @@ class FrameTruth(NamedTuple):
 class FrameRun(NamedTuple):
     """Detections of one run in one frame.
 
-    boxes, scores: of the detections; truth: at each of `IOUS` the scored vehicle that each hit, or FALSE_ALARM or
-    IGNORED; published: the same by the protocol `published`, where 0 is a hit; best: IoU of each scored vehicle with
-    the detection that overlaps it most; bits: sent by each sensor; ms: from measurement to fused boxes."""
+    boxes, scores: of the detections; truth: at each of `IOUS` the scored vehicle that each hit, or
+    FALSE_ALARM or IGNORED; published: the same by the protocol `published`, where 0 is a hit; best:
+    IoU of each scored vehicle with the detection that overlaps it most; bits: sent by each sensor;
+    ms: from measurement to fused boxes."""
 
     boxes: Float64[np.ndarray, "n 7"]
     scores: Float64[np.ndarray, " n"]
@@ -116,15 +118,21 @@ def detect_runs(
 ) -> StoredDetections:
     """Detect each run in the first `frames` frames.
 
-    Runs in the memo are taken from it. stage: name of this work for the progress callback, which is not called if all
-    frames are kept. Raises ValueError for a detector without `digest`, or if fewer frames were recorded."""
+    Runs in the memo are taken from it. stage: name of this work for the progress callback, which is
+    not called if all frames are kept. Raises ValueError for a detector without `digest`, or if
+    fewer frames were recorded."""
     digest = getattr(detector, "digest", None)
     if digest is None:
-        raise ValueError(f"detections are kept by the detector's digest, {type(detector).__name__} has none: add one")
+        raise ValueError(
+            f"detections are kept by the detector's digest, {type(detector).__name__} has none: "
+            "add one"
+        )
     if not 1 <= frames <= renders.frames:
         raise ValueError(f"frames must be from 1 to the {renders.frames} recorded, got {frames}")
     runs = tuple(dict.fromkeys(runs))
-    depends_on = make_key(renders.digest, digest, code_digest(__name__, type(detector).__module__)).hex()
+    depends_on = make_key(
+        renders.digest, digest, code_digest(__name__, type(detector).__module__)
+    ).hex()
     wanted = [(k, run) for k in range(frames) for run in (None, *runs)]  # None: the truth
     keys = {each: make_key("paper", depends_on, *each) for each in wanted}
     kept = dict(zip(keys, memo.get(list(keys.values())), strict=True))
@@ -140,7 +148,9 @@ def detect_runs(
     whole = cast("dict[tuple[int, SchemeRun | None], Arrays]", kept)
     truths = tuple(FrameTruth(*whole[k, None]) for k in range(frames))
     by_run = {run: tuple(FrameRun(*whole[k, run]) for k in range(frames)) for run in runs}
-    return StoredDetections(renders.site, tuple(renders.sensors), truths, by_run, digest, renders.digest)
+    return StoredDetections(
+        renders.site, tuple(renders.sensors), truths, by_run, digest, renders.digest
+    )
 
 
 @dataclass(frozen=True)
@@ -170,29 +180,46 @@ class _FrameJob:
         sent = []
         for cloud, sensor in zip(clouds, renders.sensors, strict=True):
             radius = renders.site.hybrid_radius
-            far = [is_beyond(cloud, sensor, radius, metric).sum() for metric in ("horizontal", "published")]
+            far = [
+                is_beyond(cloud, sensor, radius, metric).sum()
+                for metric in ("horizontal", "published")
+            ]
             sent.append([len(cloud), *far])
-        truth = FrameTruth(boxes, np.stack(points, axis=1).astype(np.int64), np.transpose(sent).astype(np.int64))
+        truth = FrameTruth(
+            boxes, np.stack(points, axis=1).astype(np.int64), np.transpose(sent).astype(np.int64)
+        )
         return truth, [self._run(run, view, objects, counted) for run in runs]
 
     def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Mask) -> Arrays:
         fused: Fused = find_scheme(run.scheme).fuse(view, run.sensors)
         found = fused.detections
-        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; index -1 stands for no truth
+        # among the scored; index -1 stands for no truth
+        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)
         there = objects[has_centre_inside(objects.boxes, self.renders.site.area)]
         exact = matches(found, objects, IOUS, counted=counted)
         theirs = matches(found, there, IOUS, protocol="published")
         truth = np.array([np.where(at.ignored, IGNORED, place[at.truth]) for at in exact])
-        published = [np.select([at.ignored, at.truth >= 0], [IGNORED, 0], FALSE_ALARM) for at in theirs]
+        published = [
+            np.select([at.ignored, at.truth >= 0], [IGNORED, 0], FALSE_ALARM) for at in theirs
+        ]
         best = iou_3d(found.boxes, objects.boxes[counted]).max(axis=0, initial=0.0)
-        return FrameRun(found.boxes, found.scores, truth, np.array(published), best, fused.bits, np.array([fused.ms]))
+        return FrameRun(
+            found.boxes,
+            found.scores,
+            truth,
+            np.array(published),
+            best,
+            fused.bits,
+            np.array([fused.ms]),
+        )
 
 
 class ApScore(NamedTuple):
     """AP of a run at one IoU, with its interval and companions. NaN where a figure is undefined.
 
-    recall: of all detections; vehicles: to find; hit_iou: mean IoU, over all frames, of the vehicles that were hit with
-    the detection that overlaps them most; tally: of the detections that are not ignored."""
+    recall: of all detections; vehicles: to find; hit_iou: mean IoU, over all frames, of the
+    vehicles that were hit with the detection that overlaps them most; tally: of the detections that
+    are not ignored."""
 
     ap: float
     interval: Interval
@@ -208,42 +235,57 @@ class ApScore(NamedTuple):
 
 
 def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Mask:
-    """Select boxes whose centre every sensor has in its field of view, occluded or not, as in the paper's table 3."""
+    """Select boxes whose centre every sensor has in its field of view, occluded or not, as in the
+    paper's table 3."""
     views = [s.model.in_view(transform(invert(s.pose), boxes[:, :3])) for s in sensors]
     return np.logical_and.reduce([np.ones(len(boxes), bool), *views])
 
 
-def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> ApScore:
+def score_run(
+    stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()
+) -> ApScore:
     """Compute the AP of a run by the exact protocol. See `toolkit.detection.metrics.evaluate`.
 
-    region: in view of all these sensors, () for the whole area. Vehicles there are to be found, a hit counts if it hits
-    one of them, and a false alarm if its centre lies there."""
-    row, sensors = IOUS.index(iou), [stored.sensors[c] for c in region]
-    scores, hits, to_find, ious = [], [], [], [np.zeros(0)]
+    region: in view of all these sensors, () for the whole area. Vehicles there are to be found, a
+    hit counts if it hits one of them, and a false alarm if its centre lies there."""
+    row = IOUS.index(iou)
+    sensors = [stored.sensors[c] for c in region]
+    scores = []
+    hits = []
+    to_find = []
+    ious = [np.zeros(0)]
     for truth, found in zip(stored.truths, stored.runs[run], strict=True):
         hit_of = found.truth[row]
-        there, hit = in_view_of_all(sensors, truth.boxes), hit_of >= 0
-        of_truth, own = np.append(there, False)[np.where(hit, hit_of, -1)], in_view_of_all(sensors, found.boxes)
+        there = in_view_of_all(sensors, truth.boxes)
+        hit = hit_of >= 0
+        of_truth = np.append(there, False)[np.where(hit, hit_of, -1)]
+        own = in_view_of_all(sensors, found.boxes)
         in_region = np.where(hit, of_truth, own)
         counts = in_region & (hit_of != IGNORED)
         scores.append(found.scores[counts])
         hits.append(hit[counts])
         to_find.append(int(there.sum()))
         ious.append(found.best[hit_of[counts & hit]])
-    tally, all_ious = Tally.of_frames(scores, hits, to_find), np.concatenate(ious)
+    tally = Tally.of_frames(scores, hits, to_find)
+    all_ious = np.concatenate(ious)
     hit_iou = float(all_ious.mean()) if len(all_ious) else float("nan")
     return ApScore(tally.ap, tally.interval(), tally.recall, sum(to_find), hit_iou, tally)
 
 
 def compute_published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
-    """Compute the AP of a run by protocol `published`. See `toolkit.detection.metrics`. NaN without vehicles."""
-    frames = [f for truth, f in zip(stored.truths, stored.runs[run], strict=True) if len(truth.boxes)]
+    """Compute the AP of a run by protocol `published`. See `toolkit.detection.metrics`. NaN without
+    vehicles."""
+    frames = [
+        f for truth, f in zip(stored.truths, stored.runs[run], strict=True) if len(truth.boxes)
+    ]
     if not frames:
         return float("nan")
     scores = np.concatenate([f.scores for f in frames])
     outcome = np.concatenate([f.published[IOUS.index(iou)] for f in frames])
     counts = outcome != IGNORED
-    return average_precision(precision_recall(scores[counts], outcome[counts] >= 0, stored.vehicles))
+    return average_precision(
+        precision_recall(scores[counts], outcome[counts] >= 0, stored.vehicles)
+    )
 
 
 def compare_run(
@@ -255,10 +297,13 @@ def compare_run(
     iou: float = 0.7,
     region: tuple[int, ...] = (),
 ) -> Compared:
-    """Compare the AP of a run with the paper's. labels: of the row; {} in the first stands for the vehicles to find."""
+    """Compare the AP of a run with the paper's. labels: of the row; {} in the first stands for the
+    vehicles to find."""
     ours = score_run(stored, run, iou, region)
     published = float("nan") if region else compute_published_ap(stored, run, iou)
-    evidence = RowEvidence(visible_share(stored, run.sensors, region), ours.recall, ours.hit_iou, published)
+    evidence = RowEvidence(
+        visible_share(stored, run.sensors, region), ours.recall, ours.hit_iou, published
+    )
     reason = explain_difference(ours.ap, paper, evidence, iou=iou)
     labels = (labels[0].format(ours.vehicles), *labels[1:])
     return Compared(labels, "AP", ours.ap, paper, ours.interval, reason=reason)
@@ -274,8 +319,11 @@ def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
     return float(np.median([f.ms[0] for f in stored.runs[run]]))
 
 
-def visible_share(stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()) -> float:
-    """Share of vehicles on which a set has a point, of those of a region if given. NaN without vehicles."""
+def visible_share(
+    stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()
+) -> float:
+    """Share of vehicles on which a set has a point, of those of a region if given. NaN without
+    vehicles."""
     boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
     points = stored.points(sensors)[in_view_of_all([stored.sensors[c] for c in region], boxes)]
     return float((points > 0).mean()) if len(points) else float("nan")

@@ -36,32 +36,71 @@ from toolkit.sensors.models import MODELS
 from toolkit.sites.site import Site
 from toolkit.sites.surroundings import describe_things
 
-PLURALS = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians", "heavy": "heavy vehicles"}
-SENDS = {"early": "Sending points", "late": "Sending boxes alone", "hybrid": "Sending boxes and distant points"}
+PLURALS = {
+    "vehicle": "vehicles",
+    "cyclist": "cyclists",
+    "pedestrian": "pedestrians",
+    "heavy": "heavy vehicles",
+}
+SENDS = {
+    "early": "Sending points",
+    "late": "Sending boxes alone",
+    "hybrid": "Sending boxes and distant points",
+}
 USUAL_WIDTH = 0.02  # of an interval that is narrow
 MOST_STREETS = 3  # with blind spots, by name
 MOST_KINDS = 5  # of drawn things, by name
-NOT_PRICED = ("power", "cable", "data links", "permit", "traffic management during the works", "upkeep")
+NOT_PRICED = (
+    "power",
+    "cable",
+    "data links",
+    "permit",
+    "traffic management during the works",
+    "upkeep",
+)
 
 
 def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
-    """Answer the question on one page: what to build, what it does, how sure that is, and what comes next."""
+    """Answer the question on one page: what to build, what it does, how sure that is, and what
+    comes next."""
     chosen = plan.chosen
     if chosen is None:
-        return say(plan.verdict.sentence, *((Bullets(plan.verdict.reasons),) if plan.verdict.reasons else ()))
-    facts = (_describe_requirement(plan), *_describe_classes(plan), _describe_blind(plan), _describe_failure(plan))
-    facts = (*facts, _describe_links(plan), *_describe_confidence(plan, chosen), _describe_drawn(plan))
+        return say(
+            plan.verdict.sentence,
+            *((Bullets(plan.verdict.reasons),) if plan.verdict.reasons else ()),
+        )
+    facts = (
+        _describe_requirement(plan),
+        *_describe_classes(plan),
+        _describe_blind(plan),
+        _describe_failure(plan),
+    )
+    facts = (
+        *facts,
+        _describe_links(plan),
+        *_describe_confidence(plan, chosen),
+        _describe_drawn(plan),
+    )
     facts = (*facts, _describe_price(plan), _describe_next(plan, chosen))
     mounts = {mount.name for mount in site.mounts}
     poles, free = ([n for n in names if n in mounts] for names in (_poles(plan), plan.poles_unused))
     stay = "stays" if len(plan.poles_unused) == 1 else "stay"
     view = Drawing(
         plan_view(site, site.sensors, poles, free, ground),
-        f"{describe_count(len(plan.sensors), 'sensor')} on {describe_count(len(_poles(plan)), 'pole')}; "
+        f"{describe_count(len(plan.sensors), 'sensor')} on "
+        f"{describe_count(len(_poles(plan)), 'pole')}; "
         f"{describe_count(len(plan.poles_unused), 'pole')} that could carry one {stay} free.",
-        f"The site from above with the sensors {join_names(chosen.sensors)}, their poles, and the ground each sees",
+        (
+            f"The site from above with the sensors {join_names(chosen.sensors)}, their poles, and "
+            "the ground each sees"
+        ),
     )
-    return say(_describe_build(plan, chosen), Facts(tuple(filter(None, facts))), view, Paragraph(_explain(plan)))
+    return say(
+        _describe_build(plan, chosen),
+        Facts(tuple(filter(None, facts))),
+        view,
+        Paragraph(_explain(plan)),
+    )
 
 
 def _poles(plan: content.Plan) -> list[str]:
@@ -82,12 +121,15 @@ def count_sensors(count: int, model: str) -> str:
 def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
     models = Counter(sensor.model for sensor in plan.sensors)
     things = join_names([count_sensors(count, model) for model, count in models.items()])
-    poles, money = _poles(plan), plan.question.get("money")
+    poles = _poles(plan)
+    money = plan.question.get("money")
     where = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
     if len(poles) < len(plan.sensors):
         where = f"on {describe_count(len(poles), 'pole')}: {join_names(poles)}"
     most = plan.question.get("sensors")
-    limits = [f"at most {price_text(money, plan.currency)}"] if isinstance(money, int | float) else []
+    limits = (
+        [f"at most {price_text(money, plan.currency)}"] if isinstance(money, int | float) else []
+    )
     limits += [f"at most {describe_count(most, 'sensor')}"] if isinstance(most, int) else []
     allowed = f" Allowed were {' and '.join(limits)}." if limits else ""
     if isinstance(keep := plan.question.get("keep"), list) and keep:
@@ -106,13 +148,19 @@ def _compare_with_best(plan: content.Plan, chosen: content.PlanOption) -> str:
         return ""
     more = price_text(best.price - chosen.price, plan.currency)
     count = describe_count(len(best.sensors), "sensor").capitalize()
-    return f" {count} for {more} more would find hardly more: surely less than {AP_TOLERANCE:g} of AP."
+    return (
+        f" {count} for {more} more would find hardly more: surely less than {AP_TOLERANCE:g} of AP."
+    )
 
 
 def _describe_requirement(plan: content.Plan) -> Fact | None:
     if plan.verdict.met is None:
         return None
-    return Fact("Asked for", " ".join((plan.verdict.sentence, *plan.verdict.reasons)), alarm=not plan.verdict.met)
+    return Fact(
+        "Asked for",
+        " ".join((plan.verdict.sentence, *plan.verdict.reasons)),
+        alarm=not plan.verdict.met,
+    )
 
 
 def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
@@ -126,15 +174,23 @@ def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
     present = [row for row in plan.by_class if row.objects and row.label not in judged]
     unknown = [f"{row.objects:,} {PLURALS[row.label]}" for row in present]
     said = [f"Also found, but not counted in the choice: {'. '.join(missing)}."] if missing else []
-    said += [f"The detector does not know {join_names(unknown)} that crossed the area."] if unknown else []
-    return Fact("Finds", " ".join(lines)), *((Fact("Does not count", " ".join(said), alarm=True),) if said else ())
+    said += (
+        [f"The detector does not know {join_names(unknown)} that crossed the area."]
+        if unknown
+        else []
+    )
+    return Fact("Finds", " ".join(lines)), *(
+        (Fact("Does not count", " ".join(said), alarm=True),) if said else ()
+    )
 
 
 def _count_found(row: content.ClassAP) -> str:
     """Count what is found, missed and reported in error of one class."""
     each = row.judged
     found = round(each.recall * each.vehicles)
-    text = f"{found:,} of {each.vehicles:,} {PLURALS[row.label]}; {each.vehicles - found:,} are missed"
+    text = (
+        f"{found:,} of {each.vehicles:,} {PLURALS[row.label]}; {each.vehicles - found:,} are missed"
+    )
     if each.precision:
         false = round(found / each.precision - found)
         text += f", and {false or 'no'} {'report is' if false == 1 else 'reports are'} false"
@@ -157,30 +213,48 @@ def _describe_blind(plan: content.Plan) -> Fact | None:
 def _describe_failure(plan: content.Plan) -> Fact:
     alone = [case for case in plan.failures if len(case.failed) == 1]
     if not alone:
-        return Fact("One failure", "There is no second sensor: if it fails, nothing is found.", alarm=True)
+        return Fact(
+            "One failure", "There is no second sensor: if it fails, nothing is found.", alarm=True
+        )
     worst = min(alone, key=lambda case: case.judged.recall)
     left = f"{round(worst.judged.recall * worst.judged.vehicles):,} of {worst.judged.vehicles:,}"
-    case = "whichever sensor fails" if len({c.judged.recall for c in alone}) == 1 else f"if {worst.failed[0]} fails"
+    case = (
+        "whichever sensor fails"
+        if len({c.judged.recall for c in alone}) == 1
+        else f"if {worst.failed[0]} fails"
+    )
     return Fact("One failure", f"At worst, {case}, {left} are still found.")
 
 
 def _describe_links(plan: content.Plan) -> Fact | None:
     if not plan.links:
         return None
-    narrow, full = [each.pole for each in plan.links if not each.fits], max(plan.links, key=lambda each: each.share)
-    load = f"{number(full.load_mbit_s, 2)} of {number(full.capacity_mbit_s, 2)} Mbit/s at {RATE:g} frames a second"
+    narrow = [each.pole for each in plan.links if not each.fits]
+    full = max(plan.links, key=lambda each: each.share)
+    load = (
+        f"{number(full.load_mbit_s, 2)} of {number(full.capacity_mbit_s, 2)} Mbit/s at {RATE:g} "
+        "frames a second"
+    )
     less = _describe_cheaper_scheme(plan)
     if narrow:
-        return Fact("Links", f"Too narrow at {join_names(narrow)}; {full.pole} needs {load}.{less}", alarm=True)
+        return Fact(
+            "Links",
+            f"Too narrow at {join_names(narrow)}; {full.pole} needs {load}.{less}",
+            alarm=True,
+        )
     frames = describe_share(plan.link_share)
-    return Fact("Links", f"Every link carries {frames}. The fullest, {full.pole}, needs {load}.{less}")
+    return Fact(
+        "Links", f"Every link carries {frames}. The fullest, {full.pole}, needs {load}.{less}"
+    )
 
 
 def _describe_cheaper_scheme(plan: content.Plan) -> str:
     """Name the scheme that sends least of those as good as the plan's own."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
     own = next((row for row in rows if row.scheme == plan.scheme), None)
-    least = min((row for row in rows if row.as_good), key=lambda row: row.kbit_per_sensor, default=own)
+    least = min(
+        (row for row in rows if row.as_good), key=lambda row: row.kbit_per_sensor, default=own
+    )
     if own is None or least is None or least.kbit_per_sensor >= own.kbit_per_sensor:
         return ""
     sent = " instead of ".join(number(row.kbit_per_sensor, 1) for row in (least, own))
@@ -196,28 +270,32 @@ def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tupl
     ends = f"{content.CONFIDENCE:.0%} interval {interval_text(judged)}"
     lines = [
         f"AP {judged.format_ap()}, {'no interval' if math.isnan(judged.low) else ends}, from "
-        f"{describe_count(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street.",
+        f"{describe_count(judged.frames, 'frame')} of simulated traffic; nothing was measured on "
+        "the street.",
         _say_frames(plan, judged),
     ]
     if plan.confidence is not None:
         lines.append(
-            f"{describe_sureness(plan.confidence)} sure that no other set that was compared, of as many sensors, is "
-            f"better by more than {AP_TOLERANCE:g}."
+            f"{describe_sureness(plan.confidence)} sure that no other set that was compared, of "
+            f"as many sensors, is better by more than {AP_TOLERANCE:g}."
         )
     lines.append("A recording from the site would test the detector itself.")
     drawn = [
-        f"Mounted anew {len(each.aps)} times with errors of profile {each.profile}, the sensors reach AP "
-        f"{plan.format_drawn_ap(each.mean, each)} on average; one time in ten it falls below "
-        f"{plan.format_drawn_ap(each.tenth, each)}."
+        f"Mounted anew {len(each.aps)} times with errors of profile {each.profile}, the sensors "
+        f"reach AP {plan.format_drawn_ap(each.mean, each)} on average; one time in ten it falls "
+        f"below {plan.format_drawn_ap(each.tenth, each)}."
         for each in plan.by_draw
     ]
-    return Fact("How sure", " ".join(filter(None, lines))), *((Fact("Mounting", " ".join(drawn)),) if drawn else ())
+    return Fact("How sure", " ".join(filter(None, lines))), *(
+        (Fact("Mounting", " ".join(drawn)),) if drawn else ()
+    )
 
 
 def _say_frames(plan: content.Plan, judged: content.Judgement) -> str:
     """Say how many frames would narrow the interval."""
     asked = plan.question.get("width")
-    width, ends = asked if isinstance(asked, float) else USUAL_WIDTH, judged.high - judged.low
+    width = asked if isinstance(asked, float) else USUAL_WIDTH
+    ends = judged.high - judged.low
     if math.isnan(ends):
         return f"An interval needs {FEWEST_BLOCKS * BLOCK_FRAMES} --frames or more."
     if ends <= width:
@@ -232,8 +310,13 @@ def _describe_drawn(plan: content.Plan) -> Fact | None:
         return None
     common = sorted(drawn, key=lambda kind: -drawn[kind])[:MOST_KINDS]
     others = sum(drawn.values()) - sum(drawn[kind] for kind in common)
-    things = describe_things({kind: drawn[kind] for kind in common}) + (f" and {others} other things" if others else "")
-    text = f"Drawn at random, in no map: {things}. They hide road users; survey what really stands there."
+    things = describe_things({kind: drawn[kind] for kind in common}) + (
+        f" and {others} other things" if others else ""
+    )
+    text = (
+        f"Drawn at random, in no map: {things}. They hide road users; survey what really stands "
+        "there."
+    )
     return Fact("Not surveyed", f"{text} {_describe_drawings(plan)}", alarm=True)
 
 
@@ -241,12 +324,15 @@ def _describe_drawings(plan: content.Plan) -> str:
     """Say which poles are in the answer however the unknown things are drawn."""
     if not plan.by_drawing:
         return "With --drawings 3 the plan says which poles depend on them."
-    count, judged = len(plan.by_drawing), [each.judged for each in plan.by_drawing]
+    count = len(plan.by_drawing)
+    judged = [each.judged for each in plan.by_drawing]
     lowest, highest = (pick(judged, key=lambda each: each.ap) for pick in (min, max))
-    kept = [f"{pole} in {sum(pole in each.poles for each in plan.by_drawing)}" for pole in _poles(plan)]
+    kept = [
+        f"{pole} in {sum(pole in each.poles for each in plan.by_drawing)}" for pole in _poles(plan)
+    ]
     return (
-        f"Planned for each of {count} drawings alone, the answer would use {join_names(kept)}. This set has AP "
-        f"{lowest.format_ap()} to {highest.format_ap()} at them."
+        f"Planned for each of {count} drawings alone, the answer would use {join_names(kept)}. "
+        f"This set has AP {lowest.format_ap()} to {highest.format_ap()} at them."
     )
 
 
@@ -257,7 +343,9 @@ def _describe_price(plan: content.Plan) -> Fact:
     beside = ""
     if plan.running:
         total = price_text(sum(item.price for item in plan.running), plan.currency)
-        beside = f"Beside it, {total}: {join_names([item.item for item in plan.running])}. Not known: "
+        beside = (
+            f"Beside it, {total}: {join_names([item.item for item in plan.running])}. Not known: "
+        )
     text = f"{beside}{missing}.{sold}"
     return Fact("Not in the price", f"{text[0].upper()}{text[1:]}")
 
@@ -269,15 +357,16 @@ def _describe_next(plan: content.Plan, chosen: content.PlanOption) -> Fact:
     again = "Plan again with --classes for all road users that matter. " if missing else ""
     return Fact(
         "Next",
-        f"{again}Check the poles, their heights and the view from each on site. Mount {first} first, record a day, and "
-        "hold the detector against it with coview evaluate. To move sensors by hand, run: "
-        "coview live FOLDER, with the folder of this report.",
+        f"{again}Check the poles, their heights and the view from each on site. Mount {first} "
+        "first, record a day, and hold the detector against it with coview evaluate. To move "
+        "sensors by hand, run: coview live FOLDER, with the folder of this report.",
     )
 
 
 def _explain(plan: content.Plan) -> str:
     return (
-        "AP (average precision) rates from 0 to 1 how well road users are found: 1 means that every one is found and "
-        "nothing else is reported. IoU (intersection over union) is the share that a reported box and the true one "
-        f"have in common; a find needs {iou_text(plan.iou)}. A kbit is a thousand bits, stated per sensor and frame."
+        "AP (average precision) rates from 0 to 1 how well road users are found: 1 means that "
+        "every one is found and nothing else is reported. IoU (intersection over union) is the "
+        "share that a reported box and the true one have in common; a find needs "
+        f"{iou_text(plan.iou)}. A kbit is a thousand bits, stated per sensor and frame."
     )

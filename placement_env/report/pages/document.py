@@ -1,10 +1,12 @@
 """A report as one structure, written as HTML and PDF, and figures as words.
 
-A document is sections of paragraphs, lists, tables and drawings; every section opens with its conclusion in one
-sentence. All texts are plain text. The page works from disk: styles, script, drawings and the 3D scene are all inside,
-and a policy in the page forbids every request. The scene is held as data until the reader scrolls near it.
+A document is sections of paragraphs, lists, tables and drawings; every section opens with its
+conclusion in one sentence. All texts are plain text. The page works from disk: styles, script,
+drawings and the 3D scene are all inside, and a policy in the page forbids every request. The scene
+is held as data until the reader scrolls near it.
 
-Figures of a plan as words: shares, prices, names, AP with its interval, and sensors by the names of their poles."""
+Figures of a plan as words: shares, prices, names, AP with its interval, and sensors by the names of
+their poles."""
 
 import json
 import math
@@ -23,7 +25,15 @@ from placement_env.handover.mounted import name_by_poles
 from placement_env.report import content
 from placement_env.report.pages.scene import Scene
 from toolkit.display import describe_count
-from toolkit.plots.fonts import UNSET, choose_fonts, name_letters, number_names, own_font, replace_letters, spell_name
+from toolkit.plots.fonts import (
+    UNSET,
+    choose_fonts,
+    name_letters,
+    number_names,
+    own_font,
+    replace_letters,
+    spell_name,
+)
 from toolkit.sites.site import Site
 from toolkit.viewing.scene import render_page
 
@@ -33,7 +43,8 @@ NONE = "–"  # for an undefined figure
 
 @dataclass(frozen=True)
 class Cell:
-    """Content of one place in a table. value: the number to sort the column by (None: sort by text)."""
+    """Content of one place in a table. value: the number to sort the column by (None: sort by
+    text)."""
 
     text: str
     value: float | None = None
@@ -41,7 +52,8 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table. unit: of its numbers; digits: after the point, None for texts, which are aligned left."""
+    """Column of a table. unit: of its numbers; digits: after the point, None for texts, which are
+    aligned left."""
 
     title: str
     unit: str = ""
@@ -58,7 +70,8 @@ class Column:
         return self.digits is not None
 
     def cell(self, value: Cell | str | float | None) -> Cell:
-        """Cell of this column; a dash for undefined numbers. Shares are shown in percent where that is the unit."""
+        """Cell of this column; a dash for undefined numbers. Shares are shown in percent where that
+        is the unit."""
         if isinstance(value, Cell | str):
             return value if isinstance(value, Cell) else Cell(value)
         factor = 100.0 if self.unit == "%" else 1.0
@@ -149,7 +162,8 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """A report; subtitle: for the title page; logo: data URI of a PNG or JPEG picture, "" for none."""
+    """A report; subtitle: for the title page; logo: data URI of a PNG or JPEG picture, "" for
+    none."""
 
     title: str
     subtitle: str
@@ -166,8 +180,11 @@ def say(conclusion: str, *blocks: ReportBlock) -> Content:
 def table(
     caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell | str | float | None]]
 ) -> tuple[TableBlock, ...]:
-    """Return a table of formatted values, or nothing without rows. Raises ValueError for a row of another length."""
-    cells = tuple(tuple(c.cell(value) for c, value in zip(columns, row, strict=True)) for row in rows)
+    """Return a table of formatted values, or nothing without rows. Raises ValueError for a row of
+    another length."""
+    cells = tuple(
+        tuple(c.cell(value) for c, value in zip(columns, row, strict=True)) for row in rows
+    )
     return (TableBlock(caption, tuple(columns), cells),) if rows else ()
 
 
@@ -181,13 +198,15 @@ def to_html(document: Document, scene: Scene | None) -> str:
         style=(_FOLDER / "report.css").read_text(encoding="utf-8"),
         layers=scene.layers if scene else (),
         frames=scene.frames if scene else (),
-        picture=lambda svg: "data:image/svg+xml;base64," + b64encode(svg.encode()).decode(),  # runs no script
+        picture=lambda svg: (
+            "data:image/svg+xml;base64," + b64encode(svg.encode()).decode()
+        ),  # runs no script
     )
 
 
 def to_pdf(document: Document) -> bytes:
-    """Return the PDF, set by typst. The same document gives the same bytes. All texts are passed as data, so none of
-    them is read as markup. Raises ValueError if a drawing is not SVG."""
+    """Return the PDF, set by typst. The same document gives the same bytes. All texts are passed as
+    data, so none of them is read as markup. Raises ValueError if a drawing is not SVG."""
     import typst
 
     content = asdict(document)
@@ -213,11 +232,16 @@ def to_pdf(document: Document) -> bytes:
         Path(folder, "fonts").mkdir()
         for k, file in enumerate(fonts.files):
             copyfile(file, Path(folder, "fonts", f"{k}{file.suffix}"))
-        source, font_folder = str(Path(folder, "report.typ")), str(Path(folder, "fonts"))
+        source = str(Path(folder, "report.typ"))
+        font_folder = str(Path(folder, "fonts"))
         try:
-            pages = typst.compile(source, root=folder, font_paths=[font_folder], ignore_system_fonts=True, timestamp=0)
+            pages = typst.compile(
+                source, root=folder, font_paths=[font_folder], ignore_system_fonts=True, timestamp=0
+            )
         except typst.TypstError as error:
-            raise ValueError(f"the PDF cannot be set: {error.message}: the drawings must be SVG") from error
+            raise ValueError(
+                f"the PDF cannot be set: {error.message}: the drawings must be SVG"
+            ) from error
     assert isinstance(pages, bytes)
     return pages
 
@@ -238,19 +262,40 @@ def list_texts(value: object) -> list[str]:
     return []
 
 
-LINE, LETTER, INSET = 487.0, 0.5, 6.0  # points: width of a page's text, of a letter at 1 pt, beside a cell's text
-LEAST_SIZE, LIST_SIZE, USUAL_SIZE = 6.0, 7.5, 9.0  # points, of a table's text; of lists of settings
-LONGEST_WORD, PIECE = 24, 12  # letters of words that stay whole; of the pieces of longer ones
+# points: width of a page's text, of a letter at 1 pt, beside a cell's text
+LINE = 487.0
+LETTER = 0.5
+INSET = 6.0
+# points, of a table's text; of lists of settings
+LEAST_SIZE = 6.0
+LIST_SIZE = 7.5
+USUAL_SIZE = 9.0
+# letters of words that stay whole; of the pieces of longer ones
+LONGEST_WORD = 24
+PIECE = 12
 
 
 def _lay_out(block: TableBlock) -> dict[str, object]:
-    """Size of a table's text on paper and the width of each column, so that no word reaches into the next one."""
-    lines = [[column.heading for column in block.columns], *([cell.text for cell in row] for row in block.rows)]
-    texts = [[re.sub(rf"\S{{{LONGEST_WORD},}}", _break_up, text) for text in line] for line in lines]
+    """Size of a table's text on paper and the width of each column, so that no word reaches into
+    the next one."""
+    lines = [
+        [column.heading for column in block.columns],
+        *([cell.text for cell in row] for row in block.rows),
+    ]
+    texts = [
+        [re.sub(rf"\S{{{LONGEST_WORD},}}", _break_up, text) for text in line] for line in lines
+    ]
     needs = []
     for column in zip(*texts, strict=True):
-        word = max(_count_letters(word) for text in column for word in re.split(r"[\s\u200b]", text))
-        needs.append(max(word, min(max(map(_count_letters, column)), max(LONGEST_WORD, 110 // len(block.columns)))))
+        word = max(
+            _count_letters(word) for text in column for word in re.split(r"[\s\u200b]", text)
+        )
+        needs.append(
+            max(
+                word,
+                min(max(map(_count_letters, column)), max(LONGEST_WORD, 110 // len(block.columns))),
+            )
+        )
     size = (LINE - INSET * len(needs)) / (LETTER * sum(needs))
     size = min(max(size, LEAST_SIZE), USUAL_SIZE if len(needs) > 2 else LIST_SIZE)
     columns = [
@@ -293,7 +338,10 @@ def ap_text(judged: content.Judgement) -> str:
 
 def ap_figure(judged: content.Judgement) -> str:
     """AP with interval and number of vehicles, without the word AP."""
-    return f"{judged.format_ap()} ({interval_text(judged)}, {describe_count(judged.vehicles, judged.kind)})"
+    return (
+        f"{judged.format_ap()} ({interval_text(judged)}, "
+        f"{describe_count(judged.vehicles, judged.kind)})"
+    )
 
 
 def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:
@@ -311,9 +359,13 @@ def interval_text(judged: content.Judgement) -> str:
 
 
 def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, str]:
-    """Number the poles and sensors whose names hold letters that no font here can set, in all texts of a plan and on
-    its site; return a note of them, empty for none."""
-    poles = [mount.name for mount in site.mounts] + [sensor.pole for sensor in plan.sensors] + [*plan.poles_unused]
+    """Number the poles and sensors whose names hold letters that no font here can set, in all texts
+    of a plan and on its site; return a note of them, empty for none."""
+    poles = (
+        [mount.name for mount in site.mounts]
+        + [sensor.pole for sensor in plan.sensors]
+        + [*plan.poles_unused]
+    )
     sensors = [sensor.name for sensor in site.sensors] + [sensor.name for sensor in plan.sensors]
     unset = choose_fonts([*poles, *sensors], own_font(PAPER_FONT)).unset
     numbers = number_names(tuple(dict.fromkeys(sensors)), unset, "sensor")
@@ -332,8 +384,15 @@ def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, st
     letters = "".join(sorted(unset))
     said = ", ".join(f"{name!r} is {number}" for name, number in numbers.items())
     remedy = "install a font that has them, such as Noto Sans"
-    warnings.warn(f"no font here can set the letters {letters}, so in the report {said}: {remedy}", stacklevel=3)
-    return content.replace_texts(plan, number_all), replace(site, mounts=mounts, sensors=mounted), note
+    warnings.warn(
+        f"no font here can set the letters {letters}, so in the report {said}: {remedy}",
+        stacklevel=3,
+    )
+    return (
+        content.replace_texts(plan, number_all),
+        replace(site, mounts=mounts, sensors=mounted),
+        note,
+    )
 
 
 def drop_unset(document: Document) -> Document:
@@ -342,10 +401,16 @@ def drop_unset(document: Document) -> Document:
     if not unset:
         return document
     letters = "".join(sorted(unset))
-    warnings.warn(f"no font here can set the letters {letters}, which the report shows as {UNSET}", stacklevel=3)
+    warnings.warn(
+        f"no font here can set the letters {letters}, which the report shows as {UNSET}",
+        stacklevel=3,
+    )
     head, *rest = document.sections
     codes = name_letters(unset)
-    note = Paragraph(f"No font here can set {codes}: {UNSET} stands for them. Install one that can, such as Noto Sans.")
+    note = Paragraph(
+        f"No font here can set {codes}: {UNSET} stands for them. Install one that can, such as "
+        "Noto Sans."
+    )
     sections = (replace(head, blocks=(*head.blocks, note)), *rest)
     logo = document.logo
     shown = content.replace_texts(
@@ -355,11 +420,15 @@ def drop_unset(document: Document) -> Document:
 
 
 def use_pole_names(plan: content.Plan) -> content.Plan:
-    """Call the sensors of a pool that are not in the chosen set by their poles too, in all texts of a plan. Those on a
-    pole of the chosen set have another aim, which is marked."""
+    """Call the sensors of a pool that are not in the chosen set by their poles too, in all texts of
+    a plan. Those on a pole of the chosen set have another aim, which is marked."""
     chosen = {sensor.name for sensor in plan.sensors}
     used = {sensor.pole for sensor in plan.sensors}
-    poles = {name: pole for each in plan.considered for name, pole in zip(each.sensors, each.poles, strict=False)}
+    poles = {
+        name: pole
+        for each in plan.considered
+        for name, pole in zip(each.sensors, each.poles, strict=False)
+    }
     names = {}
     for name, pole in poles.items():
         (short,) = name_by_poles([name], [pole])

@@ -1,7 +1,8 @@
 """The junction in 3D, as a page of viser that plays in an iframe without server or network.
 
-viser's own player cannot hide one sensor with its points under a name that a reader knows. So every sensor, frame and
-kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`)."""
+viser's own player cannot hide one sensor with its points under a name that a reader knows. So every
+sensor, frame and kind of box is a node of its own, and the page around the scene switches nodes by
+messages (`Layer.node`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 MOST_DRAWN = 240_000  # points of all clouds in all frames together
 # Darker than on maps, because the light of the scene whitens them.
 _SHADES = {**SOLID, "pond": "#a0c8dc", "tree": "#9fbf8c", "hedge": "#93b57f", "trunk": "#7a6554"}
-_FREE_POLE, _LANE, _BARE_GROUND = "#8c8c8c", "#b4b6ba", "#dfe2d8"
+_FREE_POLE = "#8c8c8c"
+_LANE = "#b4b6ba"
+_BARE_GROUND = "#dfe2d8"
 GROUND_MARGIN = 25.0  # m of ground drawn around the area
 TILE = 4.0  # m; side of the tiles into which ground and streets are cut to follow the relief
 LONGEST_RUN = 8  # cells of visible ground in one rectangle
@@ -48,7 +51,12 @@ class Layer:
 BOXES = (
     Layer("Vehicles that were there", "/truth", FAINT, "thin solid boxes"),
     Layer("Detections that hit", "/hit", OUTCOME["hit"].colour, "thick solid boxes"),
-    Layer("Vehicles that were missed", "/missed", OUTCOME["missed"].colour, "dashed boxes, a cross on the roof"),
+    Layer(
+        "Vehicles that were missed",
+        "/missed",
+        OUTCOME["missed"].colour,
+        "dashed boxes, a cross on the roof",
+    ),
     Layer("False alarms", "/false", OUTCOME["false alarm"].colour, "dotted boxes under a mast"),
 )
 
@@ -68,7 +76,13 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
         api = server.scene
         add_site(api, site, {sensor.pole for sensor in plan.sensors})
         layers = [
-            _add_sensor(api, site, sensor, index, seen=None if ground is None else seen_cells(site, ground, index))
+            _add_sensor(
+                api,
+                site,
+                sensor,
+                index,
+                seen=None if ground is None else seen_cells(site, ground, index),
+            )
             for index, sensor in enumerate(plan.sensors)
         ]
         _add_views(api, site, plan.sensors)
@@ -78,10 +92,11 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
         scene.set_view(server, *scene.overview((xmin, ymin, xmax, ymax)))
         html = scene.scene_html(server)
     sensors = range(len(plan.sensors))
+    # some nodes may be missing, and hiding those does nothing
     frames = tuple(
         (*(f"/sensors/{s}/points {f}" for s in sensors), *(f"{layer.node}/{f}" for layer in BOXES))
         for f in range(len(moments))
-    )  # some nodes may be missing, and hiding those does nothing
+    )
     return Scene(html, (*layers, *BOXES), frames)
 
 
@@ -100,19 +115,29 @@ def add_site(api: "SceneApi", site: Site, used: set[str]) -> None:
         ("free poles", 0.06, _FREE_POLE, [m for m in site.mounts if m.name not in used]),
         ("poles in use", 0.12, POLE_INK, [m for m in site.mounts if m.name in used]),
     ):
-        tubes = [tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius) for m in mounts]
+        tubes = [
+            tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius)
+            for m in mounts
+        ]
         scene.add_mesh(api, f"/site/{name}", merge(tubes), colour)
 
 
-def _add_sensor(api: "SceneApi", site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None) -> Layer:
-    colour, node = sensor_colour(index), f"/sensors/{index}"
+def _add_sensor(
+    api: "SceneApi", site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None
+) -> Layer:
+    colour = sensor_colour(index)
+    node = f"/sensors/{index}"
     api.add_frame(node, show_axes=False)
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
     pole = tube(np.array([[sensor.x, sensor.y, foot], [sensor.x, sensor.y, sensor.z + 0.3]]), 0.1)
     scene.add_mesh(api, f"{node}/pole", pole, POLE_INK)
-    scene.add_mesh(api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour)
+    scene.add_mesh(
+        api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour
+    )
     where = (sensor.x, sensor.y, sensor.z + 1.2)
-    api.add_label(f"{node}/label", sensor.name, position=where, font_screen_scale=1.3, anchor="bottom-center")
+    api.add_label(
+        f"{node}/label", sensor.name, position=where, font_screen_scale=1.3, anchor="bottom-center"
+    )
     if seen is not None:
         scene.add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
     return Layer(sensor.name, node, colour, "points, field of view and visible ground")
@@ -120,21 +145,28 @@ def _add_sensor(api: "SceneApi", site: Site, sensor: PlannedSensor, index: int, 
 
 def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) -> None:
     mounted = {sensor.name: sensor for sensor in site.sensors}
-    found = [(index, mounted[each.name]) for index, each in enumerate(planned) if each.name in mounted]
+    found = [
+        (index, mounted[each.name]) for index, each in enumerate(planned) if each.name in mounted
+    ]
     if not found:
         return
     renderer = Renderer(site, (), [sensor for _, sensor in found])
     for (index, sensor), background in zip(found, renderer.background, strict=True):
         edges = view_edges(sensor, background)
-        scene.add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
+        scene.add_lines(
+            api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True
+        )
 
 
 def _add_clouds(api: "SceneApi", moments: Sequence[Moment], sensors: int) -> None:
     most = MOST_DRAWN // max(sum(len(moment.clouds) for moment in moments), 1)
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensors]):
-            name, colour = f"/sensors/{index}/points {frame}", scene.rgb(sensor_colour(index))
-            scene.add_points(api, name, scene.thin_evenly(points, most), colour, size=0.09, visible=frame == 0)
+            name = f"/sensors/{index}/points {frame}"
+            colour = scene.rgb(sensor_colour(index))
+            scene.add_points(
+                api, name, scene.thin_evenly(points, most), colour, size=0.09, visible=frame == 0
+            )
 
 
 def _add_boxes(api: "SceneApi", moments: Sequence[Moment]) -> None:
@@ -142,17 +174,27 @@ def _add_boxes(api: "SceneApi", moments: Sequence[Moment]) -> None:
     for layer in BOXES:
         api.add_frame(layer.node, show_axes=False)
     for frame, moment in enumerate(moments):
-        truth, detections = moment.truth.boxes, moment.detections.boxes
+        truth = moment.truth.boxes
+        detections = moment.detections.boxes
         missed = truth[~moment.truth_hit & ~moment.truth_ignored]
         wrong = detections[~moment.detection_hit & ~moment.detection_ignored]
         drawn = (
             scene.box_edges(truth),
             scene.box_edges(detections[moment.detection_hit]),
-            np.concatenate([scene.dashes(scene.box_edges(missed), dash=0.6, gap=0.4), scene.roof_crosses(missed)]),
-            np.concatenate([scene.dashes(scene.box_edges(wrong), dash=0.15, gap=0.3), scene.spikes(wrong)]),
+            np.concatenate(
+                [
+                    scene.dashes(scene.box_edges(missed), dash=0.6, gap=0.4),
+                    scene.roof_crosses(missed),
+                ]
+            ),
+            np.concatenate(
+                [scene.dashes(scene.box_edges(wrong), dash=0.15, gap=0.3), scene.spikes(wrong)]
+            ),
         )
         for layer, lines, width in zip(BOXES, drawn, (1.5, 3.0, 3.0, 3.0), strict=True):
-            scene.add_lines(api, f"{layer.node}/{frame}", lines, layer.colour, width=width, visible=frame == 0)
+            scene.add_lines(
+                api, f"{layer.node}/{frame}", lines, layer.colour, width=width, visible=frame == 0
+            )
 
 
 def ground_mesh(site: Site) -> Mesh:
@@ -162,19 +204,29 @@ def ground_mesh(site: Site) -> Mesh:
 
 
 def drape(
-    site: Site, shapes: Sequence[shapely.Polygon], *, lift: float, without: Sequence[shapely.Polygon] = ()
+    site: Site,
+    shapes: Sequence[shapely.Polygon],
+    *,
+    lift: float,
+    without: Sequence[shapely.Polygon] = (),
 ) -> Mesh:
     """Drape polygons `lift` metres over the ground near the area."""
     xmin, ymin, xmax, ymax = _extent(site)
-    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(xmin, xmax, TILE), np.arange(ymin, ymax, TILE)))
+    x, y = (
+        grid.ravel()
+        for grid in np.meshgrid(np.arange(xmin, xmax, TILE), np.arange(ymin, ymax, TILE))
+    )
     covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
     tiles = shapely.intersection(covered, shapely.box(x, y, x + TILE, y + TILE))
-    return _lift(site, triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)]), lift)
+    return _lift(
+        site, triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)]), lift
+    )
 
 
 def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
     """Cells that a sensor sees, as rectangles; each sensor's lie a little above the last."""
-    half, boxes = ground.cell / 2, []
+    half = ground.cell / 2
+    boxes = []
     for row, y in zip(ground.seen[index], ground.y, strict=True):
         steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
         for first, end in steps.reshape(-1, 2):
@@ -182,15 +234,20 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
                 last = min(start + LONGEST_RUN, end) - 1
                 boxes.append((ground.x[start] - half, y - half, ground.x[last] + half, y + half))
     x0, y0, x1, y1 = np.array(boxes, np.float64).reshape(-1, 4).T
-    corners = np.stack([np.stack([x, y], 1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1).reshape(-1, 2)
+    corners = np.stack(
+        [np.stack([x, y], 1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1
+    ).reshape(-1, 2)
     first_corner = 4 * np.arange(len(boxes))[:, None]
-    triangles = np.concatenate([first_corner + half_square for half_square in ([0, 1, 2], [0, 2, 3])])
+    triangles = np.concatenate(
+        [first_corner + half_square for half_square in ([0, 1, 2], [0, 2, 3])]
+    )
     flat = Mesh(np.column_stack([corners, np.zeros(len(corners))]), triangles.astype(np.int64))
     return _lift(site, flat, 0.08 + 0.03 * index)
 
 
 def view_edges(sensor: Sensor, background: ImageRanges) -> scene.Segments:
-    """Outline of a sensor's view of the empty site (`background`, 0 without a return), and rays that lead to it."""
+    """Outline of a sensor's view of the empty site (`background`, 0 without a return), and rays
+    that lead to it."""
     rows, columns = background.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
@@ -199,7 +256,8 @@ def view_edges(sensor: Sensor, background: ImageRanges) -> scene.Segments:
     lengths = np.where(lengths > 0, lengths, min(sensor.model.max_range, NO_RETURN))
     ends = sensor.position + sensor.world_rays.T[picked] * lengths[:, None]
     outline = np.stack([ends, np.roll(ends, -1, axis=0)], 1)
-    jumps = np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths  # to an object behind
+    # to an object behind
+    jumps = np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths
     corner_rays = np.linspace(0, len(ends), 4, endpoint=False).astype(np.int64)
     rays = np.stack([np.broadcast_to(sensor.position, (len(corner_rays), 3)), ends[corner_rays]], 1)
     return np.concatenate([outline[~jumps], rays])
@@ -211,4 +269,7 @@ def _extent(site: Site) -> tuple[float, float, float, float]:
 
 
 def _lift(site: Site, flat: Mesh, lift: float) -> Mesh:
-    return Mesh(np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2]) + lift]), flat.triangles)
+    return Mesh(
+        np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2]) + lift]),
+        flat.triangles,
+    )

@@ -1,1 +1,2 @@
-"""Planning: from a question to a plan. It uses search, judgement on traffic that no search saw, and plain figures."""
+"""Planning: from a question to a plan. It uses search, judgement on traffic that no search saw, and
+plain figures."""

@@ -1,15 +1,18 @@
-"""Judging sensor sets by the detector on traffic new to all searches, and choosing among the entrants.
+"""Judging sensor sets by the detector on traffic new to all searches, and choosing among the
+entrants.
 
-AP and its resamples are reduced over the cases as `placement_env.cases` says; in every resample the worst case is that
-of the resample. Recall, precision and counts are those of the worst case, or means over cases.
+AP and its resamples are reduced over the cases as `placement_env.cases` says; in every resample the
+worst case is that of the resample. Recall, precision and counts are those of the worst case, or
+means over cases.
 
-Sets of one size race each other until the best of them is known well enough (`placement_env.racing.race_until`), so
-that small and cheap sets stay in, until fewer sensors fall far behind; the winner of each size, and others near the
-best of all, are judged on all frames.
-The best of them has the greatest mean AP over the detector's IoU thresholds of those whose AP is within `NEAR_TIE` of
-the highest. Without a requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same
-frames, its whole interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it;
-sets are judged by price until one does. If none does, it is the best set. AP is that over the cases of the plan
+Sets of one size race each other until the best of them is known well enough
+(`placement_env.racing.race_until`), so that small and cheap sets stay in, until fewer sensors fall
+far behind; the winner of each size, and others near the best of all, are judged on all frames. The
+best of them has the greatest mean AP over the detector's IoU thresholds of those whose AP is within
+`NEAR_TIE` of the highest. Without a requirement the answer is the cheapest set that cannot be told
+from it (`is_as_good`: on the same frames, its whole interval of the loss lies within the
+tolerance). With one it is the cheapest set whose AP reaches it; sets are judged by price until one
+does. If none does, it is the best set. AP is that over the cases of the plan
 (`PlanOption.counted`)."""
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +36,12 @@ from placement_env.racing import Contest
 from placement_env.report.content import CONFIDENCE, ClassAP, DrawingResult, Judgement, PlanOption
 from placement_env.search.exact.exhaustive import find_front
 from placement_env.search.portfolio.entrants import Entrants
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report, race_order
+from placement_env.search.portfolio.evaluators import (
+    CasesEvaluator,
+    DetectorEvaluator,
+    Report,
+    race_order,
+)
 from placement_env.search.portfolio.portfolio import NEAR_TIE, contest
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS, known_labels
@@ -43,11 +51,13 @@ NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LA
 COUNTS = slice(3, 5)  # vehicles and frames, after AP, recall and precision
 DRAWS = slice(5, None)  # the AP of each resample, last
 
-_Figures = Float64[np.ndarray, "*cases figures"]  # AP, recall, precision, vehicles, frames; AP of each resample
+# AP, recall, precision, vehicles, frames; AP of each resample
+_Figures = Float64[np.ndarray, "*cases figures"]
 
 
 class SetJudgement(NamedTuple):
-    """Judgement of a set, intact and in requested cases. Other cases are None; fields as of `PlanOption`."""
+    """Judgement of a set, intact and in requested cases. Other cases are None; fields as of
+    `PlanOption`."""
 
     judged: Judgement
     left: Judgement | None = None
@@ -64,9 +74,10 @@ class SetJudgement(NamedTuple):
 class Judge:
     """The detector on one part of the traffic.
 
-    profiles: at each error profile of the cases, matched at all their IoU thresholds; seed: of the bootstrap; levels:
-    frames of each level of traffic, none if traffic is undivided; drawings: judges of the same candidates at other
-    drawings of the site, over which figures of sets are means."""
+    profiles: at each error profile of the cases, matched at all their IoU thresholds; seed: of the
+    bootstrap; levels: frames of each level of traffic, none if traffic is undivided; drawings:
+    judges of the same candidates at other drawings of the site, over which figures of sets are
+    means."""
 
     profiles: tuple[Detected, ...]
     cases: Cases = USUAL_CASES
@@ -78,7 +89,9 @@ class Judge:
     def of(cls, prepared: Preparation, seed: int) -> "Judge":
         """Judge on the traffic of a preparation."""
         cases = prepared.setting.cases
-        profiles = [prepared.detected(errors).at(cases.ious[0], cases.ious) for errors in cases.profiles]
+        profiles = [
+            prepared.detected(errors).at(cases.ious[0], cases.ious) for errors in cases.profiles
+        ]
         return cls(tuple(profiles), cases, seed, prepared.levels)
 
     @property
@@ -113,8 +126,12 @@ class Judge:
     @property
     def evaluator(self) -> CasesEvaluator:
         """Evaluator for races of sets, over the same cases."""
-        profiles = tuple(DetectorEvaluator(each, self.cases.ious, self.seed) for each in self.profiles)
-        return CasesEvaluator(profiles, self.cases, self.levels, tuple(each.evaluator for each in self.drawings))
+        profiles = tuple(
+            DetectorEvaluator(each, self.cases.ious, self.seed) for each in self.profiles
+        )
+        return CasesEvaluator(
+            profiles, self.cases, self.levels, tuple(each.evaluator for each in self.drawings)
+        )
 
     @property
     def alone(self) -> "tuple[Judge, ...]":
@@ -130,18 +147,26 @@ class Judge:
         return np.array([outcome.bits for outcome in self.outcomes(chosen)], np.float64).T / 1000
 
     def judge(
-        self, sets: Bool[np.ndarray, "n C"], cases: Cases | None = None, *, progress: Report | None = None
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        cases: Cases | None = None,
+        *,
+        progress: Report | None = None,
     ) -> list[Judgement]:
-        """Judge sets over cases, by default those of `intact`. progress: called with the frames done."""
+        """Judge sets over cases, by default those of `intact`. progress: called with the frames
+        done."""
         return self.judge_drawn(sets, cases or self.intact, progress)[0]
 
     def judge_drawn(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
     ) -> tuple[list[Judgement], _Figures]:
-        """Judge sets over cases; also the AP of each resample, which is of the same frames for all sets."""
+        """Judge sets over cases; also the AP of each resample, which is of the same frames for all
+        sets."""
         if not len(sets):
             return [], np.empty((0, 0))
-        found = _reduce(np.array([each._at_profiles(sets, cases, progress) for each in self.alone]), "mean")
+        found = _reduce(
+            np.array([each._at_profiles(sets, cases, progress) for each in self.alone]), "mean"
+        )
         over = _reduce(found, cases.errors_by)
         over[..., DRAWS] = cases.over_errors(found[..., DRAWS])
         return [_judgement(each, self.detected.classes) for each in over], over[..., DRAWS]
@@ -149,24 +174,30 @@ class Judge:
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
     ) -> tuple[list[SetJudgement], _Figures]:
-        """Judge sets intact and in all cases. stage: makes a progress callback from a name. Also returns the AP by
-        which sets are compared in each resample, [n, resamples]."""
+        """Judge sets intact and in all cases. stage: makes a progress callback from a name. Also
+        returns the AP by which sets are compared in each resample, [n, resamples]."""
         first = replace(self.cases, errors=self.cases.profiles[0])
         judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
         left: Sequence[Judgement | None] = [None] * len(sets)
-        over_levels, over_errors = left, left
+        over_levels = left
+        over_errors = left
         if self.levels:
             over_levels, draws = self.judge_drawn(sets, replace(first, failing=0))
         if first.failing:
             left, draws = self.judge_drawn(sets, first, stage("failures"))
         if len(self.profiles) > 1:
             over_errors, draws = self.judge_drawn(sets, self.cases, stage("errors"))
-        return [SetJudgement(*figures) for figures in zip(judged, left, over_levels, over_errors, strict=True)], draws
+        return [
+            SetJudgement(*figures)
+            for figures in zip(judged, left, over_levels, over_errors, strict=True)
+        ], draws
 
     def by_level(self, chosen: tuple[int, ...]) -> list[Judgement | None]:
         """Judge one intact set at each level of traffic. None for a level without objects."""
         found = [self._draw(self.outcomes(chosen), part, self.cases.ious) for part in self.levels]
-        return [None if np.isnan(each[0]) else _judgement(each, self.detected.classes) for each in found]
+        return [
+            None if np.isnan(each[0]) else _judgement(each, self.detected.classes) for each in found
+        ]
 
     def by_errors(self, chosen: tuple[int, ...]) -> dict[str, Judgement]:
         """Judge one set at each error profile, by name."""
@@ -174,15 +205,26 @@ class Judge:
             return {}
         row = np.isin(np.arange(len(self.detected.renders.sensors)), chosen)[None]
         found = self._at_profiles(row, self.cases)[:, 0]
-        return {name: _judgement(at, self.detected.classes) for name, at in zip(self.cases.names, found, strict=True)}
+        return {
+            name: _judgement(at, self.detected.classes)
+            for name, at in zip(self.cases.names, found, strict=True)
+        }
 
     def of_classes(self, classes: Classes) -> "Judge":
         """Judge of other classes at the first error profile."""
-        return replace(self, profiles=(self.detected.of_classes(classes),), cases=self.intact, levels=(), drawings=())
+        return replace(
+            self,
+            profiles=(self.detected.of_classes(classes),),
+            cases=self.intact,
+            levels=(),
+            drawings=(),
+        )
 
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that counts."""
-        classes, every, found = self.detected.classes, np.arange(self.frames), []
+        classes = self.detected.classes
+        every = np.arange(self.frames)
+        found = []
         tallies = self._tally(self.outcomes(chosen), every, self.cases.ious)
         for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True)):
             judged = judge_tallies([[at[k]] for at in tallies], Classes((name,)), self.seed)
@@ -190,8 +232,10 @@ class Judge:
         return tuple(found)
 
     def by_other_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
-        """Judge one set for each class that does not count but is there, and that the detector knows."""
-        known, names = known_labels(self.detected.detector) or (), self.detected.classes.names
+        """Judge one set for each class that does not count but is there, and that the detector
+        knows."""
+        known = known_labels(self.detected.detector) or ()
+        names = self.detected.classes.names
         others = tuple(name for name in LABELS if name in known and name not in names)
         found = self.of_classes(Classes(others)).by_class(chosen) if others else ()
         return tuple(replace(each, weight=0.0) for each in found if each.judged.vehicles)
@@ -207,18 +251,30 @@ class Judge:
         drawn = []
         for detected in self.profiles[: len(cases.profiles)]:
             outcomes = detected.outcomes(members, range(self.frames), progress)
-            drawn.append([[self._draw(outcomes[each], part, cases.ious) for each in members] for part in parts])
+            drawn.append(
+                [
+                    [self._draw(outcomes[each], part, cases.ious) for each in members]
+                    for part in parts
+                ]
+            )
         found = np.array(drawn)[:, :, place.reshape(-1)]  # profile, level, row, figure
         over = _reduce(np.moveaxis(found, 1, 0), cases.levels_by)
         if cases.levels_by == "mean":
-            over[..., COUNTS] = np.where(np.isnan(found[..., :1]), 0, found[..., COUNTS]).sum(axis=1)
+            over[..., COUNTS] = np.where(np.isnan(found[..., :1]), 0, found[..., COUNTS]).sum(
+                axis=1
+            )
         if cases.failing:
-            lost = [np.flatnonzero(owners == n)[1:] for n in range(len(sets))]  # the first is the set itself
-            over = np.stack([_reduce(np.moveaxis(over[:, some], 1, 0), cases.failures) for some in lost], axis=1)
+            # the first is the set itself
+            lost = [np.flatnonzero(owners == n)[1:] for n in range(len(sets))]
+            over = np.stack(
+                [_reduce(np.moveaxis(over[:, some], 1, 0), cases.failures) for some in lost], axis=1
+            )
         over[..., DRAWS] = cases.at_profiles(found[:, :, None, :, DRAWS], owners, tie=0.0)
         return over
 
-    def _draw(self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]) -> _Figures:
+    def _draw(
+        self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]
+    ) -> _Figures:
         """Figures of one set in some frames, whose blocks are drawn."""
         draws = intervals.draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         return _draw_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
@@ -228,13 +284,17 @@ class Judge:
     ) -> list[list[Tally]]:
         own = [outcomes[k] for k in frames.tolist()]
         return [
-            [Tally.of([o.of_class(label) for o in own], count[frames], at) for label, count in self.to_find.items()]
+            [
+                Tally.of([o.of_class(label) for o in own], count[frames], at)
+                for label, count in self.to_find.items()
+            ]
             for at in map(self.detected.ious.index, ious)
         ]
 
 
 def one_stage(run: Run, name: str, frames: int) -> Callable[[str], Report | None]:
-    """Return what makes the callback of `Judge.judge_cases`: every part of its work counts as one stage."""
+    """Return what makes the callback of `Judge.judge_cases`: every part of its work counts as one
+    stage."""
     return lambda _: run.stage(name, frames)
 
 
@@ -248,7 +308,8 @@ def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: D
     found = []
     for at in tallies:
         ap, recall = classes.combined(np.array([[t.ap for t in at], [t.recall for t in at]]))
-        detections, hits = sum(len(t.hit) for t in at), sum(int(t.hit.sum()) for t in at)
+        detections = sum(len(t.hit) for t in at)
+        hits = sum(int(t.hit.sum()) for t in at)
         counts = sum(int(t.truths.sum()) for t in at), len(at[0].truths)
         drawn = classes.combined(np.stack([t.resamples(draws=draws) for t in at], axis=1))
         precision = hits / detections if detections and counts[0] else np.nan
@@ -256,11 +317,15 @@ def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: D
     return _reduce(np.array(found), "mean")
 
 
-def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) -> Float64[np.ndarray, "*rest figures"]:
+def _reduce(
+    figures: Float64[np.ndarray, "cases *rest figures"], by: Combine
+) -> Float64[np.ndarray, "*rest figures"]:
     """Figures of the case of least AP, or means over cases, without NaN."""
     if by == "worst":
         ap = figures[..., :1]
-        return np.take_along_axis(figures, np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None], axis=0)[0]
+        return np.take_along_axis(
+            figures, np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None], axis=0
+        )[0]
     mean = np.ma.masked_invalid(figures).mean(axis=0).filled(np.nan)
     mean[..., COUNTS] = figures[0, ..., COUNTS]
     return mean
@@ -281,9 +346,11 @@ def state_figure(stage: str, judged: Judgement) -> StageFigure:
 
 
 RACED = 60  # frames of a race at most
-KEPT = 3  # sets of each number of sensors that are judged on all frames where they come `NEAR` the best
+# sets of each number of sensors that are judged on all frames where they come `NEAR` the best
+KEPT = 3
 NEAR = 0.03  # AP below the best of a race that further frames may make up for
-LIKELY_TIE = 2 * NEAR_TIE  # AP below the winner of a race within which other IoU thresholds say who is judged too
+# AP below the winner of a race within which other IoU thresholds say who is judged too
+LIKELY_TIE = 2 * NEAR_TIE
 LOOKED_AT = 12  # frames on which all sets are looked at that may reach a requirement
 DOUBT = 0.1  # AP by which a first look may underrate a set
 
@@ -294,10 +361,10 @@ Rule = Literal["best", "as good", "cheapest", "none"]
 class Choice:
     """The answer among options: all entrants in their order, judged or not.
 
-    chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from the best, without
-    the answer; confidence: on all frames that compared the sets, that no set of as many sensors is better than the
-    answer by more than `AP_TOLERANCE`; None where no race was run, as where sets were judged by price, and where frames
-    or objects are too few."""
+    chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from
+    the best, without the answer; confidence: on all frames that compared the sets, that no set of
+    as many sensors is better than the answer by more than `AP_TOLERANCE`; None where no race was
+    run, as where sets were judged by price, and where frames or objects are too few."""
 
     options: tuple[PlanOption, ...]
     sets: Bool[np.ndarray, "n C"]
@@ -323,21 +390,31 @@ class Choice:
         return tuple(sorted((self.options[i] for i in self.alike), key=_thrift))
 
 
-def choose_at_drawings(judge: Judge, choice: Choice, min_ap: float | None) -> tuple[DrawingResult, ...]:
+def choose_at_drawings(
+    judge: Judge, choice: Choice, min_ap: float | None
+) -> tuple[DrawingResult, ...]:
     """Judge the answer, and choose among the judged sets, at each drawing of the site by itself."""
     if not judge.drawings:
         return ()
     rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
-    sets, results = choice.sets[rows], []
+    sets = choice.sets[rows]
+    results = []
     for each in judge.alone:
         found, draws = each.judge_cases(sets)
-        figures = zip(rows, found, each.evaluator.mean_ap(sets, np.arange(each.frames)).tolist(), strict=True)
-        options = [replace(choice.options[i], mean_ap=mean, **judged._asdict()) for i, judged, mean in figures]
+        figures = zip(
+            rows, found, each.evaluator.mean_ap(sets, np.arange(each.frames)).tolist(), strict=True
+        )
+        options = [
+            replace(choice.options[i], mean_ap=mean, **judged._asdict())
+            for i, judged, mean in figures
+        ]
         place = choose(options, dict(enumerate(draws)))[1][0]
         if min_ap is not None:
             reaching = [n for n, judged in enumerate(found) if judged.counted.ap >= min_ap]
             place = min(reaching, key=lambda n: _thrift(options[n]), default=place)
-        results.append(DrawingResult(found[rows.index(choice.chosen)].counted, options[place].poles))
+        results.append(
+            DrawingResult(found[rows.index(choice.chosen)].counted, options[place].poles)
+        )
     return tuple(results)
 
 
@@ -345,15 +422,27 @@ class _Options:
     """Options of a choice, which are judged when they are asked for."""
 
     def __init__(self, objective: Objective, found: Entrants, judge: Judge) -> None:
-        self.objective, self.found, self.judge = objective, found, judge
+        self.objective = objective
+        self.found = found
+        self.judge = judge
         self.draws: dict[int, Resamples] = {}
         self.options: list[PlanOption] = []
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
             names = tuple(name_sensor(objective.names[c]) for c in score.subset)
             # as found: scored beside other sets it may round differently
-            figures = score.price, score.kbit_per_sensor, score.kbit, round(float(found.predicted[i]), 6)
-            poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
-            self.options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))
+            figures = (
+                score.price,
+                score.kbit_per_sensor,
+                score.kbit,
+                round(float(found.predicted[i]), 6),
+            )
+            poles = tuple(
+                objective.candidates.mounts[m].name
+                for m in objective.candidates.mount[list(score.subset)]
+            )
+            self.options.append(
+                PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles)
+            )
 
     def judge_rows(self, rows: Sequence[int], run: Run = Run()) -> None:
         """Judge sets on all frames, unless they are judged. run: reports the frames done."""
@@ -362,11 +451,15 @@ class _Options:
             return
         stage = one_stage(run, "frames of the closest sets", self.judge.frames)
         judged_sets, draws = self.judge.judge_cases(self.found.sets[new], stage)
-        mean_ap = self.judge.evaluator.mean_ap(self.found.sets[new], np.arange(self.judge.frames)).tolist()
+        mean_ap = self.judge.evaluator.mean_ap(
+            self.found.sets[new], np.arange(self.judge.frames)
+        ).tolist()
         for i, judged, mean, drawn in zip(new, judged_sets, mean_ap, draws, strict=True):
             members = tuple(np.flatnonzero(self.found.sets[i]).tolist())
             fits = self.objective.fits_links(members, self.judge.kbit(members))
-            self.options[i] = replace(self.options[i], mean_ap=mean, fits_links=fits, **judged._asdict())
+            self.options[i] = replace(
+                self.options[i], mean_ap=mean, fits_links=fits, **judged._asdict()
+            )
             self.draws[i] = drawn
 
     def check_race(self, row: int, ap: float, frames: Int64[np.ndarray, " k"]) -> None:
@@ -380,18 +473,33 @@ class _Options:
             raced = StageFigure("in the race", ap, objects, len(frames))
             check_agreement(option.sensors, raced, state_figure("in the comparison", counted))
 
-    def measure_sureness(self, row: int, places: Int64[np.ndarray, " k"], ran: Contest | None) -> float | None:
-        """Measure how sure it is that no set of as many sensors is better than a judged one by `AP_TOLERANCE`.
+    def measure_sureness(
+        self, row: int, places: Int64[np.ndarray, " k"], ran: Contest | None
+    ) -> float | None:
+        """Measure how sure it is that no set of as many sensors is better than a judged one by
+        `AP_TOLERANCE`.
 
-        Judged sets count with all frames, the others with their last rung's. places: the sets of the size;
-        ran: their race. None without one, and where frames or objects are too few."""
+        Judged sets count with all frames, the others with their last rung's. places: the sets of
+        the size; ran: their race. None without one, and where frames or objects are too few."""
         counted = self.options[row].counted
-        if ran is None or counted is None or not intervals.is_comparable(counted.frames, counted.vehicles):
+        if (
+            ran is None
+            or counted is None
+            or not intervals.is_comparable(counted.frames, counted.vehicles)
+        ):
             return None
         judged = [i for i in places.tolist() if i in self.draws]
-        aps = np.array([option.counted.ap for option in map(self.options.__getitem__, judged) if option.counted])
+        aps = np.array(
+            [
+                option.counted.ap
+                for option in map(self.options.__getitem__, judged)
+                if option.counted
+            ]
+        )
         draws = np.stack([self.draws[i] for i in judged])
-        likely = shrink(aps, draws, self.found.predicted[judged], intervals.count_blocks(counted.frames)).resamples
+        likely = shrink(
+            aps, draws, self.found.predicted[judged], intervals.count_blocks(counted.frames)
+        ).resamples
         better = likely - likely[judged.index(row)] > intervals.AP_TOLERANCE
         place = np.searchsorted(places, [row, *judged])
         dropped = ran.doubt(int(place[0]), place[1:].tolist())
@@ -411,17 +519,30 @@ def choose_set(
     known = _Options(objective, found, judge)
     if min_ap is not None and (reached := _find_cheapest(known, min_ap, run)) is not None:
         return Choice(tuple(known.options), found.sets, reached, reached, (), "cheapest")
-    sizes, evaluator, races = found.sets.sum(axis=1), judge.evaluator, dict[int, Contest]()
-    winners, close = list[tuple[int, float]](), list[tuple[float, int]]()
-    order, raced = race_order(judge.frames, seed=run.seed), dict[int, tuple[float, Int64[np.ndarray, " k"]]]()
+    sizes = found.sets.sum(axis=1)
+    evaluator = judge.evaluator
+    races = dict[int, Contest]()
+    winners = list[tuple[int, float]]()
+    close = list[tuple[float, int]]()
+    order = race_order(judge.frames, seed=run.seed)
+    raced = dict[int, tuple[float, Int64[np.ndarray, " k"]]]()
     report = run.stage("set sizes compared", len(np.unique(sizes)))
     for done, size in enumerate(np.unique(sizes)[::-1], 1):
         places = np.flatnonzero(sizes == size)
-        if close and winners[-1][1] < max(close)[0] - NEAR:  # fewer sensors fall further behind: no race shows more
+        if (
+            close and winners[-1][1] < max(close)[0] - NEAR
+        ):  # fewer sensors fall further behind: no race shows more
             best = places[int(found.predicted[places].argmax())]
             winners.append((int(best), winners[-1][1]))
         else:
-            ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed, frames=RACED)
+            ran = contest(
+                objective,
+                found.sets[places],
+                evaluator,
+                confidence=confidence,
+                seed=run.seed,
+                frames=RACED,
+            )
             rows = places[ran.ranking]
             kept = _find_rivals(ran, found.sets[rows], evaluator, order)
             close += zip(ran.expected[kept].tolist(), rows[kept].tolist(), strict=True)
@@ -439,7 +560,8 @@ def choose_set(
     chosen = best
     rule: Rule = "best" if min_ap is None else "none"
     if min_ap is None and alike[0] != best:
-        chosen, rule = alike[0], "as good"
+        chosen = alike[0]
+        rule = "as good"
     others = tuple(i for i in alike if i != chosen)
     places = np.flatnonzero(sizes == sizes[chosen])
     sureness = known.measure_sureness(chosen, places, races.get(int(sizes[chosen])))
@@ -447,22 +569,33 @@ def choose_set(
 
 
 def _find_rivals(
-    ran: Contest, ranked: Bool[np.ndarray, "n C"], evaluator: CasesEvaluator, order: Int64[np.ndarray, " frames"]
+    ran: Contest,
+    ranked: Bool[np.ndarray, "n C"],
+    evaluator: CasesEvaluator,
+    order: Int64[np.ndarray, " frames"],
 ) -> Int64[np.ndarray, " k"]:
-    """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank. The mean
-    AP is that on the frames of the first rung, which all sets share."""
+    """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then
+    by rank. The mean AP is that on the frames of the first rung, which all sets share."""
     tied = np.flatnonzero(ran.expected >= ran.expected[0] - LIKELY_TIE)[1:]
     means = evaluator.mean_ap(ranked[tied], order[: ran.frames.min()]) if len(tied) else np.empty(0)
     by_mean = tied[np.argsort(-means, kind="stable")]
-    return np.array(list(dict.fromkeys([0, *by_mean.tolist(), *range(len(ranked))]))[:KEPT], np.int64)
+    return np.array(
+        list(dict.fromkeys([0, *by_mean.tolist(), *range(len(ranked))]))[:KEPT], np.int64
+    )
 
 
 def _find_cheapest(known: _Options, min_ap: float, run: Run) -> int | None:
-    """Return the cheapest set whose AP reaches the requirement, None if none does. Sets are judged by price."""
-    found, judge = known.found, known.judge
+    """Return the cheapest set whose AP reaches the requirement, None if none does. Sets are judged
+    by price."""
+    found = known.found
+    judge = known.judge
     order = race_order(judge.frames, seed=run.seed)[:LOOKED_AT]
-    seen = judge.evaluator.evaluate(found.sets, order, run.stage("frames of the first look", len(order)))
-    likely = shrink(seen.ap, seen.resamples, found.predicted, len(np.unique(order // BLOCK_FRAMES))).figure
+    seen = judge.evaluator.evaluate(
+        found.sets, order, run.stage("frames of the first look", len(order))
+    )
+    likely = shrink(
+        seen.ap, seen.resamples, found.predicted, len(np.unique(order // BLOCK_FRAMES))
+    ).figure
     rows = np.lexsort((-likely, np.array([option.price for option in known.options]))).tolist()
     report = run.stage("sets judged by price", len(rows))
     for done, i in enumerate(rows, 1):
@@ -480,10 +613,12 @@ def _thrift(option: PlanOption) -> tuple[float, int, float, float]:
     return option.price, len(option.sensors), -(option.mean_ap or 0.0), option.kbit_per_sensor
 
 
-def choose(options: Sequence[PlanOption], draws: Mapping[int, Resamples]) -> tuple[int, tuple[int, ...]]:
-    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first. Options
-    whose links are too narrow are left out, unless all are. draws: resampled AP of each judged option, on the same
-    frames."""
+def choose(
+    options: Sequence[PlanOption], draws: Mapping[int, Resamples]
+) -> tuple[int, tuple[int, ...]]:
+    """Return the index of the best option, and those that cannot be told from it, itself too, cheap
+    ones first. Options whose links are too narrow are left out, unless all are. draws: resampled AP
+    of each judged option, on the same frames."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     carried = {i: counted for i, counted in judged.items() if options[i].fits_links}
     judged = carried or judged

@@ -1,8 +1,9 @@
 """`PlanFolder`: a plan as its folder keeps it, the one reader of plans.
 
-plan.json states the question, the chosen set with its figures, and the stock: poles, sensor models and prices that the
-plan chose from. Every member that is used is checked; site.json beside it has the chosen sensors. A plan.json without
-`coview_plan`, from before there was a version, is refused by name, as it lacks prices and poles."""
+plan.json states the question, the chosen set with its figures, and the stock: poles, sensor models
+and prices that the plan chose from. Every member that is used is checked; site.json beside it has
+the chosen sensors. A plan.json without `coview_plan`, from before there was a version, is refused
+by name, as it lacks prices and poles."""
 
 import math
 from collections.abc import Callable
@@ -33,10 +34,17 @@ from toolkit.sites.files import format_attitude, format_model, load_site, read_m
 from toolkit.sites.site import MOST_HEIGHT, ORIGINS, Mount, Site
 
 CONTENT = "plan.json"
-MAX_STOCK_POLES, MAX_MODELS, MAX_STEPS, MAX_SENSORS, MAX_AREAS = 5000, 100, 360, 10_000, 1000
+MAX_STOCK_POLES = 5000
+MAX_MODELS = 100
+MAX_STEPS = 360
+MAX_SENSORS = 10_000
+MAX_AREAS = 1000
 MAX_STOCK_POSES = 400_000  # in a stock
-MAX_FRAMES, MAX_OBJECTS, MAX_SEED = 100_000, 10**9, 2**63 - 1
-MAX_PRICE, MAX_KBIT = 1e15, 1e12
+MAX_FRAMES = 100_000
+MAX_OBJECTS = 10**9
+MAX_SEED = 2**63 - 1
+MAX_PRICE = 1e15
+MAX_KBIT = 1e12
 MAX_POLE_GAP_M = 1.5  # between a sensor and its pole
 PLAN_AGAIN = "make the plan again with coview plan"
 
@@ -71,7 +79,8 @@ class PlanFolder:
         path: The folder.
         setting: Question by which sets are scored, at the site with the chosen sensors.
         frames: Number of frames that the searches saw.
-        given_frames: Number of frames of each part of the traffic if it was given, None for the usual ones.
+        given_frames: Number of frames of each part of the traffic if it was given, None for the
+            usual ones.
         seed: Seed of the traffic.
         sensors: Most sensors, infinite for any number.
         detector: Name of the plan's detector, "shipped" for a shipped one.
@@ -104,11 +113,14 @@ def is_plan_folder(where: object) -> bool:
 
 
 def read_plan_folder(where: str | Path) -> PlanFolder:
-    """Read the plan in a folder. Raises FileNotFoundError for a folder without a plan; ValueError, in one line with
-    file, member, rule and value, for a damaged plan, one of another version, and one without a set."""
+    """Read the plan in a folder. Raises FileNotFoundError for a folder without a plan; ValueError,
+    in one line with file, member, rule and value, for a damaged plan, one of another version, and
+    one without a set."""
     folder = Path(where)
     if not (folder / CONTENT).is_file():
-        raise FileNotFoundError(f"{where} is no folder of a plan: it needs {CONTENT} and {SITE} of coview plan")
+        raise FileNotFoundError(
+            f"{where} is no folder of a plan: it needs {CONTENT} and {SITE} of coview plan"
+        )
     path = folder / CONTENT
     content = read_json(path)
     with name_errors(path):
@@ -116,9 +128,13 @@ def read_plan_folder(where: str | Path) -> PlanFolder:
         _check_version(plan)
         if plan.value.get("chosen", ...) is None:
             sentence = plan.node("verdict").get("sentence", str)
-            raise ValueError(f"the plan has no set of sensors to go on from ({sentence[:80]}): {PLAN_AGAIN}")
+            raise ValueError(
+                f"the plan has no set of sensors to go on from ({sentence[:80]}): {PLAN_AGAIN}"
+            )
     if not (folder / SITE).is_file():
-        raise FileNotFoundError(f"{where} is no whole folder of a plan: {SITE} is missing; {PLAN_AGAIN}")
+        raise FileNotFoundError(
+            f"{where} is no whole folder of a plan: {SITE} is missing; {PLAN_AGAIN}"
+        )
     site = load_site(folder / SITE)
     with name_errors(path):
         _check_sensors(plan, site)
@@ -126,7 +142,8 @@ def read_plan_folder(where: str | Path) -> PlanFolder:
 
 
 def found_nothing(path: Path) -> bool:
-    """Return True for the plan.json of a plan without a set, in whose place another one may be written."""
+    """Return True for the plan.json of a plan without a set, in whose place another one may be
+    written."""
     try:
         plan = JsonObject(read_json(path))
         return plan.node("verdict").value.get("met") is False
@@ -135,8 +152,10 @@ def found_nothing(path: Path) -> bool:
 
 
 def format_stock(question: Question, candidates: Candidates) -> Json:
-    """Stock of a plan for plan.json: poles, sensor models, prices, keep-out areas, in the site's metres."""
-    stock, axes = question.stock, candidates.axes
+    """Stock of a plan for plan.json: poles, sensor models, prices, keep-out areas, in the site's
+    metres."""
+    stock = question.stock
+    axes = candidates.axes
     catalogue = stock.catalogue
     names = [name_in_words(type(model).__name__) for model in axes.models]
     if catalogue is not None:
@@ -146,7 +165,10 @@ def format_stock(question: Question, candidates: Candidates) -> Json:
     product = stock.is_product
     return {
         "poles": [_format_pole(mount) for mount in candidates.mounts],
-        "models": [{"name": name, "price": price, "model": format_model(model)} for name, model, price in rows],
+        "models": [
+            {"name": name, "price": price, "model": format_model(model)}
+            for name, model, price in rows
+        ],
         "heights_m": axes.heights.tolist() if product else None,
         "headings": len(axes.headings) if product else None,
         "tilts_deg": np.rad2deg(axes.tilts).round(9).tolist() if product else None,
@@ -179,12 +201,20 @@ def _format_mounted(candidates: Candidates) -> list[Json]:
 
 def _format_catalogue(catalogue: SensorCatalogue) -> Json:
     rates = {"rates": catalogue.rates, "years": catalogue.years}
-    return {"currency": catalogue.currency, "pole_price": catalogue.pole_price, **rates, "digest": catalogue.digest}
+    return {
+        "currency": catalogue.currency,
+        "pole_price": catalogue.pole_price,
+        **rates,
+        "digest": catalogue.digest,
+    }
 
 
 def _check_version(plan: JsonObject) -> None:
     if "coview_plan" not in plan.value:
-        old = "it has no coview_plan, so it is of an earlier coview, without poles and prices, or no plan"
+        old = (
+            "it has no coview_plan, so it is of an earlier coview, without poles and prices, or "
+            "no plan"
+        )
         raise ValueError(f"{old}: {PLAN_AGAIN}")
     version = plan.get("coview_plan", int)
     if version > PLAN_VERSION:
@@ -202,7 +232,10 @@ def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
         away = float(np.hypot(*(sensor.position - poles[name].position)[:2]))
         if away > MAX_POLE_GAP_M:
             apart = f"{sensor.name} hangs {away:.6g} m from its pole {name}"
-            raise ValueError(f"{apart}, more than {MAX_POLE_GAP_M:g} m: the file is damaged, or {SITE} was changed")
+            raise ValueError(
+                f"{apart}, more than {MAX_POLE_GAP_M:g} m: the file is damaged, or {SITE} was "
+                "changed"
+            )
 
 
 def _check_sensors(plan: JsonObject, site: Site) -> None:
@@ -210,11 +243,14 @@ def _check_sensors(plan: JsonObject, site: Site) -> None:
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted:
         listed = f"{', '.join(names)[:80]} here, {', '.join(mounted)[:80] or 'none'} in {SITE}"
-        raise ValueError(f"plan and site must have the same sensors, got {listed}: take both from one plan")
+        raise ValueError(
+            f"plan and site must have the same sensors, got {listed}: take both from one plan"
+        )
 
 
 def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
-    question, head = plan.node("question"), plan.node("head")
+    question = plan.node("question")
+    head = plan.node("head")
     texts = {key: head.get(key, str) for key in head.value}
     money = _read_optional(question, "money", lambda key: question.number(key, 0, MAX_PRICE))
     sensors = _read_optional(question, "sensors", lambda key: question.whole(key, 0, MAX_SENSORS))
@@ -233,7 +269,9 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
     _check_poles(plan, site, setting.pool)
     frames = question.numbers("frames", 3)
     if not all(frame == int(frame) and 1 <= frame <= MAX_FRAMES for frame in frames):
-        raise ValueError(f"question.frames must be three whole numbers from 1 to {MAX_FRAMES}, got {frames}")
+        raise ValueError(
+            f"question.frames must be three whole numbers from 1 to {MAX_FRAMES}, got {frames}"
+        )
     return PlanFolder(
         folder,
         setting,
@@ -258,7 +296,10 @@ def _read_cases(question: JsonObject) -> Cases:
     for name in errors:
         if name not in PROFILES:
             known = ", ".join(PROFILES)
-            raise ValueError(f"question.errors has a profile {name[:60]!r} that is not one of {known}: {PLAN_AGAIN}")
+            raise ValueError(
+                f"question.errors has a profile {name[:60]!r} that is not one of {known}: "
+                f"{PLAN_AGAIN}"
+            )
     with name_errors("question"):
         return Cases(
             iou=ious,
@@ -272,14 +313,20 @@ def _read_cases(question: JsonObject) -> Cases:
 
 
 def _read_classes(question: JsonObject, cases: Cases) -> Classes:
-    names, weights = question.texts("classes"), question.numbers("class_weights")
+    names = question.texts("classes")
+    weights = question.numbers("class_weights")
     stated = question.get("class_ious", list)
     with name_errors("question"):
         combine = question.choice("combine", ("mean", "worst"))
         plain = Classes(tuple(names), tuple(weights), combine)  # type: ignore[arg-type]
         if len(stated) != len(plain.names):
-            raise ValueError(f"class_ious must hold one for each of {', '.join(plain.names)}, got {len(stated)}")
-        ious = [_find_class_iou(cases, plain, name, iou) for name, iou in zip(plain.names, stated, strict=True)]
+            raise ValueError(
+                f"class_ious must hold one for each of {', '.join(plain.names)}, got {len(stated)}"
+            )
+        ious = [
+            _find_class_iou(cases, plain, name, iou)
+            for name, iou in zip(plain.names, stated, strict=True)
+        ]
         return replace(plain, ious=tuple(ious))
 
 
@@ -288,7 +335,10 @@ def _find_class_iou(cases: Cases, plain: Classes, name: str, stated: object) -> 
     if stated == usual or stated == list(np.atleast_1d(usual)):
         return None
     if isinstance(stated, bool) or not isinstance(stated, int | float):
-        raise ValueError(f"class_ious of {name} must be one number, or the IoU of the question, got {stated!r:.60}")
+        raise ValueError(
+            f"class_ious of {name} must be one number, or the IoU of the question, got "
+            f"{stated!r:.60}"
+        )
     return float(stated)
 
 
@@ -297,15 +347,20 @@ def _read_codec(question: JsonObject) -> Codec:
     for name in CODECS:
         if find_codec(name).digest == digest:
             return find_codec(name)
-    raise ValueError(f"question.codec must belong to {' or '.join(CODECS)}, got {digest[:60]!r}: {PLAN_AGAIN}")
+    raise ValueError(
+        f"question.codec must belong to {' or '.join(CODECS)}, got {digest[:60]!r}: {PLAN_AGAIN}"
+    )
 
 
 def _read_stated(chosen: JsonObject, errors: str) -> StatedFigure:
     judged = chosen.node("judged")
     ends = [_read_optional(judged, key, judged.number) for key in ("low", "high")]
     low, high = (math.nan if end is None else end for end in ends)
-    frames, objects = judged.whole("frames", 1, MAX_FRAMES), judged.whole("vehicles", 0, MAX_OBJECTS)
-    return StatedFigure(judged.number("ap", 0, 1), low, high, frames, objects, errors, chosen.number("predicted"))
+    frames = judged.whole("frames", 1, MAX_FRAMES)
+    objects = judged.whole("vehicles", 0, MAX_OBJECTS)
+    return StatedFigure(
+        judged.number("ap", 0, 1), low, high, frames, objects, errors, chosen.number("predicted")
+    )
 
 
 def _read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
@@ -313,7 +368,9 @@ def _read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
     models = [_read_priced(model) for model in stock.nodes("models", MAX_MODELS)]
     if not poles or not models:
         raise ValueError("stock must hold a pole and a model: the file is damaged")
-    areas = tuple(_read_area(text, i) for i, text in enumerate(stock.texts("keep_out_wkt")[: MAX_AREAS + 1]))
+    areas = tuple(
+        _read_area(text, i) for i, text in enumerate(stock.texts("keep_out_wkt")[: MAX_AREAS + 1])
+    )
     if len(areas) > MAX_AREAS:
         raise ValueError(f"stock.keep_out_wkt must hold at most {MAX_AREAS} areas")
     catalogue = None
@@ -327,10 +384,12 @@ def _read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
 
 
 def _read_pole(pole: JsonObject) -> Mount:
-    name, origin = pole.get("name", str), pole.choice("origin", ORIGINS)
+    name = pole.get("name", str)
+    origin = pole.choice("origin", ORIGINS)
     position = np.array([pole.number(axis, -MAX_COORDINATE_M, MAX_COORDINATE_M) for axis in "xyz"])
     low, high = pole.number("min_height", 0, MOST_HEIGHT), pole.number("max_height", 0, MOST_HEIGHT)
-    price, capacity = pole.number("price", 0, MAX_PRICE), pole.number("capacity_kbit", 0, MAX_KBIT)
+    price = pole.number("price", 0, MAX_PRICE)
+    capacity = pole.number("capacity_kbit", 0, MAX_KBIT)
     places = pole.whole("max_sensors", 1, MAX_SENSORS)
     with name_errors(pole.path):
         return Mount(name, position, low, high, price, capacity, places, origin)
@@ -348,16 +407,31 @@ def _read_area(text: str, number: int) -> shapely.Geometry:
     try:
         area = shapely.from_wkt(text)
     except shapely.errors.ShapelyError:
-        raise ValueError(f"{where} must be a polygon as well-known text, got {text[:60]!r}") from None
-    sound = area is not None and area.geom_type in ("Polygon", "MultiPolygon") and area.is_valid and not area.is_empty
-    if not sound or not np.isfinite(area.bounds).all() or max(map(abs, area.bounds)) > MAX_COORDINATE_M:
+        raise ValueError(
+            f"{where} must be a polygon as well-known text, got {text[:60]!r}"
+        ) from None
+    sound = (
+        area is not None
+        and area.geom_type in ("Polygon", "MultiPolygon")
+        and area.is_valid
+        and not area.is_empty
+    )
+    if (
+        not sound
+        or not np.isfinite(area.bounds).all()
+        or max(map(abs, area.bounds)) > MAX_COORDINATE_M
+    ):
         raise ValueError(f"{where} must be a sound polygon in the site's metres, got {text[:60]!r}")
     return area
 
 
-def _read_catalogue(node: JsonObject, models: list[tuple[PricedModel, bool]], head: dict[str, str]) -> SensorCatalogue:
+def _read_catalogue(
+    node: JsonObject, models: list[tuple[PricedModel, bool]], head: dict[str, str]
+) -> SensorCatalogue:
     if not all(priced for _, priced in models):
-        raise ValueError("stock.models must all have a price where there is a catalogue: the file is damaged")
+        raise ValueError(
+            "stock.models must all have a price where there is a catalogue: the file is damaged"
+        )
     rates = node.node("rates")
     rates.check_keys(RATES)
     return SensorCatalogue(
@@ -374,25 +448,34 @@ def _read_catalogue(node: JsonObject, models: list[tuple[PricedModel, bool]], he
 def _read_pool(
     stock: JsonObject, site: Site, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
 ) -> Candidates:
-    heights, tilts = stock.numbers("heights_m"), stock.numbers("tilts_deg")
+    heights = stock.numbers("heights_m")
+    tilts = stock.numbers("tilts_deg")
     headings = stock.whole("headings", 1, MAX_STEPS)
     if max(len(heights), len(tilts)) > MAX_STEPS:
         raise ValueError(f"stock.heights_m and tilts_deg must hold at most {MAX_STEPS} numbers")
     poses = len(poles) * len(heights) * headings * len(tilts) * len(models)
     if poses > MAX_STOCK_POSES:
-        raise ValueError(f"stock must have at most {MAX_STOCK_POSES} poses, got {poses}: leave out poles")
+        raise ValueError(
+            f"stock must have at most {MAX_STOCK_POSES} poses, got {poses}: leave out poles"
+        )
     offer: Any = [each.model for each, _ in models]
     if all(priced for _, priced in models):
         offer = {each.model: each.price for each, _ in models}
     radians = np.deg2rad(tilts).tolist()
     with name_errors("stock"):
-        return pool(site, heights=heights, headings=headings, tilts=radians, models=offer, mounts=poles)
+        return pool(
+            site, heights=heights, headings=headings, tilts=radians, models=offer, mounts=poles
+        )
 
 
-def _read_mounted(stock: JsonObject, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]) -> Candidates:
-    sensors, factors = [], []
+def _read_mounted(
+    stock: JsonObject, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
+) -> Candidates:
+    sensors = []
+    factors = []
     for row in stock.nodes("sensors", MAX_SENSORS):
-        pole, model = row.whole("pole", 0, len(poles) - 1), row.whole("model", 0, len(models) - 1)
+        pole = row.whole("pole", 0, len(poles) - 1)
+        model = row.whole("model", 0, len(models) - 1)
         sensor = read_sensor(row.numbers("position", 3), row, models[model][0].model)
         sensors.append(sensor)
         factors.append((pole, model))
@@ -400,10 +483,15 @@ def _read_mounted(stock: JsonObject, poles: tuple[Mount, ...], models: list[tupl
         raise ValueError("stock.sensors must hold one sensor or more, or be null")
     mount = np.array([pole for pole, _ in factors], np.int64)
     headings, tilts = aims(sensors)
-    heights = [sensor.position[2] - poles[pole].position[2] for sensor, (pole, _) in zip(sensors, factors, strict=True)]
+    heights = [
+        sensor.position[2] - poles[pole].position[2]
+        for sensor, (pole, _) in zip(sensors, factors, strict=True)
+    ]
     prices = tuple(each.price for each, _ in models) if all(priced for _, priced in models) else ()
     nothing = np.zeros(0)
     axes = Axes(nothing, nothing, nothing, tuple(each.model for each, _ in models), prices)
     empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
     with name_errors("stock"):
-        return Candidates.of_poses(sensors, mount, np.column_stack([heights, headings, tilts]), empty)
+        return Candidates.of_poses(
+            sensors, mount, np.column_stack([heights, headings, tilts]), empty
+        )

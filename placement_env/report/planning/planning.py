@@ -1,8 +1,9 @@
 """`plan`: from a question to a plan. The cache keeps its stages, so an interrupted plan resumes.
 
-There are three parts of traffic, each with its own seed: searches see the first, the detector compares the entrants on
-the second, and the plan's figures for the chosen set are from the third. In breakdowns, vehicles and false alarms
-belong to the group of their box's centre, a hit to the group of the vehicle it hit."""
+There are three parts of traffic, each with its own seed: searches see the first, the detector
+compares the entrants on the second, and the plan's figures for the chosen set are from the third.
+In breakdowns, vehicles and false alarms belong to the group of their box's centre, a hit to the
+group of the vehicle it hit."""
 
 import json
 import math
@@ -50,7 +51,13 @@ from placement_env.report.planning.plan_folder import CONTENT, format_stock
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.first_look import narrow_pool
 from placement_env.search.order import describe_exclusions, explain_kept
-from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, join_entrants, keep_entrants
+from placement_env.search.portfolio.entrants import (
+    Effort,
+    Entrants,
+    at_other_ious,
+    join_entrants,
+    keep_entrants,
+)
 from placement_env.setting import AP_ONLY
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float32, Float64, Int64
@@ -78,8 +85,9 @@ GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 class Scored:
     """Detections of one set, box by box.
 
-    truths: scored objects of all frames, in order; points: of the set on each; boxes: of the detections; hits: the
-    truth that each hit at each IoU threshold, or FALSE_ALARM or IGNORED; frames: their number; classes: that count."""
+    truths: scored objects of all frames, in order; points: of the set on each; boxes: of the
+    detections; hits: the truth that each hit at each IoU threshold, or FALSE_ALARM or IGNORED;
+    frames: their number; classes: that count."""
 
     truths: Float64[np.ndarray, "t 7"]
     truth_frame: Int64[np.ndarray, " t"]
@@ -93,21 +101,27 @@ class Scored:
     frames: int
     classes: Classes
 
-    def tally(self, label: int, truths: Bool[np.ndarray, " t"], chosen: Bool[np.ndarray, " n"], at: int) -> Tally:
+    def tally(
+        self, label: int, truths: Bool[np.ndarray, " t"], chosen: Bool[np.ndarray, " n"], at: int
+    ) -> Tally:
         """Tally truths and detections of one class and IoU."""
-        there, found = truths & (self.truth_label == label), chosen & (self.label == label)
+        there = truths & (self.truth_label == label)
+        found = chosen & (self.label == label)
         count = np.bincount(self.truth_frame[there], minlength=self.frames)
         return Tally(self.scores[found], self.hits[at, found] >= 0, self.frame[found], count)
 
 
 def score_boxes(judge: judging.Judge, chosen: tuple[int, ...]) -> Scored:
     """Collect detections of the chosen set in all frames of a judge."""
-    detected, outcomes = judge.detected, judge.outcomes(chosen)
+    detected = judge.detected
+    outcomes = judge.outcomes(chosen)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
     found = [detected.detections(chosen, k) for k in range(judge.frames)]
     frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
     first = np.cumsum([0, *map(len, objects)])[frame]
-    truth = np.concatenate([each.truth for each in outcomes], axis=1)[[*map(detected.ious.index, judge.cases.ious)]]
+    truth = np.concatenate([each.truth for each in outcomes], axis=1)[
+        [*map(detected.ious.index, judge.cases.ious)]
+    ]
     return Scored(
         truths=np.concatenate([each.boxes for each in objects]),
         truth_frame=np.repeat(np.arange(judge.frames), [len(each) for each in objects]),
@@ -125,7 +139,9 @@ def score_boxes(judge: judging.Judge, chosen: tuple[int, ...]) -> Scored:
 
 def fuse_clouds(detected: Detected, chosen: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
     """Join the points of a set's sensors in frame k."""
-    return np.concatenate([np.empty((0, 3), np.float32), *(detected.renders.clouds(k, c) for c in chosen)])
+    return np.concatenate(
+        [np.empty((0, 3), np.float32), *(detected.renders.clouds(k, c) for c in chosen)]
+    )
 
 
 def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray, " t"]:
@@ -133,17 +149,24 @@ def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray
     counts = [np.empty(0, np.int64)]
     for k in range(detected.frames):
         boxes = detected.renders.objects(k).boxes[detected.scored(k)]
-        counts.append(count_on_ground(fuse_clouds(detected, chosen, k), boxes, detected.renders.site))
+        counts.append(
+            count_on_ground(fuse_clouds(detected, chosen, k), boxes, detected.renders.site)
+        )
     return np.concatenate(counts)
 
 
-def _row(name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]) -> content.BreakdownRow:
+def _row(
+    name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]
+) -> content.BreakdownRow:
     return content.BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
 
 
-def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[content.BreakdownRow, ...]:
+def by_group(
+    scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int
+) -> tuple[content.BreakdownRow, ...]:
     """Judge each group; group_of: group of each box."""
-    of_truth, groups = group_of(scored.truths), np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
+    of_truth = group_of(scored.truths)
+    groups = np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
     hit = scored.hits >= 0
     groups[hit] = of_truth[scored.hits[hit]]
     rows = []
@@ -161,7 +184,8 @@ def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int)
 def by_zone(scored: Scored, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge the middle and the quarters around it, named by the compass."""
     xmin, ymin, xmax, ymax = site.area
-    middle, radius = np.array([xmin + xmax, ymin + ymax]) / 2, CENTRE * min(xmax - xmin, ymax - ymin)
+    middle = np.array([xmin + xmax, ymin + ymax]) / 2
+    radius = CENTRE * min(xmax - xmin, ymax - ymin)
     quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
     names = (f"centre (within {radius:g} m)", *(compass(site, quarter) for quarter in quarters))
 
@@ -173,11 +197,16 @@ def by_zone(scored: Scored, site: Site, seed: int) -> tuple[content.BreakdownRow
     return by_group(scored, names, group_of, seed)
 
 
-def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[content.BreakdownRow, ...]:
+def by_range(
+    scored: Scored, sensors: Sequence[Sensor], seed: int
+) -> tuple[content.BreakdownRow, ...]:
     """Judge by distance to the nearest sensor."""
     places = np.array([sensor.position[:2] for sensor in sensors])
     edges = (0.0, *RANGE_ENDS)
-    names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
+    names = [
+        *(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)),
+        f"beyond {RANGE_ENDS[-1]:g} m",
+    ]
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
         nearest = np.linalg.norm(boxes[:, None, :2] - places, axis=2).min(axis=1)
@@ -189,49 +218,70 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[cont
 def by_approach(scored: Scored, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge by the lane nearest to each vehicle."""
     places = find_approaches(site)
-    return tuple(row for row in by_group(scored, places.names, places.locate, seed) if row.judged is not None)
+    return tuple(
+        row for row in by_group(scored, places.names, places.locate, seed) if row.judged is not None
+    )
 
 
 def measure_blind_streets(site: Site, ground: Ground) -> dict[str, float]:
     """Measure the lanes that no sensor sees (m²), by street, the largest first."""
     rows, columns = np.nonzero(ground.open_ground & ground.lanes & (ground.views == 0))
     boxes = np.zeros((len(rows), 7))
-    boxes[:, 0], boxes[:, 1], streets = ground.x[columns], ground.y[rows], find_streets(site)
+    boxes[:, 0] = ground.x[columns]
+    boxes[:, 1] = ground.y[rows]
+    streets = find_streets(site)
     areas = np.bincount(streets.locate(boxes), minlength=len(streets.names)) * ground.cell**2
-    return {streets.names[k]: float(areas[k]) for k in np.argsort(-areas, kind="stable") if areas[k]}
+    return {
+        streets.names[k]: float(areas[k]) for k in np.argsort(-areas, kind="stable") if areas[k]
+    }
 
 
-def by_level(scored: Scored, judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
+def by_level(
+    scored: Scored, judge: judging.Judge, chosen: tuple[int, ...]
+) -> tuple[content.BreakdownRow, ...]:
     """Judge each level of traffic; empty if undivided."""
     each = zip(LEVEL_NAMES[judge.cases.levels], judge.by_level(chosen), judge.levels, strict=False)
-    frame, points = scored.truth_frame, scored.points
+    frame = scored.truth_frame
+    points = scored.points
     return tuple(_row(name, judged, points[np.isin(frame, part)]) for name, judged, part in each)
 
 
 def by_errors(judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
-    """Judge each error profile. Failures and levels are included if they count; no row for one profile."""
+    """Judge each error profile. Failures and levels are included if they count; no row for one
+    profile."""
     rows = zip(judge.by_errors(chosen).items(), judge.profiles, strict=False)
     return tuple(_row(*row, _count_points(at, chosen)) for row, at in rows)
 
 
-def by_draw(judge: judging.Judge, chosen: tuple[int, ...], run: Run = Run()) -> tuple[content.DrawnErrors, ...]:
-    """Judge a set at each error profile in several draws of the errors, each for all frames. run: reports the draws."""
+def by_draw(
+    judge: judging.Judge, chosen: tuple[int, ...], run: Run = Run()
+) -> tuple[content.DrawnErrors, ...]:
+    """Judge a set at each error profile in several draws of the errors, each for all frames. run:
+    reports the draws."""
     rows = []
     for detected in judge.profiles:
         renders = detected.renders
         if not isinstance(renders, Renders) or only_own_noise(renders.errors):
             continue
-        report, aps = run.stage(f"draws of the errors {renders.errors.name}", ERROR_DRAWS), []
+        report = run.stage(f"draws of the errors {renders.errors.name}", ERROR_DRAWS)
+        aps = []
         for seed in range(1, ERROR_DRAWS + 1):
             aps.append(_judge_draw(judge, detected, renders, chosen, seed))
             if report is not None:
                 report(seed)
-        mean, tenth = float(np.mean(aps)), float(np.quantile(aps, 0.1))
-        rows.append(content.DrawnErrors(renders.errors.name, tuple(aps), mean, tenth, min(judge.frames, DRAWN_FRAMES)))
+        mean = float(np.mean(aps))
+        tenth = float(np.quantile(aps, 0.1))
+        rows.append(
+            content.DrawnErrors(
+                renders.errors.name, tuple(aps), mean, tenth, min(judge.frames, DRAWN_FRAMES)
+            )
+        )
     return tuple(rows)
 
 
-def _judge_draw(judge: judging.Judge, detected: Detected, renders: Renders, chosen: Sequence[int], seed: int) -> float:
+def _judge_draw(
+    judge: judging.Judge, detected: Detected, renders: Renders, chosen: Sequence[int], seed: int
+) -> float:
     drawn = renders.draw_once(seed, chosen, min(judge.frames, DRAWN_FRAMES))
     known = {name: getattr(detected, name) for name in ("codec", "memo", "processes", "classes")}
     ious = judge.cases.ious
@@ -244,14 +294,17 @@ def by_class(
     judge: judging.Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS
 ) -> tuple[content.ClassSeen, ...]:
     """Coverage of each class: share of its road users in the area with `LEAST` points or more."""
-    detected, site = judge.detected, judge.detected.renders.site
-    inside, seen = [], []
+    detected = judge.detected
+    site = judge.detected.renders.site
+    inside = []
+    seen = []
     for k in range(judge.frames):
         objects = detected.renders.objects(k)
         objects = objects[has_centre_inside(objects.boxes, site.area)]
         inside.append(objects.labels)
         seen.append(count_on_ground(fuse_clouds(detected, chosen, k), objects.boxes, site) >= LEAST)
-    of_class, all_seen = np.concatenate(inside), np.concatenate(seen)
+    of_class = np.concatenate(inside)
+    all_seen = np.concatenate(seen)
     rows = {label: all_seen[of_class == label_index(label)] for label in labels}
     return tuple(
         content.ClassSeen(label, len(row), int(LEAST), float(row.mean()) if len(row) else None)
@@ -260,44 +313,68 @@ def by_class(
 
 
 def pick_moments(
-    detected: Detected, chosen: tuple[int, ...], *, count: int = MOMENTS, points: int = MOMENT_POINTS, seed: int = 0
+    detected: Detected,
+    chosen: tuple[int, ...],
+    *,
+    count: int = MOMENTS,
+    points: int = MOMENT_POINTS,
+    seed: int = 0,
 ) -> tuple[content.Moment, ...]:
-    """Pick the first run of `count` frames with most vehicles. points: kept of each cloud, drawn from the seed."""
+    """Pick the first run of `count` frames with most vehicles. points: kept of each cloud, drawn
+    from the seed."""
     found = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
     count = min(count, detected.frames)
     first = int(np.convolve(found, np.ones(count, np.int64), mode="valid").argmax())
     return tuple(_moment(detected, chosen, k, points, seed) for k in range(first, first + count))
 
 
-def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, seed: int) -> content.Moment:
+def _moment(
+    detected: Detected, chosen: tuple[int, ...], k: int, points: int, seed: int
+) -> content.Moment:
     truth = detected.outcomes([chosen], [k])[chosen][0].truth[detected.ious.index(detected.iou)]
-    objects, scored = detected.renders.objects(k), detected.scored(k)
+    objects = detected.renders.objects(k)
+    scored = detected.scored(k)
     hit = np.zeros(len(objects), np.bool_)
     hit[np.flatnonzero(scored)[truth[truth > FALSE_ALARM]]] = True
     clouds = tuple(thin(detected.renders.clouds(k, c), points, [seed, k, c]) for c in chosen)
-    return content.Moment(clouds, objects, detected.detections(chosen, k), hit, ~scored, truth >= 0, truth == IGNORED)
+    return content.Moment(
+        clouds, objects, detected.detections(chosen, k), hit, ~scored, truth >= 0, truth == IGNORED
+    )
 
 
-def thin(cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]) -> Float32[np.ndarray, "m 3"]:
+def thin(
+    cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]
+) -> Float32[np.ndarray, "m 3"]:
     """Draw at most this many points of a cloud, in order."""
     if len(cloud) <= points:
         return cloud
     return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]
 
 
-ERROR_DRAWS, DRAWN_FRAMES = 10, 60  # draws of errors that the chosen set is judged in, and frames of each at most
+# draws of errors that the chosen set is judged in, and frames of each at most
+ERROR_DRAWS = 10
+DRAWN_FRAMES = 60
 MOST_FRAMES = 1200  # that a plan takes to reach a width
 ALL_SUBSETS = 6  # sensors up to which every subset is judged by the detector
-PACKAGES = ("numpy", "torch", "open3d-cpu", "open3d", "eclipse-sumo", "libsumo", "ortools", "shapely")
+PACKAGES = (
+    "numpy",
+    "torch",
+    "open3d-cpu",
+    "open3d",
+    "eclipse-sumo",
+    "libsumo",
+    "ortools",
+    "shapely",
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
     """Everything that led to the chosen set.
 
-    objective: of the searches; network: shipped one that detects if the question has no detector; excluded: sentences
-    on what excludes candidates; traffic: of searches, comparison and judgement; drawings: results at each, where there
-    are several."""
+    objective: of the searches; network: shipped one that detects if the question has no detector;
+    excluded: sentences on what excludes candidates; traffic: of searches, comparison and judgement;
+    drawings: results at each, where there are several."""
 
     question: Question
     found: Entrants
@@ -310,9 +387,14 @@ class Findings:
 
 
 def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> content.Plan:
-    """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
-    question, choice, objective = findings.question, findings.choice, findings.objective
-    candidates, site, seed = objective.candidates, question.site, question.run.seed
+    """Put the plan together. final: the detector on the final traffic; ground: that the chosen
+    sensors see."""
+    question = findings.question
+    choice = findings.choice
+    objective = findings.objective
+    candidates = objective.candidates
+    site = question.site
+    seed = question.run.seed
     members = choice.members
     chosen = ChosenSet(members, choice.option.sensors, final, objective, question.run)
     ((judged,), (drawn,)) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
@@ -321,7 +403,9 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     kbit = float(each_kbit.sum(axis=0).mean())
     fits = objective.fits_links(members, each_kbit)
     per_sensor = kbit / len(members)
-    option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=per_sensor, fits_links=fits)
+    option = replace(
+        choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=per_sensor, fits_links=fits
+    )
     scored = score_boxes(final, members)
     sensors = mounted.format_sensors(
         site,
@@ -334,7 +418,8 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     links = mounted.link_loads(sensors, limited=question.setting.fusion.sends_points)
     detector: str = detector_origin(final.detected.detector)["detector"]
     considered = sorted(
-        choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
+        choice.options,
+        key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted)),
     )
     levels = by_level(scored, final, members)
     plan = content.Plan(
@@ -344,7 +429,9 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         iou=question.cases.threshold,
         scheme=question.setting.fusion.name,
         currency=question.currency,
-        verdict=sentences.build_verdict(question, choice.option, option, findings.excluded, choice.rule, links=links),
+        verdict=sentences.build_verdict(
+            question, choice.option, option, findings.excluded, choice.rule, links=links
+        ),
         chosen=option,
         best=choice.options[choice.best],
         confidence=judge_sureness(choice.confidence, judged.counted, drawn),
@@ -374,27 +461,39 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         origins=count_things(replace(site, mounts=candidates.mounts)),
         head=question.stock.head,
         stock=format_stock(question, question.setting.pool),
-        assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
+        assumptions=sentences.list_assumptions(
+            question, objective.fidelity, detector, sampled=not chosen.small
+        ),
         unknown=sentences.list_unknowns(judged.counted, levels),
         provenance=trace_plan(findings, candidates, final.detected.detector),
     )
-    count, fidelity = findings.found.considered, objective.fidelity
-    why = sentences.explain_choice(question, plan, choice.option, choice.rule, considered=count, fidelity=fidelity)
+    count = findings.found.considered
+    fidelity = objective.fidelity
+    why = sentences.explain_choice(
+        question, plan, choice.option, choice.rule, considered=count, fidelity=fidelity
+    )
     planned = zip(members, sensors, strict=True)
-    return content.rename(replace(plan, why=why), {candidates.sensors[c].name: sensor.name for c, sensor in planned})
+    return content.rename(
+        replace(plan, why=why), {candidates.sensors[c].name: sensor.name for c, sensor in planned}
+    )
 
 
 def check_stages(findings: Findings, judged: content.Judgement) -> None:
-    """Raise ValueError where the prediction, the comparison and the judgement of the answer exclude each other.
+    """Raise ValueError where the prediction, the comparison and the judgement of the answer exclude
+    each other.
 
-    judged: the answer, intact. The prediction is the shipped network's without errors, so it is held against such
-    a detector only."""
-    choice, question, objective = findings.choice, findings.question, findings.objective
+    judged: the answer, intact. The prediction is the shipped network's without errors, so it is
+    held against such a detector only."""
+    choice = findings.choice
+    question = findings.question
+    objective = findings.objective
     last = judging.state_figure("in the judgement", judged)
     if (compared := choice.option.judged) is not None:
         before = judging.state_figure("in the comparison", compared)
         check_agreement(choice.option.sensors, before, last)
-    predicts = question.setting.detector is None and question.cases.noise_only and question.cases.plain
+    predicts = (
+        question.setting.detector is None and question.cases.noise_only and question.cases.plain
+    )
     if predicts and isinstance(objective.scored_by, Doubting):
         spread = float(objective.scored_by.spread(choice.sets[[choice.chosen]])[0])
         if math.isfinite(spread):
@@ -406,9 +505,11 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
 def judge_sureness(
     confidence: float | None, judged: content.Judgement, drawn: Float64[np.ndarray, " resamples"]
 ) -> float | None:
-    """Confidence that no set of as many sensors is better, with what the judgement adds: no AP exceeds 1.
+    """Confidence that no set of as many sensors is better, with what the judgement adds: no AP
+    exceeds 1.
 
-    None for an AP so near 1 that no set could be better, from frames too few for an interval that would show it."""
+    None for an AP so near 1 that no set could be better, from frames too few for an interval that
+    would show it."""
     if confidence is None or not judged.known:
         return None if judged.ap > 1 - AP_TOLERANCE else confidence
     return max(confidence, share_beyond_reach(drawn))
@@ -418,8 +519,8 @@ def judge_sureness(
 class ChosenSet:
     """Schemes, worth of each sensor, failures and order of building of the chosen set.
 
-    members: indices of its candidates, ascending; names: of these; judge: on the final traffic; objective: of the
-    searches, which scores subsets of large sets."""
+    members: indices of its candidates, ascending; names: of these; judge: on the final traffic;
+    objective: of the searches, which scores subsets of large sets."""
 
     members: tuple[int, ...]
     names: tuple[str, ...]
@@ -453,24 +554,37 @@ class ChosenSet:
 
     def schemes(self) -> tuple[content.SchemeFigures, ...]:
         """The set under every scheme at every IoU."""
-        judge, figures = replace(self.judge, drawings=()), []
-        known, intact = judge.detected, judge.intact
-        whole, ious = self.rows(np.ones((1, len(self.members)), np.bool_)), intact.ious
+        judge = replace(self.judge, drawings=())
+        figures = []
+        known = judge.detected
+        intact = judge.intact
+        whole = self.rows(np.ones((1, len(self.members)), np.bool_))
+        ious = intact.ious
         _, (own,) = judge.judge_drawn(whole, intact)
         for name in PAPER_SCHEMES:
-            alike = {each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")}
-            at = replace(judge, profiles=(Detected(known.renders, known.detector, name, **alike).at(ious[0], ious),))
+            alike = {
+                each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")
+            }
+            at = replace(
+                judge,
+                profiles=(
+                    Detected(known.renders, known.detector, name, **alike).at(ious[0], ious),
+                ),
+            )
             report = self.stage("fusion schemes")
             outcomes = at.detected.outcomes([self.members], range(at.frames), report)[self.members]
             kbit = float(np.mean([outcome.bits.mean() for outcome in outcomes])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
                 (judged,), (drawn,) = at.judge_drawn(whole, replace(intact, iou=iou))
-                good = iou == intact.threshold and is_as_good(drawn, own, count_blocks(self.judge.frames))
+                good = iou == intact.threshold and is_as_good(
+                    drawn, own, count_blocks(self.judge.frames)
+                )
                 figures.append(content.SchemeFigures(name, iou, judged, kbit, good))
         return tuple(figures)
 
     def worth(self) -> tuple[content.SensorWorth, ...]:
-        """Shapley values and interactions. They are exact by the detector for small sets, else sampled."""
+        """Shapley values and interactions. They are exact by the detector for small sets, else
+        sampled."""
         count = len(self.members)
         if self.small:
             aps = self._aps(all_subsets(count), "subsets")
@@ -478,14 +592,22 @@ class ChosenSet:
         else:
             worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
         found = []
-        for name, shapley, pairs in zip(self.names, worth.shapley.tolist(), worth.synergy.tolist(), strict=True):
-            synergy = {other: value for other, value in zip(self.names, pairs, strict=True) if other != name}
+        for name, shapley, pairs in zip(
+            self.names, worth.shapley.tolist(), worth.synergy.tolist(), strict=True
+        ):
+            synergy = {
+                other: value
+                for other, value in zip(self.names, pairs, strict=True)
+                if other != name
+            }
             found.append(content.SensorWorth(name, shapley, synergy))
         return tuple(found)
 
     def failures(self) -> tuple[content.FailureCase, ...]:
-        """Judge the remaining sensors after one or two failures, the worst first for each number."""
-        count, names = len(self.members), np.array(self.names)
+        """Judge the remaining sensors after one or two failures, the worst first for each
+        number."""
+        count = len(self.members)
+        names = np.array(self.names)
         cases: list[content.FailureCase] = []
         for failing in range(1, min(3, count)):
             left = Cases(failing=failing).expand(np.ones((1, count), np.bool_))[0][1:]
@@ -503,14 +625,17 @@ class ChosenSet:
             built = np.concatenate([built, options[best : best + 1]])
         added = np.diff(built, axis=0).argmax(axis=1)
         prices = self.objective.price(self.rows(built[1:])).tolist()
-        steps = zip(added.tolist(), prices, self._judge(built[1:], "order of building"), strict=True)
+        steps = zip(
+            added.tolist(), prices, self._judge(built[1:], "order of building"), strict=True
+        )
         return tuple(content.BuildStep(self.names[i], price, each) for i, price, each in steps)
 
 
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
     """Provenance of a plan: digests of all inputs, seeds and versions."""
     question = findings.question
-    setting, stock = question.setting, question.stock
+    setting = question.setting
+    stock = question.stock
     versions = {"coview": coview_version(), "python": platform.python_version()}
     for name in PACKAGES:
         with suppress(PackageNotFoundError):
@@ -544,8 +669,8 @@ PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
 def plan(question: Question) -> content.Planned:
     """Answer a question with a plan, which says why if nothing may be built.
 
-    The same question has the same plan, byte for byte, whatever the cache and the processes. Raises ValueError and
-    OSError for damaged inputs, ImportError without SUMO."""
+    The same question has the same plan, byte for byte, whatever the cache and the processes. Raises
+    ValueError and OSError for damaged inputs, ImportError without SUMO."""
     if reasons := sentences.refuse_question(question):
         return _refuse(question, reasons)
     try:
@@ -563,10 +688,18 @@ def plan(question: Question) -> content.Planned:
     prepared = [Preparation(each.searched, first) for each in asked]
     for each in prepared:
         there = each.visibility.labels
-        missing = [LABELS[label] for label in question.setting.counted.labels if not (there == label).any()]
+        missing = [
+            LABELS[label] for label in question.setting.counted.labels if not (there == label).any()
+        ]
         if missing:
-            return _refuse(question, sentences.refuse_traffic(question, missing, each.frames, "simulated"), pool)
-    everything = [Objective.of_moved(each, each.setting.pool, each.visibility, AP_ONLY) for each in prepared]
+            return _refuse(
+                question,
+                sentences.refuse_traffic(question, missing, each.frames, "simulated"),
+                pool,
+            )
+    everything = [
+        Objective.of_moved(each, each.setting.pool, each.visibility, AP_ONLY) for each in prepared
+    ]
     excluded = describe_exclusions(everything[0], question.max_kbit, question.currency)
     kept = _keep_buildable(prepared, everything, question.max_kbit)
     alone = np.isin(everything[0].names, [sensor.name for sensor in kept[0][0].sensors])
@@ -574,11 +707,18 @@ def plan(question: Question) -> content.Planned:
     without = explain_kept(everything[0], alone, most, question.currency)
     if without or not len(kept[0][0]):
         return _refuse(question, without or excluded, pool)
-    objectives = [Objective.of_moved(each, *seen, AP_ONLY) for each, seen in zip(prepared, kept, strict=True)]
-    objective, candidates = objectives[0], objectives[0].candidates
-    effort = Effort(tuple(range(1, _most_sensors(question, candidates) + 1)), min_ap=question.min_ap)
+    objectives = [
+        Objective.of_moved(each, *seen, AP_ONLY) for each, seen in zip(prepared, kept, strict=True)
+    ]
+    objective = objectives[0]
+    candidates = objectives[0].candidates
+    effort = Effort(
+        tuple(range(1, _most_sensors(question, candidates) + 1)), min_ap=question.min_ap
+    )
     searched = list(zip(objectives, prepared, strict=True))
-    if not question.cases.plain:  # what is best intact, in all traffic, may be best at its worst too
+    if (
+        not question.cases.plain
+    ):  # what is best intact, in all traffic, may be best at its worst too
         pairs = zip(prepared, kept, strict=True)
         searched += [(Objective.of_moved(each.plain, *seen, AP_ONLY), each) for each, seen in pairs]
     each_found = [
@@ -593,18 +733,35 @@ def plan(question: Question) -> content.Planned:
         for scored, each in searched
     ]
     found = join_entrants(objectives, each_found)
-    compared, judge = _prepare_judge(question, objectives, question.part("comparison"), compares=True)
+    compared, judge = _prepare_judge(
+        question, objectives, question.part("comparison"), compares=True
+    )
     if judge.absent:
-        return _refuse(question, sentences.refuse_traffic(question, judge.absent, judge.frames, "judging"), pool)
+        return _refuse(
+            question,
+            sentences.refuse_traffic(question, judge.absent, judge.frames, "judging"),
+            pool,
+        )
     choice = judging.choose_set(
-        objective, found, judge, min_ap=question.min_ap, confidence=question.confidence, run=question.run
+        objective,
+        found,
+        judge,
+        min_ap=question.min_ap,
+        confidence=question.confidence,
+        run=question.run,
     )
     judged, final = judge_finally(question, objectives, choice.sets[choice.chosen])
     if final.absent:
-        return _refuse(question, sentences.refuse_traffic(question, final.absent, final.frames, "judging"), pool)
+        return _refuse(
+            question,
+            sentences.refuse_traffic(question, final.absent, final.frames, "judging"),
+            pool,
+        )
     parts = [prepared[0].traffic, compared.traffic, judged.traffic]
     drawings = judging.choose_at_drawings(judge, choice, question.min_ap)
-    findings = Findings(question, found, choice, objective, prepared[0].network, excluded, parts, drawings)
+    findings = Findings(
+        question, found, choice, objective, prepared[0].network, excluded, parts, drawings
+    )
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
@@ -617,7 +774,10 @@ def _prepare_judge(
 ) -> tuple[Preparation, judging.Judge]:
     """Prepare one part of the traffic at the first drawing, and the judge over all drawings."""
     pairs = zip(question.at_drawings, objectives, strict=True)
-    prepared = [Preparation(each.judged(objective.candidates), run, compares=compares) for each, objective in pairs]
+    prepared = [
+        Preparation(each.judged(objective.candidates), run, compares=compares)
+        for each, objective in pairs
+    ]
     first, *others = (judging.Judge.of(each, question.run.seed) for each in prepared)
     return prepared[0], replace(first, drawings=tuple(others))
 
@@ -625,8 +785,10 @@ def _prepare_judge(
 def judge_finally(
     question: Question, objectives: Sequence[Objective], chosen: Bool[np.ndarray, " C"]
 ) -> tuple[Preparation, judging.Judge]:
-    """Prepare the traffic of the last part and its judge, with frames enough for the question's width."""
-    run, width = question.part("judgement"), question.width
+    """Prepare the traffic of the last part and its judge, with frames enough for the question's
+    width."""
+    run = question.part("judgement")
+    width = question.width
     while True:
         prepared, judge = _prepare_judge(question, objectives, run)
         frames = prepared.frames
@@ -638,13 +800,16 @@ def judge_finally(
         if ends <= width:
             return prepared, judge
         needed = 2 * frames if math.isnan(ends) else frames_for_width(frames, ends, width)
-        run = replace(run, frames=min(MOST_FRAMES, max(needed, frames + frames // 4 + BLOCK_FRAMES)))
+        run = replace(
+            run, frames=min(MOST_FRAMES, max(needed, frames + frames // 4 + BLOCK_FRAMES))
+        )
 
 
 def _keep_buildable(
     prepared: Sequence[Preparation], everything: Sequence[Objective], max_kbit: float | None
 ) -> list[tuple[Candidates, Visibility]]:
-    """Candidates that may be built at every drawing of the site, in the same order, and what they see at each."""
+    """Candidates that may be built at every drawing of the site, in the same order, and what they
+    see at each."""
     rows = [{each.names[c]: int(c) for c in find_buildable(each, max_kbit)} for each in everything]
     names = [name for name in rows[0] if all(name in other for other in rows[1:])]
     chosen = [np.array([places[name] for name in names], np.int64) for places in rows]
@@ -654,12 +819,22 @@ def _keep_buildable(
 
 def find_buildable(objective: Objective, max_kbit: float | None) -> Int64[np.ndarray, " n"]:
     """Candidates that may be built alone and send at most `max_kbit`, which is still allowed."""
-    return np.flatnonzero(objective.allowed([]) & (objective.loads <= (np.inf if max_kbit is None else max_kbit)))
+    return np.flatnonzero(
+        objective.allowed([]) & (objective.loads <= (np.inf if max_kbit is None else max_kbit))
+    )
 
 
-def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None) -> content.Planned:
+def _refuse(
+    question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None
+) -> content.Planned:
     verdict = content.Verdict(False, "No set of sensors can be planned.", reasons)
-    names = question.site.name, "", question.cases.threshold, question.setting.fusion.name, question.currency
+    names = (
+        question.site.name,
+        "",
+        question.cases.threshold,
+        question.setting.fusion.name,
+        question.currency,
+    )
     return content.Planned(
         content.Plan(question.as_dict(), *names, verdict, chosen=None, head=question.stock.head),
         replace(question.site, sensors=()),
@@ -673,25 +848,41 @@ def _most_sensors(question: Question, candidates: Candidates) -> int:
     np.minimum.at(each, candidates.mount, candidates.prices)
     second = np.full(len(candidates.mounts), np.inf)
     np.minimum.at(second, candidates.mount, candidates.model_prices)
-    each = np.sort(np.concatenate([each[np.isfinite(each)], np.repeat(second, candidates.places - 1)]))
+    each = np.sort(
+        np.concatenate([each[np.isfinite(each)], np.repeat(second, candidates.places - 1)])
+    )
     each = each[np.isfinite(each)]
     by_money = int((np.cumsum(each) <= question.setting.most_price * (1 + 1e-9)).sum())
-    asked = max(MOST_BOUGHT, len(question.setting.keep)) if question.sensors is None else question.sensors
+    asked = (
+        max(MOST_BOUGHT, len(question.setting.keep))
+        if question.sensors is None
+        else question.sensors
+    )
     return max(1, min(asked, by_money))
 
 
 def write_plan(planned: content.Planned, out: Path) -> list[Path]:
     """Write a plan's files into a folder, made if missing, all or none; return their paths.
 
-    Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed. Raises ImportError without
-    the packages of `coview[report]`, OSError if the folder cannot be written."""
+    Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed. Raises
+    ImportError without the packages of `coview[report]`, OSError if the folder cannot be
+    written."""
     plan = planned.plan
     with writing_together(out) as folder:
         write_text(folder / CONTENT, format_json(plan))
         write_report(planned, folder)
         if planned.ground is not None and planned.candidates is not None:
-            unused = [mount for mount in planned.candidates.mounts if mount.name in plan.poles_unused]
-            write_exchange(folder, planned.site, plan.sensors, planned.ground, unused=unused, currency=plan.currency)
+            unused = [
+                mount for mount in planned.candidates.mounts if mount.name in plan.poles_unused
+            ]
+            write_exchange(
+                folder,
+                planned.site,
+                plan.sensors,
+                planned.ground,
+                unused=unused,
+                currency=plan.currency,
+            )
         names = sorted(path.name for path in folder.iterdir())
     for name in set(PLAN_FILES).difference(names):
         (out / name).unlink(missing_ok=True)
@@ -700,4 +891,7 @@ def write_plan(planned: content.Planned, out: Path) -> list[Path]:
 
 def format_json(plan: content.Plan) -> str:
     """Format a plan as JSON, the same for the same plan."""
-    return json.dumps(replace_infinite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return (
+        json.dumps(replace_infinite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False)
+        + "\n"
+    )

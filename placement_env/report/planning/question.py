@@ -20,7 +20,8 @@ from toolkit.runtime.run import Run
 from toolkit.sites.maps import redraw
 from toolkit.sites.site import Site
 
-PART_FRAMES = {"search": 60, "comparison": 120, "judgement": 120}  # usual numbers for the three parts of traffic
+# usual numbers for the three parts of traffic
+PART_FRAMES = {"search": 60, "comparison": 120, "judgement": 120}
 USUAL_SENSORS = 4
 DRAWING_SEED = 7000  # before the seeds of other drawings
 
@@ -29,10 +30,11 @@ DRAWING_SEED = 7000  # before the seeds of other drawings
 class Stock:
     """Sensors and prices. Call it with a site to get the candidates.
 
-    candidates: "pool", "paper" for the site's own sensors, a GeoJSON file of poles, or candidates with their prices and
-    links; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no sensor
-    may stand; capacity_kbit: every mount's link, None for each mount's own; only: names of the candidates to
-    take, none for all. Raises ValueError if a field does not fit."""
+    candidates: "pool", "paper" for the site's own sensors, a GeoJSON file of poles, or candidates
+    with their prices and links; catalogue: sensor models and prices, None for the paper's camera at
+    no price; keep_out: areas where no sensor may stand; capacity_kbit: every mount's link, None for
+    each mount's own; only: names of the candidates to take, none for all. Raises ValueError if a
+    field does not fit."""
 
     candidates: str | Path | Candidates = "pool"
     catalogue: SensorCatalogue | None = None
@@ -45,14 +47,18 @@ class Stock:
         if self.capacity_kbit == 0:
             raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
         if self.candidates == "paper" and self.catalogue is not None:
-            raise ValueError("the site's own sensors have their models: give a catalogue with a pool or poles")
+            raise ValueError(
+                "the site's own sensors have their models: give a catalogue with a pool or poles"
+            )
 
     def __call__(self, site: Site) -> Candidates:
-        """Candidates with prices and links. Raises `NoCandidates` if no pole or pose is left, ValueError and OSError
-        for a damaged file."""
+        """Candidates with prices and links. Raises `NoCandidates` if no pole or pose is left,
+        ValueError and OSError for a damaged file."""
         if isinstance(self.candidates, Candidates):
             return self.candidates
-        found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
+        found = choose_candidates(
+            site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out
+        )
         if self.only:
             names = set(self.only)
             found = found.select(np.flatnonzero([sensor.name in names for sensor in found.sensors]))
@@ -79,7 +85,11 @@ class Stock:
         """Name of the candidates: pool, paper, a file, or "given" for those that a caller made."""
         if isinstance(self.candidates, Candidates):
             return "given"
-        return str(self.candidates) if self.candidates in ("pool", "paper") else Path(self.candidates).name
+        return (
+            str(self.candidates)
+            if self.candidates in ("pool", "paper")
+            else Path(self.candidates).name
+        )
 
     @property
     def poles_digest(self) -> str | None:
@@ -93,15 +103,17 @@ class Stock:
 class Question:
     """Question that a plan answers.
 
-    setting: site, candidates (a `Stock`, or a name for one), scheme, codec, classes, cases, detector, and spending
-    limit, in the catalogue's currency, else in prices of one ordinary pole. Its error profiles apply when sets are
-    compared and the answer is judged; searches know only the sensors' own noise. run: its seed is that of the first of
-    three parts of traffic; its frames are those of each part, None for `PART_FRAMES`. sensors: largest number, None for
-    as many as the money buys; min_ap: AP that the cheapest set must reach, None for the best set within the budget;
-    max_kbit: most that one sensor may send in the setting's `link_share` of frames; confidence: that no set of as many
-    sensors is better by more than 0.01, at which a comparison ends; width: widest interval of the stated AP, for which
-    the last part of the traffic gets as many frames as it takes, None for a fixed number; drawings: of what no map
-    knows at the site, over which sets are searched, compared and judged.
+    setting: site, candidates (a `Stock`, or a name for one), scheme, codec, classes, cases,
+    detector, and spending limit, in the catalogue's currency, else in prices of one ordinary pole.
+    Its error profiles apply when sets are compared and the answer is judged; searches know only the
+    sensors' own noise. run: its seed is that of the first of three parts of traffic; its frames are
+    those of each part, None for `PART_FRAMES`. sensors: largest number, None for as many as the
+    money buys; min_ap: AP that the cheapest set must reach, None for the best set within the
+    budget; max_kbit: most that one sensor may send in the setting's `link_share` of frames;
+    confidence: that no set of as many sensors is better by more than 0.01, at which a comparison
+    ends; width: widest interval of the stated AP, for which the last part of the traffic gets as
+    many frames as it takes, None for a fixed number; drawings: of what no map knows at the site,
+    over which sets are searched, compared and judged.
 
     Raises ValueError in one line if a field does not fit."""
 
@@ -127,11 +139,17 @@ class Question:
                 raise ValueError(f"{count}: allow more sensors, or let fewer fail")
         _check_amount("max_kbit", self.max_kbit)
         if self.min_ap is not None and not 0 < self.min_ap <= 1:
-            raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
+            raise ValueError(
+                f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9"
+            )
         if not 0 < self.confidence < 1:
-            raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual")
+            raise ValueError(
+                f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual"
+            )
         if self.width is not None and not 0 < self.width < 1:
-            raise ValueError(f"width of the interval must lie between 0 and 1, got {self.width}: 0.02 is narrow")
+            raise ValueError(
+                f"width of the interval must lie between 0 and 1, got {self.width}: 0.02 is narrow"
+            )
         check_whole("drawings", self.drawings, least=1)
         if self.drawings > 1 and self.site.furnished == "none":
             raise ValueError(f"nothing was drawn at site {self.site.name!r}: leave --drawings out")
@@ -140,7 +158,10 @@ class Question:
             stock = Stock(candidates="paper" if given is None else given)
             object.__setattr__(self, "setting", replace(self.setting, candidates=stock))
         elif not isinstance(given, Stock):
-            raise ValueError(f"a plan needs a Stock of candidates, got {given!r}: take Stock(...), 'pool' or 'paper'")
+            raise ValueError(
+                f"a plan needs a Stock of candidates, got {given!r}: take Stock(...), 'pool' or "
+                "'paper'"
+            )
 
     @property
     def site(self) -> Site:
@@ -170,7 +191,8 @@ class Question:
 
     @cached_property
     def searched(self) -> Setting:
-        """Setting of the searches. It uses the surrogate if available, else coverage; no errors but noise."""
+        """Setting of the searches. It uses the surrogate if available, else coverage; no errors but
+        noise."""
         cases = replace(self.cases, errors=("paper",))
         plain = replace(self.setting, cases=cases, candidates=self.setting.pool, detector=None)
         try:
@@ -183,7 +205,13 @@ class Question:
     def at_drawings(self) -> "tuple[Question, ...]":
         """The question at each drawing of the site, the first as it is."""
         sites = [redraw(self.site, DRAWING_SEED + n) for n in range(1, self.drawings)]
-        return (self, *(replace(self, setting=replace(self.setting, site=site), drawings=1) for site in sites))
+        return (
+            self,
+            *(
+                replace(self, setting=replace(self.setting, site=site), drawings=1)
+                for site in sites
+            ),
+        )
 
     def judged(self, candidates: Candidates) -> Setting:
         """Setting of the judges, for candidates of the stock."""
@@ -195,10 +223,16 @@ class Question:
 
     def as_dict(self) -> dict[str, object]:
         """Return every option, for plan.json."""
-        setting, cases, stock, counted = self.setting, self.cases, self.stock, self.setting.counted
+        setting = self.setting
+        cases = self.cases
+        stock = self.stock
+        counted = self.setting.counted
         return {
             "site": self.site.name,
-            **{name: getattr(self, name) for name in ("sensors", "money", "currency", "min_ap", "max_kbit")},
+            **{
+                name: getattr(self, name)
+                for name in ("sensors", "money", "currency", "min_ap", "max_kbit")
+            },
             "keep": list(setting.keep),
             "link_share": setting.link_share,
             "capacity_kbit": stock.capacity_kbit,
@@ -209,13 +243,20 @@ class Question:
             "scheme": setting.fusion.name,
             "codec": setting.codec.digest,
             "iou": cases.ious[0] if len(cases.ious) == 1 else list(cases.ious),
-            **{name: getattr(cases, name) for name in ("failing", "failures", "levels", "levels_by")},
+            **{
+                name: getattr(cases, name)
+                for name in ("failing", "failures", "levels", "levels_by")
+            },
             "errors": list(cases.names),
             "errors_by": cases.errors_by if len(cases.names) > 1 else "worst",
             "candidates": stock.name,
-            "catalogue": None if stock.catalogue is None else [each.name for each in stock.catalogue.models],
+            "catalogue": None
+            if stock.catalogue is None
+            else [each.name for each in stock.catalogue.models],
             "keep_out_areas": len(stock.keep_out),
-            "detector": "shipped" if setting.detector is None else detector_origin(setting.detector)["detector"],
+            "detector": "shipped"
+            if setting.detector is None
+            else detector_origin(setting.detector)["detector"],
             "frames": [self.part(name).frames for name in PART_FRAMES],
             "seed": self.run.seed,
             "confidence": self.confidence,
@@ -226,4 +267,6 @@ class Question:
 
 def _check_amount(name: str, value: float | None) -> None:
     if value is not None and not 0 <= value < math.inf:
-        raise ValueError(f"{name} must be a finite number from 0 up, got {value}: leave it out for any")
+        raise ValueError(
+            f"{name} must be a finite number from 0 up, got {value}: leave it out for any"
+        )

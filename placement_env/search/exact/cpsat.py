@@ -1,11 +1,15 @@
 """Largest (k-)coverage, with a proven bound: an integer programme, solved by CP-SAT (OR-Tools).
 
-    max Σ_o w_o y_o    where  Σ_c seen[c, o] x_c >= k y_o,   Σ_{c on m} x_c <= 1 for each mount m,   Σ_c x_c <= budget
+    max Σ_o w_o y_o
+    where  Σ_c seen[c, o] x_c >= k y_o,
+           Σ_{c on m} x_c <= 1 for each mount m,
+           Σ_c x_c <= budget
 
-x_c: candidate c is built; y_o: at least k of the built ones see object o, each with enough points. Objects that the
-same candidates see are one object of weight w. What cannot be covered is left out, and so is a pose that sees nothing
-which another on its mount does not see. Of several classes the shares that are covered count by their weights, or the
-worst of them: max z where z <= Σ_o w_ko y_o for every class k."""
+x_c: candidate c is built; y_o: at least k of the built ones see object o, each with enough points.
+Objects that the same candidates see are one object of weight w. What cannot be covered is left out,
+and so is a pose that sees nothing which another on its mount does not see. Of several classes the
+shares that are covered count by their weights, or the worst of them: max z where z <= Σ_o w_ko y_o
+for every class k."""
 
 import time
 from dataclasses import replace
@@ -19,7 +23,15 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import ByFrames
-from placement_env.search.exact.programme import SECONDS, Poles, Prices, Solved, SolverLimits, cp_model, run_solver
+from placement_env.search.exact.programme import (
+    SECONDS,
+    Poles,
+    Prices,
+    Solved,
+    SolverLimits,
+    cp_model,
+    run_solver,
+)
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from placement_env.search.verification import best_of_equals
@@ -49,14 +61,18 @@ def search(
 ) -> Result:
     """The set that covers most, and its score; the certificate is of the coverage.
 
-    Among equally good sets, as far as they are tried, the objective picks the best, unless that takes a detector.
-    visibility: of the candidates, None for the objective's own; views: k; effort: of solving, in OR-Tools'
-    deterministic seconds, None for unlimited; seconds: 60 if None; evaluations: of the choice among equals. The same
-    seed finds the same set as long as `seconds` do not cut the solver short. Raises ValueError without visibility, and
-    ImportError without OR-Tools."""
+    Among equally good sets, as far as they are tried, the objective picks the best, unless that
+    takes a detector. visibility: of the candidates, None for the objective's own; views: k; effort:
+    of solving, in OR-Tools' deterministic seconds, None for unlimited; seconds: 60 if None;
+    evaluations: of the choice among equals. The same seed finds the same set as long as `seconds`
+    do not cut the solver short. Raises ValueError without visibility, and ImportError without
+    OR-Tools."""
     visibility = objective.visibility if visibility is None else visibility
     if visibility is None:
-        raise ValueError("CP-SAT needs to know what each candidate sees: pass visibility=see(traffic, candidates)")
+        raise ValueError(
+            "CP-SAT needs to know what each candidate sees: pass visibility=see(traffic, "
+            "candidates)"
+        )
     progress = Progress(objective, budget, seconds, evaluations)
     visibility = visibility.of_classes(objective.classes.labels)
     seen = visibility.points >= LEAST
@@ -73,18 +89,27 @@ def search(
     )
 
     def covered(sets: Sets) -> Int64[np.ndarray, " n"]:
-        return np.array([int((worth @ (seen[row].sum(axis=0) >= views)).min()) for row in sets], np.int64)
+        return np.array(
+            [int((worth @ (seen[row].sum(axis=0) >= views)).min()) for row in sets], np.int64
+        )
 
     chosen = cover.chosen or []
     if not isinstance(objective.scored_by, ByFrames):
         chosen = best_of_equals(progress, chosen, covered)
     progress.settle(chosen)
-    share, most = cover.figure / max(1, units), cover.bound / max(1, units)
+    share = cover.figure / max(1, units)
+    most = cover.bound / max(1, units)
     view = f"{views} view(s) of {LEAST:g} points or more from {{{', '.join(map(str, chosen))}}}"
     if units == PARTS:
-        note = f"{share:.4f} of the {objective.classes.described()} has {view}, and no set covers more than {most:.4f}"
+        note = (
+            f"{share:.4f} of the {objective.classes.described()} has {view}, and no set covers "
+            f"more than {most:.4f}"
+        )
     else:
-        note = f"{cover.figure} of {units} objects have {view}, and no set covers more than {cover.bound}"
+        note = (
+            f"{cover.figure} of {units} objects have {view}, and no set covers more than "
+            f"{cover.bound}"
+        )
     return progress.result("CP-SAT", Certificate.from_bound(share, most, note, "coverage"))
 
 
@@ -99,27 +124,42 @@ def cover_most(
     worth: _Worth | None = None,
     limits: SolverLimits = SolverLimits(),
 ) -> Solved:
-    """Choose at most `budget` candidates that cover the most objects, each by at least `views` of them.
+    """Choose at most `budget` candidates that cover the most objects, each by at least `views` of
+    them.
 
-    seen: candidates × objects; may_stand: candidates that may be built, all if None; prices: with their limit; worth:
-    of each object to each of k parties, the least of whose sums counts (`compute_worth`), None to count objects. The
-    solver starts from greedy's set, so the answer covers no less."""
+    seen: candidates × objects; may_stand: candidates that may be built, all if None; prices: with
+    their limit; worth: of each object to each of k parties, the least of whose sums counts
+    (`compute_worth`), None to count objects. The solver starts from greedy's set, so the answer
+    covers no less."""
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
     began = time.monotonic()
     may = np.ones(len(seen), np.bool_) if may_stand is None else may_stand
     needed = may & np.isin(poles.mount, poles.kept)
-    kept = useful(seen & may[:, None], poles.apart, None if prices is None else prices.each + prices.shared, needed)
-    cost, poles = None if prices is None else prices.select(kept), poles.select(kept)
+    kept = useful(
+        seen & may[:, None],
+        poles.apart,
+        None if prices is None else prices.each + prices.shared,
+        needed,
+    )
+    cost = None if prices is None else prices.select(kept)
+    poles = poles.select(kept)
     each = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
     objects, weights = merge_objects(seen[kept], poles.apart, views, each)
     start = greedy_cover(objects, weights.sum(axis=0), poles.mount, budget, views, prices=cost)
-    bound = min(prove_bound(objects, row, poles.apart, budget, views=views, chosen=start) for row in weights)
+    bound = min(
+        prove_bound(objects, row, poles.apart, budget, views=views, chosen=start) for row in weights
+    )
     model, built = _model(objects, weights, poles, budget, views=views, start=start, bound=bound)
     if cost is not None:
         model.add(cost.expression(model, built) <= cost.most)
-    solver = replace(limits, seconds=max(0.01, limits.seconds - (time.monotonic() - began))).build_solver()
-    if run_solver(solver, model) in ("OPTIMAL", "FEASIBLE"):  # else time ran out before any solution
+    solver = replace(
+        limits, seconds=max(0.01, limits.seconds - (time.monotonic() - began))
+    ).build_solver()
+    if run_solver(solver, model) in (
+        "OPTIMAL",
+        "FEASIBLE",
+    ):  # else time ran out before any solution
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
     elif poles.kept:
@@ -130,9 +170,14 @@ def cover_most(
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
-    """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`. The
-    objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class."""
-    there = [(label, weight) for label, weight in zip(classes.labels, classes.weights, strict=True) if label in labels]
+    """Whole worth of covering each object, and the total: their number where one class counts, else
+    `PARTS`. The objects of a class share its parts equally. The mean of classes is one row; the
+    worst has one row per class."""
+    there = [
+        (label, weight)
+        for label, weight in zip(classes.labels, classes.weights, strict=True)
+        if label in labels
+    ]
     if len(classes.names) == 1 or not there:
         return np.ones((1, len(labels)), np.int64), len(labels)
     of_class = np.array([labels == label for label, _ in there])
@@ -144,9 +189,13 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_W
 
 
 def useful(
-    seen: _Seen, mount: _Each, prices: _Each | None = None, needed: Bool[np.ndarray, " C"] | None = None
+    seen: _Seen,
+    mount: _Each,
+    prices: _Each | None = None,
+    needed: Bool[np.ndarray, " C"] | None = None,
 ) -> Int64[np.ndarray, " k"]:
-    """Candidates that see something, and more than any on their mount for no higher a price; the first of equal ones.
+    """Candidates that see something, and more than any on their mount for no higher a price; the
+    first of equal ones.
 
     needed: candidates that count though they see nothing."""
     keep = np.asarray(seen.any(axis=1) if needed is None else seen.any(axis=1) | needed)
@@ -166,9 +215,14 @@ def useful(
 def merge_objects(
     seen: _Seen, mount: _Each, views: int, worth: _Worth
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
-    """Kinds of objects seen by different candidates and at least `views` mounts, with their total worth."""
-    able = sum((seen[mount == here].any(axis=0) for here in np.unique(mount)), np.zeros(seen.shape[1])) >= views
-    seen, worth = seen[:, able], worth[:, able]
+    """Kinds of objects seen by different candidates and at least `views` mounts, with their total
+    worth."""
+    able = (
+        sum((seen[mount == here].any(axis=0) for here in np.unique(mount)), np.zeros(seen.shape[1]))
+        >= views
+    )
+    seen = seen[:, able]
+    worth = worth[:, able]
     if not seen.size:
         return seen[:, :0], worth[:, :0]
     packed = np.ascontiguousarray(np.packbits(seen, axis=0).T)
@@ -180,10 +234,18 @@ def merge_objects(
 
 
 def greedy_cover(
-    seen: _Seen, weight: _Weight, mount: _Each, budget: int, views: int, *, prices: Prices | None = None
+    seen: _Seen,
+    weight: _Weight,
+    mount: _Each,
+    budget: int,
+    views: int,
+    *,
+    prices: Prices | None = None,
 ) -> list[int]:
-    """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money."""
-    missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
+    """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each,
+    within the money."""
+    missing = np.full(len(weight), views)
+    free = np.ones(len(seen), bool)
     chosen: list[int] = []
     while len(chosen) < budget:
         if prices is not None:
@@ -198,9 +260,11 @@ def greedy_cover(
     return chosen
 
 
-def prove_bound(seen: _Seen, weight: _Weight, mount: _Each, budget: int, *, views: int, chosen: list[int]) -> int:
-    """Most objects that any set can cover with `views` views of each. For one view the coverage of `chosen` plus the
-    largest gains, one per mount, bounds too (Leskovec et al., KDD 2007)."""
+def prove_bound(
+    seen: _Seen, weight: _Weight, mount: _Each, budget: int, *, views: int, chosen: list[int]
+) -> int:
+    """Most objects that any set can cover with `views` views of each. For one view the coverage of
+    `chosen` plus the largest gains, one per mount, bounds too (Leskovec et al., KDD 2007)."""
 
     def largest(gains: np.ndarray) -> float:
         best = np.zeros(int(mount.max(initial=-1)) + 1)
@@ -215,7 +279,14 @@ def prove_bound(seen: _Seen, weight: _Weight, mount: _Each, budget: int, *, view
 
 
 def _model(
-    seen: np.ndarray, weights: np.ndarray, poles: Poles, budget: int, *, views: int, start: list[int], bound: int
+    seen: np.ndarray,
+    weights: np.ndarray,
+    poles: Poles,
+    budget: int,
+    *,
+    views: int,
+    start: list[int],
+    bound: int,
 ) -> "tuple[CpModel, list[IntVar]]":
     """The programme and its variables x. The set `start` is a complete hint."""
     cp = cp_model()
@@ -238,6 +309,8 @@ def _model(
     else:
         model.add(totals[0] <= bound)
         model.maximize(totals[0])
-    for x, value in zip(built + covered, [*np.isin(np.arange(len(built)), start), *reached], strict=True):
+    for x, value in zip(
+        built + covered, [*np.isin(np.arange(len(built)), start), *reached], strict=True
+    ):
         model.add_hint(x, bool(value))
     return model, built

@@ -1,4 +1,5 @@
-"""Every set of up to 16 candidates. Yields the optimum, the best set of each size and the exact AP-kbit-price front."""
+"""Every set of up to 16 candidates. Yields the optimum, the best set of each size and the exact
+AP-kbit-price front."""
 
 import numpy as np
 
@@ -19,11 +20,14 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """The best set of at most `budget` sensors, proven; the smaller one, then the first among equals. budget: None for
-    any number; seed: not used. Nothing is proven if a limit stops it. Raises ValueError above 16 candidates."""
+    """The best set of at most `budget` sensors, proven; the smaller one, then the first among
+    equals. budget: None for any number; seed: not used. Nothing is proven if a limit stops it.
+    Raises ValueError above 16 candidates."""
     size = len(objective.candidates)
     if size > LARGEST:
-        raise ValueError(f"exhaustive search takes at most {LARGEST} candidates, got {size}: select some")
+        raise ValueError(
+            f"exhaustive search takes at most {LARGEST} candidates, got {size}: select some"
+        )
     progress = Progress(objective, size if budget is None else budget, seconds, evaluations)
     subsets = every_set(size, progress.budget)
     subsets = subsets[objective.feasible(subsets)]
@@ -33,8 +37,11 @@ def search(
         note = f"all {len(subsets)} feasible sets were scored"
         certificate = Certificate.from_bound(progress.reward, progress.reward, note)
     else:
-        certificate = progress.unknown(f"stopped after {progress.limits.count} of {len(subsets)} feasible sets")
-    figures, subsets = Scores(*(column[scored] for column in figures)), subsets[scored]
+        certificate = progress.unknown(
+            f"stopped after {progress.limits.count} of {len(subsets)} feasible sets"
+        )
+    figures = Scores(*(column[scored] for column in figures))
+    subsets = subsets[scored]
     front = find_front(np.stack([-figures.ap, figures.kbit, figures.price], axis=1))
     front = front[np.lexsort((figures.kbit[front], figures.price[front]))]
     count = subsets.sum(axis=1)
@@ -56,8 +63,10 @@ def every_set(size: int, budget: int) -> Sets:
 
 
 def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
-    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the first is kept."""
-    order = np.lexsort((np.arange(len(points)), *points.T[::-1]))  # what comes first is never beaten by what follows
+    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the
+    first is kept."""
+    # what comes first is never beaten by what follows
+    order = np.lexsort((np.arange(len(points)), *points.T[::-1]))
     kept = []
     while order.size:
         kept.append(order[0])

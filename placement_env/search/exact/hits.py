@@ -1,5 +1,6 @@
-"""The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by CP-SAT. Steps cut the
-curve in the middle (`placement_env.search.exact.programme`). The objective decides among equal sets."""
+"""The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by
+CP-SAT. Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective
+decides among equal sets."""
 
 import numpy as np
 
@@ -16,21 +17,35 @@ from toolkit.arrays import Int64
 
 
 def search(
-    objective: Objective, budget: int, *, seed: int = 0, seconds: float | None = None, evaluations: int | None = None
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
 ) -> Result:
-    """The set of most expected hits, and its score by the objective; the certificate is of the share of hits in steps.
+    """The set of most expected hits, and its score by the objective; the certificate is of the
+    share of hits in steps.
 
-    The search starts at greedy's set; seconds: 60 if None; evaluations: of greedy and of the choice among equals.
-    Raises ValueError for fidelities other than the surrogate, or hybrid fusion; ImportError without OR-Tools."""
+    The search starts at greedy's set; seconds: 60 if None; evaluations: of greedy and of the choice
+    among equals. Raises ValueError for fidelities other than the surrogate, or hybrid fusion;
+    ImportError without OR-Tools."""
     surrogate = objective.scored_by
     if not isinstance(surrogate, Surrogate):
-        raise ValueError(f"hits are what a surrogate predicts, got {objective.fidelity}: say --fidelity surrogate")
+        raise ValueError(
+            f"hits are what a surrogate predicts, got {objective.fidelity}: say --fidelity "
+            "surrogate"
+        )
     levels = build_levels(surrogate, above=False)
     progress = Progress(objective, budget, seconds, evaluations)
     start, _ = greedy.grow(progress)
     left = max(0.1, min(SECONDS, progress.limits.seconds - progress.limits.elapsed))
     found = solve(Programme.of(objective, budget, levels), SolverLimits(left, seed), start=start)
-    ways = [each for each in (found.chosen, start) if each and objective.feasible(objective.row(each)[None])[0]]
+    ways = [
+        each
+        for each in (found.chosen, start)
+        if each and objective.feasible(objective.row(each)[None])[0]
+    ]
     chosen = max(ways, key=levels.worth, default=[])
     value = levels.worth(chosen)
     bound = max(value, found.bound) if found.chosen is not None else levels.whole
@@ -39,6 +54,10 @@ def search(
         return np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets], np.int64)
 
     progress.settle(best_of_equals(progress, chosen, worth))
-    share, most = value / GAINS, bound / GAINS
-    note = f"{share:.4f} of the objects are expected to be hit, in steps, and no set has more than {most:.4f}"
+    share = value / GAINS
+    most = bound / GAINS
+    note = (
+        f"{share:.4f} of the objects are expected to be hit, in steps, and no set has more than "
+        f"{most:.4f}"
+    )
     return progress.result("hits", Certificate.from_bound(share, most, note, "hits"))

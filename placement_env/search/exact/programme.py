@@ -1,15 +1,19 @@
-"""Integer programmes over sensor sets whose objects gain worth with evidence, solved by CP-SAT (OR-Tools).
+"""Integer programmes over sensor sets whose objects gain worth with evidence, solved by CP-SAT
+(OR-Tools).
 
-    Σ_c known[c, o] x_c >= threshold[j, o] l_jo                level j of object o is reached, which is worth gain[j, o]
+    Σ_c known[c, o] x_c >= threshold[j, o] l_jo    level j of object o is reached: gain[j, o]
     Σ_c x_c <= budget
-    Σ_{c on m} x_c <= places_m,   Σ_{c on m} load_c x_c <= 1 link,   Σ_{c on m} x_c >= 1 for mounts to be kept
+    Σ_{c on m} x_c <= places_m
+    Σ_{c on m} load_c x_c <= 1 link
+    Σ_{c on m} x_c >= 1 for mounts to be kept
     Σ_c price_c x_c + Σ_m shared_m z_m <= money,   z_m >= x_c
 
-Either the worth of the reached levels is maximal, or the set is as cheap as possible for a given worth. With one level
-of threshold 1 an object is covered or not; several make steps of a hit's probability, which a surrogate says grows with
-the evidence Σ n_i ^ norm. Steps above the curve make the programme worth no less than the truth, so anything it proves
-impossible is impossible; steps that cut it in the middle are near the truth. Where every pole has one place, its price
-is part of the sensor's."""
+Either the worth of the reached levels is maximal, or the set is as cheap as possible for a given
+worth. With one level of threshold 1 an object is covered or not; several make steps of a hit's
+probability, which a surrogate says grows with the evidence Σ n_i ^ norm. Steps above the curve make
+the programme worth no less than the truth, so anything it proves impossible is impossible; steps
+that cut it in the middle are near the truth. Where every pole has one place, its price is part of
+the sensor's."""
 
 import math
 from collections.abc import Sequence
@@ -47,7 +51,9 @@ class SolverLimits:
     def build_solver(self) -> "CpSolver":
         """A solver of one worker within these limits."""
         solver = cp_model().CpSolver()
-        solver.parameters.catch_sigint_signal = False  # its handler would stay, and end Python at the next Ctrl-C
+        solver.parameters.catch_sigint_signal = (
+            False  # its handler would stay, and end Python at the next Ctrl-C
+        )
         solver.parameters.max_time_in_seconds = self.seconds
         if self.effort is not None:
             solver.parameters.max_deterministic_time = self.effort
@@ -78,10 +84,11 @@ def cp_model() -> ModuleType:
 
 
 class Prices(NamedTuple):
-    """Prices in exact whole units, rounded down; the limit is rounded up, so no set within the money is excluded.
+    """Prices in exact whole units, rounded down; the limit is rounded up, so no set within the
+    money is excluded.
 
-    each: of the candidates, with their mounts where these have one place; shared: of a mount with more, paid once;
-    most: limit on the total; unit: price of one."""
+    each: of the candidates, with their mounts where these have one place; shared: of a mount with
+    more, paid once; most: limit on the total; unit: price of one."""
 
     each: Int64[np.ndarray, " C"]
     shared: Int64[np.ndarray, " C"]
@@ -117,7 +124,9 @@ class Prices(NamedTuple):
         _, first = np.unique(self.mount[chosen], return_index=True)
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
-    def expression(self, model: "CpModel", built: "list[IntVar]", *, times: int = 1, plus: int = 0) -> "LinearExpr":
+    def expression(
+        self, model: "CpModel", built: "list[IntVar]", *, times: int = 1, plus: int = 0
+    ) -> "LinearExpr":
         """Price of the built sensors, multiplied by `times`. `plus` is added for each sensor."""
         linear = cp_model().LinearExpr
         parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
@@ -131,7 +140,8 @@ class Prices(NamedTuple):
 
 
 class Poles(NamedTuple):
-    """Places and links of the mounts. load: of the link by each candidate, in parts of `LINK`; kept: mounts to use."""
+    """Places and links of the mounts. load: of the link by each candidate, in parts of `LINK`;
+    kept: mounts to use."""
 
     mount: Int64[np.ndarray, " C"]
     places: Int64[np.ndarray, " C"]
@@ -141,14 +151,21 @@ class Poles(NamedTuple):
     @staticmethod
     def of(objective: Objective) -> "Poles":
         """Poles of an objective's candidates."""
-        candidates, sent = objective.candidates, objective.shared_links
-        load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
-        places, kept = candidates.places[candidates.mount], tuple(objective.kept.tolist())
+        candidates = objective.candidates
+        sent = objective.shared_links
+        load = (
+            np.zeros(len(candidates))
+            if sent is None
+            else np.minimum(sent / candidates.capacity, 2.0)
+        )
+        places = candidates.places[candidates.mount]
+        kept = tuple(objective.kept.tolist())
         return Poles(candidates.mount, places, _whole(load, 1 / LINK), kept)
 
     @property
     def apart(self) -> Int64[np.ndarray, " C"]:
-        """Mount of each candidate, for bounds: one of its own where its mount has several places."""
+        """Mount of each candidate, for bounds: one of its own where its mount has several
+        places."""
         count = int(self.mount.max(initial=-1)) + 1
         return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
 
@@ -177,8 +194,9 @@ def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
 
 
 class Levels(NamedTuple):
-    """Levels of evidence and their worth: `known` is what each candidate adds to each object, in whole numbers.
-    threshold, gain: of each level of each object; parties: rows of worth that an object counts in; the least counts."""
+    """Levels of evidence and their worth: `known` is what each candidate adds to each object, in
+    whole numbers. threshold, gain: of each level of each object; parties: rows of worth that an
+    object counts in; the least counts."""
 
     known: Int64[np.ndarray, "C O"]
     threshold: Int64[np.ndarray, "J O"]
@@ -197,8 +215,9 @@ class Levels(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """Solution of a programme. chosen: None where no set satisfies it; figure: worth, or price in whole units. bound:
-    no set has more worth, or costs less; optimal: whether the two are equal, or no set satisfies it for certain."""
+    """Solution of a programme. chosen: None where no set satisfies it; figure: worth, or price in
+    whole units. bound: no set has more worth, or costs less; optimal: whether the two are equal, or
+    no set satisfies it for certain."""
 
     chosen: list[int] | None
     figure: int
@@ -210,8 +229,9 @@ class Solved(NamedTuple):
 class Programme:
     """Integer programme over sets of at most `budget` candidates.
 
-    failing: 1 for the worth that survives the failure of any one sensor (levels of threshold 1 alone); lost: cases of
-    candidates without which worth is counted, the least of them, for levels of any threshold."""
+    failing: 1 for the worth that survives the failure of any one sensor (levels of threshold 1
+    alone); lost: cases of candidates without which worth is counted, the least of them, for levels
+    of any threshold."""
 
     levels: Levels
     budget: int
@@ -223,13 +243,21 @@ class Programme:
 
     @staticmethod
     def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> "Programme":
-        """Programme of an objective's candidates, with its poles and money. cases: `failing` or `lost`."""
-        return Programme(levels, budget, Poles.of(objective), objective.allowed([]), Prices.of(objective), **cases)
+        """Programme of an objective's candidates, with its poles and money. cases: `failing` or
+        `lost`."""
+        return Programme(
+            levels,
+            budget,
+            Poles.of(objective),
+            objective.allowed([]),
+            Prices.of(objective),
+            **cases,
+        )
 
 
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
-    """Steps of each object's hit probability, from n ^ norm of each candidate and object, without the floor. above: no
-    step lies below the curve, else each cuts it in the middle."""
+    """Steps of each object's hit probability, from n ^ norm of each candidate and object, without
+    the floor. above: no step lies below the curve, else each cuts it in the middle."""
     count = powers.shape[1]
     e = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(model.density, 1e-9)
     needed = np.expm1(np.clip(model.norm * e, 1e-12, 500.0))
@@ -240,7 +268,9 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
     values = ends if above else np.concatenate([[0.0], (ends[1:] + ends[:-1]) / 2])
     thresholds = np.maximum.accumulate(np.concatenate([[1], np.maximum(edges, 1)]))
     per_object = -(-GAINS // max(1, count)) if above else GAINS // max(1, count)
-    gains = (np.ceil if above else np.rint)(np.diff(values, prepend=0.0) * per_object).astype(np.int64)
+    gains = (np.ceil if above else np.rint)(np.diff(values, prepend=0.0) * per_object).astype(
+        np.int64
+    )
     threshold, gain = (np.repeat(column[:, None], count, axis=1) for column in (thresholds, gains))
     return Levels(known, threshold, gain, np.ones((1, count), np.bool_))
 
@@ -253,10 +283,13 @@ def solve(
     cost: Prices | None = None,
     start: Sequence[int] = (),
 ) -> Solved:
-    """The set of most worth; with a `cost` the cheapest of worth `at_least`, smallest first. start: an initial set."""
+    """The set of most worth; with a `cost` the cheapest of worth `at_least`, smallest first. start:
+    an initial set."""
     cp = cp_model()
     model = cp.CpModel()
-    levels, may_stand, budget = programme.levels, programme.may_stand, programme.budget
+    levels = programme.levels
+    may_stand = programme.may_stand
+    budget = programme.budget
     built = [model.new_bool_var("") for _ in may_stand]
     for c in np.flatnonzero(~may_stand).tolist():
         model.add(built[c] == 0)
@@ -293,24 +326,34 @@ def solve(
     return Solved(chosen, figure, bound, bound == figure)
 
 
-def _reached(model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask) -> "list[LinearExpr]":
+def _reached(
+    model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask
+) -> "list[LinearExpr]":
     """Worth of the levels reached, of each party."""
     linear = cp_model().LinearExpr
     reached: list[tuple[int, IntVar, int]] = []
     for o, known in enumerate(levels.known.T):
         seen = np.flatnonzero((known > 0) & may_stand).tolist()
         evidence = linear.weighted_sum([built[c] for c in seen], known[seen].tolist())
-        for threshold, gain in zip(levels.threshold[:, o].tolist(), levels.gain[:, o].tolist(), strict=True):
+        for threshold, gain in zip(
+            levels.threshold[:, o].tolist(), levels.gain[:, o].tolist(), strict=True
+        ):
             if gain > 0 and known[seen].sum() >= threshold:
                 level = model.new_bool_var("")
                 model.add(evidence >= threshold * level)
                 reached.append((o, level, gain))
     own = [[(level, gain) for o, level, gain in reached if party[o]] for party in levels.parties]
-    return [linear.weighted_sum([level for level, _ in each], [gain for _, gain in each]) for each in own]
+    return [
+        linear.weighted_sum([level for level, _ in each], [gain for _, gain in each])
+        for each in own
+    ]
 
 
-def _surviving(model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask) -> "list[LinearExpr]":
-    """Worth of each party that survives any one failure: what two sensors see, or another than the failing one."""
+def _surviving(
+    model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask
+) -> "list[LinearExpr]":
+    """Worth of each party that survives any one failure: what two sensors see, or another than the
+    failing one."""
     linear = cp_model().LinearExpr
     once: list[IntVar] = []
     twice: list[IntVar] = []
@@ -322,13 +365,15 @@ def _surviving(model: "CpModel", built: "list[IntVar]", levels: Levels, may_stan
             found.append(level)
     left: list[LinearExpr] = []
     for party in levels.parties:
-        own, gain = np.flatnonzero(party), levels.gain[0]
+        own = np.flatnonzero(party)
+        gain = levels.gain[0]
         least = model.new_int_var(0, int(gain[own].sum()), "")
         whole = linear.weighted_sum([once[o] for o in own], gain[own].tolist())
         for c in np.flatnonzero(may_stand).tolist():
             mine = own[levels.known[c, own] > 0]
             seen, again = (
-                linear.weighted_sum([level[o] for o in mine], gain[mine].tolist()) for level in (once, twice)
+                linear.weighted_sum([level[o] for o in mine], gain[mine].tolist())
+                for level in (once, twice)
             )
             model.add(least <= whole - (seen - again)).only_enforce_if(built[c])
         model.add(least == 0).only_enforce_if([x.negated() for x in built])

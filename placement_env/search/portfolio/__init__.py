@@ -1,4 +1,5 @@
-"""Several searches together, judged accurately on fresh traffic. None of the searches saw that traffic."""
+"""Several searches together, judged accurately on fresh traffic. None of the searches saw that
+traffic."""
 
 from lazy_loader import attach_stub
 

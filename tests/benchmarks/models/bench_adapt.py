@@ -1,12 +1,13 @@
 """`coview adapt` in altered worlds, against the same network trained as long with the truth.
 
-    python tests/benchmarks/models/bench_adapt.py [rows16 rows128 foreign poor import] [--frames 400] [--start general]
-        [--seconds 900] [--seed 11]
+    python tests/benchmarks/models/bench_adapt.py [rows16 rows128 foreign poor import] [--frames
+        400] [--start general] [--seconds 900] [--seed 11]
 
-Recordings of two frames a second, of other seeds to train and to test: lidars of 16 and of 128 rows, cars of the
-catalogue that no network was trained on, the error profile `poor`, and an imported map. AP is the mean over classes and
-IoU thresholds (vehicle 0.7 / 0.8, heavy 0.5, others 0.25 / 0.5), early fusion of all sensors; F1 the mean over classes
-at the detector's own thresholds, at the IoU from which a detection is true. The gap is that of AP.
+Recordings of two frames a second, of other seeds to train and to test: lidars of 16 and of 128
+rows, cars of the catalogue that no network was trained on, the error profile `poor`, and an
+imported map. AP is the mean over classes and IoU thresholds (vehicle 0.7 / 0.8, heavy 0.5, others
+0.25 / 0.5), early fusion of all sensors; F1 the mean over classes at the detector's own thresholds,
+at the IoU from which a detection is true. The gap is that of AP.
 """
 
 import argparse
@@ -32,7 +33,9 @@ def lidars(site, rows):
     from toolkit.sensors.sensor import Sensor
 
     model = SpinningLidar(channels=rows, fov_up=0.0)
-    return tuple(Sensor(f"l{k}", model, pose(*each.position)) for k, each in enumerate(site.sensors[::2]))
+    return tuple(
+        Sensor(f"l{k}", model, pose(*each.position)) for k, each in enumerate(site.sensors[::2])
+    )
 
 
 def simulate(world, folder, frames, seed):
@@ -46,14 +49,27 @@ def simulate(world, folder, frames, seed):
     file = None
     if world == "import":
         file = folder / "site.json"
-        osm = ["--osm", str(ROOT / "docs/own-junction.osm"), "--centre", "8.0", "49.5", "--size", "64", "48"]
-        assert run(["site", "import", *osm, "--out", str(file), "--sensors", "5", "--seed", "3"]) == 0
+        osm = [
+            "--osm",
+            str(ROOT / "docs/own-junction.osm"),
+            "--centre",
+            "8.0",
+            "49.5",
+            "--size",
+            "64",
+            "48",
+        ]
+        assert (
+            run(["site", "import", *osm, "--out", str(file), "--sensors", "5", "--seed", "3"]) == 0
+        )
     site = load_site(file or "tjunction")
     more = {"sensors": lidars(site, int(world[4:]))} if world.startswith("rows") else {}
     more |= {"fleet": fleet_named("catalogue", held_out=True)} if world == "foreign" else {}
     for name, own, count in (("train", seed, frames), ("test", seed + 1, frames // 2)):
         run_of = Simulation(frames=count, seed=own)
-        simulate_dataset(site, folder / f"{name}.hdf5", run=run_of, interval=0.5, strays=0.2, **more)
+        simulate_dataset(
+            site, folder / f"{name}.hdf5", run=run_of, interval=0.5, strays=0.2, **more
+        )
     return file, folder / "train.hdf5", folder / "test.hdf5"
 
 
@@ -80,7 +96,9 @@ def judge(network, frames, area):
     from toolkit.points import has_centre_inside
 
     unsure, own = VoxelNetDetector(network, score_threshold=0.05), VoxelNetDetector(network)
-    points, truths = zip(*((np.concatenate(clouds), objects) for clouds, objects in frames), strict=True)
+    points, truths = zip(
+        *((np.concatenate(clouds), objects) for clouds, objects in frames), strict=True
+    )
     inside = [has_centre_inside(each.boxes, np.array(area)) for each in truths]
     sure, everything = ([detect(each) for each in points] for detect in (own, unsure))
     ap, f1, said = [], [], []
@@ -88,19 +106,25 @@ def judge(network, frames, area):
         true = TRUE_IOU[label_index(label)]
         above = evaluate(sure, truths, iou_thresholds=(true,), counted=inside, label=label)[true]
         f1.append(2 * above.precision * above.recall / max(above.precision + above.recall, 1e-9))
-        for iou, row in evaluate(everything, truths, iou_thresholds=ious, counted=inside, label=label).items():
+        for iou, row in evaluate(
+            everything, truths, iou_thresholds=ious, counted=inside, label=label
+        ).items():
             ap.append(row.ap)
             said.append(f"{label}@{iou} {row.ap:.3f}")
     return float(np.mean(ap)), float(np.mean(f1)), " ".join(said)
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("worlds", nargs="*", default=list(WORLDS))
     arguments.add_argument("--frames", type=int, default=400)
     arguments.add_argument("--start", default="general")
     arguments.add_argument("--seconds", type=float, default=900.0)
-    arguments.add_argument("--seed", type=int, default=11, help="of the traffic to train on; the test has the next")
+    arguments.add_argument(
+        "--seed", type=int, default=11, help="of the traffic to train on; the test has the next"
+    )
     asked = arguments.parse_args()
 
     import torch
@@ -134,8 +158,12 @@ def main() -> None:
             ]
             pack(sample_recordings(true[: len(true) - len(true) // 4]), folder / "a.packed")
             start = relocate(load_weights(weights_file(asked.start))[0], area, "general").eval()
-            best = train_further(start, folder / "a.packed", folder / "truth", Machine(seconds=asked.seconds))
-            own = relocate(load_weights(folder / "adapted" / "weights.safetensors")[0], area, "general").eval()
+            best = train_further(
+                start, folder / "a.packed", folder / "truth", Machine(seconds=asked.seconds)
+            )
+            own = relocate(
+                load_weights(folder / "adapted" / "weights.safetensors")[0], area, "general"
+            ).eval()
             frames = list(level(test, site, errors, 6))
             figures = [judge(network, frames, area) for network in (start, own, best)]
             gap = (figures[1][0] - figures[0][0]) / (figures[2][0] - figures[0][0])

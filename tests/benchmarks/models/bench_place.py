@@ -1,10 +1,13 @@
-"""What a detector makes of road users by place, by company and by kind: does it know the shape, or the place?
+"""What a detector makes of road users by place, by company and by kind: does it know the shape, or
+the place?
 
-    python tests/benchmarks/models/bench_place.py [--site tjunction] [--weights tjunction] [--frames 60] [--seed 31001]
+    python tests/benchmarks/models/bench_place.py [--site tjunction] [--weights tjunction] [--frames
+        60] [--seed 31001]
 
-Each frame has some ten single road users or groups, far from each other, at any heading on lanes or on footways, seen
-by the site's sensors with the paper's noise. Of those with twenty points and more a line says how many were found as
-what they are (IoU from which a detection is true), how many were found as another class alone, and how many not at all.
+Each frame has some ten single road users or groups, far from each other, at any heading on lanes or
+on footways, seen by the site's sensors with the paper's noise. Of those with twenty points and more
+a line says how many were found as what they are (IoU from which a detection is true), how many were
+found as another class alone, and how many not at all.
 """
 
 import argparse
@@ -35,7 +38,9 @@ GROUPS = {  # kinds that stand side by side, and the air between them (m)
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("--site", default="tjunction")
     arguments.add_argument("--weights", default="tjunction")
     arguments.add_argument("--frames", type=int, default=60)
@@ -61,7 +66,10 @@ def main() -> None:
     area = site.area if asked.weights == "general" else None
     detect, obstacles = load_detector(asked.weights, area=area), Obstacles(site)
     inner = shapely.box(*site.area).buffer(-3)
-    grounds = {"lane": unite(site.lanes).intersection(inner), "footway": unite(site.footways).intersection(inner)}
+    grounds = {
+        "lane": unite(site.lanes).intersection(inner),
+        "footway": unite(site.footways).intersection(inner),
+    }
 
     def draw(kind: str):
         label = PEDESTRIAN if kind in ("adult", "child", "pram", "wheelchair") else CYCLIST
@@ -84,7 +92,10 @@ def main() -> None:
     for number in range(asked.frames):
         bodies, boxes, names, taken = [], [], [], []
         for _ in range(400):
-            where, group = ("lane", "footway")[rng.integers(2)], list(GROUPS)[rng.integers(len(GROUPS))]
+            where, group = (
+                ("lane", "footway")[rng.integers(2)],
+                list(GROUPS)[rng.integers(len(GROUPS))],
+            )
             kinds, gap = GROUPS[group]
             x, y = rng.uniform(site.area[:2], site.area[2:])
             close = any(np.hypot(x - a, y - b) < APART for a, b in taken)
@@ -114,9 +125,15 @@ def main() -> None:
             right = (near & (found.labels == labels[k])).any()
             wrong = (overlap[:, k] >= 0.1) & (found.labels != labels[k])
             counts[name] += [1, right, not right and wrong.any(), not right and not wrong.any()]
-    print(f"{'group':>18s} {'place':>8s} {'seen':>5s} {'found':>6s} {'as another':>10s} {'missed':>7s}")
+    print(
+        f"{'group':>18s} {'place':>8s} {'seen':>5s} {'found':>6s} {'as another':>10s} "
+        f"{'missed':>7s}"
+    )
     for (group, where), (seen, right, wrong, none) in sorted(counts.items()):
-        print(f"{group:>18s} {where:>8s} {seen:5d} {right / seen:6.3f} {wrong / seen:10.3f} {none / seen:7.3f}")
+        print(
+            f"{group:>18s} {where:>8s} {seen:5d} {right / seen:6.3f} {wrong / seen:10.3f} "
+            f"{none / seen:7.3f}"
+        )
 
 
 if __name__ == "__main__":

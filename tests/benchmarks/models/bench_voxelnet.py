@@ -1,10 +1,11 @@
-"""The published network as published, ours of the same size, and the light one, from a fused cloud to boxes.
+"""The published network as published, ours of the same size, and the light one, from a fused cloud
+to boxes.
 
     python tests/benchmarks/models/bench_voxelnet.py [threads]
 
-Milliseconds (best and median of some rounds, and of processor time the best) and peak memory, each network in a process
-of its own, on two threads. The weights are random, and let 600 anchors pass the threshold. On a busy machine compare
-processor times on one thread.
+Milliseconds (best and median of some rounds, and of processor time the best) and peak memory, each
+network in a process of its own, on two threads. The weights are random, and let 600 anchors pass
+the threshold. On a busy machine compare processor times on one thread.
 """
 
 import resource
@@ -15,22 +16,41 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-# x y heading of the T-junction's six sensors, and footprints (xmin ymin xmax ymax, height) of what stands around it
-SENSORS = ((40.9, 8.1, 155), (-7.7, 21.9, 295), (-45.6, 10.1, 15), (8.0, 5.6, 52), (-8.3, 18.5, 208), (-5.5, -27.5, 64))
+# x y heading of the T-junction's six sensors, and footprints (xmin ymin xmax ymax, height) of what
+# stands around it
+SENSORS = (
+    (40.9, 8.1, 155),
+    (-7.7, 21.9, 295),
+    (-45.6, 10.1, 15),
+    (8.0, 5.6, 52),
+    (-8.3, 18.5, 208),
+    (-5.5, -27.5, 64),
+)
 SOLIDS = (
     *((-38.6, -4.5, -27.7, 5.9, 4), (-26.5, -6.2, -14.7, 6.2, 5), (-26.5, -17.4, -14.7, -6.2, 8)),
-    *((-49, -29, -28, -4.8, 12), (-28.8, -29, -19, -19.4, 8), (-40, 21, 40, 24, 6), (36, -19, 40, 5, 3)),
+    *(
+        (-49, -29, -28, -4.8, 12),
+        (-28.8, -29, -19, -19.4, 8),
+        (-40, 21, 40, 24, 6),
+        (36, -19, 40, 5, 3),
+    ),
 )
 
 
 def fused_cloud(seed: int = 0) -> np.ndarray:
-    """About 76,000 points (n, 3) float32 that six depth cameras would see of a T-junction with 30 cars, site frame."""
+    """About 76,000 points (n, 3) float32 that six depth cameras would see of a T-junction with 30
+    cars, site frame."""
     rng = np.random.default_rng(seed)
     boxes = np.array([*SOLIDS, *(_car(rng) for _ in range(30))])
     clouds = [_seen(np.array([x, y, 5.2]), np.radians(heading), boxes) for x, y, heading in SENSORS]
     points = np.concatenate(clouds)
     points += rng.normal([0, 0, 0.03], 0.02, points.shape)
-    inside = (np.abs(points[:, 0]) < 40) & (np.abs(points[:, 1]) < 20) & (points[:, 2] > 0) & (points[:, 2] < 4)
+    inside = (
+        (np.abs(points[:, 0]) < 40)
+        & (np.abs(points[:, 1]) < 20)
+        & (points[:, 2] > 0)
+        & (points[:, 2] < 4)
+    )
     return points[inside].astype(np.float32)
 
 
@@ -47,12 +67,19 @@ def _seen(eye: np.ndarray, heading: float, boxes: np.ndarray, tilt: float = 0.2)
     u, v = np.meshgrid((np.arange(200) - 99.5) / 100, (np.arange(150) - 74.5) / 100)
     forward, up = np.cos(tilt) - v * np.sin(tilt), -np.sin(tilt) - v * np.cos(tilt)
     ray = np.stack(
-        (forward * np.cos(heading) + u * np.sin(heading), forward * np.sin(heading) - u * np.cos(heading), up)
+        (
+            forward * np.cos(heading) + u * np.sin(heading),
+            forward * np.sin(heading) - u * np.cos(heading),
+            up,
+        )
     )
     ray = ray.reshape(3, -1).T + 1e-12
     distance = np.where(ray[:, 2] < 0, -eye[2] / ray[:, 2], 200.0)
     for xmin, ymin, xmax, ymax, top in boxes:
-        lower, upper = (np.array([xmin, ymin, 0]) - eye) / ray, (np.array([xmax, ymax, top]) - eye) / ray
+        lower, upper = (
+            (np.array([xmin, ymin, 0]) - eye) / ray,
+            (np.array([xmax, ymax, top]) - eye) / ray,
+        )
         near, far = np.minimum(lower, upper).max(1), np.maximum(lower, upper).min(1)
         hit = (near < far) & (near > 0) & (near < distance)
         distance[hit] = near[hit]
@@ -60,7 +87,8 @@ def _seen(eye: np.ndarray, heading: float, boxes: np.ndarray, tilt: float = 0.2)
 
 
 def published_as_published() -> None:
-    """Padded voxels, every cell of the grid, BatchNorm unfolded: the slow reference of the tests."""
+    """Padded voxels, every cell of the grid, BatchNorm unfolded: the slow reference of the
+    tests."""
     import torch
 
     sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
@@ -75,7 +103,8 @@ def published_as_published() -> None:
 
 
 def ours_of_the_same_size() -> None:
-    """`SparseVoxelNet` with the same weights and the same outputs, points to maps, and points to boxes."""
+    """`SparseVoxelNet` with the same weights and the same outputs, points to maps, and points to
+    boxes."""
     sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
     from dataclasses import replace
 
@@ -86,7 +115,9 @@ def ours_of_the_same_size() -> None:
     from models.published import AREA, PublishedDetector, from_published
 
     network = VoxelNet(replace(VoxelNetConfig.published("tjunction"), area=AREA["tjunction"]))
-    network.load_state_dict(from_published(random_network().state_dict(), network, "random weights"))
+    network.load_state_dict(
+        from_published(random_network().state_dict(), network, "random weights")
+    )
     detector, points = PublishedDetector(_selective(network).eval(), "tjunction"), fused_cloud()
     _report("same size, points to raw maps", lambda: detector.head(points), rounds=5)
     _report("same size, points to boxes", lambda: detector(points), rounds=5)
@@ -108,7 +139,11 @@ def light() -> None:
     _report("light, points to boxes", lambda: detector(points), rounds=50)
     _report("    voxelisation", lambda: voxelise(points, config), rounds=50)
     _report("    network", lambda: detector.network(voxels), rounds=50)
-    _report("    decoding", lambda: candidates(maps, detector.anchors, config, detector.thresholds), rounds=50)
+    _report(
+        "    decoding",
+        lambda: candidates(maps, detector.anchors, config, detector.thresholds),
+        rounds=50,
+    )
     _report("    suppression", lambda: suppress(*boxes, config, 0.1), rounds=50)
 
 
@@ -148,7 +183,13 @@ def _report(name, call, *, rounds):
         processor.append((process_time() - start[1]) * 1e3)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     best, median, busy = min(times), sorted(times)[rounds // 2], min(processor)
-    print(f"{name:34s} {best:8.1f} ms (median {median:.1f}, processor {busy:.1f})   peak {peak:5.0f} MB", flush=True)
+    print(
+        (
+            f"{name:34s} {best:8.1f} ms (median {median:.1f}, processor {busy:.1f})   peak "
+            f"{peak:5.0f} MB"
+        ),
+        flush=True,
+    )
 
 
 CASES = (published_as_published, ours_of_the_same_size, light, voxelisation)
@@ -156,7 +197,9 @@ CASES = (published_as_published, ours_of_the_same_size, light, voxelisation)
 if __name__ == "__main__":
     if len(sys.argv) < 3:
         for number in range(len(CASES)):
-            subprocess.run([sys.executable, __file__, *(sys.argv[1:] or ["2"]), str(number)], check=True)
+            subprocess.run(
+                [sys.executable, __file__, *(sys.argv[1:] or ["2"]), str(number)], check=True
+            )
     else:
         import torch
 

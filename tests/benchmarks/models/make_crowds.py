@@ -1,10 +1,12 @@
-"""Simulate crowds: the recordings, denser than any junction, that the shipped site weights were last trained on.
+"""Simulate crowds: the recordings, denser than any junction, that the shipped site weights were
+last trained on.
 
-    python tests/benchmarks/models/make_crowds.py tjunction crowds.hdf5 [--frames 900] [--seed 1] [--most 60]
-        [--pedestrians 0.55] [--cyclists 0.35] [--prams 0.27]
+    python tests/benchmarks/models/make_crowds.py tjunction crowds.hdf5 [--frames 900] [--seed 1]
+        [--most 60] [--pedestrians 0.55] [--cyclists 0.35] [--prams 0.27]
 
-Nine in ten road users stand anywhere, nearly half of them in company, from 5 cm apart. One in three bicycles are
-children's, two in five two-wheelers e-scooters. No command of coview makes such traffic: what is rare is common here.
+Nine in ten road users stand anywhere, nearly half of them in company, from 5 cm apart. One in three
+bicycles are children's, two in five two-wheelers e-scooters. No command of coview makes such
+traffic: what is rare is common here.
 """
 
 import argparse
@@ -25,12 +27,20 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
     from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
     from toolkit.traffic import snapshots
 
-    snapshots.STRAY_SHARES = {PEDESTRIAN: pedestrians, CYCLIST: cyclists, VEHICLE: 0.05, HEAVY: 0.03}
+    snapshots.STRAY_SHARES = {
+        PEDESTRIAN: pedestrians,
+        CYCLIST: cyclists,
+        VEHICLE: 0.05,
+        HEAVY: 0.03,
+    }
     snapshots.COMPANIONS, snapshots._NEAREST, snapshots.GAP = 0.45, 0.1, 0.05
     shares = property(lambda self: snapshots.Mix(most=most, parked=5, strays=self.strays))
     Job.mix = shares  # type: ignore[method-assign, assignment]
     more = {VEHICLE: 0.7, HEAVY: 0.7, CYCLIST: 2.8, PEDESTRIAN: 2.8}
-    fleet._SPAWNED = {label: (int(n * more[label]), per * more[label]) for label, (n, per) in fleet._SPAWNED.items()}
+    fleet._SPAWNED = {
+        label: (int(n * more[label]), per * more[label])
+        for label, (n, per) in fleet._SPAWNED.items()
+    }
     children = 0.1 + 0.45 * (0.9 - prams)
     drawn_bodies._EVENLY = (0.0, 0.1, children, children + prams, children + prams + 0.06, 1.0)
 
@@ -48,7 +58,12 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
             return getattr(self.rng, name)
 
     def draw_two_wheeler(rng, evenly=False):
-        kinds = (drawn_bodies._bicycle, drawn_bodies._e_scooter, drawn_bodies._motorcycle, drawn_bodies._scooter)
+        kinds = (
+            drawn_bodies._bicycle,
+            drawn_bodies._e_scooter,
+            drawn_bodies._motorcycle,
+            drawn_bodies._scooter,
+        )
         draw = kinds[int(rng.choice(4, p=(0.92 - E_SCOOTERS, E_SCOOTERS, 0.04, 0.04)))]
         kind, mesh = draw(Childish(rng) if draw is drawn_bodies._bicycle else rng)
         return kind, stand(mesh)
@@ -57,7 +72,9 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("site")
     parser.add_argument("out", type=Path)
     for name, default in (("frames", 900), ("seed", 1), ("most", 60)):
@@ -71,7 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from toolkit.datasets.simulation import simulate_dataset
     from toolkit.runtime.run import Simulation
 
-    run = Simulation(frames=asked.frames, seed=asked.seed, workers=1)  # other processes would not know of the crowd
+    # other processes would not know of the crowd
+    run = Simulation(frames=asked.frames, seed=asked.seed, workers=1)
     simulate_dataset(asked.site, asked.out, run=run, fleet=fleet_named("even"), strays=0.9)
 
 

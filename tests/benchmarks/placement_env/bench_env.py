@@ -1,5 +1,5 @@
-"""Steps per second of the environments, by the processor's time of one process: the best and the median of 20 rounds;
-and how many files one step crosses, with how many calls between them.
+"""Steps per second of the environments, by the processor's time of one process: the best and the
+median of 20 rounds; and how many files one step crosses, with how many calls between them.
 
 python tests/benchmarks/placement_env/bench_env.py [FRAMES]
     --table     on the shipped table alone
@@ -41,9 +41,11 @@ def pace(env: gym.vector.VectorEnv, steps: int) -> np.ndarray:
 
 
 def crossings(objective: Objective, action: int = 1) -> list[tuple[str, str]]:
-    """Calls from one file of ours to another in a step of SensorSelect whose set was not scored before: caller's file,
-    and file and name of what it calls. The first is `step` itself."""
-    env = gym.make("coview/SensorSelect-v0", objective=objective, disable_env_checker=True).unwrapped
+    """Calls from one file of ours to another in a step of SensorSelect whose set was not scored
+    before: caller's file, and file and name of what it calls. The first is `step` itself."""
+    env = gym.make(
+        "coview/SensorSelect-v0", objective=objective, disable_env_checker=True
+    ).unwrapped
     env.reset(seed=0)
     env.step(action)  # what is made once is made
     env.reset()
@@ -73,10 +75,17 @@ def files_of(calls: list[tuple[str, str]]) -> list[str]:
     return list(dict.fromkeys(called.rpartition(":")[0] for _, called in calls))
 
 
-def pose_pace(frames: int, rendering: Rendering, steps: int, rounds: int) -> tuple[float, np.ndarray]:
-    """CPU seconds until the first episode has begun, and steps per second of rounds of moving all four sensors."""
+def pose_pace(
+    frames: int, rendering: Rendering, steps: int, rounds: int
+) -> tuple[float, np.ndarray]:
+    """CPU seconds until the first episode has begun, and steps per second of rounds of moving all
+    four sensors."""
     env = gym.make(
-        "coview/SensorPose-v0", frames=frames, moves=steps * rounds + 1, rendering=rendering, disable_env_checker=True
+        "coview/SensorPose-v0",
+        frames=frames,
+        moves=steps * rounds + 1,
+        rendering=rendering,
+        disable_env_checker=True,
     ).unwrapped
     start, paces = time.process_time(), []
     env.reset(seed=0)
@@ -95,8 +104,9 @@ def main_pose(frames: int) -> None:
     for rendering, steps, rounds in ways:
         begun, paces = pose_pace(frames, rendering, steps, rounds)
         print(
-            f"SensorPose, {rendering}, {frames} frames, four sensors moved at once: {paces.max():.1f} steps/s at best, "
-            f"median {np.median(paces):.1f}; begun after {begun:.1f} CPU s"
+            f"SensorPose, {rendering}, {frames} frames, four sensors moved at once: "
+            f"{paces.max():.1f} steps/s at best, median {np.median(paces):.1f}; begun after "
+            f"{begun:.1f} CPU s"
         )
 
 
@@ -104,13 +114,19 @@ def main_table() -> None:
     for count in (1, 16, 64):
         env = gym.make_vec("coview/SensorSelect-v0", num_envs=count, fidelity="table")
         paces = pace(env, 3200 // count + 20)
-        print(f"table, {count:3} at once: {paces.max():8.0f} steps/s at best, median {np.median(paces):8.0f}")
+        print(
+            f"table, {count:3} at once: {paces.max():8.0f} steps/s at best, median "
+            f"{np.median(paces):8.0f}"
+        )
 
 
 def main(frames: int) -> None:
     calls = crossings(Objective(Setting("tjunction", fidelity="table")))
     names = [str(Path(file).relative_to(ROOT)) for file in files_of(calls)]
-    print(f"table: a step crosses {len(names)} files with {len(calls)} calls between them: {', '.join(names)}")
+    print(
+        f"table: a step crosses {len(names)} files with {len(calls)} calls between them: "
+        f"{', '.join(names)}"
+    )
     fidelities: list[FidelityName] = ["surrogate", "coverage"]
     for name in fidelities:
         objective = Objective(Setting("tjunction", fidelity=name), Run(frames=frames))

@@ -1,13 +1,16 @@
-"""Coverage of intervals, and how good the recommended set is, over independent traffics of sites nobody fitted to.
+"""Coverage of intervals, and how good the recommended set is, over independent traffics of sites
+nobody fitted to.
 
-    python tests/benchmarks/placement_env/bench_intervals.py OUT [--sites NAME ...] [--traffics 20] [--frames 60]
+    python tests/benchmarks/placement_env/bench_intervals.py OUT [--sites NAME ...] [--traffics 20]
+        [--frames 60]
     python tests/benchmarks/placement_env/bench_intervals.py OUT --print [--frames 60]
 
-At each site some sets of one to three sensors that searches found are judged by the detector in several traffics, each
-with a seed of its own. What a set is worth is its AP in all other traffics together. An interval of one traffic holds
-if it contains that figure, as far as the figure is known itself: its own interval is narrower by the root of the number
-of traffics. A recommendation is good if its AP there is within 0.01 of the best of the sets. For more frames than one
-traffic has, neighbouring traffics are joined. Tallies are kept in OUT/SITE.npz, so --print needs no detector.
+At each site some sets of one to three sensors that searches found are judged by the detector in
+several traffics, each with a seed of its own. What a set is worth is its AP in all other traffics
+together. An interval of one traffic holds if it contains that figure, as far as the figure is known
+itself: its own interval is narrower by the root of the number of traffics. A recommendation is good
+if its AP there is within 0.01 of the best of the sets. For more frames than one traffic has,
+neighbouring traffics are joined. Tallies are kept in OUT/SITE.npz, so --print needs no detector.
 """
 
 import argparse
@@ -50,7 +53,9 @@ def collect(name: str, place: Place, out: Path, traffics: int, frames: int) -> N
         rows = []
         for size in SIZES:
             own = np.flatnonzero(found.sets.sum(axis=1) == size)
-            answers = [i for i in own if found.searches[i]] + [i for i in own if not found.searches[i]]
+            answers = [i for i in own if found.searches[i]] + [
+                i for i in own if not found.searches[i]
+            ]
             rows += [found.sets[i] for i in answers[:OF_EACH_SIZE]]
         kept["sets"] = np.array(rows)
     sets = kept["sets"]
@@ -64,8 +69,12 @@ def collect(name: str, place: Place, out: Path, traffics: int, frames: int) -> N
         for n, outcomes in enumerate(judge.detected.outcomes(members, range(frames)).values()):
             at = [judge.detected.ious.index(iou) for iou in IOUS]
             kept[f"{part}.{n}.scores"] = np.concatenate([each.scores for each in outcomes])
-            kept[f"{part}.{n}.truth"] = np.concatenate([each.truth[at] for each in outcomes], axis=1)
-            kept[f"{part}.{n}.frame"] = np.repeat(np.arange(frames), [len(each.scores) for each in outcomes])
+            kept[f"{part}.{n}.truth"] = np.concatenate(
+                [each.truth[at] for each in outcomes], axis=1
+            )
+            kept[f"{part}.{n}.frame"] = np.repeat(
+                np.arange(frames), [len(each.scores) for each in outcomes]
+            )
         kept[f"{part}.truths"] = judge.to_find[label]
         np.savez_compressed(path, **kept)
         print(f"{name}: traffic {part}, {int(judge.to_find[label].sum())} vehicles", flush=True)
@@ -81,13 +90,18 @@ def tally(kept: dict[str, Any], part: int, n: int, iou: int, frames: int = 10**6
 def pool(tallies: list[Tally]) -> Tally:
     """Tally of several traffics one after another."""
     before = np.cumsum([0, *(len(each.truths) for each in tallies)])
-    frame = np.concatenate([each.frame + first for each, first in zip(tallies, before, strict=False)])
-    scores, hit, truths = (np.concatenate([getattr(t, name) for t in tallies]) for name in ("scores", "hit", "truths"))
+    frame = np.concatenate(
+        [each.frame + first for each, first in zip(tallies, before, strict=False)]
+    )
+    scores, hit, truths = (
+        np.concatenate([getattr(t, name) for t in tallies]) for name in ("scores", "hit", "truths")
+    )
     return Tally(scores, hit, frame, truths)
 
 
 def report(path: Path, frames: int) -> None:
-    """Print how often intervals hold the AP of all other traffics, and how good recommendations are there."""
+    """Print how often intervals hold the AP of all other traffics, and how good recommendations are
+    there."""
     kept: dict[str, Any] = dict(np.load(path))
     parts = sorted({int(name.partition(".")[0]) for name in kept if name.endswith(".truths")})
     sets, length = kept["sets"], len(kept[f"{parts[0]}.truths"])
@@ -98,7 +112,8 @@ def report(path: Path, frames: int) -> None:
         options, draws, fresh, mean = [], {}, [], []
         for n, row in enumerate(sets):
             own = [
-                pool([tally(kept, p, n, i, cut) for p, cut in zip(part, cuts, strict=True)]) for i in range(len(IOUS))
+                pool([tally(kept, p, n, i, cut) for p, cut in zip(part, cuts, strict=True)])
+                for i in range(len(IOUS))
             ]
             there = pool([tally(kept, other, n, 0) for other in parts if other not in part])
             fresh.append(there.ap)
@@ -108,24 +123,32 @@ def report(path: Path, frames: int) -> None:
             widths.append(ends.high - ends.low)
             middle = np.quantile(drawn, [0.025, 0.975])
             plain.append(middle[0] <= there.ap <= middle[1])
-            judged = Judgement(own[0].ap, *ends, own[0].recall, None, int(own[0].truths.sum()), frames)
+            judged = Judgement(
+                own[0].ap, *ends, own[0].recall, None, int(own[0].truths.sum()), frames
+            )
             names = tuple(map(str, np.flatnonzero(row)))
-            options.append(PlanOption(names, float(row.sum()), 100.0, 100.0, 0.0, judged, mean_ap=mean[-1]))
+            options.append(
+                PlanOption(names, float(row.sum()), 100.0, 100.0, 0.0, judged, mean_ap=mean[-1])
+            )
             draws[n] = drawn
         best, alike = choose(options, draws)
         losses.append(max(fresh) - fresh[alike[0]])
         picked.append(alike[0] != best)
     within, count = np.mean(np.array(losses) <= AP_TOLERANCE + 1e-9), len(held)
     print(
-        f"{path.stem}, {len(groups)} times {frames} frames, {len(sets)} sets: intervals hold {np.sum(held)} of "
-        f"{count} ({np.mean(held):.1%}; plain percentiles {np.mean(plain):.1%}), mean width {np.mean(widths):.3f}; "
-        f"recommended within {AP_TOLERANCE:g} of the best on all other frames {within:.0%}, loss {np.mean(losses):.4f} "
-        f"on average, {max(losses):.4f} at most; cheaper than the best in {np.sum(picked)}"
+        f"{path.stem}, {len(groups)} times {frames} frames, {len(sets)} sets: intervals hold "
+        f"{np.sum(held)} of {count} ({np.mean(held):.1%}; plain percentiles "
+        f"{np.mean(plain):.1%}), mean width {np.mean(widths):.3f}; recommended within "
+        f"{AP_TOLERANCE:g} of the best on all other frames {within:.0%}, loss "
+        f"{np.mean(losses):.4f} on average, {max(losses):.4f} at most; cheaper than the best in "
+        f"{np.sum(picked)}"
     )
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("out", type=Path)
     arguments.add_argument("--sites", nargs="+", default=["tjunction", "roundabout", "osm"])
     arguments.add_argument("--traffics", type=int, default=20)

@@ -1,9 +1,13 @@
 """Time of the live planner's answers at tjunction: six sensors, 60 frames, the pool of 2,363 poses.
 
-python tests/benchmarks/placement_env/bench_live.py [MOVES]   (200)
-    milliseconds, by the clock and of processor, of turns, tilts and lifts, of the map of what is seen, of answers from
-    poles that were never used, of suggestions; memory after the moves, and after ten times as many; how far settled
-    figures are from the objective's own score
+python tests/benchmarks/placement_env/bench_live.py [MOVES]   (200) milliseconds, by the clock and
+                                                              of processor, of turns, tilts and
+                                                              lifts, of the map of what is seen, of
+                                                              answers from poles that were never
+                                                              used, of suggestions; memory after the
+                                                              moves, and after ten times as many;
+                                                              how far settled figures are from the
+                                                              objective's own score
 """
 
 import sys
@@ -27,7 +31,10 @@ def measure(job: Callable[[], object]) -> tuple[float, float]:
 def say(what: str, jobs: Sequence[Callable[[], object]]) -> None:
     clock, processor = 1000 * np.percentile([measure(job) for job in jobs], [50, 95, 100], axis=0).T
     for name, (p50, p95, worst) in (("clock", clock), ("processor", processor)):
-        print(f"{what}, {name}: p50 {p50:.0f}, p95 {p95:.0f}, worst {worst:.0f} ms, of {len(jobs)}", flush=True)
+        print(
+            f"{what}, {name}: p50 {p50:.0f}, p95 {p95:.0f}, worst {worst:.0f} ms, of {len(jobs)}",
+            flush=True,
+        )
 
 
 def resident() -> int:
@@ -55,13 +62,22 @@ def main(moves: int = 200) -> None:
     begin = resident()
     for k in range(10 * moves):
         turn(k)
-    print(f"memory {begin} MB after {moves} moves, {resident()} MB after {10 * moves} more", flush=True)
+    print(
+        f"memory {begin} MB after {moves} moves, {resident()} MB after {10 * moves} more",
+        flush=True,
+    )
     apart = []
     for _ in range(4):
         for k in range(len(names)):
             turn(k)
         apart.append(abs(planner.finish().ap - planner.score().ap))
-    print(f"settled AP from the objective's: {np.mean(apart):.5f} in the mean, {max(apart):.5f} at worst", flush=True)
+    print(
+        (
+            f"settled AP from the objective's: {np.mean(apart):.5f} in the mean, {max(apart):.5f} "
+            "at worst"
+        ),
+        flush=True,
+    )
     maps, stand = SeenMaps(planner.preparation, 1.0), planner.yard.build_sensor
 
     def draw(k: int) -> None:
@@ -71,10 +87,19 @@ def main(moves: int = 200) -> None:
     draw(0)
     say("a turn and the map of what is seen", [lambda k=k: draw(k) for k in range(0, 20, 2)])  # type: ignore[misc]
     say("a lift and the map of what is seen", [lambda k=k: draw(k) for k in range(1, 20, 2)])  # type: ignore[misc]
-    free = [mount.name for mount in planner.yard.stock.mounts if mount.name not in {s.mount for s in planner.sensors}]
-    carried = [lambda pole=pole: planner.move("d0", height=5.3, position=pole) for pole in free[:20]]  # type: ignore[misc]
+    free = [
+        mount.name
+        for mount in planner.yard.stock.mounts
+        if mount.name not in {s.mount for s in planner.sensors}
+    ]
+    carried = [
+        lambda pole=pole: planner.move("d0", height=5.3, position=pole) for pole in free[:20]
+    ]  # type: ignore[misc]
     say("a pole never used, coarse", carried)
-    print(f"views of the whole stock: {measure(lambda: all(iter(planner.refine, False)))} s", flush=True)
+    print(
+        f"views of the whole stock: {measure(lambda: all(iter(planner.refine, False)))} s",
+        flush=True,
+    )
     say("the best next sensor", [planner.suggest] * 3)
     say("the best place of one", [lambda: planner.suggest("move", "d1")] * 3)
     say("what to take away", [lambda: planner.suggest("remove")] * 3)

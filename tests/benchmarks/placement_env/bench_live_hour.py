@@ -1,9 +1,16 @@
-"""An hour on the live planner's page, time compressed, in two browsers: memory, speed at both ends, agreement.
+"""An hour on the live planner's page, time compressed, in two browsers: memory, speed at both ends,
+agreement.
 
-python tests/benchmarks/placement_env/bench_live_hour.py [ACTIONS]   (600: one every six seconds of the hour)
-    Drags by mouse in one browser; in between failures, additions, removals, other poles, variants, suggestions, the
-    map, other frames, undo and redo. Memory of the server is that of its process, from when all views are made; that
-    of the page is its heap of JavaScript.
+python tests/benchmarks/placement_env/bench_live_hour.py [ACTIONS]   (600: one every six seconds of
+                                                                     the hour) Drags by mouse in one
+                                                                     browser; in between failures,
+                                                                     additions, removals, other
+                                                                     poles, variants, suggestions,
+                                                                     the map, other frames, undo and
+                                                                     redo. Memory of the server is
+                                                                     that of its process, from when
+                                                                     all views are made; that of the
+                                                                     page is its heap of JavaScript.
 """
 
 import shutil
@@ -30,7 +37,9 @@ def main(actions: int = 600) -> None:
         pass
     print(f"all views made in {time.monotonic() - begin:.0f} s", flush=True)
     folder = Path(tempfile.mkdtemp())
-    session = LiveSession(planner, project=ProjectFile(folder / "tjunction.live.json", planner), folder=folder)
+    session = LiveSession(
+        planner, project=ProjectFile(folder / "tjunction.live.json", planner), folder=folder
+    )
     page = session.page
     with sync_playwright() as playwright:
         path = shutil.which("chromium") or shutil.which("google-chrome")
@@ -46,12 +55,18 @@ def main(actions: int = 600) -> None:
             """Something that is done in the panel."""
             names = [sensor.name for sensor in planner.sensors]
             name = names[int(rng.integers(len(names)))]
-            poles = [mount.name for mount in planner.yard.stock.mounts if planner._room(planner.variant, mount.name)]
+            poles = [
+                mount.name
+                for mount in planner.yard.stock.mounts
+                if planner._room(planner.variant, mount.name)
+            ]
             pole = poles[int(rng.integers(len(poles)))]
             more = len(names) < 8
             jobs = (
                 lambda: page._change(planner.fail, name, k % 4 < 2),
-                lambda: page._change(planner.add, pole, float(rng.uniform(-3, 3))) if more else None,
+                lambda: (
+                    page._change(planner.add, pole, float(rng.uniform(-3, 3))) if more else None
+                ),
                 lambda: page._change(planner.remove, name) if len(names) > 5 else None,
                 lambda: page._change(lambda: planner.move(name, position=pole)),
                 lambda: page._change(planner.undo),
@@ -59,8 +74,14 @@ def main(actions: int = 600) -> None:
                 lambda: page._suggest("add"),
                 lambda: setattr(page._map, "value", ("off", "a child")[int(rng.integers(2))]),
                 lambda: setattr(page._frame, "value", int(rng.integers(planner.frames))),
-                lambda: page._change(lambda: planner.show(f"V{k}", copy=True)) if len(planner.variants) < 6 else None,
-                lambda: page._change(planner.show, list(planner.variants)[int(rng.integers(len(planner.variants)))]),
+                lambda: (
+                    page._change(lambda: planner.show(f"V{k}", copy=True))
+                    if len(planner.variants) < 6
+                    else None
+                ),
+                lambda: page._change(
+                    planner.show, list(planner.variants)[int(rng.integers(len(planner.variants)))]
+                ),
             )
             jobs[int(rng.integers(len(jobs)))]()
             tab.wait_for_timeout(150)
@@ -71,7 +92,10 @@ def main(actions: int = 600) -> None:
                 memory.append(resident())
                 heap.append(tab.evaluate("performance.memory.usedJSHeapSize") / 2**20)
                 print(
-                    f"{k} actions, {time.monotonic() - begin:.0f} s: {memory[-1]} MB, page {heap[-1]:.0f} MB",
+                    (
+                        f"{k} actions, {time.monotonic() - begin:.0f} s: {memory[-1]} MB, page "
+                        f"{heap[-1]:.0f} MB"
+                    ),
                     flush=True,
                 )
             if k % 3:
@@ -80,7 +104,9 @@ def main(actions: int = 600) -> None:
             standing = [s.name for s in planner.sensors]
             name = standing[int(rng.integers(len(standing)))]
             start, middle = bench.place(name, False), np.array(bench.size) / 2
-            found = bench.drag(name, start + (middle - start) * rng.uniform(0.05, 0.4) + rng.normal(0, 25, 2))
+            found = bench.drag(
+                name, start + (middle - start) * rng.uniform(0.05, 0.4) + rng.normal(0, 25, 2)
+            )
             if found is not None:
                 times.append(found["whole"])
         page.do(lambda: page._show(planner.finish()))
@@ -90,7 +116,9 @@ def main(actions: int = 600) -> None:
         fifth = max(len(times) // 5, 1)
         print(f"pointer to figures, {len(times)} drags:")
         for what, part in (("first", times[:fifth]), ("last", times[-fifth:])):
-            print(f"  {what} fifth: p50 {np.median(part):.0f}, p95 {np.percentile(part, 95):.0f} ms")
+            print(
+                f"  {what} fifth: p50 {np.median(part):.0f}, p95 {np.percentile(part, 95):.0f} ms"
+            )
         print(f"server {memory[-1] - memory[0]:+d} MB, {max(memory)} MB at most", flush=True)
         chromium.close()
     session.close()

@@ -1,13 +1,57 @@
-"""Time from the pointer to the figures on the live planner's page, in headless Chromium, which renders in software.
+"""Time from the pointer to the figures on the live planner's page, in headless Chromium, which
+renders in software.
 
 python tests/benchmarks/placement_env/bench_live_page.py [DRAGS [WIDTH [HEIGHT]]]   (200 1280 720)
-    The T-junction: six sensors, 60 frames, the pool of 2,363 poses. Each drag presses a sensor's handle, moves it in
-    steps of a screen's frame and rests; timed is the last step, from the pointer's event until the first figures that
-    answer it stand in the page, coarse or not, and until the scene is painted. How it divides: until the page's script
-    gets the event, until the server gets it, until the server starts on it, its answer with all that is drawn, the way
-    back from the end of that (negative, as figures go first), and until the figures change. Then a tenth as many drags
-    to poles that were never used, a fifth as many lifts, after a rest of 20 s, and turns while the map of what is seen
-    is shown.
+                                                                                    The T-junction:
+                                                                                    six sensors, 60
+                                                                                    frames, the pool
+                                                                                    of 2,363 poses.
+                                                                                    Each drag
+                                                                                    presses a
+                                                                                    sensor's handle,
+                                                                                    moves it in
+                                                                                    steps of a
+                                                                                    screen's frame
+                                                                                    and rests; timed
+                                                                                    is the last
+                                                                                    step, from the
+                                                                                    pointer's event
+                                                                                    until the first
+                                                                                    figures that
+                                                                                    answer it stand
+                                                                                    in the page,
+                                                                                    coarse or not,
+                                                                                    and until the
+                                                                                    scene is
+                                                                                    painted. How it
+                                                                                    divides: until
+                                                                                    the page's
+                                                                                    script gets the
+                                                                                    event, until the
+                                                                                    server gets it,
+                                                                                    until the server
+                                                                                    starts on it,
+                                                                                    its answer with
+                                                                                    all that is
+                                                                                    drawn, the way
+                                                                                    back from the
+                                                                                    end of that
+                                                                                    (negative, as
+                                                                                    figures go
+                                                                                    first), and
+                                                                                    until the
+                                                                                    figures change.
+                                                                                    Then a tenth as
+                                                                                    many drags to
+                                                                                    poles that were
+                                                                                    never used, a
+                                                                                    fifth as many
+                                                                                    lifts, after a
+                                                                                    rest of 20 s,
+                                                                                    and turns while
+                                                                                    the map of what
+                                                                                    is seen is
+                                                                                    shown.
 """
 
 import shutil
@@ -60,7 +104,8 @@ new MutationObserver(() => {
 
 
 class Bench:
-    """The page, its server in this process, and the times of both. All times are ms of the system's clock."""
+    """The page, its server in this process, and the times of both. All times are ms of the system's
+    clock."""
 
     def __init__(self, tab: Page, session: LiveSession) -> None:
         self.tab, self.session, self.planner = tab, session, session.planner
@@ -100,22 +145,29 @@ class Bench:
 
     def pixel(self, point) -> np.ndarray:
         """Where the first view shows a point of the scene."""
-        eye, middle = (np.array(each) for each in scene.overview(tuple(self.planner.yard.site.area.tolist())))
+        eye, middle = (
+            np.array(each) for each in scene.overview(tuple(self.planner.yard.site.area.tolist()))
+        )
         eye = middle + AWAY * (eye - middle)
         ahead = (middle - eye) / np.linalg.norm(middle - eye)
         right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
         way, (width, height) = np.array(point) - eye, self.size
         scale = height / 2 / np.tan(np.deg2rad(25.0)) / (way @ ahead)
-        return np.array([width / 2 + scale * (way @ right), height / 2 - scale * (way @ np.cross(right, ahead))])
+        return np.array(
+            [width / 2 + scale * (way @ right), height / 2 - scale * (way @ np.cross(right, ahead))]
+        )
 
     def plain(self, html: str) -> str:
         """Text of HTML without spaces."""
         return "".join(
-            self.tab.evaluate("h => new DOMParser().parseFromString(h, 'text/html').body.innerText", html).split()
+            self.tab.evaluate(
+                "h => new DOMParser().parseFromString(h, 'text/html').body.innerText", html
+            ).split()
         )
 
     def agree(self) -> bool:
-        """True where the page shows what the server sent last, at once or, as it may refine, a second later."""
+        """True where the page shows what the server sent last, at once or, as it may refine, a
+        second later."""
         for wait in (0, 1000):
             self.tab.wait_for_timeout(wait)
             read = self.tab.evaluate("document.querySelector('.live-ap').parentElement.outerHTML")
@@ -125,10 +177,16 @@ class Bench:
 
     def place(self, name: str, housing: bool) -> np.ndarray:
         """Pixel of a sensor's handle, or housing."""
-        sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(name))
-        return self.pixel(sensor.position if housing else find_target(self.session.planner.yard.site, sensor))
+        sensor = self.planner.yard.build_sensor(
+            self.planner.variant, self.planner.variant.find(name)
+        )
+        return self.pixel(
+            sensor.position if housing else find_target(self.session.planner.yard.site, sensor)
+        )
 
-    def drag(self, name: str, end, *, housing: bool = False, shift: bool = False) -> dict[str, float] | None:
+    def drag(
+        self, name: str, end, *, housing: bool = False, shift: bool = False
+    ) -> dict[str, float] | None:
         """Drag a sensor; return the parts of the time of its last step."""
         start, mouse = self.place(name, housing), self.tab.mouse
         mouse.move(*start)
@@ -153,27 +211,42 @@ class Bench:
         self.tab.wait_for_timeout(1000 * REST)
         pointer = [row for row in found if row[0] == "pointer"]
         messages = [row for row in found if row[0] == "message" and row[2] == answered]
-        figures = [row for row in found if row[0] == "figures" and messages and row[1] >= messages[0][1]]
+        figures = [
+            row for row in found if row[0] == "figures" and messages and row[1] >= messages[0][1]
+        ]
         maps = [row[1] - pointer[-1][1] for row in found if row[0] == "map" and pointer]
         if not (pointer and figures and messages and served and heard):
             missed = "beside the handle" if not heard else "nothing new" if same else "LOST"
             self.why.append(missed)
-            for client in self.session._server.get_clients().values():  # a drag beside the handle turns the camera
+            for client in (
+                self.session._server.get_clients().values()
+            ):  # a drag beside the handle turns the camera
                 self.session.page._cameras.aim(client, self.session.page._cameras.slant)
             self.tab.wait_for_timeout(1000)
             return None
         at = pointer[-1][1]
-        shown, painted = figures[0][1], figures[0][2] or figures[0][1]  # a refined answer may follow
+        # a refined answer may follow
+        shown, painted = (figures[0][1], figures[0][2] or figures[0][1])
         times = [at, pointer[-1][2], heard[-1], *served[-1], messages[0][1], shown]
         parts = ("page gets it", "server gets it", "waits", "answers", "way back", "figures change")
-        whole = {"whole": shown - at, "painted": painted - at, **({"map": maps[-1]} if maps else {})}
+        whole = {
+            "whole": shown - at,
+            "painted": painted - at,
+            **({"map": maps[-1]} if maps else {}),
+        }
         return whole | dict(zip(parts, np.diff(times).tolist(), strict=True))
 
 
 def say(what: str, rows: list[dict[str, float] | None], why: list[str]) -> None:
     """Print percentiles of a kind of drag."""
     kept = [row for row in rows if row is not None]
-    print(f"{what}: {len(kept)} of {len(rows)} drags changed the figures; the others: {dict(Counter(why))}", flush=True)
+    print(
+        (
+            f"{what}: {len(kept)} of {len(rows)} drags changed the figures; the others: "
+            f"{dict(Counter(why))}"
+        ),
+        flush=True,
+    )
     why.clear()
     for name in dict.fromkeys(name for row in kept for name in row):
         p50, p95, worst = np.percentile([row[name] for row in kept if name in row], [50, 95, 100])
@@ -201,16 +274,30 @@ def main(drags: int = 200, width: int = 1280, height: int = 720) -> None:
             return bench.drag(names[k % len(names)], start + towards)
 
         say("turns and tilts", [turn(k) for k in range(drags)], bench.why)
-        free = [m for m in planner.yard.stock.mounts if m.name not in {s.mount for s in planner.sensors}]
-        level = float(planner.yard.build_sensor(planner.variant, planner.variant.find("d0")).position[2])
+        free = [
+            m for m in planner.yard.stock.mounts if m.name not in {s.mount for s in planner.sensors}
+        ]
+        level = float(
+            planner.yard.build_sensor(planner.variant, planner.variant.find("d0")).position[2]
+        )
         ends = [bench.pixel([*mount.position[:2], level]) for mount in free]
-        there = [end for end in ends if (end > 20).all() and (end < np.array(bench.size) - 20).all()]
-        say("a pole never used", [bench.drag("d0", end, housing=True) for end in there[: drags // 10]], bench.why)
-        tab.wait_for_timeout(20_000)  # views from other heights are made while nobody moves anything
+        there = [
+            end for end in ends if (end > 20).all() and (end < np.array(bench.size) - 20).all()
+        ]
+        say(
+            "a pole never used",
+            [bench.drag("d0", end, housing=True) for end in there[: drags // 10]],
+            bench.why,
+        )
+        # views from other heights are made while nobody moves anything
+        tab.wait_for_timeout(20_000)
         lifts = [(names[k % len(names)], rng.uniform(-40, 40)) for k in range(drags // 5)]
         say(
             "lifts",
-            [bench.drag(n, bench.place(n, True) + np.array([0, by]), housing=True, shift=True) for n, by in lifts],
+            [
+                bench.drag(n, bench.place(n, True) + np.array([0, by]), housing=True, shift=True)
+                for n, by in lifts
+            ],
             bench.why,
         )
         tab.get_by_role("tab", name="View").click()

@@ -1,12 +1,14 @@
-"""Plans at ten sites that nothing was fitted to: what they promise, their regret, and the price of `--min-ap`.
+"""Plans at ten sites that nothing was fitted to: what they promise, their regret, and the price of
+`--min-ap`.
 
     python tests/benchmarks/placement_env/bench_plans.py ROWS.jsonl [--sites NAME ...] [--print]
 
-At each site `plan` answers with at most three sensors, once for the best set and once for the cheapest that reaches an
-AP a little below. Its answers, all sets that it judged, the searches' own answers and the best neighbours of these are
-then judged on `JUDGED` frames of other traffic. What a plan says about its set beside the decision (schemes, worth,
-failures) is left out, since it takes half of the time. Each site is a row of ROWS.jsonl when it is known, detections
-stay in --cache; --print says what the rows say so far.
+At each site `plan` answers with at most three sensors, once for the best set and once for the
+cheapest that reaches an AP a little below. Its answers, all sets that it judged, the searches' own
+answers and the best neighbours of these are then judged on `JUDGED` frames of other traffic. What a
+plan says about its set beside the decision (schemes, worth, failures) is left out, since it takes
+half of the time. Each site is a row of ROWS.jsonl when it is known, detections stay in --cache;
+--print says what the rows say so far.
 
 Sites are the first nine seeds from 77001 on whose detection area is below 7,000 m², and a piece of
 docs/own-junction.osm. Of each, a hundred and twenty poses drawn from the pool are candidates.
@@ -58,7 +60,9 @@ def sites() -> Iterator[tuple[str, int]]:
 def make(name: str, seed: int) -> Site:
     if name != "osm":
         return random_site(seed)
-    return import_osm(MapPiece(ROOT / "docs" / "own-junction.osm", centre=(8.0, 49.5), size=(70.0, 50.0), seed=3))
+    return import_osm(
+        MapPiece(ROOT / "docs" / "own-junction.osm", centre=(8.0, 49.5), size=(70.0, 50.0), seed=3)
+    )
 
 
 class Drawn(Stock):
@@ -66,7 +70,9 @@ class Drawn(Stock):
 
     def __call__(self, site: Site) -> Any:
         every = pool(site)
-        chosen = np.random.default_rng(len(every)).choice(len(every), min(POSES, len(every)), replace=False)
+        chosen = np.random.default_rng(len(every)).choice(
+            len(every), min(POSES, len(every)), replace=False
+        )
         return every.select(np.sort(chosen))
 
 
@@ -89,12 +95,16 @@ def measure(name: str, seed: int, cache: Path) -> dict[str, Any]:
     known = {each.sensors for each in considered if each.judged is not None or each.searches}
     for size in range(1, SENSORS + 1):
         of_size = [each for each in options.values() if len(each.sensors) == size]
-        known |= {each.sensors for each in sorted(of_size, key=lambda each: -each.predicted)[:OTHERS]}
+        known |= {
+            each.sensors for each in sorted(of_size, key=lambda each: -each.predicted)[:OTHERS]
+        }
     sets = sorted(known)
     mask = np.zeros((len(sets), len(candidates)), np.bool_)
     for row, names in zip(mask, sets, strict=True):
         row[[rows[each] for each in names]] = True
-    judge = Preparation(Setting(site, candidates=candidates, fidelity="detector"), run.part(7, JUDGED))
+    judge = Preparation(
+        Setting(site, candidates=candidates, fidelity="detector"), run.part(7, JUDGED)
+    )
     figures = judge.detected(judge.setting.cases.profiles[0]).estimates(mask)
     aps = np.array([figures[iou].ap for iou in IOUS])
     price = [options[each].price for each in sets]
@@ -102,7 +112,13 @@ def measure(name: str, seed: int, cache: Path) -> dict[str, Any]:
     def place(plan: Any, option: Any) -> dict[str, Any]:
         at = sets.index(option.sensors)
         low, high = option.counted.low, option.counted.high
-        return {"ap": aps[:, at].tolist(), "price": price[at], "promised": option.counted.ap, "low": low, "high": high}
+        return {
+            "ap": aps[:, at].tolist(),
+            "price": price[at],
+            "promised": option.counted.ap,
+            "low": low,
+            "high": high,
+        }
 
     return {
         "asked": asked,
@@ -110,7 +126,10 @@ def measure(name: str, seed: int, cache: Path) -> dict[str, Any]:
         "chosen": place(best, best.chosen),
         "best": place(best, best.best) | {"promised": None},
         "cheap": None if cheap.chosen is None else place(cheap, cheap.chosen),
-        "sets": [{"ap": aps[:, n].tolist(), "price": price[n], "sensors": len(each)} for n, each in enumerate(sets)],
+        "sets": [
+            {"ap": aps[:, n].tolist(), "price": price[n], "sensors": len(each)}
+            for n, each in enumerate(sets)
+        ],
         "planning_s": planned,
         "judging_s": process_time() - began - planned,
     }
@@ -118,29 +137,50 @@ def measure(name: str, seed: int, cache: Path) -> dict[str, Any]:
 
 def figures(rows: list[dict[str, Any]]) -> Iterator[str]:
     off, regrets, prices = [], [], []
-    head = f"{'site':14s} {'promised':>8s} {'judged':>7s} {'best 0.7':>8s} {'mean':>6s} {'best':>6s}"
+    head = (
+        f"{'site':14s} {'promised':>8s} {'judged':>7s} {'best 0.7':>8s} {'mean':>6s} {'best':>6s}"
+    )
     yield f"{head}  min-ap: asked price least"
     for row in (row for row in rows if "chosen" in row):
         chosen, best, cheap, sets = row["chosen"], row["best"], row["cheap"], row["sets"]
-        highest, mean = max(each["ap"][0] for each in sets), max(np.mean(each["ap"]) for each in sets)
+        highest, mean = (
+            max(each["ap"][0] for each in sets),
+            max(np.mean(each["ap"]) for each in sets),
+        )
         off.append(chosen["promised"] - chosen["ap"][0])
-        regrets.append((highest - best["ap"][0], mean - np.mean(best["ap"]), highest - chosen["ap"][0]))
-        least = min((each["price"] for each in sets if each["ap"][0] >= row["asked"]), default=np.nan)
+        regrets.append(
+            (highest - best["ap"][0], mean - np.mean(best["ap"]), highest - chosen["ap"][0])
+        )
+        least = min(
+            (each["price"] for each in sets if each["ap"][0] >= row["asked"]), default=np.nan
+        )
         prices.append(cheap["price"] / least - 1 if cheap and row["met"] else np.nan)
         yield (
             f"{row['site']:14s} {chosen['promised']:8.3f} {chosen['ap'][0]:7.3f} {highest:8.3f} "
-            f"{np.mean(best['ap']):6.3f} {mean:6.3f}  {row['asked']:13.2f} {cheap['price'] if cheap else np.nan:5.2f} "
-            f"{least:5.2f}  {row['planning_s']:.0f} + {row['judging_s']:.0f} s"
+            f"{np.mean(best['ap']):6.3f} {mean:6.3f}  {row['asked']:13.2f} "
+            f"{cheap['price'] if cheap else np.nan:5.2f} {least:5.2f}  {row['planning_s']:.0f} + "
+            f"{row['judging_s']:.0f} s"
         )
     if off:
         at, mean, chosen = np.array(regrets).T
-        yield f"promised less judged: mean {np.mean(off):+.4f}, mean of the size {np.mean(np.abs(off)):.4f}"
-        yield f"regret at 0.7: {at.mean():.4f}, at mean IoU {mean.mean():.4f}; of the answer {chosen.mean():.4f}"
-        yield f"price of --min-ap above the least known: mean {np.nanmean(prices):+.1%}, of {np.isfinite(prices).sum()}"
+        yield (
+            f"promised less judged: mean {np.mean(off):+.4f}, mean of the size "
+            f"{np.mean(np.abs(off)):.4f}"
+        )
+        yield (
+            f"regret at 0.7: {at.mean():.4f}, at mean IoU {mean.mean():.4f}; of the answer "
+            f"{chosen.mean():.4f}"
+        )
+        yield (
+            f"price of --min-ap above the least known: mean {np.nanmean(prices):+.1%}, of "
+            f"{np.isfinite(prices).sum()}"
+        )
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("rows", type=Path)
     arguments.add_argument("--sites", nargs="+", default=[])
     arguments.add_argument("--print", action="store_true", dest="only_print")

@@ -1,15 +1,18 @@
-"""Regret of `portfolio`, and surrogates beside the detector, at 12 junctions that nothing was fitted to.
+"""Regret of `portfolio`, and surrogates beside the detector, at 12 junctions that nothing was
+fitted to.
 
-    python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl [--sites NAME ...] [--budgets 2 3 4] [--late]
-    python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --drawn 32 [--sites NAME ...] [--late]
+    python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl [--sites NAME ...] [--budgets 2
+        3 4] [--late]
+    python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --drawn 32 [--sites NAME ...]
+        [--late]
     python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --print
 
-At each site and budget the searches and `portfolio` answer, and the detector judges all their answers and a drawn set
-on 100 frames of traffic that nobody saw. With --drawn nothing is searched: so
-many sets of 1 to 8 sensors, drawn at random, are judged beside the surrogates, which are shown no answers of
-searches. Each row is kept in ROWS.jsonl when it is known, detections in --cache, so that a run that was killed goes
-on where it was; --print says what the rows say so far (`regret_figures.py`). Budgets go round the sites, so that few
-rows already stand for all of them.
+At each site and budget the searches and `portfolio` answer, and the detector judges all their
+answers and a drawn set on 100 frames of traffic that nobody saw. With --drawn nothing is searched:
+so many sets of 1 to 8 sensors, drawn at random, are judged beside the surrogates, which are shown
+no answers of searches. Each row is kept in ROWS.jsonl when it is known, detections in --cache, so
+that a run that was killed goes on where it was; --print says what the rows say so far
+(`regret_figures.py`). Budgets go round the sites, so that few rows already stand for all of them.
 """
 
 import argparse
@@ -48,7 +51,11 @@ class Rows:
             file.write(json.dumps(row) + "\n")
 
     def find(self, **wanted: Any) -> list[dict[str, Any]]:
-        return [row for row in self.rows if all(row.get(name) == value for name, value in wanted.items())]
+        return [
+            row
+            for row in self.rows
+            if all(row.get(name) == value for name, value in wanted.items())
+        ]
 
 
 def read_rows(path: Path) -> Iterator[dict[str, Any]]:
@@ -63,7 +70,13 @@ class Judging:
     """One site: what is searched there, and the detector on fresh traffic."""
 
     def __init__(
-        self, name: str, place: Place, cache: Path, workers: int, scheme: str = "early", frames: int = JUDGED
+        self,
+        name: str,
+        place: Place,
+        cache: Path,
+        workers: int,
+        scheme: str = "early",
+        frames: int = JUDGED,
     ) -> None:
         self.name, self.seed, self.scheme, self.frames = name, place.seed, scheme, frames
         self.cache, self.workers = cache, workers
@@ -80,7 +93,8 @@ class Judging:
         )
 
     def prepared(self, part: int, frames: int, **settings: Any) -> Any:
-        """What fidelities are made from on another part of the traffic, after that of the searches."""
+        """What fidelities are made from on another part of the traffic, after that of the
+        searches."""
         from dataclasses import replace
 
         made = self.objective.preparation
@@ -98,7 +112,11 @@ class Judging:
         """Each search, with as much as the portfolio lets it do, or as it does by itself."""
         from placement_env.search import greedy, swap
         from placement_env.search.exact import cpsat, hits
-        from placement_env.search.portfolio.entrants import SOLVING, SWAP_EVALUATIONS, entropy_objective
+        from placement_env.search.portfolio.entrants import (
+            SOLVING,
+            SWAP_EVALUATIONS,
+            entropy_objective,
+        )
 
         objective = self.objective
         swapping = {"starts": swap.STARTS, "evaluations": SWAP_EVALUATIONS}
@@ -109,7 +127,11 @@ class Judging:
             "cpsat": partial(cpsat.search, objective, k, seconds=60.0, effort=SOLVING),
             "hits": partial(hits.search, objective, k, seconds=10.0),
         }
-        return made if self.scheme == "early" else {name: made[name] for name in ("greedy", "swap", "cpsat")}
+        return (
+            made
+            if self.scheme == "early"
+            else {name: made[name] for name in ("greedy", "swap", "cpsat")}
+        )
 
     def drawn(self, count: int) -> list[tuple[int, ...]]:
         """Sets of 1 to `MOST_DRAWN` sensors in turn, drawn at random."""
@@ -131,10 +153,15 @@ class Judging:
         from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator
 
         detected, row, frames = self._detected, self.row_of(subset), np.arange(self.frames)
-        each = [CasesEvaluator((DetectorEvaluator(detected, (iou,)),)).evaluate(row, frames) for iou in IOUS]
+        each = [
+            CasesEvaluator((DetectorEvaluator(detected, (iou,)),)).evaluate(row, frames)
+            for iou in IOUS
+        ]
         return {
             "ap": [round(float(found.ap[0]), 5) for found in each],
-            "draws": [np.round(found.resamples[0][:DRAWS], 4).tolist() for found in (each[0], each[2])],
+            "draws": [
+                np.round(found.resamples[0][:DRAWS], 4).tolist() for found in (each[0], each[2])
+            ],
             "same": {name: round(float(score(row)[0][0]), 5) for name, score in self._fast.items()},
         }
 
@@ -154,7 +181,8 @@ class Judging:
         vehicles = self.prepared(2, self.frames).visibility
         radius = self.site.hybrid_radius
         made: dict[str, Callable[[np.ndarray], Any]] = {
-            f"surrogate@{iou:g}": Surrogate(vehicles, self.scheme, iou=iou, radius=radius) for iou in IOUS
+            f"surrogate@{iou:g}": Surrogate(vehicles, self.scheme, iou=iou, radius=radius)
+            for iou in IOUS
         }
         made["coverage"] = Coverage(vehicles, self.scheme)
         made["perception entropy"] = PerceptionEntropy(vehicles, self.scheme)
@@ -180,17 +208,27 @@ def run(judging: Judging, k: int, rows: Rows) -> None:
             )
     if not rows.find(kind="portfolio", **at):
         rows.add(kind="portfolio", **at, **_portfolio(judging, k))
-    answers = [tuple(row["subset"]) for kind in ("portfolio", "search") for row in rows.find(kind=kind, **at)]
+    answers = [
+        tuple(row["subset"])
+        for kind in ("portfolio", "search")
+        for row in rows.find(kind=kind, **at)
+    ]
     drawn = judging.draw(np.random.default_rng([judging.seed, k]), k)
     judge_sets(judging, dict.fromkeys([*answers, drawn]), rows, k=k)
 
 
-def judge_sets(judging: Judging, sets: Iterable[tuple[int, ...]], rows: Rows, *, k: int | None = None) -> None:
+def judge_sets(
+    judging: Judging, sets: Iterable[tuple[int, ...]], rows: Rows, *, k: int | None = None
+) -> None:
     at = {"site": judging.name, "scheme": judging.scheme}
     for subset in sets:
         if subset and not rows.find(kind="set", subset=list(subset), **at):
             predicted = float(judging.objective.scores(judging.row_of(subset)).ap[0])
-            own = {"k": len(subset) if k is None else k, "subset": list(subset), "predicted": predicted}
+            own = {
+                "k": len(subset) if k is None else k,
+                "subset": list(subset),
+                "predicted": predicted,
+            }
             rows.add(kind="set", **at, **own, **judging.judged(subset))
     print(f"{judging.name} {k or ''} {judging.scheme}: {len(rows.rows)} rows", flush=True)
 
@@ -199,18 +237,29 @@ def _portfolio(judging: Judging, k: int) -> dict[str, Any]:
     from placement_env.search.portfolio import portfolio
 
     began = perf_counter()
-    found = portfolio.search(judging.objective, k, judging=portfolio.Judging(evaluators=judging.evaluators()))
+    found = portfolio.search(
+        judging.objective, k, judging=portfolio.Judging(evaluators=judging.evaluators())
+    )
     said = found.assessment
     return {
-        "subset": list(found.best.subset), "predicted": found.best.ap, "expected": said.expected, "ap": said.ap,
-        "low": said.low, "high": said.high, "confidence": said.confidence, "raced": said.raced,
+        "subset": list(found.best.subset),
+        "predicted": found.best.ap,
+        "expected": said.expected,
+        "ap": said.ap,
+        "low": said.low,
+        "high": said.high,
+        "confidence": said.confidence,
+        "raced": said.raced,
         "entrants": said.entrants,
-        "searching": round(found.seconds, 2), "seconds": round(perf_counter() - began, 2),
-    }  # fmt: skip
+        "searching": round(found.seconds, 2),
+        "seconds": round(perf_counter() - began, 2),
+    }
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("rows", type=Path)
     arguments.add_argument("--sites", nargs="+", default=[])
     arguments.add_argument("--budgets", nargs="+", type=int, default=[2, 3, 4])

@@ -1,10 +1,12 @@
-"""Leaderboard of surrogates: Spearman correlation with a detector's AP over many sensor sets, and their speed.
+"""Leaderboard of surrogates: Spearman correlation with a detector's AP over many sensor sets, and
+their speed.
 
-    python tests/benchmarks/placement_env/bench_surrogate.py TABLE RECORDING [--scheme early] [--iou 0.7]
-        [--model MODELS.json]
+    python tests/benchmarks/placement_env/bench_surrogate.py TABLE RECORDING [--scheme early] [--iou
+        0.7] [--model MODELS.json]
 
-TABLE: a .npz of `placement_env.fidelity.table` or a built-in site's name; RECORDING: the HDF5 file it was measured in.
-Intervals are 95 % of 2000 bootstraps over sets; ms per evaluation is one process's, sets a thousand at a time.
+TABLE: a .npz of `placement_env.fidelity.table` or a built-in site's name; RECORDING: the HDF5 file
+it was measured in. Intervals are 95 % of 2000 bootstraps over sets; ms per evaluation is one
+process's, sets a thousand at a time.
 """
 
 import argparse
@@ -36,7 +38,8 @@ def spearman(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def interval(score: np.ndarray, ap: np.ndarray, seed: int = 0) -> tuple[float, float, float]:
-    """Spearman correlation of a surrogate's score with AP, and its 95 % bootstrap interval over the sets."""
+    """Spearman correlation of a surrogate's score with AP, and its 95 % bootstrap interval over the
+    sets."""
     drawn = np.random.default_rng(seed).integers(len(ap), size=(BOOTSTRAPS, len(ap)))
     low, high = np.quantile(spearman(score[drawn], ap[drawn]), [0.025, 0.975])
     return float(spearman(score, ap)), float(low), float(high)
@@ -54,7 +57,12 @@ def ms_each(fidelity: Callable[[np.ndarray], object], sets: np.ndarray) -> float
 
 
 def leaderboard(
-    visibility: "Visibility", scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model: "HitModel | None" = None
+    visibility: "Visibility",
+    scheme: str,
+    iou: float,
+    sets: np.ndarray,
+    ap: np.ndarray,
+    model: "HitModel | None" = None,
 ) -> None:
     from information_gain import InformationGain
 
@@ -72,7 +80,8 @@ def leaderboard(
         "number of sensors": lambda subsets: (subsets.sum(axis=1).astype(float),),
     }
     print(
-        f"{len(sets)} sets, {visibility.points.shape[1]} objects in {visibility.frames} frames, {scheme}, IoU {iou:g}"
+        f"{len(sets)} sets, {visibility.points.shape[1]} objects in {visibility.frames} frames, "
+        f"{scheme}, IoU {iou:g}"
     )
     print(f"{'':30s} {'Spearman':>8s}  {'95 % interval':>16s} {'|AP error|':>10s} {'ms each':>8s}")
     lines = []
@@ -80,7 +89,15 @@ def leaderboard(
         score = fidelity(sets)[0]
         rho, low, high = interval(score, ap)
         error = f"{np.abs(score - ap).mean():10.4f}" if score.max() <= 1 else f"{'':10s}"
-        lines.append((rho, f"{name:30s} {rho:8.3f}  {low:7.3f} … {high:6.3f} {error} {ms_each(fidelity, sets):8.4f}"))
+        lines.append(
+            (
+                rho,
+                (
+                    f"{name:30s} {rho:8.3f}  {low:7.3f} … {high:6.3f} {error} "
+                    f"{ms_each(fidelity, sets):8.4f}"
+                ),
+            )
+        )
     for _, line in sorted(lines, reverse=True):
         print(line)
 
@@ -99,7 +116,9 @@ def of_table(asked: argparse.Namespace) -> tuple:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("table")
     arguments.add_argument("recording")
     arguments.add_argument("--scheme", choices=("early", "late", "hybrid"), default="early")

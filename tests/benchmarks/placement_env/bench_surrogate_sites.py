@@ -1,11 +1,13 @@
-"""How far a surrogate's AP is from the detector's at sites that it was not fitted to, and whether it says so.
+"""How far a surrogate's AP is from the detector's at sites that it was not fitted to, and whether
+it says so.
 
-    python tests/benchmarks/placement_env/bench_surrogate_sites.py SITE.json ... [--frames 8] [--sets 16] [--seed 9301]
-        [--scheme early] [--model MODELS.json] [--cache out/cache]
+    python tests/benchmarks/placement_env/bench_surrogate_sites.py SITE.json ... [--frames 8]
+        [--sets 16] [--seed 9301] [--scheme early] [--model MODELS.json] [--cache out/cache]
 
-Sets of 1 to 8 of the site's own sensors and 60 random poses with cameras and lidars, as a fit draws them; the detector
-is general with the empty site known. Printed for each model: root mean square and mean of predicted less measured AP,
-the standard error stated, and the shares of sets within one and within two of it (68 and 95 % if it is true).
+Sets of 1 to 8 of the site's own sensors and 60 random poses with cameras and lidars, as a fit draws
+them; the detector is general with the empty site known. Printed for each model: root mean square
+and mean of predicted less measured AP, the standard error stated, and the shares of sets within one
+and within two of it (68 and 95 % if it is true).
 """
 
 import argparse
@@ -20,7 +22,9 @@ MODELS = ("depth-camera", "spinning-lidar", "solid-state-lidar")
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("sites", nargs="+")
     arguments.add_argument("--frames", type=int, default=8)
     arguments.add_argument("--sets", type=int, default=16)
@@ -42,7 +46,9 @@ def main() -> None:
     from toolkit.sensors.models import find_model
     from toolkit.sites.files import load_site
 
-    models = [m for m in load_models(asked.model or FOLDER / "general.json") if m.scheme == asked.scheme]
+    models = [
+        m for m in load_models(asked.model or FOLDER / "general.json") if m.scheme == asked.scheme
+    ]
     classes = Classes(("vehicle", "cyclist", "pedestrian"))
     ious = sorted({m.iou for m in models if m.label == "vehicle"})
     rows: dict[tuple[str, float], list[np.ndarray]] = {}
@@ -54,17 +60,24 @@ def main() -> None:
         seen = see(traffic, candidates, labels=classes.labels, run=run)
         renders = Renders(traffic, candidates, run.memo)
         detector = site_detector("general", site)
-        made = Detected(renders, detector, asked.scheme, memo=run.memo, processes=run, classes=classes)
+        made = Detected(
+            renders, detector, asked.scheme, memo=run.memo, processes=run, classes=classes
+        )
         found = made.at(ious[0], also=ious).class_estimates(sets)
         for model in models:
             iou = model.iou if model.label == "vehicle" else ious[0]
             measured = found[iou].ap[:, classes.names.index(model.label)]
             of_class = Classes((model.label,))
-            surrogate = Surrogate(seen, asked.scheme, model, radius=site.hybrid_radius, classes=of_class)
+            surrogate = Surrogate(
+                seen, asked.scheme, model, radius=site.hybrid_radius, classes=of_class
+            )
             row = np.stack([surrogate(sets).ap - measured, surrogate.spread(sets)])
             rows.setdefault((model.label, model.iou), []).append(row[:, np.isfinite(measured)])
         print(f"{name}: {len(sets)} sets", file=sys.stderr, flush=True)
-    print(f"{'':10} {'IoU':>5} {'sets':>5} {'rms':>6} {'mean':>7} {'stated':>7} {'within 1':>9} {'within 2':>9}")
+    print(
+        f"{'':10} {'IoU':>5} {'sets':>5} {'rms':>6} {'mean':>7} {'stated':>7} {'within 1':>9} "
+        f"{'within 2':>9}"
+    )
     for (label, iou), parts in rows.items():
         error, stated = np.concatenate(parts, axis=1)
         rms, said = (float(np.sqrt(np.square(each).mean())) for each in (error, stated))

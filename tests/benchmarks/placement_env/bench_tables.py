@@ -1,5 +1,6 @@
-"""What an exact table costs: processor seconds per frame of each scheme, detections, and hours for 200 frames; with all
-sets of a frame detected in at once, from what was kept then, and one set after the other.
+"""What an exact table costs: processor seconds per frame of each scheme, detections, and hours for
+200 frames; with all sets of a frame detected in at once, from what was kept then, and one set after
+the other.
 
 python tests/benchmarks/placement_env/bench_tables.py RECORDING.hdf5 [FRAMES] [WEIGHTS]
 """
@@ -42,10 +43,15 @@ class OneByOne:
 class AtOnce(OneByOne):
     """One that can be asked for many unions of clouds at once."""
 
-    def unions(self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
+    def unions(
+        self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+    ) -> list[Detections]:
         start = process_time()
         found = self.detector.unions(clouds, unions)
-        self.detections, self.seconds = self.detections + len(unions), self.seconds + process_time() - start
+        self.detections, self.seconds = (
+            self.detections + len(unions),
+            self.seconds + process_time() - start,
+        )
         return found
 
 
@@ -61,11 +67,18 @@ def main() -> None:
             ("kept", AtOnce(weights), memo),
             ("one by one", OneByOne(weights), Cache()),
         ):
-            seconds = sum(_scored(how, dataset, detector, scheme, kept, frames) for scheme in PAPER_SCHEMES)
-            print(f"{how:10} all sets, three schemes, 200 frames: {seconds * 200 / 3600:.2f} processor hours")
+            seconds = sum(
+                _scored(how, dataset, detector, scheme, kept, frames) for scheme in PAPER_SCHEMES
+            )
+            print(
+                f"{how:10} all sets, three schemes, 200 frames: {seconds * 200 / 3600:.2f} "
+                "processor hours"
+            )
 
 
-def _scored(how: str, dataset: CoopDataset, detector: OneByOne, scheme: str, memo: Cache, frames: int) -> float:
+def _scored(
+    how: str, dataset: CoopDataset, detector: OneByOne, scheme: str, memo: Cache, frames: int
+) -> float:
     """Processor seconds a frame of all sets in a scheme."""
     renders, subsets = Recorded(dataset), all_subsets(len(dataset.sensors))
     start, detections, inside = process_time(), detector.detections, detector.seconds

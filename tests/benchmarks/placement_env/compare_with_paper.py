@@ -1,5 +1,6 @@
-"""Our exact tables beside the paper's table of sensor sets: AP at IoU 0.7 of each set it lists, rank correlation with
-its figures, and where the paper's best sets stand among all of ours. `coview reproduce` puts them on a page.
+"""Our exact tables beside the paper's table of sensor sets: AP at IoU 0.7 of each set it lists,
+rank correlation with its figures, and where the paper's best sets stand among all of ours. `coview
+reproduce` puts them on a page.
 
 python tests/benchmarks/placement_env/compare_with_paper.py [tjunction roundabout | TABLE.npz ...]
 """
@@ -20,9 +21,14 @@ def compare(table: Table) -> None:
     rows, sensors = sensor_sets(table.origin.site).rows, len(table.origin.sensors)
     subsets = np.array([[c in chosen for c in range(sensors)] for chosen, _, _ in rows])
     ours = {scheme: TableFidelity(table, scheme)(subsets).ap for scheme in WANTED}
-    print(f"\n{table.origin.site}: {table.origin.frames} frames, {table.origin.objects} objects, AP at IoU 0.7")
+    print(
+        f"\n{table.origin.site}: {table.origin.frames} frames, {table.origin.objects} objects, AP "
+        "at IoU 0.7"
+    )
     print(f"{'sensors':18}{'early: paper':>14}{'ours':>8}{'late: paper':>14}{'ours':>8}")
-    for (chosen, early, late), mine_early, mine_late in zip(rows, ours["early"], ours["late"], strict=True):
+    for (chosen, early, late), mine_early, mine_late in zip(
+        rows, ours["early"], ours["late"], strict=True
+    ):
         print(f"{set_name(chosen):18}{early:14.4f}{mine_early:8.4f}{late:14.4f}{mine_late:8.4f}")
     for column, (scheme, wanted) in enumerate(WANTED.items(), 1):
         rank = rank_correlation([row[column] for row in rows], ours[scheme])
@@ -31,8 +37,12 @@ def compare(table: Table) -> None:
 
 
 def best_of_paper(table: Table, scheme: str, column: int) -> None:
-    """Print per size the best set of the paper's list and ours of all, and where the paper's stands among ours."""
-    best, rows = best_sets(table, scheme, top=1 << len(table.origin.sensors)), sensor_sets(table.origin.site).rows
+    """Print per size the best set of the paper's list and ours of all, and where the paper's stands
+    among ours."""
+    best, rows = (
+        best_sets(table, scheme, top=1 << len(table.origin.sensors)),
+        sensor_sets(table.origin.site).rows,
+    )
     agree = 0
     for size, sets in best.items():
         theirs = max((row for row in rows if len(row[0]) == size), key=lambda row: row[column])[0]

@@ -1,9 +1,11 @@
-"""What the rows of `bench_regret.py` say: regret, errors of prediction, winner's curse, rank correlations.
+"""What the rows of `bench_regret.py` say: regret, errors of prediction, winner's curse, rank
+correlations.
 
-Intervals are 95 % percentiles: over sites drawn with replacement for regret and error, over sites and, within each, the
-resamples of blocks of frames for correlations. Regret is against the best judged of all answers and other sets, so it
-is too large by what the best of many noisy figures is too large; `unbiased` is regret less that, by the bootstrap.
-`predicted` is the AP by the surrogate, `expected` and `after` what surrogate and race together make likeliest.
+Intervals are 95 % percentiles: over sites drawn with replacement for regret and error, over sites
+and, within each, the resamples of blocks of frames for correlations. Regret is against the best
+judged of all answers and other sets, so it is too large by what the best of many noisy figures is
+too large; `unbiased` is regret less that, by the bootstrap. `predicted` is the AP by the surrogate,
+`expected` and `after` what surrogate and race together make likeliest.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +16,8 @@ from bench_surrogate import spearman
 
 Row = dict[str, Any]
 FAST = ("surrogate@0.7", "coverage", "perception entropy", "information gain", "point count")
-WAYS = ((("site",), 0), (("site", "k"), 0), (("site",), 2), (("site", "k"), 2))  # groups of sets, number of the IoU
+# groups of sets, number of the IoU
+WAYS = ((("site",), 0), (("site", "k"), 0), (("site",), 2), (("site", "k"), 2))
 BOOTSTRAPS = 1000
 LEAST = 4  # sets that a correlation needs
 
@@ -33,11 +36,13 @@ def figures(rows: Sequence[Row]) -> list[str]:
 
 def _portfolios(rows: Sequence[Row]) -> list[str]:
     head = (
-        f"{'site':15s} k  {'AP':>6s} {'best':>6s} {'regret':>7s} {'unbiased':>8s} {'error':>7s} {'after':>7s} "
-        f"{'sure':>5s} {'raced':>5s} {'s':>5s}  best by"
+        f"{'site':15s} k  {'AP':>6s} {'best':>6s} {'regret':>7s} {'unbiased':>8s} {'error':>7s} "
+        f"{'after':>7s} {'sure':>5s} {'raced':>5s} {'s':>5s}  best by"
     )
     lines, found = [head], []
-    for row in sorted((row for row in rows if row["kind"] == "portfolio"), key=lambda r: (r["site"], r["k"])):
+    for row in sorted(
+        (row for row in rows if row["kind"] == "portfolio"), key=lambda r: (r["site"], r["k"])
+    ):
         judged = _judged(rows, row["site"], row["k"])
         own = judged.get(tuple(row["subset"]))
         if own is None:
@@ -52,15 +57,21 @@ def _portfolios(rows: Sequence[Row]) -> list[str]:
             if each["kind"] == "search" and (each["site"], each["k"]) == (row["site"], row["k"])
             if tuple(each["subset"]) == best
         ]
-        by = "portfolio" if best == tuple(row["subset"]) else ", ".join(names) or "none of the searches"
+        by = (
+            "portfolio"
+            if best == tuple(row["subset"])
+            else ", ".join(names) or "none of the searches"
+        )
         lines.append(
-            f"{row['site']:15s} {row['k']}  {own['ap'][0]:6.3f} {judged[best]['ap'][0]:6.3f} {regret:7.3f} "
-            f"{less:8.3f} {error:7.3f} {after:7.3f} {row['confidence']:5.2f} {row['raced']:5d} "
-            f"{row['seconds']:5.0f}  {by}"
+            f"{row['site']:15s} {row['k']}  {own['ap'][0]:6.3f} {judged[best]['ap'][0]:6.3f} "
+            f"{regret:7.3f} {less:8.3f} {error:7.3f} {after:7.3f} {row['confidence']:5.2f} "
+            f"{row['raced']:5d} {row['seconds']:5.0f}  {by}"
         )
         found.append((row["site"], regret, less, abs(error), abs(after)))
     sites = [site for site, *_ in found]
-    for place, name in enumerate(("regret", "unbiased", "|predicted - judged|", "|expected - judged|"), 1):
+    for place, name in enumerate(
+        ("regret", "unbiased", "|predicted - judged|", "|expected - judged|"), 1
+    ):
         values = np.array([each[place] for each in found], np.float64)
         low, high = _over_sites(values, sites)
         lines.append(
@@ -76,7 +87,8 @@ def _judged(rows: Sequence[Row], site: str, k: int) -> dict[tuple[int, ...], Row
 
 
 def _unbiased(judged: dict[tuple[int, ...], Row], own: tuple[int, ...]) -> float:
-    """Twice the regret, less its mean over the resamples (Efron and Tibshirani 1993, chapter 10)."""
+    """Twice the regret, less its mean over the resamples (Efron and Tibshirani 1993, chapter
+    10)."""
     mine = list(judged).index(own)
     figure = np.array([row["ap"][0] for row in judged.values()])
     draws = np.array([row["draws"][0] for row in judged.values()])
@@ -85,7 +97,12 @@ def _unbiased(judged: dict[tuple[int, ...], Row], own: tuple[int, ...]) -> float
 
 def _curses(rows: Sequence[Row]) -> list[str]:
     """Of each search: predicted minus judged, how far from the best, and its time."""
-    lines = [f"{'search':18s} {'curse':>7s} {'worst':>7s} {'regret':>7s} {'worst':>7s} {'s':>6s}  answers"]
+    lines = [
+        (
+            f"{'search':18s} {'curse':>7s} {'worst':>7s} {'regret':>7s} {'worst':>7s} {'s':>6s}  "
+            "answers"
+        )
+    ]
     kinds = [row for row in rows if row["kind"] in ("search", "portfolio")]
     for method in dict.fromkeys(row.get("method", "portfolio") for row in kinds):
         curse, regret, seconds = [], [], []
@@ -98,14 +115,15 @@ def _curses(rows: Sequence[Row]) -> list[str]:
                 seconds.append(row["seconds"])
         if curse:
             lines.append(
-                f"{method:18s} {np.mean(curse):7.3f} {np.max(curse):7.3f} {np.mean(regret):7.3f} {np.max(regret):7.3f} "
-                f"{np.mean(seconds):6.1f}  {len(curse)}"
+                f"{method:18s} {np.mean(curse):7.3f} {np.max(curse):7.3f} {np.mean(regret):7.3f} "
+                f"{np.max(regret):7.3f} {np.mean(seconds):6.1f}  {len(curse)}"
             )
     return lines
 
 
 def _correlations(rows: Sequence[Row], scheme: str) -> list[str]:
-    """Of each fast score: rank correlation over the sets of a site and over those of one size, mean over sites."""
+    """Of each fast score: rank correlation over the sets of a site and over those of one size, mean
+    over sites."""
     lines = [
         f"{scheme} fusion, {len(rows)} sets at {len({row['site'] for row in rows})} sites",
         f"{'score':22s} {'at 0.7, of a site':>24s} {'of one size':>24s} {'at 0.9, of a site':>24s} "
@@ -159,7 +177,9 @@ def _over_sites(values: np.ndarray, sites: Sequence[str]) -> tuple[float, float]
     different, rng = sorted(set(sites)), np.random.default_rng(0)
     of_site = {name: values[[site == name for site in sites]] for name in different}
     means = [
-        np.concatenate([of_site[different[i]] for i in rng.integers(len(different), size=len(different))]).mean()
+        np.concatenate(
+            [of_site[different[i]] for i in rng.integers(len(different), size=len(different))]
+        ).mean()
         for _ in range(BOOTSTRAPS)
     ]
     low, high = np.quantile(means, [0.025, 0.975])

@@ -1,8 +1,10 @@
-"""The 12 junctions of `bench_regret.py`: six drawn, six built or imported, each with a pool of some 100 candidates.
+"""The 12 junctions of `bench_regret.py`: six drawn, six built or imported, each with a pool of some
+100 candidates.
 
-Neither `general`, the network that judges here, nor its surrogate was fitted to any of them. Drawn are the first six
-seeds from 41801 on whose detection area is below 7,000 m², since judging takes time in proportion. The maps of CARLA
-are no part of this repository; their sites are left out where COVIEW_SHARED has none.
+Neither `general`, the network that judges here, nor its surrogate was fitted to any of them. Drawn
+are the first six seeds from 41801 on whose detection area is below 7,000 m², since judging takes
+time in proportion. The maps of CARLA are no part of this repository; their sites are left out where
+COVIEW_SHARED has none.
 """
 
 import os
@@ -32,8 +34,8 @@ POSES = 100
 
 @dataclass(frozen=True)
 class Place:
-    """make: the site; seed: of the poses that are taken of its pool, and of its traffic (three seeds from here on);
-    models: names of the sensor models, none for the paper's camera."""
+    """make: the site; seed: of the poses that are taken of its pool, and of its traffic (three
+    seeds from here on); models: names of the sensor models, none for the paper's camera."""
 
     make: "Callable[[], Site]"
     seed: int
@@ -43,7 +45,9 @@ class Place:
         """Some poses of the pool, drawn evenly over it."""
         named = {"models": tuple(map(find_model, self.models))} if self.models else {}
         every = pool(site, **named)
-        drawn = np.random.default_rng(self.seed).choice(len(every), min(POSES, len(every)), replace=False)
+        drawn = np.random.default_rng(self.seed).choice(
+            len(every), min(POSES, len(every)), replace=False
+        )
         return every.select(np.sort(drawn))
 
 
@@ -58,11 +62,15 @@ def _built(name: str) -> "Site":
 def _town(name: str, centre: tuple[float, float], size: tuple[float, float]) -> "Site":
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return import_opendrive(MapPiece(SHARED / "carla" / f"{name}.xodr", centre=centre, size=size, seed=0))
+        return import_opendrive(
+            MapPiece(SHARED / "carla" / f"{name}.xodr", centre=centre, size=size, seed=0)
+        )
 
 
 def _drawn_by_hand() -> "Site":
-    return import_osm(MapPiece(ROOT / "docs" / "own-junction.osm", centre=(8.0, 49.5), size=(70.0, 50.0), seed=0))
+    return import_osm(
+        MapPiece(ROOT / "docs" / "own-junction.osm", centre=(8.0, 49.5), size=(70.0, 50.0), seed=0)
+    )
 
 
 PLACES: dict[str, Place] = {

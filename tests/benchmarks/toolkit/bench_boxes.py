@@ -13,13 +13,17 @@ from toolkit.objects import Detections, Objects
 
 def cars(n: int, rng: np.random.Generator) -> np.ndarray:
     place = rng.uniform([-40, -20, 0.6], [40, 20, 0.9], (n, 3))
-    return np.hstack([place, rng.normal([4.3, 1.8, 1.5], 0.2, (n, 3)), rng.uniform(-np.pi, np.pi, (n, 1))])
+    return np.hstack(
+        [place, rng.normal([4.3, 1.8, 1.5], 0.2, (n, 3)), rng.uniform(-np.pi, np.pi, (n, 1))]
+    )
 
 
 def scene(rng: np.random.Generator) -> tuple[Detections, Objects]:
     """Ten cars, each detected eight times over more or less well, and twenty false alarms."""
     truth = cars(10, rng)
-    near = np.repeat(truth, 8, axis=0) + rng.normal(0, [0.2, 0.2, 0.05, 0.1, 0.05, 0.05, 0.05], (80, 7))
+    near = np.repeat(truth, 8, axis=0) + rng.normal(
+        0, [0.2, 0.2, 0.05, 0.1, 0.05, 0.05, 0.05], (80, 7)
+    )
     return Detections(np.vstack([near, cars(20, rng)]), rng.random(100)), Objects(truth)
 
 
@@ -29,7 +33,11 @@ def main() -> None:
     report("iou_3d of 300 x 300 boxes", lambda: iou_3d(a, b), limit_ms=20.0)
     points = rng.uniform([-40, -20, 0], [40, 20, 4], (80_000, 3)).astype(np.float32)
     boxes = cars(30, rng)
-    report("count_points of 80,000 points in 30 boxes", lambda: count_points(points, boxes), limit_ms=5.0)
+    report(
+        "count_points of 80,000 points in 30 boxes",
+        lambda: count_points(points, boxes),
+        limit_ms=5.0,
+    )
     crowd = cars(20, rng)[rng.integers(0, 20, 300)] + rng.normal(0, 0.05, (300, 7))
     scores = rng.random(300)
     report("nms of 300 boxes in 20 places", lambda: nms(crowd, scores, 0.1), limit_ms=20.0)

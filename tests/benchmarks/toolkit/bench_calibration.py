@@ -1,5 +1,5 @@
-"""How well sensors that hang crooked are put right: turned by 1° and moved by 10 cm on top of the errors of the profile
-typical, and registered by their empty scenes against their site.
+"""How well sensors that hang crooked are put right: turned by 1° and moved by 10 cm on top of the
+errors of the profile typical, and registered by their empty scenes against their site.
 
 python tests/benchmarks/toolkit/bench_calibration.py tj_test.hdf5 --draws 20
 python tests/benchmarks/toolkit/bench_calibration.py town01.hdf5 --site town01.json
@@ -38,7 +38,9 @@ def crooked(sensor: Sensor, rng: np.random.Generator) -> Sensor:
 def residual(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
     turn = found[:3, :3] @ true[:3, :3].T
     sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
-    return float(np.rad2deg(np.linalg.norm(sine))), float(100 * np.linalg.norm(found[:3, 3] - true[:3, 3]))
+    return float(np.rad2deg(np.linalg.norm(sine))), float(
+        100 * np.linalg.norm(found[:3, 3] - true[:3, 3])
+    )
 
 
 def main() -> None:
@@ -60,13 +62,18 @@ def main() -> None:
             off += errors
             lost = [name for name, each in put.items() if each.registration is None]
             seconds = (time.process_time() - started) / len(errors)
-            said = f"draw {draw}: worst {max(e[0] for e in errors):.3f}°, {max(e[1] for e in errors):.2f} cm"
-            said += f", {seconds:.1f} s a sensor" + (f", not found: {', '.join(lost)}" if lost else "")
+            said = (
+                f"draw {draw}: worst {max(e[0] for e in errors):.3f}°, "
+                f"{max(e[1] for e in errors):.2f} cm"
+            )
+            said += f", {seconds:.1f} s a sensor" + (
+                f", not found: {', '.join(lost)}" if lost else ""
+            )
             print(said, flush=True)
         turned, moved = np.array(off).T
         print(
-            f"{recording.site.name}, {len(off)} poses: median {np.median(turned):.4f}°, {np.median(moved):.2f} cm; "
-            f"worst {turned.max():.3f}°, {moved.max():.2f} cm"
+            f"{recording.site.name}, {len(off)} poses: median {np.median(turned):.4f}°, "
+            f"{np.median(moved):.2f} cm; worst {turned.max():.3f}°, {moved.max():.2f} cm"
         )
 
 

@@ -1,8 +1,9 @@
-"""Count the files of the product that one simulated frame passes from HDF5 to AP, and the calls between them.
+"""Count the files of the product that one simulated frame passes from HDF5 to AP, and the calls
+between them.
 
-A call counts where its caller and its callee lie in two files. The recording is open, its detector is the truth, and
-early, late and hybrid fusion of all sensors are scored. Run it as `python tests/benchmarks/toolkit/bench_calls.py`;
-`--pairs` lists the calls.
+A call counts where its caller and its callee lie in two files. The recording is open, its detector
+is the truth, and early, late and hybrid fusion of all sensors are scored. Run it as `python
+tests/benchmarks/toolkit/bench_calls.py`; `--pairs` lists the calls.
 """
 
 import sys
@@ -55,4 +56,7 @@ if __name__ == "__main__":
     for pair, number in total.most_common() if "--pairs" in sys.argv else ():
         print(f"{number:4d}", *(Path(file).relative_to(HOUSE) for file in pair))
     files = {file for pair in total for file in pair}
-    print(f"{len(files)} files (limit {MOST_FILES}), {total.total()} calls between them (limit {MOST_CALLS})")
+    print(
+        f"{len(files)} files (limit {MOST_FILES}), {total.total()} calls between them (limit "
+        f"{MOST_CALLS})"
+    )

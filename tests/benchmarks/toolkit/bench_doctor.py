@@ -1,11 +1,13 @@
-"""The doctor on every layout: which of the classic mistakes, made in the files themselves, it finds.
+"""The doctor on every layout: which of the classic mistakes, made in the files themselves, it
+finds.
 
-python tests/benchmarks/toolkit/bench_doctor.py [RECORDING.hdf5 ...] [--layouts kitti dair ...] [--samples 10]
+python tests/benchmarks/toolkit/bench_doctor.py [RECORDING.hdf5 ...] [--layouts kitti dair ...]
+[--samples 10]
 
-A simulated recording, whose truth is known, is written in each layout as two lidars on poles; each mistake is made in
-the files (`written_mistakes`), and what `coview doctor --layout` says of them is printed: `found` where it names that
-mistake and nothing else. Recordings made with `coview simulate --every 0.1`; without any, both built-in sites and a
-random one are simulated first.
+A simulated recording, whose truth is known, is written in each layout as two lidars on poles; each
+mistake is made in the files (`written_mistakes`), and what `coview doctor --layout` says of them is
+printed: `found` where it names that mistake and nothing else. Recordings made with `coview simulate
+--every 0.1`; without any, both built-in sites and a random one are simulated first.
 """
 
 import argparse
@@ -35,21 +37,30 @@ from toolkit.objects import Objects
 PLACE = pose(600.0, 1600.0, 30.0, yaw=0.7)  # of the world in the map, where a layout has one
 FIRST = 1_700_000_000.0  # s, time of the first sample
 IMAGES = "hdf5, by its images"  # `coview doctor` without --layout
-SEEDS = {"tjunction": 7, "roundabout": 7, "3": 7}  # of traffic, by the site or the seed of a random one
+# of traffic, by the site or the seed of a random one
+SEEDS = {"tjunction": 7, "roundabout": 7, "3": 7}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recordings", nargs="*", type=Path)
-    parser.add_argument("--layouts", nargs="*", default=[*(name for name in LAYOUTS if TERMS.get(name)), IMAGES])
+    parser.add_argument(
+        "--layouts", nargs="*", default=[*(name for name in LAYOUTS if TERMS.get(name)), IMAGES]
+    )
     parser.add_argument("--samples", type=int, default=10)
-    parser.add_argument("--recorded-as", default="hdf5", help="the layout of the recordings, such as argoverse")
+    parser.add_argument(
+        "--recorded-as", default="hdf5", help="the layout of the recordings, such as argoverse"
+    )
     given = parser.parse_args()
-    vars(label_fits).update(level=remembered(level))  # the clouds stay as they are, and so does their ground
+    # the clouds stay as they are, and so does their ground
+    vars(label_fits).update(level=remembered(level))
     with tempfile.TemporaryDirectory() as folder:
         for recording in given.recordings or simulated(Path(folder), given.samples):
             print(f"\n{recording.stem}, {given.samples} samples\n")
-            print(f"| layout | untouched | {' | '.join(MISTAKES)} |\n|{'---|' * (2 + len(MISTAKES))}", flush=True)
+            print(
+                f"| layout | untouched | {' | '.join(MISTAKES)} |\n|{'---|' * (2 + len(MISTAKES))}",
+                flush=True,
+            )
             samples = [*islice(open_recording(recording, given.recorded_as), given.samples)]
             for layout in given.layouts:
                 row = verdicts(layout, recording, two_lidars(samples), Path(folder, "written"))
@@ -77,20 +88,30 @@ def simulated(folder: Path, frames: int) -> Iterator[Path]:
     from toolkit.sites.random import random_site
 
     for name, seed in SEEDS.items():
-        site, out = random_site(int(name)) if name.isdigit() else load_site(name), folder / f"{name}.hdf5"
+        site, out = (
+            random_site(int(name)) if name.isdigit() else load_site(name),
+            folder / f"{name}.hdf5",
+        )
         simulate_dataset(site, out, run=Run(frames=frames, seed=seed), interval=0.1)
         yield out
 
 
 def two_lidars(samples: Sequence[Frame]) -> list[Frame]:
-    """The samples with every second point of half of the sensors as one lidar's, and of the others as another's, each
-    level at the place of its first sensor; with times since 1970 and a place in a map."""
+    """The samples with every second point of half of the sensors as one lidar's, and of the others
+    as another's, each level at the place of its first sensor; with times since 1970 and a place in
+    a map."""
     made = []
     for sample in samples:
         half = (len(sample.clouds) + 1) // 2
         parts = [part for part in (sample.clouds[:half], sample.clouds[half:]) if part]
-        clouds = tuple(_lidar(name, part) for name, part in zip(("106", "105"), parts, strict=False))
-        made.append(Frame.of_clouds(sample.name, clouds, sample.objects, time=FIRST + sample.time, map_SE3_world=PLACE))
+        clouds = tuple(
+            _lidar(name, part) for name, part in zip(("106", "105"), parts, strict=False)
+        )
+        made.append(
+            Frame.of_clouds(
+                sample.name, clouds, sample.objects, time=FIRST + sample.time, map_SE3_world=PLACE
+            )
+        )
     return made
 
 
@@ -108,15 +129,23 @@ def write_layout(samples: Sequence[Frame], path: Path, layout: str) -> None:
     for sample in samples:
         for cloud in sample.clouds:
             local = move_boxes(invert(cloud.world_SE3_sensor), sample.objects.boxes)
-            own = Frame.of_clouds(sample.name, (), Objects(local, sample.objects.labels, sample.objects.ids))
+            own = Frame.of_clouds(
+                sample.name, (), Objects(local, sample.objects.labels, sample.objects.ids)
+            )
             label = path / "label/106-105" / cloud.name / "seq-1" / f"{sample.time:.3f}.json"
             label.parent.mkdir(parents=True, exist_ok=True)
             label.write_text(json.dumps(written_labels(own)))
-            write_cloud(path / "data/106-105" / cloud.name / "seq-1/lidar" / f"{sample.time:.3f}.pcd", cloud)
+            write_cloud(
+                path / "data/106-105" / cloud.name / "seq-1/lidar" / f"{sample.time:.3f}.pcd", cloud
+            )
             calib = path / "calib/lidar2world" / f"{cloud.name}.json"
             calib.parent.mkdir(parents=True, exist_ok=True)
             placed = cloud.world_SE3_sensor
-            calib.write_text(json.dumps({"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3].tolist()}))
+            calib.write_text(
+                json.dumps(
+                    {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3].tolist()}
+                )
+            )
 
 
 def verdicts(layout: str, recording: Path, samples: Sequence[Frame], path: Path) -> Iterator[str]:
@@ -148,7 +177,8 @@ def verdicts(layout: str, recording: Path, samples: Sequence[Frame], path: Path)
 
 def verdict(mistake: Mistake | None, said: Iterable[str]) -> str:
     """In a word or two, whether a mistake, or none, is what is suspected."""
-    said = [each for each in said if not (mistake == "late" and each == "frames without objects")]  # the first ones
+    # the first ones
+    said = [each for each in said if not (mistake == "late" and each == "frames without objects")]
     if mistake is None:
         return "; ".join(said) or "nothing"
     right = [each for each in said if each.startswith(MISTAKES[mistake])]

@@ -1,4 +1,5 @@
-"""Peak memory of `coview simulate` and `coview evaluate`: it must not grow with the number of frames.
+"""Peak memory of `coview simulate` and `coview evaluate`: it must not grow with the number of
+frames.
 
 python tests/benchmarks/toolkit/bench_memory.py
 """
@@ -16,9 +17,31 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for frames in FRAMES:
             file, out = str(Path(folder, f"{frames}.hdf5")), str(Path(folder, "out"))
-            simulate = ("simulate", "tjunction", "--frames", str(frames), "--out", file, "--workers", "1", "--json")
-            evaluate = ("evaluate", file, "--schemes", "early", "--out", out, "--overwrite", "--json")
-            print(f"{frames:>5} frames: simulate {peak_mb(simulate):.0f} MB, evaluate {peak_mb(evaluate):.0f} MB")
+            simulate = (
+                "simulate",
+                "tjunction",
+                "--frames",
+                str(frames),
+                "--out",
+                file,
+                "--workers",
+                "1",
+                "--json",
+            )
+            evaluate = (
+                "evaluate",
+                file,
+                "--schemes",
+                "early",
+                "--out",
+                out,
+                "--overwrite",
+                "--json",
+            )
+            print(
+                f"{frames:>5} frames: simulate {peak_mb(simulate):.0f} MB, evaluate "
+                f"{peak_mb(evaluate):.0f} MB"
+            )
 
 
 CHILD = """
@@ -32,7 +55,9 @@ finally:
 
 
 def peak_mb(command: tuple[str, ...]) -> float:
-    done = subprocess.run([sys.executable, "-c", CHILD, *command], check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, *command], check=True, capture_output=True, text=True
+    )
     return int(done.stdout.split()[-1]) * 1024 / 1e6
 
 

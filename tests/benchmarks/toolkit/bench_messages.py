@@ -2,10 +2,11 @@
 
     python tests/benchmarks/toolkit/bench_messages.py [--frames 1000] [--folder out/messages]
 
-Of each site two recordings are simulated: 128 frames of the day before, of which the sensors learn their empty
-scenes, and frames 0.1 s apart. Every frame's row is kept in the folder as soon as it is there: killed
-and started again it goes on, `--print` prints what there is. Intervals: bootstrap over blocks of 50 frames, in which
-traffic is the same. Milliseconds are processor time, on one thread.
+Of each site two recordings are simulated: 128 frames of the day before, of which the sensors learn
+their empty scenes, and frames 0.1 s apart. Every frame's row is kept in the folder as soon as it is
+there: killed and started again it goes on, `--print` prints what there is. Intervals: bootstrap
+over blocks of 50 frames, in which traffic is the same. Milliseconds are processor time, on one
+thread.
 """
 
 import argparse
@@ -18,7 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.calibration.empty_scene import Scenes, learn_empty_scenes, load_empty_scenes, save_empty_scenes
+from toolkit.calibration.empty_scene import (
+    Scenes,
+    learn_empty_scenes,
+    load_empty_scenes,
+    save_empty_scenes,
+)
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recordings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
@@ -33,11 +39,14 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 SITES = ("tjunction", "roundabout")
 SEED, DAY_BEFORE, BLOCK = 1418, 128, 50
 TIMED = 100  # frames whose messages are read as well
-APART, CLOSE = 5.0, 0.1  # s between frames of the day before, and between those whose bytes are counted
+# s between frames of the day before, and between those whose bytes are counted
+APART, CLOSE = (5.0, 0.1)
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("--frames", type=int, default=50)
     arguments.add_argument("--folder", type=Path, default=Path("out/messages"))
     arguments.add_argument("--print", action="store_true", dest="printed")
@@ -58,12 +67,15 @@ def recorded(folder: Path, site: str, apart: float, frames: int, seed: int = SEE
 def learnt(folder: Path, site: str) -> tuple[Any, ...]:
     path = folder / f"{site}.npz"
     if not path.exists():
-        save_empty_scenes(path, learn_empty_scenes(recorded(folder, site, APART, DAY_BEFORE, SEED + 1)))
+        save_empty_scenes(
+            path, learn_empty_scenes(recorded(folder, site, APART, DAY_BEFORE, SEED + 1))
+        )
     return load_empty_scenes(path)
 
 
 def links() -> dict[str, Any]:
-    """What makes the messages of a sensor with an empty scene, and what reads them, by name in rows."""
+    """What makes the messages of a sensor with an empty scene, and what reads them, by name in
+    rows."""
 
     def whole(step: float) -> Any:
         return lambda scene: (
@@ -85,7 +97,8 @@ def links() -> dict[str, Any]:
 
 
 def count_bytes(folder: Path, site: str, frames: int) -> None:
-    """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and decode."""
+    """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and
+    decode."""
     path = folder / f"{site}-{CLOSE:g}-bytes.jsonl"
     begin = len(list(as_rows(path))) // BLOCK * BLOCK  # links begin anew with traffic
     if begin >= frames:
@@ -99,8 +112,15 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
         frame = read_frame(recording, k)
         if k == begin or k % BLOCK == 0:
             made = links()
-            ends = {name: [make(scenes(n)) for n in range(len(frame.sensors))] for name, make in made.items()}
-        row: dict[str, Any] = {"bytes": {name: [] for name in ends}, "ms": {name: [] for name in ends}, "pixels": []}
+            ends = {
+                name: [make(scenes(n)) for n in range(len(frame.sensors))]
+                for name, make in made.items()
+            }
+        row: dict[str, Any] = {
+            "bytes": {name: [] for name in ends},
+            "ms": {name: [] for name in ends},
+            "pixels": [],
+        }
         for number in range(len(frame.sensors)):
             captured = Captured(frame, number, recording.site)
             assert captured.pixels is not None
@@ -122,19 +142,31 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
 
 
 def print_bytes(folder: Path) -> None:
-    heads = f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} {'ms':>6s} {'95 %':>6s}"
+    heads = (
+        f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} "
+        f"{'ms':>6s} {'95 %':>6s}"
+    )
     for site in SITES:
         rows = list(as_rows(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))
         if not rows:
             continue
         sent, missing = np.array([row["pixels"] for row in rows]).reshape(-1, 2).mean(axis=0)
-        print(f"\n{site}, {CLOSE:g} s apart: of a sensor {sent:.0f} pixels stand out, {missing:.2f} are missing")
+        print(
+            f"\n{site}, {CLOSE:g} s apart: of a sensor {sent:.0f} pixels stand out, {missing:.2f} "
+            "are missing"
+        )
         print(f"{'':32s} {heads}")
         for name in rows[0]["bytes"]:
             sizes = np.array([row["bytes"][name] for row in rows])
             kbit = 8 * sizes.mean(axis=1) / 1000
-            low, high = np.quantile([np.average(kbit, weights=times) for times in draws(len(rows))], (0.025, 0.975))
-            ms = np.array([each for row in rows for each in row["ms"][name]]).reshape(-1, 2).sum(axis=1)
+            low, high = np.quantile(
+                [np.average(kbit, weights=times) for times in draws(len(rows))], (0.025, 0.975)
+            )
+            ms = (
+                np.array([each for row in rows for each in row["ms"][name]])
+                .reshape(-1, 2)
+                .sum(axis=1)
+            )
             spread = f"{kbit.mean():7.3f} {low:6.3f}-{high:7.3f} {8 * sizes.max() / 1000:8.1f}"
             took = f"{np.median(ms):6.2f} {np.quantile(ms, 0.95):6.2f}"
             print(f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET).mean():10.4f} {took}")
@@ -157,7 +189,9 @@ def draws(frames: int, resamples: int = 300) -> Iterator[np.ndarray]:
     """How often each frame is drawn: blocks of traffic, with replacement."""
     rng, blocks = np.random.default_rng(0), np.arange(frames) // BLOCK
     for _ in range(resamples):
-        yield np.bincount(rng.integers(0, blocks[-1] + 1, blocks[-1] + 1), minlength=blocks[-1] + 1)[blocks]
+        yield np.bincount(
+            rng.integers(0, blocks[-1] + 1, blocks[-1] + 1), minlength=blocks[-1] + 1
+        )[blocks]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Rendering the traffic of both built-in sites, beside Open3D casting the same rays into one ready scene of everything.
+"""Rendering the traffic of both built-in sites, beside Open3D casting the same rays into one ready
+scene of everything.
 
 python tests/benchmarks/toolkit/bench_render.py
 """
@@ -21,7 +22,9 @@ from toolkit.traffic.snapshots import Snapshot, simulate
 FRAMES = 30
 
 
-def whole_scene(site: Site, bodies: tuple[Body, ...], snapshot: Snapshot) -> o3d.t.geometry.RaycastingScene:
+def whole_scene(
+    site: Site, bodies: tuple[Body, ...], snapshot: Snapshot
+) -> o3d.t.geometry.RaycastingScene:
     """What stands and what moves in one scene, world frame."""
     scene, still = o3d.t.geometry.RaycastingScene(), build_scenery(site)
     scene.add_triangles(still.vertices.astype(np.float32), still.triangles.astype(np.uint32))
@@ -33,7 +36,9 @@ def whole_scene(site: Site, bodies: tuple[Body, ...], snapshot: Snapshot) -> o3d
 
 def all_rays(site: Site) -> o3d.core.Tensor:
     directions = np.stack([sensor.model.rays() @ sensor.pose[:3, :3].T for sensor in site.sensors])
-    origins = np.broadcast_to(np.stack([s.position for s in site.sensors])[:, None, None], directions.shape)
+    origins = np.broadcast_to(
+        np.stack([s.position for s in site.sensors])[:, None, None], directions.shape
+    )
     return o3d.core.Tensor(np.concatenate([origins, directions], axis=-1).astype(np.float32))
 
 
@@ -49,7 +54,9 @@ def main() -> None:
         )
         moments = cycle(snapshots)
         raw = report(f"{name}: cast_rays, scene ready", lambda r=rays, s=scene: s.cast_rays(r))
-        ours = report(f"{name}: render", lambda m=moments, r=renderer: r.render(next(m)), repeats=2 * FRAMES)
+        ours = report(
+            f"{name}: render", lambda m=moments, r=renderer: r.render(next(m)), repeats=2 * FRAMES
+        )
         report(f"{name}: scenery", lambda s=site: build_scenery(s), repeats=3)
         print(f"{name}: {raw / ours:.2f} times the raw rate of rays, at least 0.8 wanted")
 

@@ -1,8 +1,9 @@
-"""The classic mistakes of labels, made in the files of each layout, in the file's own numbers, units and frame.
+"""The classic mistakes of labels, made in the files of each layout, in the file's own numbers,
+units and frame.
 
-`TERMS` says of each layout how its boxes are read out of its files and written back: x y z, length, width, height and
-yaw as they stand there, whatever they mean. `MISTAKES` changes these numbers as somebody would who took the layout's
-convention for the usual other one.
+`TERMS` says of each layout how its boxes are read out of its files and written back: x y z, length,
+width, height and yaw as they stand there, whatever they mean. `MISTAKES` changes these numbers as
+somebody would who took the layout's convention for the usual other one.
 """
 
 import json
@@ -32,9 +33,9 @@ Tables = list[list[Row]]  # of one agent: the boxes of each sample
 
 @dataclass(frozen=True)
 class Terms:
-    """read: the boxes of each agent's samples; write: them, changed, in place of those that are there; degrees:
-    whether yaw is in degrees; halves: whether sizes are; camera: whether the frame is that of a camera, x right, y
-    down, z ahead, with the centre of the floor."""
+    """read: the boxes of each agent's samples; write: them, changed, in place of those that are
+    there; degrees: whether yaw is in degrees; halves: whether sizes are; camera: whether the frame
+    is that of a camera, x right, y down, z ahead, with the centre of the floor."""
 
     read: Callable[[Path], list[Tables]]
     write: Callable[[Path, list[Tables]], None]
@@ -43,7 +44,9 @@ class Terms:
     camera: bool = False
 
 
-Mistake = Literal["mirrored", "degrees", "extents", "bottom centre", "length and width", "yaw sign", "late"]
+Mistake = Literal[
+    "mirrored", "degrees", "extents", "bottom centre", "length and width", "yaw sign", "late"
+]
 MISTAKES: dict[Mistake, tuple[str, ...]] = {  # and what a finding of each begins with
     "mirrored": ("mirrored",),
     "degrees": ("yaw in degrees where radians", "yaw in radians where degrees"),
@@ -58,10 +61,16 @@ MISTAKES: dict[Mistake, tuple[str, ...]] = {  # and what a finding of each begin
 def make(mistake: Mistake, path: Path, terms: Terms) -> None:
     agents = terms.read(path)
     if mistake == "late":
-        made = [[samples[k - LATE] if k >= LATE else [] for k in range(len(samples))] for samples in agents]
+        made = [
+            [samples[k - LATE] if k >= LATE else [] for k in range(len(samples))]
+            for samples in agents
+        ]
     else:
         made = [
-            [[replace(row, numbers=_changed(mistake, row.numbers, terms)) for row in rows] for rows in samples]
+            [
+                [replace(row, numbers=_changed(mistake, row.numbers, terms)) for row in rows]
+                for rows in samples
+            ]
             for samples in agents
         ]
     terms.write(path, made)
@@ -80,7 +89,8 @@ def _changed(mistake: Mistake, numbers: np.ndarray, terms: Terms) -> np.ndarray:
         made[LENGTH:YAW] *= 2 if terms.halves else 0.5
     elif mistake == "bottom centre":
         height = made[HEIGHT] * (2 if terms.halves else 1)
-        made[Y if terms.camera else Z] -= height / 2  # up in a camera's frame: the centre for the floor's
+        # up in a camera's frame: the centre for the floor's
+        made[Y if terms.camera else Z] -= height / 2
     elif mistake == "length and width":
         made[[LENGTH, WIDTH]] = made[[WIDTH, LENGTH]]
     else:
@@ -117,7 +127,10 @@ def _of_files(
     """Of layouts with a file per sample; a folder of such files is an agent."""
 
     def agents(path: Path) -> list[list[Path]]:
-        return [list(files) for _, files in groupby(_files(path, *patterns), key=lambda file: file.parent)]
+        return [
+            list(files)
+            for _, files in groupby(_files(path, *patterns), key=lambda file: file.parent)
+        ]
 
     def rows_of(file: Path) -> list[Row]:
         return [_row(numbers(each), each) for each in records(load(file.read_text()))]
@@ -143,11 +156,19 @@ def _of_table(
 
     def read(path: Path) -> list[Tables]:
         table = load(path)
-        return [[[_row(numbers(each), each) for each in table if each[key] == at] for at in samples(path)]]
+        return [
+            [
+                [_row(numbers(each), each) for each in table if each[key] == at]
+                for at in samples(path)
+            ]
+        ]
 
     def write(path: Path, tables: list[Tables]) -> None:
         pairs = zip(samples(path), tables[0], strict=True)
-        dump(path, [row.record | changed(row.numbers) | {key: at} for at, rows in pairs for row in rows])
+        dump(
+            path,
+            [row.record | changed(row.numbers) | {key: at} for at, rows in pairs for row in rows],
+        )
 
     return Terms(read, write)
 
@@ -157,12 +178,19 @@ def _folder() -> Terms:
 
     def read(path: Path) -> list[Tables]:
         samples = _json(path / "labels.json")["samples"]
-        return [[[_row([each[name] for name in names], each) for each in sample["objects"]] for sample in samples]]
+        return [
+            [
+                [_row([each[name] for name in names], each) for each in sample["objects"]]
+                for sample in samples
+            ]
+        ]
 
     def write(path: Path, tables: list[Tables]) -> None:
         content = _json(path / "labels.json")
         for sample, rows in zip(content["samples"], tables[0], strict=True):
-            sample["objects"] = [row.record | dict(zip(names, row.numbers.tolist(), strict=True)) for row in rows]
+            sample["objects"] = [
+                row.record | dict(zip(names, row.numbers.tolist(), strict=True)) for row in rows
+            ]
         (path / "labels.json").write_text(json.dumps(content))
 
     return Terms(read, write, degrees=True)
@@ -176,12 +204,17 @@ def _kitti() -> Terms:
         return [*cells[11:14], *cells[10:7:-1], cells[14]]
 
     def changed(cells: list[str], row: np.ndarray) -> list[str]:
-        return [*cells[:8], *(f"{value:.6f}" for value in row[[HEIGHT, WIDTH, LENGTH, X, Y, Z, YAW]])]
+        return [
+            *cells[:8],
+            *(f"{value:.6f}" for value in row[[HEIGHT, WIDTH, LENGTH, X, Y, Z, YAW]]),
+        ]
 
     def dump(lines: list[list[str]]) -> str:
         return "".join(" ".join(cells) + "\n" for cells in lines)
 
-    return Terms(*_of_files(("training/label_2/*.txt",), numbers, changed, load=load, dump=dump), camera=True)
+    return Terms(
+        *_of_files(("training/label_2/*.txt",), numbers, changed, load=load, dump=dump), camera=True
+    )
 
 
 def _openlabel() -> Terms:
@@ -194,14 +227,25 @@ def _openlabel() -> Terms:
 
     def changed(pair: Any, row: np.ndarray) -> Any:
         half = row[YAW] / 2
-        pair[1]["object_data"]["cuboid"][0]["val"] = [*row[:3].tolist(), 0, 0, np.sin(half), np.cos(half), *row[3:6]]
+        pair[1]["object_data"]["cuboid"][0]["val"] = [
+            *row[:3].tolist(),
+            0,
+            0,
+            np.sin(half),
+            np.cos(half),
+            *row[3:6],
+        ]
         return pair
 
     def replaced(content: Any, pairs: list[Any]) -> Any:
         content["openlabel"]["frames"]["0"]["objects"] = dict(pairs)
         return content
 
-    return Terms(*_of_files(("labels_point_clouds/*.json",), numbers, changed, records=records, replaced=replaced))
+    return Terms(
+        *_of_files(
+            ("labels_point_clouds/*.json",), numbers, changed, records=records, replaced=replaced
+        )
+    )
 
 
 def _dair(*patterns: str) -> Terms:
@@ -220,11 +264,21 @@ def _dair(*patterns: str) -> Terms:
 def _sustech() -> Terms:
     def numbers(each: Any) -> list[Any]:
         psr = each["psr"]
-        return [*(psr["position"][a] for a in "xyz"), *(psr["scale"][a] for a in "xyz"), psr["rotation"]["z"]]
+        return [
+            *(psr["position"][a] for a in "xyz"),
+            *(psr["scale"][a] for a in "xyz"),
+            psr["rotation"]["z"],
+        ]
 
     def changed(each: Any, row: np.ndarray) -> Any:
-        parts = {"position": row[:3].tolist(), "scale": row[3:6].tolist(), "rotation": [0.0, 0.0, float(row[YAW])]}
-        return each | {"psr": {name: dict(zip("xyz", part, strict=True)) for name, part in parts.items()}}
+        parts = {
+            "position": row[:3].tolist(),
+            "scale": row[3:6].tolist(),
+            "rotation": [0.0, 0.0, float(row[YAW])],
+        }
+        return each | {
+            "psr": {name: dict(zip("xyz", part, strict=True)) for name, part in parts.items()}
+        }
 
     return Terms(*_of_files(("label/*.json",), numbers, changed))
 
@@ -239,14 +293,20 @@ def _opv2v() -> Terms:
         return [*pair[1]["location"], *pair[1]["extent"], pair[1]["angle"][1]]
 
     def changed(pair: Any, row: np.ndarray) -> Any:
-        place = {"location": row[:3].tolist(), "extent": row[3:6].tolist(), "angle": [0.0, float(row[YAW]), 0.0]}
+        place = {
+            "location": row[:3].tolist(),
+            "extent": row[3:6].tolist(),
+            "angle": [0.0, float(row[YAW]), 0.0],
+        }
         return pair[0], pair[1] | place
 
     def replaced(content: Any, pairs: list[Any]) -> Any:
         return content | {"vehicles": dict(pairs)}
 
     more: dict[str, Any] = {"load": yaml.safe_load, "dump": yaml.safe_dump}
-    own = _of_files(("scenario/*/*.yaml",), numbers, changed, records=records, replaced=replaced, **more)
+    own = _of_files(
+        ("scenario/*/*.yaml",), numbers, changed, records=records, replaced=replaced, **more
+    )
     return Terms(*own, degrees=True, halves=True)
 
 
@@ -257,7 +317,11 @@ def _nuscenes() -> Terms:
 
     def changed(row: np.ndarray) -> dict[str, Any]:
         turn = [float(np.cos(row[YAW] / 2)), 0.0, 0.0, float(np.sin(row[YAW] / 2))]
-        return {"translation": row[:3].tolist(), "size": row[[WIDTH, LENGTH, HEIGHT]].tolist(), "rotation": turn}
+        return {
+            "translation": row[:3].tolist(),
+            "size": row[[WIDTH, LENGTH, HEIGHT]].tolist(),
+            "rotation": turn,
+        }
 
     def samples(path: Path) -> list[str]:
         return [each["token"] for each in _json(path / "v1.0-coview/sample.json")]
@@ -281,7 +345,12 @@ def _argoverse() -> Terms:
         return [*(each[name] for name in columns), _angle(each["qz"], each["qw"])]
 
     def changed(row: np.ndarray) -> dict[str, Any]:
-        turn = {"qw": float(np.cos(row[YAW] / 2)), "qx": 0.0, "qy": 0.0, "qz": float(np.sin(row[YAW] / 2))}
+        turn = {
+            "qw": float(np.cos(row[YAW] / 2)),
+            "qx": 0.0,
+            "qy": 0.0,
+            "qz": float(np.sin(row[YAW] / 2)),
+        }
         return dict(zip(columns, row[:6].tolist(), strict=True)) | turn
 
     def samples(path: Path) -> list[int]:
@@ -316,7 +385,9 @@ def _hdf5() -> Terms:
                 file[f"objects/{k}"] = made
             for place, name in enumerate(("object_ids", "object_bodies"), 1):
                 del file[f"coview/{name}"]
-                file[f"coview/{name}"] = np.array([row.record[place] for rows in tables[0] for row in rows], np.int64)
+                file[f"coview/{name}"] = np.array(
+                    [row.record[place] for rows in tables[0] for row in rows], np.int64
+                )
             file["coview/object_start"][()] = np.cumsum([0, *map(len, tables[0])])
 
     return Terms(read, write, degrees=True, halves=True)

@@ -1,4 +1,5 @@
-"""Recordings of these tests are short: their intervals are plain percentiles, whatever the number of blocks."""
+"""Recordings of these tests are short: their intervals are plain percentiles, whatever the number
+of blocks."""
 
 import pytest
 

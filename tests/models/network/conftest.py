@@ -13,7 +13,8 @@ assert_same = pytest.fixture(scope="session")(lambda: _assert_same)
 
 
 def _trained(config, seed=0):
-    """Random weights that keep the scale, and running statistics and affine maps that are not the identity."""
+    """Random weights that keep the scale, and running statistics and affine maps that are not the
+    identity."""
     torch.manual_seed(seed)
     network = VoxelNet(config)
     for module in network.modules():

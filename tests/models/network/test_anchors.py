@@ -56,9 +56,16 @@ def test_anchors_of_classes_stand_in_the_middle_of_their_cells():
     assert boxes.shape == (40, 40, 7, 7)
     turn = math.pi / 2
     expected = [
-        *([0.8, 3.9, 1.56, 1.6, 0], [0.8, 3.9, 1.56, 1.6, turn], [1.6, 9.0, 2.5, 3.2, 0], [1.6, 9.0, 2.5, 3.2, turn]),
+        *(
+            [0.8, 3.9, 1.56, 1.6, 0],
+            [0.8, 3.9, 1.56, 1.6, turn],
+            [1.6, 9.0, 2.5, 3.2, 0],
+            [1.6, 9.0, 2.5, 3.2, turn],
+        ),
         *([0.85, 1.8, 0.65, 1.65, 0], [0.85, 1.8, 0.65, 1.65, turn], [0.85, 0.65, 0.6, 1.7, 0]),
     ]
     torch.testing.assert_close(boxes[3, 5, :, 2:], torch.tensor(expected))
-    torch.testing.assert_close(boxes[:, :, 6, :2], anchors(VoxelNetConfig.light((-8, -8, 8, 8)))[:, :, 0, :2])
+    torch.testing.assert_close(
+        boxes[:, :, 6, :2], anchors(VoxelNetConfig.light((-8, -8, 8, 8)))[:, :, 0, :2]
+    )
     torch.testing.assert_close(boxes[:, :, :2], anchors(VoxelNetConfig.light((-8, -8, 8, 8))))

@@ -41,25 +41,38 @@ def prediction_of(boxes, config=CONFIG, sure=5.0):
         residuals[near] = encode(box.expand_as(grid[near]), grid[near])
         direction[near] = faces_back(box.expand_as(grid[near]), grid[near]) * 2.0 - 1
         quality[near] = 4.0
-    shaped = [m.reshape(1, rows, columns, -1).permute(0, 3, 1, 2) for m in (logits, residuals, direction, quality)]
+    shaped = [
+        m.reshape(1, rows, columns, -1).permute(0, 3, 1, 2)
+        for m in (logits, residuals, direction, quality)
+    ]
     return Prediction(*shaped)
 
 
 def test_perfect_maps_become_their_boxes_averaged_by_squared_scores():
-    boxes = [[1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5], [5, -5, 1.2, 9, 2.5, 3, -1.5]]
-    found = suppress(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1)
+    boxes = [
+        [1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3],
+        [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5],
+        [5, -5, 1.2, 9, 2.5, 3, -1.5],
+    ]
+    found = suppress(
+        *candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1
+    )
     np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
     turns = (found.boxes[:, 6] - np.array(boxes)[:, 6]) / (2 * math.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-4)
     assert np.all(np.diff(found.scores) < 0)
     config = VoxelNetConfig.light((-8, -8, 7.5, 8))  # the grid reaches 8
     boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
-    found = suppress(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
+    found = suppress(
+        *candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1
+    )
     np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
     best = [0.0, 0, 1, 4, 2, 1.5, 0.1]
     beside = [0.2, 0, 1, 4, 2, 1.5, 0.1 + np.pi]  # the same line, the other way
     across, far = [0.0, 0, 1, 4, 2, 1.5, 0.1 + np.pi / 2], [9.0, 0, 1, 4, 2, 1.5, 0]
-    found = Detections(np.array([best, beside, across, far]), np.array([0.8, 0.4, 0.7, 0.6]), np.zeros(4, np.int64))
+    found = Detections(
+        np.array([best, beside, across, far]), np.array([0.8, 0.4, 0.7, 0.6]), np.zeros(4, np.int64)
+    )
     mean = average_boxes(found, np.array([0, 3]), 0.75)
     np.testing.assert_allclose(mean.boxes[0], [0.2 / 5, 0, 1, 4, 2, 1.5, 0.1], atol=1e-12)
     np.testing.assert_allclose(mean.boxes[1], far)
@@ -73,17 +86,22 @@ def class_prediction(boxes, labels, sure):
     shape = grid.shape[:3]
     logits, quality = torch.full((*shape, 1), -9.0), torch.full(shape, 9.0)
     residuals, direction = torch.zeros(*shape, 8), torch.full(shape, -9.0)
-    for box, label, logit in zip(torch.tensor(boxes, dtype=torch.float32), labels, sure, strict=True):
+    for box, label, logit in zip(
+        torch.tensor(boxes, dtype=torch.float32), labels, sure, strict=True
+    ):
         anchor = FIRST_ANCHOR[label]
         near = (grid[:, :, anchor, :2] - box[:2]).norm(dim=-1) < 0.5
         logits[..., anchor, :][near] = logit
-        residuals[..., anchor, :][near] = encode(box.expand_as(grid[near][:, anchor]), grid[near][:, anchor])
+        residuals[..., anchor, :][near] = encode(
+            box.expand_as(grid[near][:, anchor]), grid[near][:, anchor]
+        )
     maps = (logits, residuals, direction, quality)
     return Prediction(*(each.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2) for each in maps))
 
 
 def test_every_class_has_its_boxes_and_its_rivals_count_once():
-    """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of four."""
+    """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of
+    four."""
     boxes = [
         *([1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3], [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0]),
         *([-3.0, -4.0, 0.9, 4.9, 1.9, 2.0, 0.2], [-3.0, -4.0, 1.2, 5.5, 2.1, 2.5, 0.2]),
@@ -101,7 +119,11 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     assert (scores[:, [0, 1, 3]] == 0).all()  # in the order of the configuration's labels
     assert (scores[:, 2] > 0.9).all()
     box, other = [0.0, 0, 1, 4, 2, 1.5, 0.1], [0.2, 0, 1, 4, 2, 1.5, 0.1]
-    found = Detections(np.array([box, other, other]), np.array([0.8, 0.7, 0.4]), np.array([VEHICLE, HEAVY, VEHICLE]))
+    found = Detections(
+        np.array([box, other, other]),
+        np.array([0.8, 0.7, 0.4]),
+        np.array([VEHICLE, HEAVY, VEHICLE]),
+    )
     mean = average_boxes(found, np.array([0, 1]), 0.75)
     np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
     assert mean.labels.tolist() == [VEHICLE, HEAVY]
@@ -111,7 +133,9 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     np.testing.assert_array_equal(strongest_rivals(street(), STREET), rivalry)
     assert strongest_rivals(Detections.empty(), STREET).shape == (0, 4)
     found = street()
-    weak = Detections(found.boxes, np.array([0.6, 0.9 * LEAST_RIVAL, 0.9, LEAST_RIVAL, 0.8]), found.labels)
+    weak = Detections(
+        found.boxes, np.array([0.6, 0.9 * LEAST_RIVAL, 0.9, LEAST_RIVAL, 0.8]), found.labels
+    )
     rivals = strongest_rivals(weak, STREET)
     assert rivals[0, 3] == 0
     assert rivals[2, 0] == LEAST_RIVAL
@@ -130,7 +154,13 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     def logit(p):
         return np.log(p / (1 - p))
 
-    after_rivals = [sigmoid(2 * logit(0.6) - 0.5 - 3 * 0.7), 0.7, 0.9, sigmoid(logit(0.5) - 2 * 0.9), 0.8]
+    after_rivals = [
+        sigmoid(2 * logit(0.6) - 0.5 - 3 * 0.7),
+        0.7,
+        0.9,
+        sigmoid(logit(0.5) - 2 * 0.9),
+        0.8,
+    ]
     np.testing.assert_allclose(after.scores, after_rivals, atol=1e-12)
     np.testing.assert_array_equal(after.boxes, street().boxes)
     np.testing.assert_array_equal(after.labels, street().labels)
@@ -140,18 +170,23 @@ CONFIGS = {
     "one class": CONFIG,
     "one class, calibrated": dataclasses.replace(CONFIG, calibration=((1.4, -0.6),)),
     "classes": CLASSES,
-    "classes, calibrated": dataclasses.replace(CLASSES, calibration=((1.5, 0.4), (0.7, -1.0), (9.0, 3.0), (0.1, 0.2))),
+    "classes, calibrated": dataclasses.replace(
+        CLASSES, calibration=((1.5, 0.4), (0.7, -1.0), (9.0, 3.0), (0.1, 0.2))
+    ),
     "published": dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area),
 }
 
 
 def label_scores(prediction, config):
-    """Score (B, H, W, A, L) of every anchor, by the definition; anchors of a class have its score alone."""
+    """Score (B, H, W, A, L) of every anchor, by the definition; anchors of a class have its score
+    alone."""
     items, _, rows, columns = prediction.class_logits.shape
     logits, quality = (
         None
         if each is None
-        else each.reshape(items, len(config.anchor_labels), -1, rows, columns).permute(0, 3, 4, 1, 2)
+        else each.reshape(items, len(config.anchor_labels), -1, rows, columns).permute(
+            0, 3, 4, 1, 2
+        )
         for each in (prediction.class_logits, prediction.quality_logits)
     )
     if config.head == "published":
@@ -159,7 +194,9 @@ def label_scores(prediction, config):
     scores = torch.sigmoid(logits) * torch.sigmoid(quality)
     if config.calibration:
         pairs = torch.tensor(config.calibration)
-        slope, shift = (pairs[list(config.anchor_labels)].T[..., None] if config.kinds else pairs.T)[:]
+        slope, shift = (
+            pairs[list(config.anchor_labels)].T[..., None] if config.kinds else pairs.T
+        )[:]
         scores = torch.sigmoid(slope * torch.logit(scores, 1e-6) + shift)
     return scores
 
@@ -177,23 +214,37 @@ def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
     prediction = Prediction(*maps) if config.head == "quality" else Prediction(*maps[:2])
     scores = label_scores(prediction, config)
     thresholds = [least] * len(config.labels)
-    for item, (_, by_label) in enumerate(candidates(prediction, anchors(config), config, thresholds)):
+    for item, (_, by_label) in enumerate(
+        candidates(prediction, anchors(config), config, thresholds)
+    ):
         above = torch.where(scores[item] > least, scores[item], 0).amax(-1).flatten()
         expected = above.sort(descending=True).values[:MOST_CANDIDATES]
-        torch.testing.assert_close(by_label.amax(-1).sort(descending=True).values, expected[expected > 0])
+        torch.testing.assert_close(
+            by_label.amax(-1).sort(descending=True).values, expected[expected > 0]
+        )
 
 
-STREET = VoxelNetConfig.light((-20, -20, 20, 20), **road_users())  # vehicle, heavy, cyclist, pedestrian
+# vehicle, heavy, cyclist, pedestrian
+STREET = VoxelNetConfig.light((-20, -20, 20, 20), **road_users())
 ROWS = (
-    *((1.0, 0.0, 9.0, 2.0, 0.0, 0.0), (1.0, 0.0, 0.0, 9.0, 0.0, 0.0), (2.0, -0.5, 0.0, 0.0, 0.0, 3.0)),
+    *(
+        (1.0, 0.0, 9.0, 2.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0, 9.0, 0.0, 0.0),
+        (2.0, -0.5, 0.0, 0.0, 0.0, 3.0),
+    ),
     (1.0,) + (0.0,) * 5,
 )
 
 
 def street():
-    """A cyclist that is a pedestrian as well, a truck whose cab is a vehicle, and a pedestrian beside the truck."""
+    """A cyclist that is a pedestrian as well, a truck whose cab is a vehicle, and a pedestrian
+    beside the truck."""
     boxes = [
-        *([0, 0, 0.8, 1.8, 0.6, 1.6, 0], [0.4, 0, 0.8, 0.6, 0.6, 1.6, 1.0], [10, 0, 1.6, 9, 2.5, 3.2, 0]),
+        *(
+            [0, 0, 0.8, 1.8, 0.6, 1.6, 0],
+            [0.4, 0, 0.8, 0.6, 0.6, 1.6, 1.0],
+            [10, 0, 1.6, 9, 2.5, 3.2, 0],
+        ),
         *([13, 0.1, 0.9, 4, 1.9, 1.8, 0], [10, 1.45, 0.8, 0.6, 0.6, 1.7, 0]),
     ]
     labels = np.array([CYCLIST, PEDESTRIAN, HEAVY, VEHICLE, PEDESTRIAN])

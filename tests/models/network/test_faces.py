@@ -1,4 +1,5 @@
-"""Faces of boxes with known points: what is counted, what is moved, and that a face nobody sees stays."""
+"""Faces of boxes with known points: what is counted, what is moved, and that a face nobody sees
+stays."""
 
 import numpy as np
 import pytest
@@ -47,7 +48,14 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
     front, rear = seen.end
     left, right = seen.side
     for row, zone, distance in (
-        *((front, 0, 0.09), (front, 1, 0.09), (rear, 2, 0.29), (left, 0, 0.15), (right, 2, 0.09), (right, 1, 0.17)),
+        *(
+            (front, 0, 0.09),
+            (front, 1, 0.09),
+            (rear, 2, 0.29),
+            (left, 0, 0.15),
+            (right, 2, 0.09),
+            (right, 1, 0.17),
+        ),
         (seen.top[0], 0, 0.11),
     ):
         step = int(np.floor((distance - faces.NEAREST) / faces.STEP))
@@ -57,11 +65,14 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
 
 
 def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
-    aside = np.array([[5.09, -4.2, 0.8], [5.09, -2.0, 0.15], [5.09, -2.0, 9.0], [9.0, -2.0, 0.8], [np.nan, 0, 0]])
+    aside = np.array(
+        [[5.09, -4.2, 0.8], [5.09, -2.0, 0.15], [5.09, -2.0, 9.0], [9.0, -2.0, 0.8], [np.nan, 0, 0]]
+    )
     seen = faces.face_features(aside, BOX, CAR)
     assert [int(total.sum()) for total in seen.counted] == [0, 0, 0]
     assert np.expm1(seen.end[:, : 2 * OWN]).sum() == 0
-    near = np.array([[5.09, -3.09, 0.8], [5.09, -3.11, 0.8]])  # 9 cm beside the box is still its front, 11 cm not
+    # 9 cm beside the box is still its front, 11 cm not
+    near = np.array([[5.09, -3.09, 0.8], [5.09, -3.11, 0.8]])
     assert faces.face_features(near, BOX, CAR).counted[0].tolist() == [1, 1]
     seen = faces.face_features(np.zeros((0, 3)), BOX, np.array([HEAVY]))
     expected = [0, 0, *np.log(np.array([4.0, 2.0, 1.6]) / [4.5, 1.8, 1.6]), 0, 0, 0, 1]
@@ -69,7 +80,9 @@ def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
         np.testing.assert_allclose(rows[:, -9:], np.tile(expected, (len(rows), 1)), atol=1e-7)
     assert [rows.shape for rows in seen[:3]] == [(2, 2 * OWN + 9), (2, 2 * OWN + 9), (1, OWN + 9)]
     points = np.random.default_rng(0).uniform((-5, -8, 0), (12, 5, 3), (4000, 3)).astype(np.float32)
-    boxes = BOX + np.array([[0.0] * 7, [4.0, 1.0, 0.1, 0.5, -0.3, 0.2, 0.7], [-4.0, 0, 0, 0, 0, 0, 2.0]])
+    boxes = BOX + np.array(
+        [[0.0] * 7, [4.0, 1.0, 0.1, 0.5, -0.3, 0.2, 0.7], [-4.0, 0, 0, 0, 0, 0, 2.0]]
+    )
     labels = np.array([VEHICLE, CYCLIST, HEAVY])
     together = faces.face_features(points, boxes, labels)
     for row in range(3):
@@ -80,7 +93,8 @@ def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
 
 
 @pytest.mark.parametrize(
-    ("distance", "step"), [(-0.59, 0), (-0.55, 1), (0.01, 15), (0.51, 27), (0.53, None), (-0.61, None)]
+    ("distance", "step"),
+    [(-0.59, 0), (-0.55, 1), (0.01, 15), (0.51, 27), (0.53, None), (-0.61, None)],
 )
 def test_counts_reach_from_60_cm_inside_to_52_cm_beyond_a_face(distance, step):
     front = faces.face_features(np.array([[5.0 + distance, -2.0, 0.8]]), BOX, CAR).end[0]
@@ -93,7 +107,9 @@ def test_counts_reach_from_60_cm_inside_to_52_cm_beyond_a_face(distance, step):
 @pytest.mark.parametrize("seed", range(5))
 def test_moved_by_its_offsets_a_box_is_the_truth(seed):
     rng = np.random.default_rng(seed)
-    truths = np.column_stack([rng.normal(0, 9, (9, 3)), rng.uniform(1, 5, (9, 3)), rng.uniform(-4, 4, 9)])
+    truths = np.column_stack(
+        [rng.normal(0, 9, (9, 3)), rng.uniform(1, 5, (9, 3)), rng.uniform(-4, 4, 9)]
+    )
     boxes = truths + np.column_stack([rng.normal(0, 0.2, (9, 6)), np.zeros(9)])
     boxes[:, 2] = truths[:, 2] - truths[:, 5] / 2 + boxes[:, 5] / 2  # on the same floor
     boxes[::2, 6] += np.pi  # the other way round, of the same place
@@ -113,8 +129,13 @@ def test_faces_move_outwards_and_a_batch_is_its_items():
         np.random.default_rng(k).uniform((-9, -9, -1), (9, 9, 4), (count, 3)).astype(np.float32)
         for k, count in ((1, 3000), (2, 400))
     ]
-    staged, plain = VoxelNetDetector(rebuild(network(), faces=("vehicle",))), VoxelNetDetector(network())
-    for together, alone, before in zip(staged.batch(clouds), map(staged, clouds), map(plain, clouds), strict=True):
+    staged, plain = (
+        VoxelNetDetector(rebuild(network(), faces=("vehicle",))),
+        VoxelNetDetector(network()),
+    )
+    for together, alone, before in zip(
+        staged.batch(clouds), map(staged, clouds), map(plain, clouds), strict=True
+    ):
         np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
         np.testing.assert_allclose(alone.scores, before.scores, atol=1e-6)
         assert np.abs(alone.boxes - before.boxes).max() > 0.01
@@ -129,7 +150,9 @@ class Known(faces.FaceNetworks):
 
 
 def cloud_at_the_front(count):
-    return np.column_stack([np.full(count, 5.1), np.linspace(-2.5, -1.5, count), np.full(count, 0.8)])
+    return np.column_stack(
+        [np.full(count, 5.1), np.linspace(-2.5, -1.5, count), np.full(count, 0.8)]
+    )
 
 
 def test_faces_move_where_sure_and_untrained_networks_stay_finite():
@@ -137,12 +160,22 @@ def test_faces_move_where_sure_and_untrained_networks_stay_finite():
     found = Detections(BOX, np.array([0.9]), CAR)
     known.prior[:] = 0.05
     seen = faces.measure_faces(known, found, cloud_at_the_front(3), ("vehicle",))
-    np.testing.assert_allclose(seen.boxes[0], [3.0, -2.0, 0.8, 4.5, 2.0, 1.6, 0.0])  # its ends; no side, no top
-    np.testing.assert_array_equal(faces.measure_faces(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX)
-    np.testing.assert_array_equal(faces.measure_faces(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
+    # its ends; no side, no top
+    np.testing.assert_allclose(seen.boxes[0], [3.0, -2.0, 0.8, 4.5, 2.0, 1.6, 0.0])
+    np.testing.assert_array_equal(
+        faces.measure_faces(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX
+    )
+    np.testing.assert_array_equal(
+        faces.measure_faces(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX
+    )
     known.prior[:] = 0.019
-    np.testing.assert_array_equal(faces.measure_faces(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)
-    assert len(faces.measure_faces(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",))) == 0
+    np.testing.assert_array_equal(
+        faces.measure_faces(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX
+    )
+    assert (
+        len(faces.measure_faces(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",)))
+        == 0
+    )
     torch.manual_seed(0)
     networks = faces.FaceNetworks()
     shifts = networks.shifts(faces.face_features(cloud_at_the_front(9), BOX, CAR))

@@ -1,4 +1,5 @@
-"""`SparseVoxelNet` gives what the dense network gives, borders, batches, padding and empty clouds included."""
+"""`SparseVoxelNet` gives what the dense network gives, borders, batches, padding and empty clouds
+included."""
 
 import numpy as np
 import pytest
@@ -20,19 +21,34 @@ from models.network.sparse import (
     numbers,
 )
 
-NARROW = {"voxel_width": 32, "middle_widths": (16, 16, 16), "upsample_width": 32, "rpn_widths": (32, 32, 48)}
+NARROW = {
+    "voxel_width": 32,
+    "middle_widths": (16, 16, 16),
+    "upsample_width": 32,
+    "rpn_widths": (32, 32, 48),
+}
 SMALL = {
-    "published": VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW),
-    "published 0.4 m": VoxelNetConfig.published("roundabout", area=(-8.0, -8.0, 8.0, 8.0), head3x3=48, **NARROW),
+    "published": VoxelNetConfig.published(
+        "tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW
+    ),
+    "published 0.4 m": VoxelNetConfig.published(
+        "roundabout", area=(-8.0, -8.0, 8.0, 8.0), head3x3=48, **NARROW
+    ),
     "published widths": VoxelNetConfig.published("tjunction", area=(-2.0, -2.0, 2.0, 2.0)),
     "light": VoxelNetConfig.light((-4, -4, 5, 4)),
     "published without its 3x3 head": VoxelNetConfig.published(
         "tjunction", area=(-4.0, -4.0, 4.0, 4.0), head3x3=0, **NARROW
     ),
     "light with 3D convolutions and a 3x3 head": VoxelNetConfig.light(
-        (-4, -4, 4, 4), middle_widths=(16, 16, 16), column_width=0, head3x3=64, labels=("vehicle", "cyclist")
+        (-4, -4, 4, 4),
+        middle_widths=(16, 16, 16),
+        column_width=0,
+        head3x3=64,
+        labels=("vehicle", "cyclist"),
     ),
-    "low": VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0), height=(0.0, 2.0), **NARROW),
+    "low": VoxelNetConfig.published(
+        "tjunction", area=(-4.0, -4.0, 4.0, 4.0), height=(0.0, 2.0), **NARROW
+    ),
 }
 
 
@@ -63,14 +79,18 @@ def test_a_batch_is_its_items(name, trained, cloud, assert_same):
     items = [voxelise(cloud(config, n, seed), config) for seed, n in ((1, 900), (2, 0), (3, 50))]
     together = sparse(collate(items))
     for number, item in enumerate(items):
-        assert_same([None if each is None else each[number : number + 1] for each in together], sparse(item))
+        assert_same(
+            [None if each is None else each[number : number + 1] for each in together], sparse(item)
+        )
 
 
 def test_the_copy_is_folded_and_the_original_untouched(trained):
     network = trained(SMALL["light"])
     before = {name: tensor.clone() for name, tensor in network.state_dict().items()}
     sparse = SparseVoxelNet(network)
-    assert not any(isinstance(module, nn.BatchNorm2d | nn.BatchNorm3d) for module in sparse.modules())
+    assert not any(
+        isinstance(module, nn.BatchNorm2d | nn.BatchNorm3d) for module in sparse.modules()
+    )
     for name, tensor in network.state_dict().items():
         torch.testing.assert_close(tensor, before[name])
 
@@ -99,7 +119,11 @@ PUBLISHED = VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0), h
 
 def used(norm):
     """A BatchNorm with statistics and an affine map that are not the identity."""
-    for values, low, high in ((norm.running_mean, -1, 1), (norm.running_var, 0.5, 2), (norm.weight.data, 0.5, 2)):
+    for values, low, high in (
+        (norm.running_mean, -1, 1),
+        (norm.running_var, 0.5, 2),
+        (norm.weight.data, 0.5, 2),
+    ):
         nn.init.uniform_(values, low, high)
     nn.init.uniform_(norm.bias.data, -1, 1)
     return norm.eval()
@@ -172,7 +196,9 @@ PLANE = Plane(items=2, nx=4, ny=3)
 
 
 def test_cells_have_one_place_and_grow_within_the_border():
-    item, ix, iy = (each.flatten() for each in torch.meshgrid(*map(torch.arange, (2, 4, 3)), indexing="ij"))
+    item, ix, iy = (
+        each.flatten() for each in torch.meshgrid(*map(torch.arange, (2, 4, 3)), indexing="ij")
+    )
     place = PLANE.place(item, ix, iy)
     assert len(place.unique()) == len(place)
     assert place.max() < PLANE.size
@@ -183,7 +209,9 @@ def test_cells_have_one_place_and_grow_within_the_border():
         mask[0, [int(PLANE.place(*map(torch.tensor, cell))) for cell in cells]] = True
         return mask
 
-    assert torch.equal(grown(mask_of((0, 0, 0)), PLANE), mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1)))
+    assert torch.equal(
+        grown(mask_of((0, 0, 0)), PLANE), mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1))
+    )
     middle = grown(mask_of((1, 1, 1)), PLANE)
     assert torch.equal(middle, mask_of(*((1, x, y) for x in range(3) for y in range(3))))
     mask = torch.tensor([[True, False, True], [False, True, True]])

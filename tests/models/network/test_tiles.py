@@ -1,4 +1,5 @@
-"""`PlacedClouds`: the voxels of unions are those of their points, thinned where they are crowded, tile by tile."""
+"""`PlacedClouds`: the voxels of unions are those of their points, thinned where they are crowded,
+tile by tile."""
 
 from dataclasses import replace
 
@@ -18,14 +19,22 @@ UNIONS = np.array(list(np.ndindex(*(2,) * 6)), bool)
 
 @pytest.fixture(scope="module")
 def clouds():
-    """Two heaps of some hundred points in few voxels, each of several clouds that overlap, and somebody far off."""
+    """Two heaps of some hundred points in few voxels, each of several clouds that overlap, and
+    somebody far off."""
     rng = np.random.default_rng(2)
-    heaps = [rng.normal(at, (0.2, 0.2, 0.4), (60, 3)) for at in [(5, 5, 1.5)] * 3 + [(21, 5, 1.5)] * 2]
-    return [torch.from_numpy(heap.astype(np.float32)) for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))]
+    heaps = [
+        rng.normal(at, (0.2, 0.2, 0.4), (60, 3)) for at in [(5, 5, 1.5)] * 3 + [(21, 5, 1.5)] * 2
+    ]
+    return [
+        torch.from_numpy(heap.astype(np.float32))
+        for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))
+    ]
 
 
 def together(clouds, union):
-    return torch.cat([torch.zeros(0, 3), *(cloud for cloud, among in zip(clouds, union, strict=True) if among)])
+    return torch.cat(
+        [torch.zeros(0, 3), *(cloud for cloud, among in zip(clouds, union, strict=True) if among)]
+    )
 
 
 def left(placed, union, thinning, dropped):
@@ -40,7 +49,9 @@ def test_crowded_voxels_lose_the_same_points_in_tiles_and_batches(clouds):
     assert placed.counts().tolist() == [60] * 5 + [9]
     for union, number in zip(UNIONS, thinning, strict=True):
         kept = voxelise(together(clouds, union), CONFIG).points
-        torch.testing.assert_close(placed.points[left(placed, union, number, dropped)], kept, rtol=0, atol=0)
+        torch.testing.assert_close(
+            placed.points[left(placed, union, number, dropped)], kept, rtol=0, atol=0
+        )
     assert len(np.unique(thinning)) > 20
     assert (thinning[~UNIONS[:, :5].any(axis=1)] == 0).all()
     np.testing.assert_array_equal(thinning[::2], thinning[1::2])  # with and without who is far off
@@ -54,13 +65,16 @@ def test_crowded_voxels_lose_the_same_points_in_tiles_and_batches(clouds):
         alone, own = voxelise(together(clouds, UNIONS[k]), CONFIG), batch.cells[:, 0] == number
         torch.testing.assert_close(batch.cells[own, 1:], alone.cells[:, 1:])
         torch.testing.assert_close(batch.points[item == number], alone.points)
-        torch.testing.assert_close(batch.cells[batch.voxel[item == number], 1:], alone.cells[alone.voxel, 1:])
+        torch.testing.assert_close(
+            batch.cells[batch.voxel[item == number], 1:], alone.cells[alone.voxel, 1:]
+        )
 
 
 def test_a_tile_has_its_points_and_those_of_the_columns_before_it():
     rng = np.random.default_rng(0)
     clouds = [
-        torch.from_numpy(rng.uniform((0, 0, 0.1), (38.4, 9.6, 3.9), (n, 3)).astype(np.float32)) for n in (300, 0, 200)
+        torch.from_numpy(rng.uniform((0, 0, 0.1), (38.4, 9.6, 3.9), (n, 3)).astype(np.float32))
+        for n in (300, 0, 200)
     ]
     placed = PlacedClouds.of(clouds, CONFIG)
     by_tile = placed.by_tile((8, 2), 24, 2)
@@ -70,7 +84,9 @@ def test_a_tile_has_its_points_and_those_of_the_columns_before_it():
     column = placed.cells[:, :2]
     for tile, union in zip(tiles, unions, strict=True):
         low = torch.tensor([tile // 2, tile % 2]) * 24
-        there = ((column >= low - 2) & (column < low + 24)).all(1) & torch.from_numpy(union)[placed.cloud]
+        there = ((column >= low - 2) & (column < low + 24)).all(1) & torch.from_numpy(union)[
+            placed.cloud
+        ]
         assert rows[item == tile].tolist() == torch.nonzero(there)[:, 0].tolist()
 
 
@@ -88,11 +104,14 @@ def light(area, **more):
 
 
 def drawn(config, count, seed=0, n=160):
-    """Clouds that reach a part of the area each, some of which overlap; the last one has no point."""
+    """Clouds that reach a part of the area each, some of which overlap; the last one has no
+    point."""
     rng = np.random.default_rng(seed)
     xmin, ymin, xmax, ymax = config.area
     centres = rng.uniform((xmin, ymin), (xmax, ymax), (count - 1, 2))
-    clouds = [np.column_stack([rng.normal(at, 2.0, (n, 2)), rng.uniform(-0.3, 4.3, n)]) for at in centres]
+    clouds = [
+        np.column_stack([rng.normal(at, 2.0, (n, 2)), rng.uniform(-0.3, 4.3, n)]) for at in centres
+    ]
     return [torch.from_numpy(cloud.astype(np.float32)) for cloud in (*clouds, np.zeros((0, 3)))]
 
 
@@ -104,9 +123,14 @@ def whole_maps(network, clouds, unions):
     found, entries_there = {}, 0
     for some, entries, predictions in tiled(tiled.plan(clouds, unions)):
         parts = list(predictions)
-        joined = [None if m[0] is None else torch.cat(m) for m in zip(*(each.maps for each in parts), strict=True)]
+        joined = [
+            None if m[0] is None else torch.cat(m)
+            for m in zip(*(each.maps for each in parts), strict=True)
+        ]
         corner = torch.cat([each.corner for each in parts])
-        assert [each.first for each in parts] == list(np.cumsum([0, *(len(each.corner) for each in parts[:-1])]))
+        assert [each.first for each in parts] == list(
+            np.cumsum([0, *(len(each.corner) for each in parts[:-1])])
+        )
         entries_there += len(entries.tile)
         for union, of in zip(np.arange(len(unions))[some], entries.of.T, strict=True):
             for number, maps in enumerate(joined):
@@ -123,7 +147,9 @@ def whole_maps(network, clouds, unions):
 def assert_maps_are_those_of_the_network(network, clouds, unions):
     found, entries = whole_maps(network, clouds, unions)
     for union, row in enumerate(unions):
-        points = torch.cat([torch.zeros(0, 3), *(cloud for cloud, among in zip(clouds, row, strict=True) if among)])
+        points = torch.cat(
+            [torch.zeros(0, 3), *(cloud for cloud, among in zip(clouds, row, strict=True) if among)]
+        )
         for number, maps in enumerate(network(voxelise(points, network.config))):
             if maps is not None:
                 torch.testing.assert_close(found[union, number], maps[0], atol=1e-4, rtol=0)
@@ -134,22 +160,32 @@ def assert_maps_are_those_of_the_network(network, clouds, unions):
 def test_maps_of_every_union_are_those_of_its_points(name, trained):
     network = SparseVoxelNet(trained(light(AREAS[name])))
     clouds = drawn(network.config, 4)
-    assert_maps_are_those_of_the_network(network, clouds, np.array(list(np.ndindex(2, 2, 2, 2)), bool))
+    assert_maps_are_those_of_the_network(
+        network, clouds, np.array(list(np.ndindex(2, 2, 2, 2)), bool)
+    )
 
 
 def test_several_classes_crowded_voxels_and_many_clouds(trained):
-    config = light((-10.0, -10.0, 12.0, 10.0), **road_users(), rpn_layers=((0, 1, 1), (0, 1, 2), (0, 1)))
+    config = light(
+        (-10.0, -10.0, 12.0, 10.0), **road_users(), rpn_layers=((0, 1, 1), (0, 1, 2), (0, 1))
+    )
     network = SparseVoxelNet(trained(config))
     clouds = drawn(config, 70, n=12)
     unions = np.random.default_rng(1).random((9, 70)) < 0.3
     unions[1] = unions[0]
     unions[1, [0, 35, 68]] ^= True  # they differ by clouds of each word of the number
     assert_maps_are_those_of_the_network(network, clouds, unions)
-    # Two heaps of some hundred points in few voxels, each of several clouds that overlap, and somebody far off.
+    # Two heaps of some hundred points in few voxels, each of several clouds that overlap, and
+    # somebody far off.
     config = replace(light((0.0, 0.0, 4 * 9.6, 9.6)), max_points=4)
     rng = np.random.default_rng(2)
-    heaps = [rng.normal(at, (0.2, 0.2, 0.4), (60, 3)) for at in [(5, 5, 1.5)] * 3 + [(21, 5, 1.5)] * 2]
-    clouds = [torch.from_numpy(heap.astype(np.float32)) for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))]
+    heaps = [
+        rng.normal(at, (0.2, 0.2, 0.4), (60, 3)) for at in [(5, 5, 1.5)] * 3 + [(21, 5, 1.5)] * 2
+    ]
+    clouds = [
+        torch.from_numpy(heap.astype(np.float32))
+        for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))
+    ]
     unions = rng.permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))[:40]
     network = SparseVoxelNet(trained(config))
     assert len(TiledVoxelNet(network).plan(clouds, unions).dropped)
@@ -167,8 +203,8 @@ def test_what_memory_does_not_hold_comes_in_parts(trained, monkeypatch):
 
 
 def test_what_unions_see_alike_is_computed_once(trained):
-    """Eight clouds, each in the middle of a tile of its own that is far from the next: 255 unions, 8 tiles with points
-    and the 8 about each that its points reach, of which each has two values."""
+    """Eight clouds, each in the middle of a tile of its own that is far from the next: 255 unions,
+    8 tiles with points and the 8 about each that its points reach, of which each has two values."""
     network = SparseVoxelNet(trained(light((0.0, 0.0, 3 * 9.6, 24 * 9.6))))
     middles = [(1.5 * 9.6, (3 * k + 1.5) * 9.6) for k in range(8)]
     clouds = [torch.tensor([[x, y, 1.0], [x, y + 0.3, 2.0]]) for x, y in middles]

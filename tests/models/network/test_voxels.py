@@ -1,4 +1,5 @@
-"""Voxelisation: every point in its voxel, at most T of them, each as likely to stay as any other."""
+"""Voxelisation: every point in its voxel, at most T of them, each as likely to stay as any
+other."""
 
 import numpy as np
 import pytest
@@ -20,9 +21,16 @@ def cloud(seed, n=3000):
 def test_every_point_inside_is_in_the_voxel_it_lies_in(seed, n):
     points = cloud(seed, n)
     voxels = voxelise(points, CONFIG)
-    inside = (np.abs(points[:, 0]) < 4) & (np.abs(points[:, 1]) < 2) & (points[:, 2] > 0) & (points[:, 2] < 4)
+    inside = (
+        (np.abs(points[:, 0]) < 4)
+        & (np.abs(points[:, 1]) < 2)
+        & (points[:, 2] > 0)
+        & (points[:, 2] < 4)
+    )
     np.testing.assert_array_equal(voxels.points, points[inside])
-    lower = np.array([-4, -2, 0]) + voxels.cells[voxels.voxel, 1:].numpy() * np.array(CONFIG.voxel_size)
+    lower = np.array([-4, -2, 0]) + voxels.cells[voxels.voxel, 1:].numpy() * np.array(
+        CONFIG.voxel_size
+    )
     within = voxels.points.numpy() - lower
     assert np.all((within > -1e-5) & (within < np.array(CONFIG.voxel_size) + 1e-5))
     assert len(np.unique(voxels.cells, axis=0)) == len(voxels.cells)
@@ -32,7 +40,14 @@ def test_every_point_inside_is_in_the_voxel_it_lies_in(seed, n):
 def test_borders_voxels_and_batches_are_the_published_ones():
     cells = voxelise(cloud(1), CONFIG).cells[:, [3, 1, 2]].tolist()
     assert cells == sorted(cells)
-    assert len(voxelise(np.float32([[4, 0, 1], [0, -2, 1], [0, 0, 0], [0, 0, 4], [0.1, 0, 1e-6]]), CONFIG).points) == 1
+    assert (
+        len(
+            voxelise(
+                np.float32([[4, 0, 1], [0, -2, 1], [0, 0, 0], [0, 0, 4], [0.1, 0, 1e-6]]), CONFIG
+            ).points
+        )
+        == 1
+    )
     config = VoxelNetConfig.published("tjunction", area=(0.0, 0.0, 40.0, 80.0))
     x = (np.arange(1, 200) * 0.2).astype(np.float32)
     voxels = voxelise(np.stack((x, np.full_like(x, 0.1), np.full_like(x, 0.1)), 1), config)
@@ -50,7 +65,9 @@ def test_borders_voxels_and_batches_are_the_published_ones():
         torch.testing.assert_close(batch.cells[batch.voxel[own], 1:], item.cells[item.voxel, 1:])
 
 
-@pytest.mark.parametrize("points", [np.zeros((0, 3), np.float32), np.float32([[9, 0, 1], [0, 0, -1], [np.nan, 0, 1]])])
+@pytest.mark.parametrize(
+    "points", [np.zeros((0, 3), np.float32), np.float32([[9, 0, 1], [0, 0, -1], [np.nan, 0, 1]])]
+)
 def test_nothing_inside_makes_no_voxels(points):
     voxels = voxelise(points, CONFIG)
     assert voxels.points.shape == (0, 3)
@@ -69,9 +86,21 @@ def test_crowded_voxels_keep_35_points_without_bias_by_the_seed():
     expected, spread = 600 * 0.35, np.sqrt(600 * 0.35 * 0.65)
     assert np.all(np.abs(kept - expected) < 4.5 * spread)
     assert abs(kept[:50].sum() - kept[50:].sum()) < 4 * spread * 10
-    crowd = np.random.default_rng(0).uniform((0.01, 0.01, 0.01), (0.19, 0.19, 0.39), (200, 3)).astype(np.float32)
-    once, again, other = voxelise(crowd, CONFIG), voxelise(crowd, CONFIG), voxelise(crowd, CONFIG, rng=1)
+    crowd = (
+        np.random.default_rng(0)
+        .uniform((0.01, 0.01, 0.01), (0.19, 0.19, 0.39), (200, 3))
+        .astype(np.float32)
+    )
+    once, again, other = (
+        voxelise(crowd, CONFIG),
+        voxelise(crowd, CONFIG),
+        voxelise(crowd, CONFIG, rng=1),
+    )
     torch.testing.assert_close(once.points, again.points)
     assert not torch.equal(once.points, other.points)
-    crowd = np.random.default_rng(0).uniform((0.01, 0.01, 0.01), (0.19, 0.19, 0.39), (35, 3)).astype(np.float32)
+    crowd = (
+        np.random.default_rng(0)
+        .uniform((0.01, 0.01, 0.01), (0.19, 0.19, 0.39), (35, 3))
+        .astype(np.float32)
+    )
     assert len(voxelise(crowd, CONFIG).points) == 35

@@ -21,12 +21,15 @@ def car(x, y=0.0, score=0.9, label=VEHICLE):
 
 
 def frames(*objects):
-    """Detections of each frame; an object is a list with an entry per frame, None where it is not found."""
+    """Detections of each frame; an object is a list with an entry per frame, None where it is not
+    found."""
     found = []
     for each in zip(*objects, strict=True):
         there = [one for one in each if one is not None]
         boxes, scores, labels = zip(*there, strict=True) if there else ((), (), ())
-        found.append(Detections(np.array(boxes).reshape(-1, 7), np.array(scores), np.array(labels, int)))
+        found.append(
+            Detections(np.array(boxes).reshape(-1, 7), np.array(scores), np.array(labels, int))
+        )
     return found
 
 
@@ -81,10 +84,15 @@ def test_boxes_are_of_the_class_of_their_track_and_head_where_it_goes():
         np.testing.assert_allclose(there.boxes[0, 2:6], [0.9, 1.8, 0.6, 1.8])
         assert np.cos(there.boxes[0, 6]) > 0.99
     way = np.radians(100.0)
-    ridden = [([k * np.cos(way), k * np.sin(way), 0.9, 1.8, 0.6, 1.8, way + 3.2], 0.9, CYCLIST) for k in range(12)]
+    ridden = [
+        ([k * np.cos(way), k * np.sin(way), 0.9, 1.8, 0.6, 1.8, way + 3.2], 0.9, CYCLIST)
+        for k in range(12)
+    ]
     for there in join_detections(frames(ridden), TIMES):
         assert np.cos(there.boxes[0, 6] - way) > 0.99
-    waiting = [([0.0, 0.0, 0.9, 1.8, 0.6, 1.8, 3.2], 0.9, CYCLIST if k else PEDESTRIAN) for k in range(12)]
+    waiting = [
+        ([0.0, 0.0, 0.9, 1.8, 0.6, 1.8, 3.2], 0.9, CYCLIST if k else PEDESTRIAN) for k in range(12)
+    ]
     assert {float(there.boxes[0, 6]) for there in join_detections(frames(waiting), TIMES)} == {3.2}
 
 
@@ -112,7 +120,9 @@ def test_the_old_weights_stay_where_the_new_are_not_better(
         return packed_file
 
     figures = [0.5, 0.5, trained, 0.5]
-    monkeypatch.setattr(adaptation, "average_precision", lambda *_: {"a": figures.pop(0), "b": float("nan")})
+    monkeypatch.setattr(
+        adaptation, "average_precision", lambda *_: {"a": figures.pop(0), "b": float("nan")}
+    )
     after, old, new = adapt_network(before, label, tmp_path, Machine(seconds=0.5))
     assert (old, new) == (0.5, max(0.5, (trained + 0.5) / 2))
     assert same_weights(after, kept) == (trained == 0.5)
@@ -121,7 +131,9 @@ def test_the_old_weights_stay_where_the_new_are_not_better(
     assert asked == [(True, False), (True, True), (False, True)]
 
 
-def test_the_new_weights_are_half_way_to_those_that_were_trained(packed_file, tmp_path, monkeypatch):
+def test_the_new_weights_are_half_way_to_those_that_were_trained(
+    packed_file, tmp_path, monkeypatch
+):
     torch.manual_seed(0)
     before = VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8), **road_users())).eval()
 

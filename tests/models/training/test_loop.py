@@ -1,4 +1,5 @@
-"""The loop: killed and gone on with it ends with the same weights; it learns; another run's folder is refused."""
+"""The loop: killed and gone on with it ends with the same weights; it learns; another run's folder
+is refused."""
 
 from dataclasses import replace
 
@@ -36,21 +37,35 @@ def stop_after(steps):
         ("fast", {}),
         pytest.param("general", {}, marks=pytest.mark.slow),
         pytest.param(
-            *("paper", {"vfe_widths": (4,), "voxel_width": 8, "head3x3": 8, "point_features": "published"}),
+            *(
+                "paper",
+                {"vfe_widths": (4,), "voxel_width": 8, "head3x3": 8, "point_features": "published"},
+            ),
             marks=pytest.mark.slow,
         ),
     ],
 )
-def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(packed_file, tmp_path, preset, changes, same_weights):
+def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(
+    packed_file, tmp_path, preset, changes, same_weights
+):
     settings = replace(loop.PRESETS[preset], epochs=3.0, batch=2)
     config = replace(loop.make_config(AREA, preset), **changes)
     undisturbed = loop.train(packed_file, config, settings, tmp_path / "whole")
     for steps in (2, 4, 8):
         with pytest.raises(Stopped):
-            loop.train(packed_file, config, settings, tmp_path / "stopped", machine=OFTEN, progress=stop_after(steps))
+            loop.train(
+                packed_file,
+                config,
+                settings,
+                tmp_path / "stopped",
+                machine=OFTEN,
+                progress=stop_after(steps),
+            )
     resumed = loop.train(packed_file, config, settings, tmp_path / "stopped", machine=OFTEN)
     assert same_weights(undisturbed, resumed)
-    assert (tmp_path / "whole" / loop.LOG).read_bytes() == (tmp_path / "stopped" / loop.LOG).read_bytes()
+    assert (tmp_path / "whole" / loop.LOG).read_bytes() == (
+        tmp_path / "stopped" / loop.LOG
+    ).read_bytes()
     again = loop.train(packed_file, config, settings, tmp_path / "stopped")  # nothing left to do
     assert same_weights(undisturbed, again)
 
@@ -58,7 +73,9 @@ def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(packed_file, t
 def test_another_seed_gives_other_weights_and_workers_the_same(packed_file, tmp_path, same_weights):
     config, settings = loop.make_config(AREA, "fast"), replace(FAST, epochs=1.0)
     first = loop.train(packed_file, config, settings, tmp_path / "a")
-    helped = loop.train(packed_file, config, settings, tmp_path / "b", machine=loop.Machine(workers=2))
+    helped = loop.train(
+        packed_file, config, settings, tmp_path / "b", machine=loop.Machine(workers=2)
+    )
     other = loop.train(packed_file, config, replace(settings, seed=1), tmp_path / "c")
     assert same_weights(first, helped)
     assert not same_weights(first, other)
@@ -75,15 +92,26 @@ def test_folders_of_other_runs_and_heads_that_do_not_fit_are_refused(packed_file
         loop.train(packed_file, VoxelNetConfig.light(AREA), loop.PRESETS["paper"], tmp_path)
 
 
-def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(packed_file, tmp_path, monkeypatch):
+def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(
+    packed_file, tmp_path, monkeypatch
+):
     monkeypatch.setattr("models.training.loop.LOG_STEPS", 3)
     config, settings = loop.make_config(AREA, "fast"), replace(FAST, epochs=2.0, batch=1)
     loop.train(packed_file, config, settings, tmp_path / "whole")
     for steps in (2, 4):
         with pytest.raises(Stopped):
-            loop.train(packed_file, config, settings, tmp_path / "killed", machine=OFTEN, progress=stop_after(steps))
+            loop.train(
+                packed_file,
+                config,
+                settings,
+                tmp_path / "killed",
+                machine=OFTEN,
+                progress=stop_after(steps),
+            )
     loop.train(packed_file, config, settings, tmp_path / "killed", machine=OFTEN)
-    assert (tmp_path / "whole" / loop.LOG).read_bytes() == (tmp_path / "killed" / loop.LOG).read_bytes()
+    assert (tmp_path / "whole" / loop.LOG).read_bytes() == (
+        tmp_path / "killed" / loop.LOG
+    ).read_bytes()
     assert len((tmp_path / "whole" / loop.LOG).read_text().splitlines()) > 4
 
 
@@ -124,7 +152,9 @@ def test_a_training_of_seconds_ends_its_cycle_with_the_clock(packed_file, tmp_pa
     assert rates[-1] < 0.05 * FAST.learning_rate
     before, clock.now = len(rates), 0.0
     with pytest.raises(Stopped):
-        loop.train(packed_file, config, FAST, tmp_path / "two", machine=machine, progress=stop_after(9))
+        loop.train(
+            packed_file, config, FAST, tmp_path / "two", machine=machine, progress=stop_after(9)
+        )
     half, clock.now = len(rates) - before, 0.0
     loop.train(packed_file, config, FAST, tmp_path / "two", machine=machine)
     assert half == 9
@@ -160,7 +190,13 @@ def test_it_goes_on_from_other_weights_and_learns_in_bfloat16(packed_file, tmp_p
         loop.train(packed_file, config, settings, tmp_path / "second")
     config, settings, figures = loop.make_config(AREA, "fast"), replace(FAST, epochs=1.0), {}
     for bfloat16 in (False, True):
-        loop.train(packed_file, config, settings, tmp_path / str(bfloat16), machine=loop.Machine(bfloat16=bfloat16))
+        loop.train(
+            packed_file,
+            config,
+            settings,
+            tmp_path / str(bfloat16),
+            machine=loop.Machine(bfloat16=bfloat16),
+        )
         figures[bfloat16] = loop.read_curves(tmp_path / str(bfloat16) / loop.LOG)["class"][1][-1]
     assert figures[True] == pytest.approx(figures[False], rel=0.1)
     assert figures[True] != figures[False]
@@ -182,8 +218,16 @@ def test_every_preset_has_a_network_that_its_loss_trains(preset, size):
 
 
 def test_networks_of_classes_and_wide_areas():
-    assert loop.make_config((0.0, 0.0, 40.0, 80.0), "paper", "published").voxel_size == (0.2, 0.2, 0.4)
-    assert loop.make_config((-48.0, -48.0, 48.0, 48.0), "paper", "published").voxel_size == (0.4, 0.4, 0.4)
+    assert loop.make_config((0.0, 0.0, 40.0, 80.0), "paper", "published").voxel_size == (
+        0.2,
+        0.2,
+        0.4,
+    )
+    assert loop.make_config((-48.0, -48.0, 48.0, 48.0), "paper", "published").voxel_size == (
+        0.4,
+        0.4,
+        0.4,
+    )
     assert loop.window((-48.0, 0.0, 48.0, 10.0)) == (-loop.WINDOW / 2, 0.0, loop.WINDOW / 2, 10.0)
     config = loop.make_config(AREA, "varied", classes=("vehicle", "pedestrian"))
     assert config.labels == ("vehicle", "pedestrian")
@@ -211,7 +255,11 @@ def test_what_trains_nothing_is_refused(changes):
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
 def test_a_checkpoint_that_was_cut_is_told_in_one_line(packed_file, tmp_path, share):
-    config, settings, path = loop.make_config(AREA, "fast"), replace(FAST, epochs=0.4), tmp_path / loop.CHECKPOINT
+    config, settings, path = (
+        loop.make_config(AREA, "fast"),
+        replace(FAST, epochs=0.4),
+        tmp_path / loop.CHECKPOINT,
+    )
     loop.train(packed_file, config, settings, tmp_path)
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     with pytest.raises(
@@ -231,13 +279,23 @@ def test_what_is_no_checkpoint_is_told_in_one_line(packed_file, tmp_path, state)
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [*(("step", step) for step in ("x", -5, 2.0, None, [1], torch.ones(3), 10**6)), ("recent", 1), ("recent", ["a"])],
+    [
+        *(("step", step) for step in ("x", -5, 2.0, None, [1], torch.ones(3), 10**6)),
+        ("recent", 1),
+        ("recent", ["a"]),
+    ],
 )
 def test_a_checkpoint_of_odd_values_is_told_in_one_line(packed_file, tmp_path, name, value):
-    config, settings, path = loop.make_config(AREA, "fast"), replace(FAST, epochs=0.1), tmp_path / loop.CHECKPOINT
+    config, settings, path = (
+        loop.make_config(AREA, "fast"),
+        replace(FAST, epochs=0.1),
+        tmp_path / loop.CHECKPOINT,
+    )
     loop.train(packed_file, config, settings, tmp_path)
     save_atomically(path, {**read_checkpoint(path), name: value})
-    with pytest.raises(ValueError, match=r"checkpoint.pt is not a checkpoint of this training .*: remove it") as told:
+    with pytest.raises(
+        ValueError, match=r"checkpoint.pt is not a checkpoint of this training .*: remove it"
+    ) as told:
         loop.train(packed_file, config, settings, tmp_path)
     assert "\n" not in str(told.value)
 
@@ -263,7 +321,8 @@ def test_settings_logs_and_curves_are_kept_in_order(tmp_path):
         assert state["weights"].tolist() == [0, 1, 2]
     assert list(tmp_path.iterdir()) == [path]
     identity = {"config": {"area": (1.0, 2.0)}, "preset": {"seed": 0}, "start": ""}
-    save_atomically(path, {"config": {"area": (1.0, 2.0)}, "preset": {"seed": 0}})  # a run of old, which knew no start
+    # a run of old, which knew no start
+    save_atomically(path, {"config": {"area": (1.0, 2.0)}, "preset": {"seed": 0}})
     read_checkpoint(path, identity=identity)
     with pytest.raises(ValueError, match="another preset and start: choose another folder"):
         read_checkpoint(path, identity={**identity, "preset": {"seed": 1}, "start": "abc"})

@@ -50,7 +50,9 @@ def test_overlaps_and_thresholds_split_anchors():
     np.testing.assert_array_equal(found.owner.ravel()[positive], iou.argmax(axis=1)[positive])
     found = assign(GRID, car(length=1.2, width=0.9))
     assert (found.labels == POSITIVE).sum() == 1
-    assert (assign(GRID, car(length=0.2, width=0.2)).labels == POSITIVE).sum() == 0  # nothing reaches `best`
+    assert (
+        assign(GRID, car(length=0.2, width=0.2)).labels == POSITIVE
+    ).sum() == 0  # nothing reaches `best`
     assert (assign(GRID, car(x=30.0)).labels == POSITIVE).sum() == 0  # outside the grid
     assert (assign(GRID, np.zeros((0, 7))).labels == NEGATIVE).all()
     boxes = np.concatenate([car(0.2, 0.2), car(0.2, 2.6)])
@@ -60,7 +62,9 @@ def test_overlaps_and_thresholds_split_anchors():
     assert (np.diff(owners) >= 0).all()
 
 
-@pytest.mark.parametrize(("yaw", "fits"), [(0.6, 0), (math.pi, 0), (-math.pi / 2, 1), (2.0, 1), (7.0, 0)])
+@pytest.mark.parametrize(
+    ("yaw", "fits"), [(0.6, 0), (math.pi, 0), (-math.pi / 2, 1), (2.0, 1), (7.0, 0)]
+)
 def test_yaws_snap_to_the_nearer_anchor(yaw, fits):
     labels = assign(GRID, car(yaw=yaw)).labels
     assert labels[(*CELL, fits)] == POSITIVE
@@ -75,19 +79,27 @@ def test_samples_are_halved_and_ignored_negatives_do_not_count():
     assert np.hypot(*(ignored[:, :2] - [-3, -3]).T).max() < 3.3
     positive = assign(GRID, car(), ignored=car(length=9.0)).labels  # what should be found stays so
     assert positive[(*CELL, 0)] == POSITIVE
-    found = assign(GRID, np.concatenate([car(), car(-5, -5), car(5, 5, 1.5)]), positive=0.3, negative=0.3)
+    found = assign(
+        GRID, np.concatenate([car(), car(-5, -5), car(5, 5, 1.5)]), positive=0.3, negative=0.3
+    )
     kept = sample(found, np.random.default_rng(0), size=20, positives=5)
     assert (kept.labels == POSITIVE).sum() == 5
     assert (kept.labels == NEGATIVE).sum() == 15
     chosen = kept.labels != IGNORED
     np.testing.assert_array_equal(kept.labels[chosen], found.labels[chosen])
-    few = sample(assign(GRID, car(), positive=0.9, negative=0.9), np.random.default_rng(0), size=20, positives=5)
+    few = sample(
+        assign(GRID, car(), positive=0.9, negative=0.9),
+        np.random.default_rng(0),
+        size=20,
+        positives=5,
+    )
     assert ((few.labels == POSITIVE).sum(), (few.labels == NEGATIVE).sum()) == (1, 19)
 
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
 def test_an_anchor_between_two_objects_belongs_to_the_one_it_overlaps_more(order):
-    """The anchor at 0.2 is positive for both; neither has it for its best one, so that only the overlap decides."""
+    """The anchor at 0.2 is positive for both; neither has it for its best one, so that only the
+    overlap decides."""
     near, far = car(0.75, 0.2), car(-0.75, 0.2)
     found = assign(GRID, np.concatenate([[near, far][k] for k in order]), positive=0.3, best=2.0)
     assert found.labels[(*CELL, 0)] == POSITIVE
@@ -98,7 +110,9 @@ def test_anchors_have_the_owner_they_fit_and_ignored_ones_cost_nothing():
     found = assign(GRID, np.concatenate([car(), car()]), positive=0.3, best=2.0)
     assert (found.owner[found.labels == POSITIVE] == 0).all()
     # A small object whose best anchor lies under a large one: without this rule it would have none.
-    found = assign(GRID, np.concatenate([car(), car(0.2, 0.2, length=2.0, width=1.2)]), positive=0.5)
+    found = assign(
+        GRID, np.concatenate([car(), car(0.2, 0.2, length=2.0, width=1.2)]), positive=0.5
+    )
     owners = found.owner[found.labels == POSITIVE]
     assert (owners == 1).sum() == 1
     assert (owners == 0).sum() > 1
@@ -108,9 +122,13 @@ def test_anchors_have_the_owner_they_fit_and_ignored_ones_cost_nothing():
     labels, wanted = targets()
     maps = [torch.randn(1, width, *CONFIG.map_shape) for width in (2, 16, 2, 2)]
     ignored = labels == NEGATIVE
-    before = quality_loss(Prediction(*maps), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS)["class"]
+    before = quality_loss(Prediction(*maps), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS)[
+        "class"
+    ]
     shouting = maps[0] + 50 * channels(ignored[..., None].float())
-    after = quality_loss(Prediction(shouting, *maps[1:]), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS)
+    after = quality_loss(
+        Prediction(shouting, *maps[1:]), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS
+    )
     torch.testing.assert_close(after["class"], before)
 
 
@@ -119,7 +137,8 @@ CLASSES = anchors(VoxelNetConfig.light((-8, -8, 8, 8), **road_users())).double()
 
 
 def slowly(boxes, labels, asked):
-    """Matching by class as it is defined: each anchor against each object of its class, one after the other."""
+    """Matching by class as it is defined: each anchor against each object of its class, one after
+    the other."""
     found = np.zeros(CLASSES.shape[:3], np.int8)
     owner = np.zeros(CLASSES.shape[:3], np.int64)
     kinds = [kind for kind in KINDS for _ in kind.yaws]
@@ -135,19 +154,27 @@ def slowly(boxes, labels, asked):
             if not asked[row]:
                 continue
             box[6] = round(box[6] / (np.pi / 2)) * np.pi / 2
-            if np.hypot(*(anchor[:2] - box[:2])) > (np.hypot(*anchor[3:5]) + np.hypot(*box[3:5])) / 2:
+            if (
+                np.hypot(*(anchor[:2] - box[:2]))
+                > (np.hypot(*anchor[3:5]) + np.hypot(*box[3:5])) / 2
+            ):
                 continue
             iou = iou_bev(anchor[None], box[None])[0, 0]
             if iou > most + 1e-12:
                 most, owner[place] = iou, row
             if iou > best.get(row, (0.1 - 1e-9,))[0] + 1e-12:
                 best[row] = (iou, place)
-        found[place] = POSITIVE if most > kind.positive else NEGATIVE if most <= kind.negative else IGNORED
+        found[place] = (
+            POSITIVE if most > kind.positive else NEGATIVE if most <= kind.negative else IGNORED
+        )
         for row in np.flatnonzero(labels == LABELS.index(kind.label)):
             box = boxes[row] + [0, 0, 0, kind.margin, kind.margin, 0, 0]
             if not asked[row] and found[place] == NEGATIVE:
                 (dx, dy), cos, sin = anchor[:2] - box[:2], np.cos(box[6]), np.sin(box[6])
-                if abs(dx * cos + dy * sin) <= box[3] / 2 and abs(dy * cos - dx * sin) <= box[4] / 2:
+                if (
+                    abs(dx * cos + dy * sin) <= box[3] / 2
+                    and abs(dy * cos - dx * sin) <= box[4] / 2
+                ):
                     found[place] = IGNORED
     for row, (_, place) in best.items():
         found[place], owner[place] = POSITIVE, row
@@ -178,7 +205,9 @@ def test_classes_are_matched_as_slowly_by_definition():
     bare = assign(CLASSES[:, :, 6:], walker, positive=0.5, negative=0.35)
     wide = assign(CLASSES[:, :, 6:], walker, positive=0.5, negative=0.35, margin=0.8)
     assert ((bare.labels == POSITIVE).sum(), (wide.labels == POSITIVE).sum()) == (1, 3)
-    found = assign_by_kind(CLASSES, KINDS, np.zeros((0, 7)), np.zeros(0, np.int64), np.zeros(0, bool))
+    found = assign_by_kind(
+        CLASSES, KINDS, np.zeros((0, 7)), np.zeros(0, np.int64), np.zeros(0, bool)
+    )
     assert (found.labels == NEGATIVE).all()
     assert (found.owner == 0).all()
 
@@ -186,13 +215,19 @@ def test_classes_are_matched_as_slowly_by_definition():
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
 ANCHORS = anchors(CONFIG)
 BOXES = np.array(
-    [[0.3, 0.1, 0.8, 4.2, 1.8, 1.5, 3.0], [-4, 4, 0.7, 4.6, 1.9, 1.4, -1.4], [4, -3, 0.9, 4, 1.7, 1.6, 0.5]]
+    [
+        [0.3, 0.1, 0.8, 4.2, 1.8, 1.5, 3.0],
+        [-4, 4, 0.7, 4.6, 1.9, 1.4, -1.4],
+        [4, -3, 0.9, 4, 1.7, 1.6, 0.5],
+    ]
 )
 
 
 def targets(boxes=BOXES):
     found = assign(ANCHORS.double().numpy(), boxes, positive=0.5, negative=0.35)
-    wanted = torch.tensor(boxes if len(boxes) else np.ones((1, 7)), dtype=torch.float32)[torch.from_numpy(found.owner)]
+    wanted = torch.tensor(boxes if len(boxes) else np.ones((1, 7)), dtype=torch.float32)[
+        torch.from_numpy(found.owner)
+    ]
     return torch.from_numpy(found.labels)[None], wanted[None]
 
 
@@ -210,7 +245,9 @@ def perfect(labels, wanted, published):
     if published:
         return Prediction(channels(torch.cat((-sure, sure), -1)), residuals)
     direction = torch.where(faces_back(wanted, anchor), 20.0, -20.0)[..., None]
-    return Prediction(channels(sure), residuals, channels(direction), channels(torch.full_like(sure, 20.0)))
+    return Prediction(
+        channels(sure), residuals, channels(direction), channels(torch.full_like(sure, 20.0))
+    )
 
 
 @pytest.mark.parametrize(("loss", "published"), [(quality_loss, False), (paper_loss, True)])
@@ -236,13 +273,21 @@ def test_losses_are_finite_and_every_map_gets_a_gradient(loss, widths, boxes):
 
 def test_focal_and_iou_losses_are_their_definitions():
     logits = torch.tensor([2.0, -1.0, 0.5, 80.0])
-    positive, counted = torch.tensor([True, True, False, False]), torch.tensor([True, True, True, False])
+    positive, counted = (
+        torch.tensor([True, True, False, False]),
+        torch.tensor([True, True, True, False]),
+    )
     p = torch.sigmoid(logits)
-    expected = [0.25 * (1 - p[0]) ** 2 * -torch.log(p[0]), 0.25 * (1 - p[1]) ** 2 * -torch.log(p[1])]
+    expected = [
+        0.25 * (1 - p[0]) ** 2 * -torch.log(p[0]),
+        0.25 * (1 - p[1]) ** 2 * -torch.log(p[1]),
+    ]
     expected += [0.75 * p[2] ** 2 * -torch.log(1 - p[2])]
     torch.testing.assert_close(focal_loss(logits, positive, counted), torch.stack(expected).sum())
     rng = np.random.default_rng(0)
-    wanted = np.column_stack([rng.normal(0, 1, (200, 3)), rng.uniform(1, 5, (200, 3)), rng.uniform(-4, 4, 200)])
+    wanted = np.column_stack(
+        [rng.normal(0, 1, (200, 3)), rng.uniform(1, 5, (200, 3)), rng.uniform(-4, 4, 200)]
+    )
     boxes = wanted + np.column_stack([rng.normal(0, 0.5, (200, 6)), np.zeros(200)])
     boxes[:, 3:6] = np.abs(boxes[:, 3:6]) + 0.5
     boxes[::2, 6] += math.pi
@@ -251,7 +296,9 @@ def test_focal_and_iou_losses_are_their_definitions():
     wanted = np.array([[0, 0, 0.8, 4.5, 1.8, 1.6, 0.3]]).repeat(5, axis=0)
     boxes = wanted + np.outer(np.deg2rad([0, 1, 2, 4, 8]), [0, 0, 0, 0, 0, 0, 1])
     exact = np.diag(iou_3d(boxes, wanted))
-    np.testing.assert_allclose(nearly_aligned_iou(torch.tensor(boxes), torch.tensor(wanted)), exact, atol=0.015)
+    np.testing.assert_allclose(
+        nearly_aligned_iou(torch.tensor(boxes), torch.tensor(wanted)), exact, atol=0.015
+    )
     labels, wanted = targets()
     with pytest.raises(ValueError, match='head="quality"'):
         quality_loss(perfect(labels, wanted, True), labels, wanted, ANCHORS)
@@ -263,16 +310,22 @@ OWNERS = ALL_CLASSES.anchor_labels
 
 def class_maps(seed=0):
     generator = torch.Generator().manual_seed(seed)
-    return Prediction(*(torch.randn(1, 7 * k, *ALL_CLASSES.map_shape, generator=generator) for k in (1, 8, 1, 1)))
+    return Prediction(
+        *(torch.randn(1, 7 * k, *ALL_CLASSES.map_shape, generator=generator) for k in (1, 8, 1, 1))
+    )
 
 
 def class_targets(count=4):
     """One object of each class, the first `count` of them there."""
     sizes = [[4.2, 1.8, 1.5], [8, 2.5, 3], [1.8, 0.6, 1.7], [0.6, 0.5, 1.8]]
-    boxes = np.column_stack([[-4, 3, -4, 4], [-4, 3, 4, -4], [0.8] * 4, sizes, [0.3, 1.4, 3, 0.0]])[:count]
+    boxes = np.column_stack([[-4, 3, -4, 4], [-4, 3, 4, -4], [0.8] * 4, sizes, [0.3, 1.4, 3, 0.0]])[
+        :count
+    ]
     grid = anchors(ALL_CLASSES)
     labels = np.array([0, 3, 1, 2])[:count]
-    found = assign_by_kind(grid.double().numpy(), ALL_CLASSES.kinds, boxes, labels, np.ones(count, bool))
+    found = assign_by_kind(
+        grid.double().numpy(), ALL_CLASSES.kinds, boxes, labels, np.ones(count, bool)
+    )
     wanted = torch.tensor(boxes, dtype=torch.float32)[torch.from_numpy(found.owner)]
     return torch.from_numpy(found.labels)[None], wanted[None], grid
 
@@ -285,7 +338,9 @@ def test_losses_of_classes_are_sums_over_their_own_positives():
     for own in (slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 7)):
         cut = [each.reshape(1, 7, -1, *ALL_CLASSES.map_shape)[:, own] for each in maps]
         prediction = Prediction(*(each.reshape(1, -1, *ALL_CLASSES.map_shape) for each in cut))
-        parts.append(quality_loss(prediction, labels[..., own], wanted[..., own, :], grid[..., own, :]))
+        parts.append(
+            quality_loss(prediction, labels[..., own], wanted[..., own, :], grid[..., own, :])
+        )
     for name, value in together.items():
         torch.testing.assert_close(value, torch.stack([part[name] for part in parts]).sum())
     labels, wanted, grid = class_targets(3)
@@ -297,7 +352,10 @@ def test_losses_of_classes_are_sums_over_their_own_positives():
         torch.testing.assert_close(after[name], without[name])
     labels, wanted = targets()
     maps = Prediction(*(torch.randn(1, width, *CONFIG.map_shape) for width in (2, 16, 2, 2)))
-    one, named = quality_loss(maps, labels, wanted, ANCHORS), quality_loss(maps, labels, wanted, ANCHORS, (0, 0))
+    one, named = (
+        quality_loss(maps, labels, wanted, ANCHORS),
+        quality_loss(maps, labels, wanted, ANCHORS, (0, 0)),
+    )
     assert all(torch.equal(one[name], named[name]) for name in one)
     labels, wanted, grid = class_targets()
     once = quality_loss(class_maps(), labels, wanted, grid, OWNERS)

@@ -1,4 +1,5 @@
-"""The one list of training's arguments: the same on both command lines, and on a machine that has little."""
+"""The one list of training's arguments: the same on both command lines, and on a machine that has
+little."""
 
 import subprocess
 import sys
@@ -19,9 +20,10 @@ main(["--help"])
 """
 
 EVERYTHING = (
-    "--data d --out o --start general --preset paper --size published --voxel 0.4 --epochs 1.5 --batch 3 --seed 5 "
-    "--learning-rate 0.001 --validate v --validate-frames 7 --device cpu --threads 2 --workers 1 --checkpoint-s 9 "
-    "--overwrite --classes vehicle pedestrian --faces vehicle --calibrate"
+    "--data d --out o --start general --preset paper --size published --voxel 0.4 --epochs 1.5 "
+    "--batch 3 --seed 5 --learning-rate 0.001 --validate v --validate-frames 7 --device cpu "
+    "--threads 2 --workers 1 --checkpoint-s 9 --overwrite --classes vehicle pedestrian --faces "
+    "vehicle --calibrate"
 )
 
 
@@ -35,11 +37,15 @@ def test_both_command_lines_read_the_same(arguments):
 def test_arguments_are_described_and_run_where_there_is_little():
     assert list(descriptions()) == [field.name for field in fields(TrainingOptions)]
     repository = Path(__file__).parents[3]
-    done = subprocess.run([sys.executable, "-c", BARE], cwd=repository, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", BARE], cwd=repository, capture_output=True, text=True, check=True
+    )
     assert "--learning-rate" in done.stdout
 
 
-@pytest.mark.parametrize("wrong", [["--epochs", "0"], ["--batch", "-1"], ["--seed", "-1"], ["--voxel", "nan"]])
+@pytest.mark.parametrize(
+    "wrong", [["--epochs", "0"], ["--batch", "-1"], ["--seed", "-1"], ["--voxel", "nan"]]
+)
 def test_what_cannot_be_is_refused(wrong, capsys):
     with pytest.raises(SystemExit) as stopped:
         parse_arguments(["--data", "d", "--out", "o", *wrong])

@@ -32,17 +32,22 @@ def test_points_are_those_of_the_recording_with_fresh_noise(frames, packed):
         # A point on a face may fall on either side of it.
         np.testing.assert_allclose(
             count_points(np.concatenate(packed.points(k, None)), widened(frame.objects.boxes)),
-            count_points(np.concatenate(frame_points(frame, area=AREA)), widened(frame.objects.boxes)),
+            count_points(
+                np.concatenate(frame_points(frame, area=AREA)), widened(frame.objects.boxes)
+            ),
             atol=2,
         )
     first, again, other = (packed.points(0, np.random.default_rng(seed))[0] for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert len(first) != len(other) or not np.array_equal(first, other)
     rig, camera = packed.rig(0), frames[0].sensors[0]
-    pixels, hovering = rig.pixels[0], 0.8 * rig.depth[0]  # things in the air everywhere, and nothing at the edges
+    # things in the air everywhere, and nothing at the edges
+    pixels, hovering = (rig.pixels[0], 0.8 * rig.depth[0])
     well_inside = rig.in_crop(rig.world(0, pixels, hovering), -0.5)
     hovering[~well_inside] = 0
-    exact, noisy = (rig.measure(0, pixels, hovering, rng)[0] for rng in (None, np.random.default_rng(3)))
+    exact, noisy = (
+        rig.measure(0, pixels, hovering, rng)[0] for rng in (None, np.random.default_rng(3))
+    )
     assert len(exact) == len(noisy) == well_inside.sum() > 1000
     spread = (noisy - exact) @ camera.pose[:3, 2]
     assert abs(spread.mean()) < 0.1 * camera.model.sigma
@@ -82,8 +87,12 @@ def test_on_a_slope_points_and_objects_come_as_on_level_ground(frames, tmp_path)
         packed = PackedFrames(tmp_path / f"{name}.packed")
         assert packed.rig(0).slope == slope
         np.testing.assert_array_equal(packed.objects(1).boxes, frames[1].objects.boxes)
-        np.testing.assert_allclose(packed.level_objects(1).boxes, level_rows(frames[1].objects.boxes, slope))
-        for ours, theirs in zip(packed.points(1, None), frame_points(frames[1], area=site), strict=True):
+        np.testing.assert_allclose(
+            packed.level_objects(1).boxes, level_rows(frames[1].objects.boxes, slope)
+        )
+        for ours, theirs in zip(
+            packed.points(1, None), frame_points(frames[1], area=site), strict=True
+        ):
             distance, _ = cKDTree(ours).query(level_rows(theirs, slope))
             assert distance.max() < 0.003
             assert abs(len(ours) - len(theirs)) <= 4

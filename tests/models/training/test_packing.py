@@ -1,4 +1,5 @@
-"""What is packed: of each frame what differs from the empty site, whole under its name or not there."""
+"""What is packed: of each frame what differs from the empty site, whole under its name or not
+there."""
 
 from dataclasses import replace
 from itertools import chain
@@ -8,7 +9,14 @@ import numpy as np
 import pytest
 
 from models.training.packed import PackedFrames
-from models.training.packing import drawn_file, join_packed, pack, read_recordings, recording, sample_recordings
+from models.training.packing import (
+    drawn_file,
+    join_packed,
+    pack,
+    read_recordings,
+    recording,
+    sample_recordings,
+)
 from toolkit.objects import Objects
 from toolkit.sites.site import Site
 
@@ -25,10 +33,14 @@ def test_learnt_scenes_and_other_sensors_share_a_file(frames, packed, tmp_path):
     for k in range(len(frames)):
         for ours, theirs in zip(learnt.points(k, None), packed.points(k, None), strict=True):
             assert len(ours) == len(theirs)
-            np.testing.assert_allclose(ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3)
+            np.testing.assert_allclose(
+                ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3
+            )
     fewer = [replace(f, sensors=f.sensors[:1], measurements=f.measurements[:1]) for f in frames[:2]]
     path = tmp_path / "two.packed"
-    assert pack([recording(fewer, (-5, -5, 5, 5), 3.0), recording(frames, AREA, count=3)], path) == 5
+    assert (
+        pack([recording(fewer, (-5, -5, 5, 5), 3.0), recording(frames, AREA, count=3)], path) == 5
+    )
     two = PackedFrames(path)
     assert [len(two.rig(k).sensors) for k in range(5)] == [1, 1, 3, 3, 3]
     assert two.rig(0).area == (-5, -5, 5, 5)
@@ -85,7 +97,9 @@ def levelled(sensors, seed, area=AREA):
 def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_path):
     samples = [levelled(("a", "b"), 0), levelled(("a", "b"), 1), levelled(("a",), 2)]
     path = tmp_path / "mixed.packed"
-    assert pack(chain(sample_recordings(iter(samples)), [recording(frames, AREA, count=2)]), path) == 5
+    assert (
+        pack(chain(sample_recordings(iter(samples)), [recording(frames, AREA, count=2)]), path) == 5
+    )
     mixed = PackedFrames(path)
     assert [mixed.is_recorded(k) for k in range(5)] == [True, True, True, False, False]
     assert [len(mixed.rig(k).sensors) for k in range(5)] == [2, 2, 1, 3, 3]
@@ -96,7 +110,9 @@ def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_
     assert len(mixed.points(1, None, [1])) == 1
     for k in range(2):
         for ours, theirs in zip(mixed.points(3 + k, None), packed.points(k, None), strict=True):
-            np.testing.assert_allclose(ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3)
+            np.testing.assert_allclose(
+                ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3
+            )
 
 
 def test_packed_clouds_can_be_packed_again_unless_damaged(tmp_path):

@@ -93,7 +93,11 @@ def test_rebuilt_networks_keep_their_classes_and_anchors():
 def test_a_rebuilt_network_has_the_weights_and_the_changes(training):
     made = network(ALL).train(training)
     other = rebuild(made, faces=("heavy",), score_threshold=0.3)
-    assert (other.config.faces, other.config.score_threshold, other.training) == (("heavy",), 0.3, training)
+    assert (other.config.faces, other.config.score_threshold, other.training) == (
+        ("heavy",),
+        0.3,
+        training,
+    )
     for name, tensor in made.state_dict().items():
         assert torch.equal(other.state_dict()[name], tensor)
     assert made.config.faces == ()
@@ -116,8 +120,13 @@ def test_fits_find_what_was_drawn_and_calibrated_scores_are_shares():
     assert reliability(scores, hits).error > 0.1
     assert reliability(sigmoid(slope * logit(scores) + intercept), hits).error < 0.015
     rng = np.random.default_rng(3)
-    scores, rivals = rng.uniform(0.02, 0.98, 20000), rng.uniform(0, 1, (20000, 3)) * (rng.random((20000, 3)) < 0.5)
-    hits = rng.random(20000) < sigmoid(1.5 * logit(scores) + 0.3 - rivals @ np.array([3.0, 0.0, 1.0]))
+    scores, rivals = (
+        rng.uniform(0.02, 0.98, 20000),
+        rng.uniform(0, 1, (20000, 3)) * (rng.random((20000, 3)) < 0.5),
+    )
+    hits = rng.random(20000) < sigmoid(
+        1.5 * logit(scores) + 0.3 - rivals @ np.array([3.0, 0.0, 1.0])
+    )
     assert platt(scores, hits, rivals) == pytest.approx((1.5, 0.3, 3.0, 0.0, 1.0), abs=0.15)
     helped = rng.random(20000) < sigmoid(logit(scores) + rivals @ np.array([3.0, 0.0, 1.0]))
     assert platt(scores, helped, rivals)[2:] == (0.0, 0.0, 0.0)
@@ -151,7 +160,9 @@ def test_thresholds_cost_few_and_faces_are_learnt():
     networks = FaceNetworks()
     figures = fit_faces(networks, examples(300), steps=250)
     assert all(figures[f"{sort} after"] < 0.45 * figures[f"{sort} before"] for sort in SORTS)
-    np.testing.assert_allclose(networks.prior, [figures[f"{sort} before"] for sort in SORTS], rtol=1e-6)
+    np.testing.assert_allclose(
+        networks.prior, [figures[f"{sort} before"] for sort in SORTS], rtol=1e-6
+    )
     rng = np.random.default_rng(9)
     before, after = [], []
     for _ in range(30):
@@ -172,7 +183,11 @@ def scene(label, scores, hits):
     boxes = np.array([[20.0 * k, 0.0, 1.0, *size, 0.0] for k in range(len(scores))])
     there, labels = boxes.copy(), np.full(len(scores), label)
     there[:, 1] += np.where(hits, 0.0, 10.0)
-    return Detections(boxes, np.array(scores), labels), Objects(there, labels), np.ones(len(scores), bool)
+    return (
+        Detections(boxes, np.array(scores), labels),
+        Objects(there, labels),
+        np.ones(len(scores), bool),
+    )
 
 
 def test_calibration_and_faces_have_shares_of_their_own(monkeypatch, packed):
@@ -185,7 +200,10 @@ def test_calibration_and_faces_have_shares_of_their_own(monkeypatch, packed):
     for name in ("detect_frames", "read_points"):
         monkeypatch.setattr(second_stage, name, stop)
     network = VoxelNet(make_config(AREA, "fast"))
-    for collect in (lambda: fit_calibration(network, packed), lambda: face_examples(packed, None, ("vehicle",))):
+    for collect in (
+        lambda: fit_calibration(network, packed),
+        lambda: face_examples(packed, None, ("vehicle",)),
+    ):
         with pytest.raises(InterruptedError):
             collect()
     assert asked == [(0.3, 0.3), (0.5, 0.3)]
@@ -198,7 +216,8 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
         scores = rng.uniform(0.05, 0.98, 900)
         hits = rng.random(900) < sigmoid(slope * logit(scores) + intercept)
         frames += [scene(label, scores[k : k + 90], hits[k : k + 90]) for k in range(0, 900, 90)]
-    frames += [scene(HEAVY, np.full(FEWEST - 1, 0.5), np.zeros(FEWEST - 1, bool))]  # too few to say anything
+    # too few to say anything
+    frames += [scene(HEAVY, np.full(FEWEST - 1, 0.5), np.zeros(FEWEST - 1, bool))]
     monkeypatch.setattr(second_stage, "detect_frames", fake(frames))
     torch.manual_seed(0)
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "cyclist", "heavy")))
@@ -215,13 +234,18 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
             if found.labels[0] == label
         ]
         scores, true = (np.concatenate(each) for each in zip(*sure, strict=True))
-        assert result.thresholds[number] == round(max(LEAST_SURE, lowest_threshold(scores, true, PRECISION)), 3)
+        assert result.thresholds[number] == round(
+            max(LEAST_SURE, lowest_threshold(scores, true, PRECISION)), 3
+        )
 
 
 def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, packed):
     """Half of the detections are of the site; those that are left are all true."""
     hits = np.arange(200) % 2 == 0
-    every, left = scene(VEHICLE, np.full(200, 0.5), hits), scene(VEHICLE, np.full(100, 0.5), hits[::2])
+    every, left = (
+        scene(VEHICLE, np.full(200, 0.5), hits),
+        scene(VEHICLE, np.full(100, 0.5), hits[::2]),
+    )
 
     def detected(network, frames, *, count, seed, subsets, errors, known):
         return [left if known else every]
@@ -230,7 +254,9 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
     network = fit_calibration(VoxelNet(make_config(AREA, "fast")), packed)
     at = VoxelNetDetector(network)
     known = KnownBackground(at, Background.learn(np.zeros((1, 3))))
-    found = known._keep(left[0], left[0].boxes[:, :3] + [0, 0, 0.3], left[0].boxes[:, :3] + [0, 0, 0.3])
+    found = known._keep(
+        left[0], left[0].boxes[:, :3] + [0, 0, 0.3], left[0].boxes[:, :3] + [0, 0, 0.3]
+    )
     assert len(found) == 100
     assert found.scores == pytest.approx(1.0, abs=0.05)
     assert at.score_known(Detections.empty()).scores.size == 0
@@ -240,19 +266,27 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
 
 
 def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
-    """One object is one road user: a cyclist's box of 0.3 where a pedestrian's of 0.8 stands, and no box elsewhere."""
-    config = VoxelNetConfig.light(SMALL_AREA, **road_users(select_anchors(("pedestrian", "cyclist"))))
+    """One object is one road user: a cyclist's box of 0.3 where a pedestrian's of 0.8 stands, and
+    no box elsewhere."""
+    config = VoxelNetConfig.light(
+        SMALL_AREA, **road_users(select_anchors(("pedestrian", "cyclist")))
+    )
     rows = ((1.0, 0.0, 0.0, 0.0),) * 2
     config = replace(config, rivalry=(), known=rows, thresholds=(0.1, 0.1), rival_shares=(0.0, 0.4))
     at = np.array([0.0, 0.1, 5.0, 9.0, 9.1, 12.0, 12.1])
-    boxes = np.column_stack([at, np.zeros(7), np.ones(7), np.full((7, 3), (1.5, 0.6, 1.7)), np.zeros(7)])
+    boxes = np.column_stack(
+        [at, np.zeros(7), np.ones(7), np.full((7, 3), (1.5, 0.6, 1.7)), np.zeros(7)]
+    )
     labels = np.array([PEDESTRIAN, CYCLIST, CYCLIST, PEDESTRIAN, CYCLIST, PEDESTRIAN, CYCLIST])
     found = Detections(boxes, np.array([0.8, 0.3, 0.3, 0.8, 0.33, 0.2, 0.9]), labels)
     left = VoxelNetDetector(VoxelNet(config)).score_known(found)
-    assert left.boxes[:, 0].tolist() == at[[0, 2, 3, 4, 5, 6]].tolist()  # pedestrians have a share of 0
+    assert (
+        left.boxes[:, 0].tolist() == at[[0, 2, 3, 4, 5, 6]].tolist()
+    )  # pedestrians have a share of 0
     assert len(VoxelNetDetector(VoxelNet(config), score_threshold=0.05).score_known(found)) == 7
     assert VoxelNetDetector(VoxelNet(config)).at_known_site().rival_shares is None
-    bare = VoxelNetDetector(VoxelNet(replace(config, known=())))  # neither known nor rivalry: the share holds alone
+    # neither known nor rivalry: the share holds alone
+    bare = VoxelNetDetector(VoxelNet(replace(config, known=())))
     scores = torch.as_tensor([[0.8, 0.0], [0.0, 0.3], [0.0, 0.3]])
     kept = bare._finish(torch.as_tensor(boxes[:3]).float(), scores, np.zeros((0, 3), np.float32))
     assert sorted(kept.boxes[:, 0].tolist()) == [0.0, 5.0]
@@ -271,12 +305,16 @@ LARGE = {
 
 @pytest.mark.parametrize("case", LARGE)
 def test_one_large_object_has_one_label_where_the_header_names_no_shares(case):
-    """Weights of a user, whose header has no rival_shares: a van and a heavy vehicle at one place, a person next to
-    both, whom no rule of large vehicles drops or counts."""
+    """Weights of a user, whose header has no rival_shares: a van and a heavy vehicle at one place,
+    a person next to both, whom no rule of large vehicles drops or counts."""
     scores, kept = LARGE[case]
     labels = ("vehicle", "pedestrian", "heavy")
-    config = VoxelNetConfig.light(SMALL_AREA, **road_users(select_anchors(labels)), score_threshold=0.1)
-    boxes = np.array([[0, 0, 1, 4.5, 2, 2, 0], [0.5, 0, 1.5, 7, 2.4, 3, 0], [1.2, 0.9, 1, 0.6, 0.6, 1.7, 0]])
+    config = VoxelNetConfig.light(
+        SMALL_AREA, **road_users(select_anchors(labels)), score_threshold=0.1
+    )
+    boxes = np.array(
+        [[0, 0, 1, 4.5, 2, 2, 0], [0.5, 0, 1.5, 7, 2.4, 3, 0], [1.2, 0.9, 1, 0.6, 0.6, 1.7, 0]]
+    )
     logits = torch.zeros(3, 3)
     logits[[0, 1, 2], [0, 2, 1]] = torch.tensor([*scores, 0.95])
     detector = VoxelNetDetector(VoxelNet(config))
@@ -284,23 +322,38 @@ def test_one_large_object_has_one_label_where_the_header_names_no_shares(case):
     wanted = [label for label, stays in zip((VEHICLE, HEAVY), kept, strict=True) if stays]
     assert sorted(found.labels.tolist()) == sorted([*wanted, PEDESTRIAN])
     every = VoxelNetDetector(VoxelNet(replace(config, rival_shares=(0.0, 0.0, 0.0))))
-    assert len(every._finish(torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32))) == 3
+    assert (
+        len(every._finish(torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32)))
+        == 3
+    )
     cars = replace(config, kinds=(), labels=("vehicle",))
     assert VoxelNetDetector(VoxelNet(cars)).rival_shares is None
 
 
 def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeypatch):
-    """A cyclist where a surer pedestrian stands is dropped by its score there, whatever thresholds say elsewhere."""
+    """A cyclist where a surer pedestrian stands is dropped by its score there, whatever thresholds
+    say elsewhere."""
     rows = ((1.0, 1.0, 0.0, 0.0), (1.0, 0.0, 4.0, 0.0))
-    config = VoxelNetConfig.light(SMALL_AREA, **road_users(select_anchors(("pedestrian", "cyclist"))))
-    network = VoxelNet(replace(config, rivalry=(), known=rows, thresholds=(0.4, 0.3), known_thresholds=(0.5, 0.45)))
+    config = VoxelNetConfig.light(
+        SMALL_AREA, **road_users(select_anchors(("pedestrian", "cyclist")))
+    )
+    network = VoxelNet(
+        replace(config, rivalry=(), known=rows, thresholds=(0.4, 0.3), known_thresholds=(0.5, 0.45))
+    )
     detector = VoxelNetDetector(network)
     unsure = detector.at_known_site()
     assert (unsure.thresholds, detector.thresholds) == ((LEAST_KNOWN,) * 2, (0.4, 0.3))
     boxes = np.array(
-        [[0.0, 0, 1, 1, 1, 2, 0], [0.1, 0, 1, 1, 1, 2, 0], [5.0, 0, 1, 2, 1, 2, 0], [9.0, 0, 1, 1, 1, 2, 0]]
+        [
+            [0.0, 0, 1, 1, 1, 2, 0],
+            [0.1, 0, 1, 1, 1, 2, 0],
+            [5.0, 0, 1, 2, 1, 2, 0],
+            [9.0, 0, 1, 1, 1, 2, 0],
+        ]
     )
-    found = Detections(boxes, np.array([0.6, 0.7, 0.47, 0.2]), np.array([PEDESTRIAN, CYCLIST, CYCLIST, PEDESTRIAN]))
+    found = Detections(
+        boxes, np.array([0.6, 0.7, 0.47, 0.2]), np.array([PEDESTRIAN, CYCLIST, CYCLIST, PEDESTRIAN])
+    )
     left = detector.score_known(found)
     assert left.boxes.tolist() == boxes[[0, 2]].tolist()
     assert left.scores == pytest.approx([sigmoid(logit(0.6) + 1.0), 0.47])
@@ -324,18 +377,26 @@ def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeyp
 def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(monkeypatch, packed):
     middle = np.array([[0.0, 0.0, 0.0, 4.0, 4.0, 1.0, 0.0]])  # ground, which the empty site has too
     stands = Detections(middle, np.array([0.9]), np.array([VEHICLE]))
-    monkeypatch.setattr(second_stage, "detector_by_area", lambda *_: lambda area: lambda points: stands)
+    monkeypatch.setattr(
+        second_stage, "detector_by_area", lambda *_: lambda area: lambda points: stands
+    )
     assert [
-        len(found) for found, *_ in second_stage.detect_frames(VoxelNet(make_config(AREA, "fast")), packed, count=1)
+        len(found)
+        for found, *_ in second_stage.detect_frames(
+            VoxelNet(make_config(AREA, "fast")), packed, count=1
+        )
     ] == [1]
     assert [
         len(found)
-        for found, *_ in second_stage.detect_frames(VoxelNet(make_config(AREA, "fast")), packed, count=1, known=True)
+        for found, *_ in second_stage.detect_frames(
+            VoxelNet(make_config(AREA, "fast")), packed, count=1, known=True
+        )
     ] == [0]
 
 
 def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed):
-    """Everybody is a heavy vehicle with its cab found as a vehicle, half of the time; else a vehicle alone."""
+    """Everybody is a heavy vehicle with its cab found as a vehicle, half of the time; else a
+    vehicle alone."""
     rng = np.random.default_rng(0)
     frames = []
     for _ in range(12):
@@ -347,7 +408,9 @@ def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed)
         frames.append((Detections.merge([found, trucks[heavy]]), true, counted))
     monkeypatch.setattr(second_stage, "detect_frames", fake(frames))
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy")))
-    (_, _, own, from_heavy), (_, _, from_vehicle, _) = fit_calibration(network, packed).config.rivalry
+    (_, _, own, from_heavy), (_, _, from_vehicle, _) = fit_calibration(
+        network, packed
+    ).config.rivalry
     assert own == 0
     assert from_heavy > 4
     assert from_vehicle < 0.5
@@ -356,7 +419,9 @@ def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed)
 def test_flawless_detectors_stay_and_networks_get_a_second_stage(monkeypatch, packed):
     flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
     monkeypatch.setattr(second_stage, "detect_frames", fake(flawless))
-    assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (LEAST_SURE,)
+    assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (
+        LEAST_SURE,
+    )
     monkeypatch.setattr("models.training.second_stage.fit_faces", lambda networks, rows, seed: {})
     torch.manual_seed(0)
     network = VoxelNet(make_config(AREA, "fast"))
@@ -393,7 +458,9 @@ def examples(count, seed=0):
         for number, (sort, offset) in enumerate(zip(SORTS, face_offsets(box, truth), strict=True)):
             seen[sort].append(features[number])
             offsets[sort].append(offset.astype(np.float32))
-    return FaceExamples(*({sort: np.concatenate(rows) for sort, rows in each.items()} for each in (seen, offsets)))
+    return FaceExamples(
+        *({sort: np.concatenate(rows) for sort, rows in each.items()} for each in (seen, offsets))
+    )
 
 
 def test_training_repeats_and_needs_examples_that_are_near():
@@ -407,17 +474,25 @@ def test_training_repeats_and_needs_examples_that_are_near():
     for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(a, b)
     rows = examples(20)
-    far = FaceExamples(rows.features, {sort: np.full_like(each, 5.0) for sort, each in rows.offsets.items()})
+    far = FaceExamples(
+        rows.features, {sort: np.full_like(each, 5.0) for sort, each in rows.offsets.items()}
+    )
     assert fit_faces(FaceNetworks(), far, steps=1)["end before"] == pytest.approx(FARTHEST_FACE)
     rows = examples(3)
     with pytest.raises(ValueError, match="no examples of a side"):
-        fit_faces(FaceNetworks(), FaceExamples(rows.features, rows.offsets | {"side": np.zeros(0)}), steps=1)
+        fit_faces(
+            FaceNetworks(),
+            FaceExamples(rows.features, rows.offsets | {"side": np.zeros(0)}),
+            steps=1,
+        )
     rng = np.random.default_rng(0)
     boxes = np.tile([[5.0, 2, 0.9, 4.4, 1.8, 1.6, 0.3], [1, 1, 1.0, 0.6, 0.6, 1.8, 2.0]], (400, 1))
     off = off_at_random(boxes, rng)
     np.testing.assert_allclose(off[:, 2] - off[:, 5] / 2, boxes[:, 2] - boxes[:, 5] / 2)
     deviation = (off - boxes)[::2].std(axis=0)
-    np.testing.assert_allclose(deviation[[0, 1, 3, 4, 5]], [0.1, 0.1, 0.264, 0.126, 0.08], rtol=0.12)
+    np.testing.assert_allclose(
+        deviation[[0, 1, 3, 4, 5]], [0.1, 0.1, 0.264, 0.126, 0.08], rtol=0.12
+    )
     assert (off - boxes)[1::2, :2].std() == pytest.approx(0.1 / 3, rel=0.12)
     assert (np.cos(off[:, 6] - boxes[:, 6]) < 0).mean() == pytest.approx(0.1, abs=0.03)
 
@@ -430,4 +505,6 @@ def test_examples_are_of_the_objects_asked_for(packed):
     assert {0, 3} == set(both.features["end"][:, -4:].argmax(axis=1).tolist())
     again = face_examples(packed, None, ("vehicle",), count=4)
     np.testing.assert_array_equal(again.features["side"], vehicles.features["side"])
-    assert len(face_examples(packed, None, ("vehicle",), count=2).offsets["end"]) < len(vehicles.offsets["end"])
+    assert len(face_examples(packed, None, ("vehicle",), count=2).offsets["end"]) < len(
+        vehicles.offsets["end"]
+    )

@@ -1,4 +1,5 @@
-"""Average precision of a network in training: it counts what lies in the area, and disturbs nothing."""
+"""Average precision of a network in training: it counts what lies in the area, and disturbs
+nothing."""
 
 from dataclasses import replace
 from functools import partial
@@ -71,13 +72,19 @@ def test_every_class_of_the_network_has_figures(monkeypatch, packed):
 
         def __call__(self, points):
             objects = packed.objects(next(frames))
-            named = np.where(objects.labels == 3, 3, 1)  # the heavy ones rightly, vehicles as cyclists
+            # the heavy ones rightly, vehicles as cyclists
+            named = np.where(objects.labels == 3, 3, 1)
             return Detections(objects.boxes, np.full(len(objects), 0.9), named)
 
     monkeypatch.setattr("models.training.second_stage.VoxelNetDetector", Detector)
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
     heavy = {f"heavy AP@{threshold:g}": 1.0 for threshold in (0.25, 0.5, 0.7)}
-    assert average_precision(network, packed) == {"AP@0.7": 0.0, "AP@0.8": 0.0, "AP@0.9": 0.0, **heavy}
+    assert average_precision(network, packed) == {
+        "AP@0.7": 0.0,
+        "AP@0.8": 0.0,
+        "AP@0.9": 0.0,
+        **heavy,
+    }
 
 
 def test_detectors_are_kept_for_a_few_areas_alone(monkeypatch):

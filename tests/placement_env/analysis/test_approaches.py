@@ -53,18 +53,23 @@ def test_approaches_of_junctions_with_or_without_a_network():
 
 
 @pytest.mark.parametrize(
-    ("offset", "name"), [((0, 1), "north"), ((1, 0), "east"), ((1, -1), "south-east"), ((-1, 0.1), "west")]
+    ("offset", "name"),
+    [((0, 1), "north"), ((1, 0), "east"), ((1, -1), "south-east"), ((-1, 0.1), "west")],
 )
 def test_compass_of_a_site_that_lies_as_its_map(offset, name):
     assert compass(Site("a", np.array([-1.0, -1, 1, 1])), np.array(offset, float)) == name
 
 
 def network(*edges, area=(-90.0, -90.0, 90.0, 90.0), more="", **nodes):
-    """A site whose edges, named by their ends, run through nodes, straight from each to the next. more: of the file."""
+    """A site whose edges, named by their ends, run through nodes, straight from each to the next.
+    more: of the file."""
     rows = []
     for path in edges:
         shape = " ".join(f"{nodes[node][0]},{nodes[node][1]}" for node in path)
-        rows.append(f'<edge id="{path}" from="{path[0]}" to="{path[-1]}"><lane id="{path}_0" shape="{shape}"/></edge>')
+        rows.append(
+            f'<edge id="{path}" from="{path[0]}" to="{path[-1]}"><lane id="{path}_0" '
+            f'shape="{shape}"/></edge>'
+        )
     return Site("drawn", np.array(area), network=f"<net>{''.join(rows)}{more}</net>")
 
 
@@ -75,15 +80,32 @@ def test_streets_that_only_lead_away_make_a_junction_too():
 
 
 def test_an_approach_reaches_back_to_the_junction_before_and_no_further():
-    far = {"X": (-40, 60), "K": (-40, 0), "M": (-20, 0), "J": (0, 0), "Y": (-60, 0), "P": (20, 0), "Q": (0, 20)}
+    far = {
+        "X": (-40, 60),
+        "K": (-40, 0),
+        "M": (-20, 0),
+        "J": (0, 0),
+        "Y": (-60, 0),
+        "P": (20, 0),
+        "Q": (0, 20),
+    }
     places = find_approaches(network("XK", "KM", "MJ", "KY", "JP", "JQ", **far))
     assert at(places, -30.0, 0.0) == at(places, -10.0, 0.0) == "from the west to junction 1"
     assert at(places, -40.0, 30.0) == "from the north to junction 2"
 
 
 def test_headings_are_from_the_far_end_of_bent_approaches_of_several_edges():
-    """From B the road runs east, then north to the junction: B lies to its south-west, the bend to its south."""
-    nodes = {"A": (-60, -60), "B": (-60, -40), "C": (-20, -40), "D": (0, -40), "J": (0, 0), "P": (20, 0), "Q": (0, 20)}
+    """From B the road runs east, then north to the junction: B lies to its south-west, the bend to
+    its south."""
+    nodes = {
+        "A": (-60, -60),
+        "B": (-60, -40),
+        "C": (-20, -40),
+        "D": (0, -40),
+        "J": (0, 0),
+        "P": (20, 0),
+        "Q": (0, 20),
+    }
     places = find_approaches(network("AB", "BC", "CDJ", "JP", "JQ", **nodes))
     assert places.names == ("from the south-west", "leaving the junction", "parked")
     assert at(places, -60.0, -50.0) == at(places, 0.0, -20.0) == "from the south-west"
@@ -110,14 +132,27 @@ def test_places_are_named_after_their_streets_and_lanes_of_one_point_are_none():
         '<edge id=":J" function="internal"><lane id=":J_0" shape="0,0 1,1"/></edge>'
     )
     places = find_approaches(network(more=roads))
-    assert places.names == ("Elm Road, from the west", "leaving the junction", "inside the junction", "parked")
+    assert places.names == (
+        "Elm Road, from the west",
+        "leaving the junction",
+        "inside the junction",
+        "parked",
+    )
     assert at(places, 1.0, 1.0) == "inside the junction"
 
 
 def test_junctions_are_named_by_their_places_in_the_area():
-    """The nodes of the roundabout lie 20 m from the middle, (100, 0), and the crossing 50 m. Two roads make the first
-    a junction, three the second."""
-    nodes = {"R": (80, 0), "S": (120, 0), "T": (100, 20), "U": (100, -20), "J": (150, 0), "V": (150, 40), "W": (190, 0)}
+    """The nodes of the roundabout lie 20 m from the middle, (100, 0), and the crossing 50 m. Two
+    roads make the first a junction, three the second."""
+    nodes = {
+        "R": (80, 0),
+        "S": (120, 0),
+        "T": (100, 20),
+        "U": (100, -20),
+        "J": (150, 0),
+        "V": (150, 40),
+        "W": (190, 0),
+    }
     ring = '<roundabout nodes="R S T U" edges="RT TS"/>' + "".join(
         f'<junction id="{name}" x="{x}" y="{y}"/>' for name, (x, y) in nodes.items()
     )
@@ -144,17 +179,24 @@ def test_junctions_are_named_by_their_places_in_the_area():
 
 @pytest.mark.parametrize("bare", ['x="0"', 'y="0"', ""])
 def test_a_junction_without_a_coordinate_lies_at_nought_there(bare):
-    """In the middle of the area, so it is the first of two; at 1 m along any axis it would be the second."""
+    """In the middle of the area, so it is the first of two; at 1 m along any axis it would be the
+    second."""
     nodes = {"J": (0, 0), "K": (0.5, 0.5), "A": (-40, 0), "B": (40, 0), "C": (0, -40), "D": (0, 40)}
     more = f'<junction id="J" {bare}/><junction id="K" x="0.5" y="0.5"/>'
     places = find_approaches(network("AJ", "JB", "JC", "DK", "KB", "KC", more=more, **nodes))
-    assert places.names[:2] == ("from the north to the middle junction 2", "from the west to the middle junction 1")
+    assert places.names[:2] == (
+        "from the north to the middle junction 2",
+        "from the west to the middle junction 1",
+    )
 
 
 def test_a_vehicle_is_parked_within_a_metre_and_a_half_of_a_bay():
     lane = shapely.LineString([(0, 0), (10, 0)])
     places = Approaches(("lane", "parked"), (lane,), np.array([[5.0, 0.0, 0.3], [5.0, 40.0, 0.0]]))
-    assert [at(places, x, y) for x, y in ((6.5, 0), (6.6, 0), (5, 41.5), (5, 30))] == ["parked", "lane"] * 2
+    assert [at(places, x, y) for x, y in ((6.5, 0), (6.6, 0), (5, 41.5), (5, 30))] == [
+        "parked",
+        "lane",
+    ] * 2
 
 
 def test_streets_of_the_area_are_named_by_their_side_of_its_middle():
@@ -168,9 +210,17 @@ def test_streets_of_the_area_are_named_by_their_side_of_its_middle():
     )
     places = find_streets(network(more=roads, area=(50.0, -50.0, 150.0, 50.0)))
     assert places.names == (
-        *("Elm Road in the east", "Elm Road in the west", "the junction", "the road in the north", "parked"),
+        *(
+            "Elm Road in the east",
+            "Elm Road in the west",
+            "the junction",
+            "the road in the north",
+            "parked",
+        ),
     )
-    assert [at(places, x, y) for x, y in ((140, 1), (60, 1), (100, 0), (101, 30))] == list(places.names[:4])
+    assert [at(places, x, y) for x, y in ((140, 1), (60, 1), (100, 0), (101, 30))] == list(
+        places.names[:4]
+    )
     assert [lane.length for lane in places.lanes] == [49.0, 49.0, 2.0, 48.0]
     assert places.locate(np.zeros((1, 7))).tolist() == [1]
     nothing = find_streets(Site("bare", np.array([-10.0, -10.0, 10.0, 10.0])))

@@ -25,7 +25,8 @@ pytestmark = pytest.mark.usefixtures("blocks_of_four")
 
 
 def measured(frames, seed, levels=20):
-    """Random detections: many equal scores, frames without truths, without detections and with false alarms only."""
+    """Random detections: many equal scores, frames without truths, without detections and with
+    false alarms only."""
     rng = np.random.default_rng(seed)
     to_find = rng.integers(0, 6, frames).tolist()
     scores, hits = [], []
@@ -37,12 +38,15 @@ def measured(frames, seed, levels=20):
 
 
 def ap_interval(scores, hits, to_find, *, confidence=0.95, **drawing):
-    tally = Tally.of_frames([np.array(each) for each in scores], [np.array(each, bool) for each in hits], to_find)
+    tally = Tally.of_frames(
+        [np.array(each) for each in scores], [np.array(each, bool) for each in hits], to_find
+    )
     return percentiles(tally.resamples(**drawing), confidence=confidence)
 
 
 def slow_ap_resamples(scores, hits, to_find, draws):
-    """One resample after the other: the frames that were drawn, put together as often as they were, and scored."""
+    """One resample after the other: the frames that were drawn, put together as often as they were,
+    and scored."""
     figures = []
     for row in draws:
         drawn = [k for k, times in enumerate(row) for _ in range(times)]
@@ -54,7 +58,9 @@ def slow_ap_resamples(scores, hits, to_find, draws):
     return np.array(figures)
 
 
-@pytest.mark.parametrize(("frames", "block", "seed"), [(1, 4, 0), (3, 1, 1), (6, 4, 2), (23, 4, 3), (40, 5, 4)])
+@pytest.mark.parametrize(
+    ("frames", "block", "seed"), [(1, 4, 0), (3, 1, 1), (6, 4, 2), (23, 4, 3), (40, 5, 4)]
+)
 def test_resamples_are_those_of_an_oracle_that_takes_one_after_the_other(frames, block, seed):
     scores, hits, to_find = measured(frames, seed)
     draws = block_draws(frames, block=block, resamples=50, seed=seed)
@@ -108,7 +114,9 @@ def test_blocks_ratios_and_percentiles_of_what_is_defined():
     assert np.isnan(ratio_interval(found[:36], there[:36])).all()  # nine blocks
     assert figure_interval(0.1, np.full(9, 0.5), blocks=12) == Interval(0.1, 0.5)
     assert figure_interval(0.9, np.full(9, 0.5), blocks=12) == Interval(0.5, 0.9)
-    assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(1.0, 3.0)
+    assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(
+        1.0, 3.0
+    )
     with pytest.raises(ValueError, match="one part and one whole per frame"):
         ratio_interval([1.0, 2.0], [1.0])
     for settings in ({"block": 0}, {"resamples": 0}):
@@ -124,7 +132,10 @@ def test_refuses_confidence(confidence):
 
 def test_tallies_of_frames_cover_as_often_as_they_say():
     tally = Tally(
-        np.array([0.9, 0.8, 0.7, 0.6]), np.array([True, False, True, True]), np.array([2, 0, 0, 2]), np.array([1, 0, 3])
+        np.array([0.9, 0.8, 0.7, 0.6]),
+        np.array([True, False, True, True]),
+        np.array([2, 0, 0, 2]),
+        np.array([1, 0, 3]),
     )
     assert np.isnan(tally.interval(seed=3)).all()  # one block
     assert tally.ap == pytest.approx(0.25 + 0.5 * 0.75)
@@ -136,7 +147,12 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     assert np.isnan(silent.precision)
     bits = np.array([96])
     outcomes = [
-        Outcome(np.array([0.9, 0.8, 0.7]), np.array([[0, FALSE_ALARM, IGNORED], [FALSE_ALARM] * 3]), bits, np.zeros(3)),
+        Outcome(
+            np.array([0.9, 0.8, 0.7]),
+            np.array([[0, FALSE_ALARM, IGNORED], [FALSE_ALARM] * 3]),
+            bits,
+            np.zeros(3),
+        ),
         Outcome(np.array([0.6]), np.array([[1], [IGNORED]]), bits, np.zeros(1)),
     ]
     tally = Tally.of(outcomes, np.array([1, 2]), 0)
@@ -145,30 +161,39 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     assert (tally.recall, tally.precision) == pytest.approx((2 / 3, 2 / 3))
     assert Tally.of(outcomes, np.array([1, 2]), 1).hit.tolist() == [False, False, False]
     # Wilson's interval where all blocks agree, for a quarter of the vehicles: they live four frames
-    perfect = Tally(np.full(80, 0.9), np.ones(80, bool), np.repeat(np.arange(40), 2), np.full(40, 2))
+    perfect = Tally(
+        np.full(80, 0.9), np.ones(80, bool), np.repeat(np.arange(40), 2), np.full(40, 2)
+    )
     low, high = perfect.interval()
     assert [low, high] == pytest.approx([20 / (20 + norm.ppf(0.975) ** 2), 1.0])
     none = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.full(40, 2))
     assert none.interval() == pytest.approx((0.0, 1 - low))
-    # 200 recordings of independent blocks, of which the vehicles of one are found or missed together.
+    # 200 recordings of independent blocks, of which the vehicles of one are found or missed
+    # together.
     rng, covered = np.random.default_rng(0), 0
     for seed in range(200):
         found = np.repeat(rng.random(50) < 0.7, 4)
         draws = block_draws(200, resamples=200, seed=seed)
         low, high = ap_interval(
-            [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 200, draws=draws
+            [[0.9] * int(f) for f in found],
+            [[True] * int(f) for f in found],
+            [1] * 200,
+            draws=draws,
         )
         covered += low <= 0.7 <= high
     assert 0.9 <= covered / 200 <= 0.99
     found = np.repeat(np.random.default_rng(0).random(25) < 0.7, 4)
     values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
-    (low, high), (low_of_1, high_of_1) = (ap_interval(*values, draws=block_draws(100, block=n)) for n in (4, 1))
+    (low, high), (low_of_1, high_of_1) = (
+        ap_interval(*values, draws=block_draws(100, block=n)) for n in (4, 1)
+    )
     assert high - low > 1.5 * (high_of_1 - low_of_1)
 
 
 @pytest.mark.parametrize("blocks", [10, 15, 30])
 def test_few_blocks_are_covered_as_often_as_many(blocks):
-    """Means of normal blocks, whose interval by Student's t is known: coverage is 95 % but for chance."""
+    """Means of normal blocks, whose interval by Student's t is known: coverage is 95 % but for
+    chance."""
     rng, covered, trials = np.random.default_rng(blocks), 0, 1000
     draws = draws_of_blocks(np.arange(blocks), resamples=2000) / blocks
     for _ in range(trials):
@@ -195,11 +220,23 @@ def test_frames_grow_with_the_square_of_the_width(width, frames):
 
 def test_seeds_and_confidences_are_handed_on_and_are_0_unless_given():
     tally = Tally.of_frames(*measured(60, 7))
-    assert tally.resamples().tolist() == tally.resamples(seed=0).tolist() != tally.resamples(seed=1).tolist()
+    assert (
+        tally.resamples().tolist()
+        == tally.resamples(seed=0).tolist()
+        != tally.resamples(seed=1).tolist()
+    )
     assert block_draws(60).tolist() == block_draws(60, seed=0).tolist()
     blocks = np.arange(60) // 4
-    assert draws_of_blocks(blocks).tolist() == draws_of_blocks(blocks, seed=0).tolist() == block_draws(60).tolist()
-    assert draws_of_blocks(blocks, seed=2).tolist() == block_draws(60, seed=2).tolist() != block_draws(60).tolist()
+    assert (
+        draws_of_blocks(blocks).tolist()
+        == draws_of_blocks(blocks, seed=0).tolist()
+        == block_draws(60).tolist()
+    )
+    assert (
+        draws_of_blocks(blocks, seed=2).tolist()
+        == block_draws(60, seed=2).tolist()
+        != block_draws(60).tolist()
+    )
     parts, wholes = np.arange(60.0) % 7, np.arange(60.0) % 11 + 1.0
     assert ratio_interval(parts, wholes) == ratio_interval(parts, wholes, seed=0)
     assert ratio_interval(parts, wholes) != ratio_interval(parts, wholes, seed=1)
@@ -218,7 +255,9 @@ def test_draws_without_anything_count_for_nothing():
     parts[:4], wholes[:4] = 1.0, 2.0
     assert ratio_interval(parts, wholes) == Interval(0.5, 0.5)
     one = Tally(np.array([0.5]), np.array([True]), np.array([0]), np.array([1, 0]))
-    assert one.resamples(draws=np.array([[1, 0], [0, 2]])) == pytest.approx([1.0, np.nan], nan_ok=True)
+    assert one.resamples(draws=np.array([[1, 0], [0, 2]])) == pytest.approx(
+        [1.0, np.nan], nan_ok=True
+    )
 
 
 @pytest.mark.parametrize(("found", "confidence"), [(45, 0.95), (10, 0.95), (45, 0.8)])
@@ -226,8 +265,11 @@ def test_ends_where_all_draws_agree_are_wilsons(found, confidence):
     """Of 200 objects that live four frames, 50 are independent."""
     wanted = binomtest(found, 50).proportion_ci(confidence, method="wilson")
     given = {"blocks": 12, "objects": 200, "confidence": confidence}
-    assert figure_interval(found / 50, np.full(9, found / 50), **given) == pytest.approx((wanted.low, wanted.high))
-    # where they do not agree, or nothing is known of objects, it is the share of the draws that counts
+    assert figure_interval(found / 50, np.full(9, found / 50), **given) == pytest.approx(
+        (wanted.low, wanted.high)
+    )
+    # where they do not agree, or nothing is known of objects, it is the share of the draws that
+    # counts
     spread = np.linspace(0.2, 0.3, 1001)
     assert figure_interval(0.25, spread, **given) == percentiles(spread, 12, confidence=confidence)
     assert figure_interval(0.5, np.full(9, 0.5), blocks=12) == Interval(0.5, 0.5)

@@ -23,7 +23,9 @@ from placement_env.analysis.worth import (
 from placement_env.subsets import all_subsets
 
 set_functions = st.builds(
-    lambda n, seed: np.random.default_rng(seed).uniform(-1, 1, 2**n), st.integers(1, 8), st.integers(0, 2**32 - 1)
+    lambda n, seed: np.random.default_rng(seed).uniform(-1, 1, 2**n),
+    st.integers(1, 8),
+    st.integers(0, 2**32 - 1),
 )
 
 
@@ -54,7 +56,12 @@ def synergy_by_sum(values):
         for s in range(n - 1):
             for chosen in combinations(others, s):
                 base = bits(chosen)
-                joint = values[base | 1 << i | 1 << j] - values[base | 1 << i] - values[base | 1 << j] + values[base]
+                joint = (
+                    values[base | 1 << i | 1 << j]
+                    - values[base | 1 << i]
+                    - values[base | 1 << j]
+                    + values[base]
+                )
                 index[i, j] += joint / ((n - 1) * comb(n - 2, s))
     return index
 
@@ -122,13 +129,18 @@ def test_a_dummy_gets_what_it_adds_alone_and_has_no_synergy(values, alone):
 @given(set_functions, st.floats(-2, 2), st.floats(-2, 2), st.integers(0, 2**32 - 1))
 def test_additivity(values, a, b, seed):
     others = np.random.default_rng(seed).uniform(-1, 1, len(values))
-    assert shapley(a * values + b * others) == pytest.approx(a * shapley(values) + b * shapley(others), abs=1e-11)
-    assert synergy(a * values + b * others) == pytest.approx(a * synergy(values) + b * synergy(others), abs=1e-11)
+    assert shapley(a * values + b * others) == pytest.approx(
+        a * shapley(values) + b * shapley(others), abs=1e-11
+    )
+    assert synergy(a * values + b * others) == pytest.approx(
+        a * synergy(values) + b * synergy(others), abs=1e-11
+    )
 
 
 @given(set_functions)
 def test_synergy_is_what_a_sensor_takes_from_another_when_it_goes(values):
-    # I(i, j) = value of i with j always there - value of i with j never there (Grabisch and Roubens' recursion).
+    # I(i, j) = value of i with j always there - value of i with j never there (Grabisch and
+    # Roubens' recursion).
     n = len(values).bit_length() - 1
     sets = all_subsets(n)
     for j in range(n):
@@ -147,7 +159,10 @@ def test_degenerate_numbers_of_sensors(n):
     ("values", "message"),
     [
         *((np.zeros(0), "2\\^n sets"), (np.zeros(63), "got 63")),
-        *((np.array([0, 0.5, np.nan, 0.7]), r"set \[1\] is not"), (np.zeros(2**17), "at most 16 sensors, got 17")),
+        *(
+            (np.array([0, 0.5, np.nan, 0.7]), r"set \[1\] is not"),
+            (np.zeros(2**17), "at most 16 sensors, got 17"),
+        ),
     ],
 )
 def test_refuses(values, message):
@@ -168,7 +183,10 @@ def test_williams_square(n):
 @pytest.mark.parametrize("n", [2, 5, 6])
 def test_sampling_is_unbiased(n):
     values = np.random.default_rng(n).uniform(size=2**n)
-    exact, sampled = exact_worth(as_function(values), n), estimate_worth(as_function(values), n, rounds=3000)
+    exact, sampled = (
+        exact_worth(as_function(values), n),
+        estimate_worth(as_function(values), n, rounds=3000),
+    )
     assert sampled.shapley == pytest.approx(exact.shapley, abs=0.01)
     assert sampled.synergy == pytest.approx(exact.synergy, abs=0.03)
     assert sampled.evaluations <= 2**n
@@ -184,8 +202,13 @@ def test_margins_are_students_over_the_rounds():
                 before = bits(order[:k])
                 gains[r, i] += (values[before | 1 << i] - values[before]) / len(orders)
                 for j in order[k + 1 : k + 2]:
-                    joint = values[before | 1 << i | 1 << j] - values[before | 1 << i] - values[before | 1 << j]
-                    pairs[r, [i, j], [j, i]] += (joint + values[before]) / 2  # two are neighbours twice a round
+                    joint = (
+                        values[before | 1 << i | 1 << j]
+                        - values[before | 1 << i]
+                        - values[before | 1 << j]
+                    )
+                    # two are neighbours twice a round
+                    pairs[r, [i, j], [j, i]] += (joint + values[before]) / 2
     worth = estimate_worth(as_function(values), n, rounds=rounds, confidence=0.9, seed=5)
     scale = student.ppf(0.95, rounds - 1) / np.sqrt(rounds)
     for found, margin, each in (
@@ -206,7 +229,9 @@ def test_samples_share_out_everything_and_repeat_with_their_seed(values, seed):
     assert worth.synergy_margin.tobytes() == again.synergy_margin.tobytes()
 
 
-@pytest.mark.parametrize("wrong", [{"rounds": 7}, {"confidence": 1.0}, {"confidence": 0.0}, {"sensors": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"rounds": 7}, {"confidence": 1.0}, {"confidence": 0.0}, {"sensors": 0}]
+)
 def test_sampling_refuses(wrong):
     with pytest.raises(ValueError, match="at least 8 rounds"):
         estimate_worth(lambda sets: np.zeros(len(sets)), **({"sensors": 3} | wrong))
@@ -221,7 +246,9 @@ def test_worth_of_tables_and_its_intervals():
     alike = [f"pole{k:02}" for k in range(40)]
     equal = Worth(np.repeat([0.01, 0.02], 20), np.eye(40), np.zeros(40), np.zeros((40, 40)), 1)
     rows = [line.split()[0] for line in format_worth(equal, alike).splitlines()[1:]]
-    assert [row for row in rows if row in alike] == alike[20:] + alike[:20]  # equal ones in their order
+    assert [row for row in rows if row in alike] == alike[20:] + alike[
+        :20
+    ]  # equal ones in their order
     share = np.array([0.4, 0.3, 0.2, 0.1])
     chosen = np.array([True, True, False, True])
     one = failures(lambda sets: sets @ share, chosen)
@@ -254,13 +281,16 @@ def test_worth_of_tables_and_its_intervals():
 
 @pytest.mark.parametrize("failing", [0, 3])
 def test_failures_refuse(failing):
-    with pytest.raises(ValueError, match=f"all 2 sensors of the set can fail, got failing={failing}"):
+    with pytest.raises(
+        ValueError, match=f"all 2 sensors of the set can fail, got failing={failing}"
+    ):
         failures(lambda sets: np.zeros(len(sets)), np.array([True, True, False]), failing=failing)
 
 
 def test_orders_are_those_of_seed_0_unless_given():
     values = as_function(np.random.default_rng(3).uniform(size=32))
     usual, *others = (
-        estimate_worth(values, 5, rounds=8, **seed).shapley.tolist() for seed in ({}, {"seed": 0}, {"seed": 1})
+        estimate_worth(values, 5, rounds=8, **seed).shapley.tolist()
+        for seed in ({}, {"seed": 0}, {"seed": 1})
     )
     assert (usual == others[0], usual == others[1]) == (True, False)

@@ -1,4 +1,5 @@
-"""Candidates are found by factors, counted by mount, selected in order; sensors look where they are aimed."""
+"""Candidates are found by factors, counted by mount, selected in order; sensors look where they are
+aimed."""
 
 from dataclasses import replace
 
@@ -15,7 +16,9 @@ from toolkit.sites.site import Mount, Site
 
 def square() -> Site:
     """A 40 m square with three mounts along its southern edge, each dearer than the one before."""
-    stand = tuple(Mount(f"p{i}", np.array([10.0 * i - 10.0, -20.0, 0.5]), price=1.0 + i) for i in range(3))
+    stand = tuple(
+        Mount(f"p{i}", np.array([10.0 * i - 10.0, -20.0, 0.5]), price=1.0 + i) for i in range(3)
+    )
     return Site("square", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=stand)
 
 
@@ -29,12 +32,22 @@ def sets(candidates: Candidates, *chosen: tuple[int, ...]) -> np.ndarray:
 def test_candidates_are_counted_selected_and_look_along_their_axis():
     candidates = pool(square(), headings=4)
     assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
-    assert candidates.at(3, 0, 0, 0, 0) == candidates.at(-1, 0, 1, 0, 0) == candidates.at(0, 99, 1, 0, 0) == -1
-    assert candidates.at(np.array([[0], [99]]), 0, 1, 0, 0).tolist() == [[candidates.at(0, 0, 1, 0, 0)], [-1]]
+    assert (
+        candidates.at(3, 0, 0, 0, 0)
+        == candidates.at(-1, 0, 1, 0, 0)
+        == candidates.at(0, 99, 1, 0, 0)
+        == -1
+    )
+    assert candidates.at(np.array([[0], [99]]), 0, 1, 0, 0).tolist() == [
+        [candidates.at(0, 0, 1, 0, 0)],
+        [-1],
+    ]
     assert candidates.select([]).at(0, 0, 0, 0, 0) == -1
     candidates = pool(square(), headings=4, blind=True)
     first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
-    subsets = sets(candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0]))
+    subsets = sets(
+        candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0])
+    )
     assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
     assert candidates.prices[third[0]] == 3.0
     assert candidates.capacity[third[0]] == 2000.0
@@ -51,7 +64,12 @@ def test_candidates_are_counted_selected_and_look_along_their_axis():
     assert [len(each) for each in aims([])] == [0, 0]
     good = pool(square())
     twice = (good.sensors[0], *good.sensors[:-1])
-    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"factors": good.factors + 1}, {"mounts": ()}):
+    for broken in (
+        {"sensors": good.sensors[1:]},
+        {"sensors": twice},
+        {"factors": good.factors + 1},
+        {"mounts": ()},
+    ):
         with pytest.raises(ValueError):
             replace(good, **broken)
     assert find_repeat(["a", "b", "c", "b", "a"]) == "b"

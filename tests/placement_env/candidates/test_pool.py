@@ -30,7 +30,10 @@ BUILT_IN = {"tjunction": 6, "roundabout": 8}
 
 
 def square(mounts: int = 3, **changes) -> Site:
-    stand = tuple(Mount(f"p{i}", np.array([10.0 * i - 10.0, -20.0, 0.5]), price=1.0 + i) for i in range(mounts))
+    stand = tuple(
+        Mount(f"p{i}", np.array([10.0 * i - 10.0, -20.0, 0.5]), price=1.0 + i)
+        for i in range(mounts)
+    )
     return Site("square", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=stand, **changes)
 
 
@@ -43,7 +46,12 @@ def built_in_pools() -> dict[str, Candidates]:
 def test_paper_sensors_are_the_sites_own_each_on_its_own_mount(name):
     site = load_site(name)
     candidates = paper_candidates(site)
-    assert len(candidates) == BUILT_IN[name] == len(candidates.mounts) == len({m.name for m in candidates.mounts})
+    assert (
+        len(candidates)
+        == BUILT_IN[name]
+        == len(candidates.mounts)
+        == len({m.name for m in candidates.mounts})
+    )
     assert candidates.sensors == site.sensors
     for sensor, mount in zip(candidates.sensors, candidates.mounts, strict=True):
         assert np.hypot(*(sensor.position - mount.position)[:2]) <= ON_ITS_MOUNT
@@ -59,16 +67,20 @@ def test_sensors_of_either_model_have_mounts_wherever_they_stand():
     assert mount.position.tolist() == [5.0, 5.0, 0.0]
     assert mount.max_height == 12.0
     script = (
-        "from placement_env.candidates.candidates import pool; from toolkit.sites.files import load_site;"
-        "print(pool(load_site('tjunction')).select(range(99)).digest())"
+        "from placement_env.candidates.candidates import pool; from toolkit.sites.files import "
+        "load_site;print(pool(load_site('tjunction')).select(range(99)).digest())"
     )
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
+    told = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout.strip()
     assert told == pool(load_site("tjunction")).select(range(99)).digest()
     for seed in range(2):
         candidates = paper_candidates(random_site(seed))
         heading, tilt, model = candidates.factors.T[2:]
         rebuilt = [
-            look(s.position, float(y), float(t)) if isinstance(m, DepthCamera) else pose(*s.position, yaw=y, pitch=t)
+            look(s.position, float(y), float(t))
+            if isinstance(m, DepthCamera)
+            else pose(*s.position, yaw=y, pitch=t)
             for s, y, t, m in zip(
                 candidates.sensors,
                 candidates.axes.headings[heading],
@@ -93,24 +105,35 @@ def test_built_in_pools_have_40_mounts_and_2000_poses_in_range(built_in_pools, n
             for s, m in zip(candidates.sensors, candidates.mount, strict=True)
         ]
     )
-    low, high = np.array([[m.min_height, m.max_height] for m in candidates.mounts])[candidates.mount].T
+    low, high = np.array([[m.min_height, m.max_height] for m in candidates.mounts])[
+        candidates.mount
+    ].T
     assert ((low - 1e-9 <= height) & (height <= high + 1e-9)).all()
     assert len(np.unique([s.pose for s in candidates.sensors], axis=0)) == len(candidates)
 
 
 def test_each_pose_is_what_its_factors_say_on_mounts_outside_keep_out_areas():
     lidar = SpinningLidar(channels=4, azimuth_step=0.2, azimuth_fov=2.0)
-    candidates = pool(square(), heights=(4.0, 6.0), headings=5, tilts=(0.1, 0.4), models=(DepthCamera(), lidar))
+    candidates = pool(
+        square(), heights=(4.0, 6.0), headings=5, tilts=(0.1, 0.4), models=(DepthCamera(), lidar)
+    )
     for sensor, (m, h, y, t, k) in zip(candidates.sensors, candidates.factors, strict=True):
         at = candidates.mounts[m].position + np.array([0.0, 0.0, candidates.axes.heights[h]])
         heading, tilt = float(candidates.axes.headings[y]), float(candidates.axes.tilts[t])
-        expected = look(at, heading, tilt) if k == 0 else pose(*map(float, at), yaw=heading, pitch=tilt)
+        expected = (
+            look(at, heading, tilt) if k == 0 else pose(*map(float, at), yaw=heading, pitch=tilt)
+        )
         assert np.allclose(sensor.pose, expected)
         assert sensor.model == candidates.axes.models[k]
     candidates = pool(square(), keep_out=[shapely.box(-1.0, -30.0, 30.0, 0.0)])
     assert [mount.name for mount in candidates.mounts] == ["p0"]
-    mounts = (Mount("low", np.zeros(3), 3.0, 4.0), Mount("tall", np.array([1.0, 0.0, 0.0]), 7.0, 20.0))
-    candidates = pool(square(), mounts=mounts, heights=(4.5, 6.0, 9.0), headings=1, tilts=(0.0,), blind=True)
+    mounts = (
+        Mount("low", np.zeros(3), 3.0, 4.0),
+        Mount("tall", np.array([1.0, 0.0, 0.0]), 7.0, 20.0),
+    )
+    candidates = pool(
+        square(), mounts=mounts, heights=(4.5, 6.0, 9.0), headings=1, tilts=(0.0,), blind=True
+    )
     assert [s.name for s in candidates.sensors] == [
         *("low_4.0m_h0_t0_camera", "tall_7.0m_h0_t0_camera", "tall_9.0m_h0_t0_camera")
     ]
@@ -126,7 +149,9 @@ def test_blind_poses_go_and_models_are_free():
     assert some.at(0, 0, 6, 0, 0) == -1
     assert every.sensors[every.at(0, 0, 6, 0, 0)].name == "p0_6.0m_h270_t6_camera"
     models = (DepthCamera(), DepthCamera(fov=1.0), SpinningLidar(channels=2))
-    candidates = pool(square(1), headings=720, heights=(6.0,), tilts=(0.2,), models=models, blind=True)
+    candidates = pool(
+        square(1), headings=720, heights=(6.0,), tilts=(0.2,), models=models, blind=True
+    )
     assert len({s.name for s in candidates.sensors}) == len(candidates) == 720 * 3
     assert candidates.sensors[3].name == "p0_6.0m_h0.5_t11_camera0"
     assert candidates.sensors[5].name == "p0_6.0m_h0.5_t11_lidar"
@@ -147,10 +172,18 @@ def test_blind_poses_go_and_models_are_free():
 @pytest.mark.parametrize(
     "change",
     [
-        *({"heights": (4.0,)}, {"headings": 9}, {"tilts": (0.1,)}, {"models": (DepthCamera(sigma=0.02),)}),
+        *(
+            {"heights": (4.0,)},
+            {"headings": 9},
+            {"tilts": (0.1,)},
+            {"models": (DepthCamera(sigma=0.02),)},
+        ),
         {"mounts": tuple(replace(m, price=9.0) for m in square().mounts)},
         {"mounts": tuple(replace(m, capacity=9.0) for m in square().mounts)},
-        *({"mounts": tuple(replace(m, position=m.position + 1e-6) for m in square().mounts)}, {"blind": True}),
+        *(
+            {"mounts": tuple(replace(m, position=m.position + 1e-6) for m in square().mounts)},
+            {"blind": True},
+        ),
     ],
 )
 def test_digest_changes_with_all_it_depends_on(change):
@@ -162,8 +195,14 @@ def test_digest_changes_with_all_it_depends_on(change):
     [
         *(({"heights": ()}, "at least one height"), ({"headings": 0}, "at least one height")),
         *(({"tilts": (15.0,)}, "np.deg2rad"), ({"heights": (-1.0,)}, "not negative")),
-        *(({"mounts": ()}, "has no mount outside"), ({"mounts": square().mounts * 2}, "rename one")),
-        ({"headings": 1, "mounts": (Mount("far", np.array([90.0, 0.0, 0.0])),)}, "no pose sees the area"),
+        *(
+            ({"mounts": ()}, "has no mount outside"),
+            ({"mounts": square().mounts * 2}, "rename one"),
+        ),
+        (
+            {"headings": 1, "mounts": (Mount("far", np.array([90.0, 0.0, 0.0])),)},
+            "no pose sees the area",
+        ),
     ],
 )
 def test_bad_arguments_are_refused_in_one_line(arguments, message):

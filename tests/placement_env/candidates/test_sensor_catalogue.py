@@ -1,4 +1,5 @@
-"""Catalogues of sensors with prices: what they hold, and what is refused with the place in the document."""
+"""Catalogues of sensors with prices: what they hold, and what is refused with the place in the
+document."""
 
 from base64 import b64decode
 
@@ -45,9 +46,17 @@ def test_catalogues_price_candidates_and_are_text_in_a_file(tmp_path):
         catalogue.get_name(DepthCamera())
     site = load_site("tjunction")
     models = (DepthCamera(), SpinningLidar())
-    both = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=dict(zip(models, (2.0, 5.0), strict=True)))
+    both = pool(
+        site,
+        heights=[6.0],
+        headings=2,
+        tilts=[0.1],
+        models=dict(zip(models, (2.0, 5.0), strict=True)),
+    )
     kinds = np.array([sensor.model.kind for sensor in both.sensors])
-    assert np.array_equal(both.prices, both.mount_prices[both.mount] + np.where(kinds == "camera", 2.0, 5.0))
+    assert np.array_equal(
+        both.prices, both.mount_prices[both.mount] + np.where(kinds == "camera", 2.0, 5.0)
+    )
     free = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models)
     none = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=dict.fromkeys(models, 0.0))
     assert free.digest() == none.digest() != both.digest()
@@ -68,28 +77,58 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         *(("currency = [", "not TOML"), ("", "sensor must be a list of at least one")),
         ("sensor = 3", "sensor must be a list of at least one"),
         ("sensor = [3]", r"sensor\[0\] must be a table, got 3"),
-        (SENSOR + "[other]\n", "other is unknown: a catalogue has currency, pole_price, sensor, rates, report"),
+        (
+            SENSOR + "[other]\n",
+            "other is unknown: a catalogue has currency, pole_price, sensor, rates, report",
+        ),
         ("currency = 3\n" + SENSOR, "currency must be a text, got 3"),
         ("pole_price = -1\n" + SENSOR, "pole_price must be a number from 0 up, got -1"),
         ("pole_price = true\n" + SENSOR, "pole_price must be a number from 0 up, got True"),
         ('[[sensor]]\nmodel = "DepthCamera"\n', r"sensor\[0\].price is missing"),
         ("[[sensor]]\nprice = 3\n", r"sensor\[0\].model is missing"),
-        ('[[sensor]]\nmodel = "Radar"\nprice = 3\n', r"sensor\[0\].model: unknown sensor model 'Radar'"),
+        (
+            '[[sensor]]\nmodel = "Radar"\nprice = 3\n',
+            r"sensor\[0\].model: unknown sensor model 'Radar'",
+        ),
         ("[[sensor]]\nmodel = 3\nprice = 3\n", r"sensor\[0\].model must be a non-empty text"),
-        ('[[sensor]]\nmodel = "DepthCamera"\nprice = nan\n', r"sensor\[0\].price must be a number from 0 up, got nan"),
-        ('[[sensor]]\nmodel = "DepthCamera"\nprice = "9 EUR"\n', r"sensor\[0\].price must be a number"),
+        (
+            '[[sensor]]\nmodel = "DepthCamera"\nprice = nan\n',
+            r"sensor\[0\].price must be a number from 0 up, got nan",
+        ),
+        (
+            '[[sensor]]\nmodel = "DepthCamera"\nprice = "9 EUR"\n',
+            r"sensor\[0\].price must be a number",
+        ),
         (SENSOR + "fov = 1.5\n", r"sensor\[0\].fov is unknown: the model has .*fov_deg"),
         (SENSOR + 'fov_deg = "wide"\n', r"sensor\[0\].fov_deg must be a finite number of degrees"),
         (SENSOR + "fov_deg = inf\n", r"sensor\[0\].fov_deg must be a finite number of degrees"),
-        *((SENSOR + "fov_deg = 500\n", r"sensor\[0\]: "), (SENSOR + "width = -4\n", r"sensor\[0\]: ")),
-        *((SENSOR + "price_eur = 4\n", r"sensor\[0\].price_eur is unknown"), (SENSOR + SENSOR, "taken by sensor")),
-        *((SENSOR + f"{name} = 1{zeros}\n", "rays") for name, zeros in (("width", "0" * 6), ("height", "0" * 15))),
-        (SENSOR.replace("DepthCamera", "SpinningLidar") + "channels = 1000000\n", r"sensor\[0\]: .*rays"),
+        *(
+            (SENSOR + "fov_deg = 500\n", r"sensor\[0\]: "),
+            (SENSOR + "width = -4\n", r"sensor\[0\]: "),
+        ),
+        *(
+            (SENSOR + "price_eur = 4\n", r"sensor\[0\].price_eur is unknown"),
+            (SENSOR + SENSOR, "taken by sensor"),
+        ),
+        *(
+            (SENSOR + f"{name} = 1{zeros}\n", "rays")
+            for name, zeros in (("width", "0" * 6), ("height", "0" * 15))
+        ),
+        (
+            SENSOR.replace("DepthCamera", "SpinningLidar") + "channels = 1000000\n",
+            r"sensor\[0\]: .*rays",
+        ),
         (SENSOR + SENSOR.replace("price", 'name = "other"\nprice'), "is the same model as"),
-        (SENSOR + "[rates]\ncabel = 3\n", "rates.cabel is unknown: rates has cable, permit, power, upkeep, years"),
+        (
+            SENSOR + "[rates]\ncabel = 3\n",
+            "rates.cabel is unknown: rates has cable, permit, power, upkeep, years",
+        ),
         (SENSOR + "[rates]\npower = -3\n", "rates.power must be a number from 0 up, got -3"),
         ("rates = 3\n" + SENSOR, r"rates must be a table, got 3: begin it with \[rates\]"),
-        (SENSOR + '[report]\nclient = "a\\nb"\n', "report.client must be one line of up to 200 characters"),
+        (
+            SENSOR + '[report]\nclient = "a\\nb"\n',
+            "report.client must be one line of up to 200 characters",
+        ),
     ],
 )
 def test_what_is_refused(tmp_path, text, message):

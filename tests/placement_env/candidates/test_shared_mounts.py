@@ -1,4 +1,5 @@
-"""Several sensors on a pole: what may stand together, in every search, mask and programme, against enumeration."""
+"""Several sensors on a pole: what may stand together, in every search, mask and programme, against
+enumeration."""
 
 from dataclasses import replace
 
@@ -19,7 +20,10 @@ from placement_env.setting import Setting
 def carrying(objective, places, capacity=2000.0):
     """The objective on mounts that carry so many sensors, whose models cost something too."""
     candidates = objective.candidates
-    mounts = tuple(replace(m, max_sensors=n, capacity=capacity) for m, n in zip(candidates.mounts, places, strict=True))
+    mounts = tuple(
+        replace(m, max_sensors=n, capacity=capacity)
+        for m, n in zip(candidates.mounts, places, strict=True)
+    )
     axes = replace(candidates.axes, prices=(0.25,))
     there = replace(candidates, mounts=mounts, axes=axes)
     return Objective(
@@ -63,7 +67,9 @@ def test_all_sets_against_the_rule_in_words(make, capacity, most):
     expected = [by_hand(objective, row) for row in sets]
     assert objective.feasible(sets).tolist() == expected
     assert 0 < sum(expected) < len(sets)
-    assert objective.price(sets) == pytest.approx([price_by_hand(objective.candidates, row) for row in sets])
+    assert objective.price(sets) == pytest.approx(
+        [price_by_hand(objective.candidates, row) for row in sets]
+    )
     for row in sets[objective.feasible(sets)][::37]:
         grown = np.repeat(row[None], 12, axis=0) | np.eye(12, dtype=bool)
         assert objective.allowed(row).tolist() == (objective.feasible(grown) & ~row).tolist()
@@ -98,7 +104,10 @@ def test_places_of_one_are_as_ever(make):
     assert not candidates.several
     row = np.isin(np.arange(12), [0])
     assert room_beside(candidates, row[None]).tolist() == [[False] * 4 + [True] * 8]
-    assert fit_together(candidates, np.array([row, np.isin(np.arange(12), [0, 1])])).tolist() == [True, False]
+    assert fit_together(candidates, np.array([row, np.isin(np.arange(12), [0, 1])])).tolist() == [
+        True,
+        False,
+    ]
     mounts = (replace(candidates.mounts[0], max_sensors=2), *candidates.mounts[1:])
     assert replace(candidates, mounts=mounts).digest() != candidates.digest()
 
@@ -109,7 +118,10 @@ def test_searches_reach_the_best_of_all_sets(make, capacity, most):
     objective = carrying(make(3, 4, objects=40, seed=3, most=0.4), (2, 1, 3), capacity)
     objective = objective.weighed(objective.weights, most_price=most)
     best = exhaustive.search(objective, 4).best
-    assert np.bincount(objective.candidates.mount[list(best.subset)]).max() > 1 or (capacity, most) != (2000.0, np.inf)
+    assert np.bincount(objective.candidates.mount[list(best.subset)]).max() > 1 or (
+        capacity,
+        most,
+    ) != (2000.0, np.inf)
     found = swap.search(objective, 4, seed=1, evaluations=6000).best
     assert objective.feasible(objective.row(found.subset)[None])[0]
     assert found.reward == pytest.approx(best.reward, abs=0.03)
@@ -128,7 +140,12 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     sets = sets[objective.feasible(sets)]
     covered = [int((seen[row].sum(axis=0) >= views).sum()) for row in sets]
     found = cpsat.cover_most(
-        seen, Poles.of(objective), 4, views=views, may_stand=objective.allowed([]), prices=Prices.of(objective)
+        seen,
+        Poles.of(objective),
+        4,
+        views=views,
+        may_stand=objective.allowed([]),
+        prices=Prices.of(objective),
     )
     assert (found.figure, found.bound, found.optimal) == (max(covered), max(covered), True)
     assert objective.feasible(objective.row(found.chosen)[None])[0]

@@ -1,4 +1,5 @@
-"""Every environment at every fidelity: Gymnasium's and Stable-Baselines3's checkers, and sets chosen through it."""
+"""Every environment at every fidelity: Gymnasium's and Stable-Baselines3's checkers, and sets
+chosen through it."""
 
 from functools import cache
 
@@ -37,14 +38,18 @@ def test_both_checkers_pass(name: str, fidelity: FidelityName) -> None:
 @pytest.mark.parametrize("fidelity", SCORED_BY[:-1])
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_pass_moving_sensors(fidelity: FidelityName) -> None:
-    env = gym.make("coview/SensorPose-v0", frames=1, budget=1, fidelity=fidelity, disable_env_checker=True)
+    env = gym.make(
+        "coview/SensorPose-v0", frames=1, budget=1, fidelity=fidelity, disable_env_checker=True
+    )
     check_env(env.unwrapped, skip_render_check=True)
     check_env_sb3(env)
 
 
 @pytest.mark.parametrize("fidelity", SCORED_BY)
 @pytest.mark.parametrize("name", CHOOSING)
-def test_random_greedy_and_exhaustive_sets_are_paid_their_reward(name: str, fidelity: FidelityName) -> None:
+def test_random_greedy_and_exhaustive_sets_are_paid_their_reward(
+    name: str, fidelity: FidelityName
+) -> None:
     scored = objective(fidelity)
     some = np.random.default_rng(0).choice(6, 2, replace=False).tolist()
     answers = [greedy.search(scored, 3).best.subset, exhaustive.search(scored, 3).best.subset]
@@ -56,7 +61,11 @@ def test_random_greedy_and_exhaustive_sets_are_paid_their_reward(name: str, fide
 def episode_reward(name: str, scored: Objective, chosen: list[int]) -> float:
     env = gym.make(name, objective=scored, budget=3)
     env.reset(seed=0)
-    actions = [*chosen, len(scored.candidates)] if "Select" in name else [scored.row(chosen).astype(np.int8)]
+    actions = (
+        [*chosen, len(scored.candidates)]
+        if "Select" in name
+        else [scored.row(chosen).astype(np.int8)]
+    )
     total = 0.0
     for action in actions:
         _, reward, terminated, truncated, _ = env.step(action)

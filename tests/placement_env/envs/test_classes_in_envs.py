@@ -26,7 +26,12 @@ def mixed(plain: Objective) -> Objective:
     labels = np.where(np.arange(60) % 3 == 0, PEDESTRIAN, VEHICLE)
     seen = replace(plain.visibility, labels=labels)
     return Objective(
-        Setting(plain.site, candidates=plain.candidates, fidelity=Coverage(seen, classes=BOTH), scheme="early"),
+        Setting(
+            plain.site,
+            candidates=plain.candidates,
+            fidelity=Coverage(seen, classes=BOTH),
+            scheme="early",
+        ),
         visibility=seen,
     )
 
@@ -45,7 +50,10 @@ def test_rewards_of_classes_add_up_and_vehicles_alone_are_as_ever(objective: Any
     assert info["ap"] == score.ap == min(info["class_ap"].values())
     assert info["class_ap"] == score.class_ap
     assert info["class_ap"]["vehicle"] != info["class_ap"]["pedestrian"]
-    plain, several = gym.make(SELECT, objective=objective()), gym.make(SELECT, objective=mixed(objective()))
+    plain, several = (
+        gym.make(SELECT, objective=objective()),
+        gym.make(SELECT, objective=mixed(objective())),
+    )
     first, info = plain.reset(seed=1)
     other, more = several.reset(seed=1)
     assert set(more) - set(info) == {"class_ap"}
@@ -56,7 +64,9 @@ def test_rewards_of_classes_add_up_and_vehicles_alone_are_as_ever(objective: Any
 
 def test_vector_environments_say_what_scalar_ones_say_or_refuse(objective: Any):
     made = mixed(objective())
-    vector = gym.make_vec(SELECT, num_envs=3, vectorization_mode="vector_entry_point", objective=made)
+    vector = gym.make_vec(
+        SELECT, num_envs=3, vectorization_mode="vector_entry_point", objective=made
+    )
     alone = gym.make(SELECT, objective=made)
     vector.reset(seed=0)
     alone.reset(seed=0)
@@ -71,7 +81,9 @@ def test_vector_environments_say_what_scalar_ones_say_or_refuse(objective: Any):
         gym.make(SELECT, classes=("tram",))
     with pytest.raises(ValueError, match="keeps its classes: give them to the objective"):
         gym.make(SELECT, objective=objective(), classes=("pedestrian",))
-    with pytest.raises(ValueError, match=r"no surrogate of tjunction for early at IoU 0\.7 of heavy"):
+    with pytest.raises(
+        ValueError, match=r"no surrogate of tjunction for early at IoU 0\.7 of heavy"
+    ):
         gym.make(SELECT, classes=("vehicle", "heavy"), site="tjunction")
     gym.make(SELECT, classes=("heavy",), fidelity="table")
     gym.make(SELECT, objective=mixed(objective()), classes=BOTH)

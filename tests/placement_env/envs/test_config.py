@@ -1,4 +1,5 @@
-"""Configurations are checked when an environment is made, before anything is simulated or rendered."""
+"""Configurations are checked when an environment is made, before anything is simulated or
+rendered."""
 
 from functools import partial
 from typing import Any
@@ -21,14 +22,39 @@ from toolkit import load_site
 TABLE = Setting(fidelity="table")
 ALL = ["coview/SensorSelect-v0", "coview/SensorSubset-v0", "coview/SensorPose-v0"]
 WRONG: list[tuple[dict[str, Any], str]] = [
-    *(({"weights": (0.1, 0.2)}, "weights"), ({"weights": {"comm": 1}}, "weights"), ({"weights": 0.1}, "weights")),
+    *(
+        ({"weights": (0.1, 0.2)}, "weights"),
+        ({"weights": {"comm": 1}}, "weights"),
+        ({"weights": 0.1}, "weights"),
+    ),
     *(({"fidelity": "surogate"}, "surogate"), ({"iou": 0.0}, "iou"), ({"iou": 7}, "iou")),
-    *(({"iou": float("nan")}, "iou"), ({"fidelity": "surrogate", "iou": 0.5}, "IoU 0.5"), ({"frames": 0}, "frames")),
+    *(
+        ({"iou": float("nan")}, "iou"),
+        ({"fidelity": "surrogate", "iou": 0.5}, "IoU 0.5"),
+        ({"frames": 0}, "frames"),
+    ),
     *(({"frames": 1.5}, "frames"), ({"scheme": "earlier"}, "earlier"), ({"scheme": ()}, "scheme")),
-    *(({"scheme": ("early", "later")}, "later"), ({"candidates": "pol"}, "pol"), ({"detector": 3}, "detector")),
-    *(({"seed": -1}, "seed"), ({"budget": 0}, "budget"), ({"budget": 1.5}, "budget"), ({"budget": True}, "budget")),
-    *(({"budget": (3, 2)}, "budget"), ({"budget": (0, 2)}, "budget"), ({"budget": (1, 2, 3)}, "budget")),
-    *(({"failures": -1}, "failures"), ({"failures": (1, 0.5)}, "failures"), ({"site": "nowhere"}, "nowhere")),
+    *(
+        ({"scheme": ("early", "later")}, "later"),
+        ({"candidates": "pol"}, "pol"),
+        ({"detector": 3}, "detector"),
+    ),
+    *(
+        ({"seed": -1}, "seed"),
+        ({"budget": 0}, "budget"),
+        ({"budget": 1.5}, "budget"),
+        ({"budget": True}, "budget"),
+    ),
+    *(
+        ({"budget": (3, 2)}, "budget"),
+        ({"budget": (0, 2)}, "budget"),
+        ({"budget": (1, 2, 3)}, "budget"),
+    ),
+    *(
+        ({"failures": -1}, "failures"),
+        ({"failures": (1, 0.5)}, "failures"),
+        ({"site": "nowhere"}, "nowhere"),
+    ),
     *(({"site": []}, "site"), ({"frame": 3}, "frame")),
 ]
 
@@ -55,9 +81,17 @@ def test_what_does_not_fit_is_told_when_made(name: str, wrong: dict[str, Any], t
     [
         (ALL[0], {"fidelity": "table", "iou": 0.5}, "IoU"),
         (ALL[0], {"fidelity": "table", "candidates": "pool"}, "table"),
-        *((ALL[0], {"slots": 3}, "slots"), (ALL[0], {"slots": 0}, "slots"), (ALL[0], {"workers": 0}, "workers")),
+        *(
+            (ALL[0], {"slots": 3}, "slots"),
+            (ALL[0], {"slots": 0}, "slots"),
+            (ALL[0], {"workers": 0}, "workers"),
+        ),
         *((ALL[0], {"actions": "both"}, "both"), (ALL[0], {"objective": 3}, "objective")),
-        *((ALL[1], {"actions": "flat"}, "actions"), (ALL[2], {"moves": 0}, "moves"), (ALL[2], {"moves": 2.5}, "moves")),
+        *(
+            (ALL[1], {"actions": "flat"}, "actions"),
+            (ALL[2], {"moves": 0}, "moves"),
+            (ALL[2], {"moves": 2.5}, "moves"),
+        ),
         (ALL[2], {"budget": 9}, "too few for a budget of 9"),
         (ALL[2], {"budget": (1, 4), "failures": 4}, "too few for a budget of 4 and 4 failures"),
         (ALL[2], {"slots": 9}, "slots"),
@@ -91,7 +125,9 @@ def test_environments_of_an_objective_a_config_or_candidates():
 )
 def test_one_config_holds_all_settings(env: Any, config: EnvConfig) -> None:
     assert env(config).task.scenarios.config is not None
-    assert env(config, weights=Weights(price=0.1)).task.scenarios.config.setting.weights.price == 0.1
+    assert (
+        env(config, weights=Weights(price=0.1)).task.scenarios.config.setting.weights.price == 0.1
+    )
     assert env(config).task.scenarios.config.budget == 2
     with pytest.raises(TypeError, match=r"by name|Type-check"):
         env("tjunction")

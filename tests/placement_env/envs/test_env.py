@@ -47,7 +47,13 @@ def test_nothing_is_answered_before_the_first_reset(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [
-        *((NAMES[0], 1.5), (NAMES[0], np.float32(0.2)), (NAMES[0], -1), (NAMES[0], 99), (NAMES[1], np.full(6, 0.5))),
+        *(
+            (NAMES[0], 1.5),
+            (NAMES[0], np.float32(0.2)),
+            (NAMES[0], -1),
+            (NAMES[0], 99),
+            (NAMES[1], np.full(6, 0.5)),
+        ),
         *((NAMES[1], np.full(6, 2)), (NAMES[1], np.full(6, -1))),
     ],
 )

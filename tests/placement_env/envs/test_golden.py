@@ -1,7 +1,8 @@
-"""The published environments answer as they did when they were published: observations, rewards, masks and infos of
-seeded episodes, scalar and vector, are held in `golden_v0.npz`.
+"""The published environments answer as they did when they were published: observations, rewards,
+masks and infos of seeded episodes, scalar and vector, are held in `golden_v0.npz`.
 
-python tests/placement_env/envs/test_golden.py    # writes the file anew; only a new version of an environment may
+python tests/placement_env/envs/test_golden.py    # writes the file anew; only a new version of an
+                                                  environment may
 """
 
 from functools import cache
@@ -32,10 +33,16 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         for name, (env, given) in CHOOSING.items()
     },
     **{
-        f"pose_{f}": ("coview/SensorPose-v0", {"budget": 2, "moves": 4, "fidelity": f, "rendering": "full"})
+        f"pose_{f}": (
+            "coview/SensorPose-v0",
+            {"budget": 2, "moves": 4, "fidelity": f, "rendering": "full"},
+        )
         for f in ("coverage", "surrogate")
     },
-    "sites": ("coview/SensorSelect-v0", {"budget": 2, "fidelity": "table", "site": ["tjunction", "roundabout"]}),
+    "sites": (
+        "coview/SensorSelect-v0",
+        {"budget": 2, "fidelity": "table", "site": ["tjunction", "roundabout"]},
+    ),
 }
 
 
@@ -44,7 +51,11 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 def test_it_answers_as_it_did(case: str, vector: bool) -> None:
     kind = "vector" if vector else "scalar"
     with np.load(GOLDEN) as file:
-        golden = {key.removeprefix(f"{case}/{kind}/"): file[key] for key in file if key.startswith(f"{case}/{kind}/")}
+        golden = {
+            key.removeprefix(f"{case}/{kind}/"): file[key]
+            for key in file
+            if key.startswith(f"{case}/{kind}/")
+        }
     now = played(case, vector)
     assert now.keys() == golden.keys()
     for key, value in now.items():
@@ -58,7 +69,9 @@ def test_it_answers_as_it_did(case: str, vector: bool) -> None:
 
 @cache
 def objective(fidelity: Any) -> Objective:
-    return Objective(Setting("tjunction", fidelity=fidelity, weights=Weights(1e-4, 0.01)), Run(frames=2))
+    return Objective(
+        Setting("tjunction", fidelity=fidelity, weights=Weights(1e-4, 0.01)), Run(frames=2)
+    )
 
 
 def played(case: str, vector: bool) -> dict[str, np.ndarray]:
@@ -72,21 +85,30 @@ def played(case: str, vector: bool) -> dict[str, np.ndarray]:
     env = make(name, vector, given)
     n = SIDE_BY_SIDE if vector else 1
     space = env.single_action_space if vector else env.action_space
-    rng, rows = np.random.default_rng(8), [answer(*env.reset(seed=11, options={"failed": [1]}), env=env)]
+    rng, rows = (
+        np.random.default_rng(8),
+        [answer(*env.reset(seed=11, options={"failed": [1]}), env=env)],
+    )
     for _ in range(STEPS):
         actions = drawn(space, n, rng)
-        observation, reward, terminated, truncated, info = env.step(actions if vector else actions[0])
+        observation, reward, terminated, truncated, info = env.step(
+            actions if vector else actions[0]
+        )
         ends = {"reward": reward, "terminated": terminated, "truncated": truncated}
         rows.append({**answer(observation, info, env=env), **ends})
         if not vector and (terminated or truncated):
             rows.append(answer(*env.reset(), env=env))
     keys = dict.fromkeys(key for row in rows for key in row)
     columns = {key: np.array([row[key] for row in rows if key in row]) for key in keys}
-    return {key: whole.astype(str) if whole.dtype == object else whole for key, whole in columns.items()}
+    return {
+        key: whole.astype(str) if whole.dtype == object else whole for key, whole in columns.items()
+    }
 
 
 def make(name: str, vector: bool, given: dict[str, Any]) -> Any:
-    env: Any = gym.make_vec(name, num_envs=SIDE_BY_SIDE, **given) if vector else gym.make(name, **given)
+    env: Any = (
+        gym.make_vec(name, num_envs=SIDE_BY_SIDE, **given) if vector else gym.make(name, **given)
+    )
     return env.unwrapped
 
 

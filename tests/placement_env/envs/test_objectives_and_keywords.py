@@ -1,4 +1,5 @@
-"""Vector rewards, as mo-gymnasium takes them; budgets and keywords that do not fit; what an objective shows."""
+"""Vector rewards, as mo-gymnasium takes them; budgets and keywords that do not fit; what an
+objective shows."""
 
 from typing import Any
 
@@ -10,7 +11,12 @@ import placement_env  # noqa: F401  registers the environments
 from placement_env.objective import Objective
 from placement_env.setting import Setting, Weights
 
-PLAIN = {"site": "tjunction", "fidelity": "table", "budget": 3, "weights": Weights(comm=1e-4, price=0.02)}
+PLAIN = {
+    "site": "tjunction",
+    "fidelity": "table",
+    "budget": 3,
+    "weights": Weights(comm=1e-4, price=0.02),
+}
 SELECT = "coview/SensorSelect-v0"
 WEIGHTS = np.array([1.0, 1e-4, 0.02])
 
@@ -36,7 +42,9 @@ def test_vector_rewards_weigh_up_to_the_usual_ones():
 
 
 def test_vector_environments_give_the_rows_of_scalar_ones():
-    vector: Any = gym.make_vec(SELECT, num_envs=2, vectorization_mode="vector_entry_point", **PLAIN, vector_reward=True)
+    vector: Any = gym.make_vec(
+        SELECT, num_envs=2, vectorization_mode="vector_entry_point", **PLAIN, vector_reward=True
+    )
     one = gym.make(SELECT, **PLAIN, vector_reward=True).unwrapped
     vector.reset(seed=0)
     one.reset(seed=0)
@@ -58,7 +66,9 @@ def test_wrappers_of_mo_gymnasium_take_them():
         assert reward.shape == (3,)
     assert done
     assert info["episode"]["r"].shape == (3,)
-    linear = wrappers.LinearReward(gym.make(SELECT, **PLAIN, vector_reward=True, disable_env_checker=True), WEIGHTS)
+    linear = wrappers.LinearReward(
+        gym.make(SELECT, **PLAIN, vector_reward=True, disable_env_checker=True), WEIGHTS
+    )
     linear.reset(seed=0)
     plain = gym.make(SELECT, **PLAIN)
     plain.reset(seed=0)
@@ -82,7 +92,9 @@ def test_misspelt_keywords_are_guessed(wrong, message):
 def test_no_budget_is_above_the_number_of_candidates():
     few = {**PLAIN, "budget": 7}
     for name in (SELECT, "coview/SensorSubset-v0"):
-        with pytest.raises(ValueError, match="budget must be at most the number of candidates, 6, got 7"):
+        with pytest.raises(
+            ValueError, match="budget must be at most the number of candidates, 6, got 7"
+        ):
             gym.make(name, **few)
     env = gym.make(SELECT, **PLAIN)
     with pytest.raises(ValueError, match="6, got 9"):
@@ -91,8 +103,13 @@ def test_no_budget_is_above_the_number_of_candidates():
 
 
 def test_an_objective_shows_its_settings():
-    text = repr(Objective(Setting("tjunction", fidelity="table", weights=Weights(comm=0.001), most_price=3.0)))
+    text = repr(
+        Objective(
+            Setting("tjunction", fidelity="table", weights=Weights(comm=0.001), most_price=3.0)
+        )
+    )
     assert text.startswith(
-        "Objective('tjunction', 6 candidates, scheme='early', fidelity='table', classes='vehicle', iou="
+        "Objective('tjunction', 6 candidates, scheme='early', fidelity='table', "
+        "classes='vehicle', iou="
     )
     assert "iou=0.7, comm=0.001, price=0, most_price=3, frames=200, seed=0)" in text

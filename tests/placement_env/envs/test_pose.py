@@ -112,7 +112,8 @@ def test_what_does_not_fit(env: gym.Env[Any, Any]) -> None:
 
 def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> None:
     settings = {**FEW, "fidelity": "surrogate", "moves": 4}
-    ways: list[dict[str, Any]] = [{"cache": tmp_path}, {"rendering": "full"}]  # the first by default
+    # the first by default
+    ways: list[dict[str, Any]] = [{"cache": tmp_path}, {"rendering": "full"}]
     both = [gym.make(NAME, **way, **settings).unwrapped for way in ways]
     tasks: list[Any] = [env.task for env in both]  # type: ignore[attr-defined]
     both[0].action_space.seed(1)
@@ -125,10 +126,14 @@ def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> No
             rewards = [float(env.step(action)[1]) for env in both]
             apart.append(abs(rewards[0] - rewards[1]))
             quick, full = (task.state.placement(0)[0].visibility for task in tasks)
-            near.append((np.abs(quick.points - full.points) <= np.maximum(0.03 * full.points, 8)).mean())
+            near.append(
+                (np.abs(quick.points - full.points) <= np.maximum(0.03 * full.points, 8)).mean()
+            )
             assert (quick.points != full.points).any()
     assert np.mean(near) > 0.97
-    assert np.mean(apart) < 0.02  # one vehicle with some ten points may be there for the one and not for the other
+    assert (
+        np.mean(apart) < 0.02
+    )  # one vehicle with some ten points may be there for the one and not for the other
     now = tasks[0]._now[0]
     assert np.array_equal(now.preparation.live.see(now.rig.to_candidates()).points, quick.points)
     assert tasks[1]._now[0].preparation.live is None

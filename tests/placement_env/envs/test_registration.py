@@ -1,4 +1,5 @@
-"""The environments are known to Gymnasium whichever package is imported first; heavy packages stay unloaded."""
+"""The environments are known to Gymnasium whichever package is imported first; heavy packages stay
+unloaded."""
 
 import subprocess
 import sys
@@ -16,14 +17,32 @@ ROOT = Path(__file__).parents[3]
 @pytest.mark.parametrize(
     "code",
     [
-        *(f"import gymnasium, placement_env; {KNOWN}; {LIGHT}", f"import placement_env, gymnasium; {KNOWN}; {LIGHT}"),
+        *(
+            f"import gymnasium, placement_env; {KNOWN}; {LIGHT}",
+            f"import placement_env, gymnasium; {KNOWN}; {LIGHT}",
+        ),
         f"import placement_env; import gymnasium.envs.registration, gymnasium; {KNOWN}",
-        f"import placement_env, importlib.util as u; u.find_spec('gymnasium'); import gymnasium; {KNOWN}",
+        (
+            "import placement_env, importlib.util as u; u.find_spec('gymnasium'); import "
+            f"gymnasium; {KNOWN}"
+        ),
         f"import placement_env, gymnasium; placement_env.envs.registration.register(); {KNOWN}",
-        "import placement_env, sys; assert not {'gymnasium', 'matplotlib', 'numpy'} & set(sys.modules)",
-        "import placement_env, gymnasium, importlib; importlib.reload(gymnasium); assert gymnasium.__loader__.get_data",
-        "import gymnasium; gymnasium.make('placement_env:coview/SensorSelect-v0', fidelity='table').reset()",
-        "import gymnasium; gymnasium.make_vec('placement_env:coview/SensorSubset-v0', 2, fidelity='table').reset()",
+        (
+            "import placement_env, sys; assert not {'gymnasium', 'matplotlib', 'numpy'} & "
+            "set(sys.modules)"
+        ),
+        (
+            "import placement_env, gymnasium, importlib; importlib.reload(gymnasium); assert "
+            "gymnasium.__loader__.get_data"
+        ),
+        (
+            "import gymnasium; gymnasium.make('placement_env:coview/SensorSelect-v0', "
+            "fidelity='table').reset()"
+        ),
+        (
+            "import gymnasium; gymnasium.make_vec('placement_env:coview/SensorSubset-v0', 2, "
+            "fidelity='table').reset()"
+        ),
     ],
 )
 def test_either_order(code: str) -> None:
@@ -31,7 +50,8 @@ def test_either_order(code: str) -> None:
 
 
 def test_the_entry_point_registers_or_says_what_is_missing():
-    """Gymnasium before 1.0, and tools that list environments, read the group; Gymnasium 1 reads no entry points."""
+    """Gymnasium before 1.0, and tools that list environments, read the group; Gymnasium 1 reads no
+    entry points."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     ((name, value),) = project["entry-points"]["gymnasium.envs"].items()
     assert name == "coview"

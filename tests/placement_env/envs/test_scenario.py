@@ -1,4 +1,5 @@
-"""Scenarios: features of candidates in slots, the places they see, and episodes drawn alike in scalar and vector."""
+"""Scenarios: features of candidates in slots, the places they see, and episodes drawn alike in
+scalar and vector."""
 
 from typing import Any
 
@@ -32,7 +33,9 @@ def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: An
     assert static.shape == (len(STATIC), 8)
     assert (np.abs(static) <= 1).all()
     assert not static[:, 6:].any()
-    assert static[STATIC.index("seen"), :6] == pytest.approx((some.visibility.points >= LEAST).mean(axis=1))
+    assert static[STATIC.index("seen"), :6] == pytest.approx(
+        (some.visibility.points >= LEAST).mean(axis=1)
+    )
     scenario = Scenario(objective(), 8)
     assert scenario.usable.tolist() == [True] * 6 + [False] * 2
     assert scenario.width == 6
@@ -48,7 +51,9 @@ def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: An
         visibility=scored.visibility,
     )
     assert find_area(without).tolist() == [-11, 11, 11, 13]
-    with pytest.raises(ValueError, match="slots for 5 candidates, this site has 6: make it with slots=6"):
+    with pytest.raises(
+        ValueError, match="slots for 5 candidates, this site has 6: make it with slots=6"
+    ):
         Scenario(objective(), 5)
 
 
@@ -64,14 +69,20 @@ def test_rows_are_padded_and_spots_in_the_field_of_view_are_seen():
     assert (tilt > 0).all()
     assert (width < np.pi).all()
     assert not lidar.any()
-    env: Any = gym.make("coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)).unwrapped
+    env: Any = gym.make(
+        "coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)
+    ).unwrapped
     slots, allowed = env.task.state.slots, len(STATIC) + DYNAMIC.index("allowed")
     env.reset(seed=1)
     for _ in range(20):
         observation, _ = env.reset()
         budget = env.task.state.budget[0]
-        assert observation[len(observation) - len(GLOBAL) + 1] == pytest.approx(budget / (budget + 8))
-        assert np.array_equal(observation[allowed * slots : (allowed + 1) * slots], ~env.task.state.failed[0])
+        assert observation[len(observation) - len(GLOBAL) + 1] == pytest.approx(
+            budget / (budget + 8)
+        )
+        assert np.array_equal(
+            observation[allowed * slots : (allowed + 1) * slots], ~env.task.state.failed[0]
+        )
 
 
 OPEN: dict[str, Any] = {
@@ -84,12 +95,16 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     ("coview/SensorSelect-v0", {**OPEN, "fidelity": "table"}),
     ("coview/SensorSelect-v0", {**OPEN, "fidelity": "table", "actions": "factored"}),
     ("coview/SensorSubset-v0", {**OPEN, "fidelity": "table"}),
-    ("coview/SensorPose-v0", {"budget": (1, 2), "failures": (0, 2), "fidelity": "coverage", "frames": 1, "moves": 2}),
+    (
+        "coview/SensorPose-v0",
+        {"budget": (1, 2), "failures": (0, 2), "fidelity": "coverage", "frames": 1, "moves": 2},
+    ),
 ]
 
 
 @pytest.mark.parametrize(
-    ("name", "given"), [CASES[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:])]
+    ("name", "given"),
+    [CASES[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:])],
 )
 def test_a_vector_draws_what_scalars_draw(name: str, given: dict[str, Any]) -> None:
     vector: Any = gym.make_vec(name, num_envs=4, **given)
@@ -117,7 +132,12 @@ def test_seeds_settle_draws_and_all_that_is_open_is_drawn():
         seen["failed"].add(int(state.failed[0].sum()))
         assert not (env.action_masks()[:-1] & state.failed[0]).any()
         assert not state.failed[0, len(objective.candidates) :].any()
-    assert {key: len(values) for key, values in seen.items()} == {"site": 2, "budget": 3, "scheme": 2, "failed": 3}
+    assert {key: len(values) for key, values in seen.items()} == {
+        "site": 2,
+        "budget": 3,
+        "scheme": 2,
+        "failed": 3,
+    }
     other: Any = gym.make("coview/SensorSelect-v0", fidelity="table")
     other.reset(seed=5)
     before = other.unwrapped.np_random.bit_generator.state
@@ -126,7 +146,10 @@ def test_seeds_settle_draws_and_all_that_is_open_is_drawn():
     again: Any = gym.make(CASES[0][0], **CASES[0][1]).unwrapped
 
     def run(options: dict[str, Any] | None = None) -> list[np.ndarray]:
-        return [again.reset(seed=7, options=options)[0], *[again.reset(options=options)[0] for _ in range(8)]]
+        return [
+            again.reset(seed=7, options=options)[0],
+            *[again.reset(options=options)[0] for _ in range(8)],
+        ]
 
     for one, two in zip(run(), run(), strict=True):
         assert np.array_equal(one, two)
@@ -147,7 +170,13 @@ def test_both_checkers_pass_where_episodes_differ(name: str, given: dict[str, An
 
 
 def test_episodes_draw_their_traffic_where_asked():
-    own = {"site": "tjunction", "candidates": "paper", "fidelity": "coverage", "frames": 4, "budget": 2}
+    own = {
+        "site": "tjunction",
+        "candidates": "paper",
+        "fidelity": "coverage",
+        "frames": 4,
+        "budget": 2,
+    }
     fixed, several, fresh = (gym.make(CHOOSING[0], **own, traffics=count) for count in (1, 2, None))
 
     def seeds(env, episodes):

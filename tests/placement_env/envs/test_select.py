@@ -1,4 +1,5 @@
-"""Choosing sensors one by one and at once: checkers, rewards, illegal actions, options, pictures, other processes."""
+"""Choosing sensors one by one and at once: checkers, rewards, illegal actions, options, pictures,
+other processes."""
 
 import multiprocessing
 import pickle
@@ -34,7 +35,9 @@ def test_rewards_add_up_to_the_reward_of_the_set(objective: Any, actions: str) -
         total, done = 0.0, False
         _, info = env.reset(seed=seed)
         while not done:
-            observation, reward, terminated, truncated, info = env.step(sample(env, info["action_mask"], rng))
+            observation, reward, terminated, truncated, info = env.step(
+                sample(env, info["action_mask"], rng)
+            )
             assert env.observation_space.contains(observation)
             total += float(reward)
             done = terminated or truncated
@@ -83,8 +86,16 @@ def test_options_pickles_and_masks(objective: Any):
     env.reset(options={"budget": 1, "failed": ["m0_5.0m_h0_t17_camera"]})
     assert env.step(1)[2]
     for bad, message in (
-        *(({"colour": 1}, "options are"), ({"budget": 0}, "at least 1"), ({"budget": 2.5}, "whole number")),
-        *(({"budget": None}, "whole number"), ({"failed": [9]}, "candidates"), ({"failed": "m0"}, "must be a list")),
+        *(
+            ({"colour": 1}, "options are"),
+            ({"budget": 0}, "at least 1"),
+            ({"budget": 2.5}, "whole number"),
+        ),
+        *(
+            ({"budget": None}, "whole number"),
+            ({"failed": [9]}, "candidates"),
+            ({"failed": "m0"}, "must be a list"),
+        ),
         *(({"failed": 3}, "must be a list"), ({"scheme": "late"}, "made from an objective")),
     ):
         with pytest.raises(ValueError, match=message):
@@ -99,7 +110,9 @@ def test_options_pickles_and_masks(objective: Any):
 
 @pytest.mark.parametrize("name", CHOOSING)
 @pytest.mark.parametrize("wrong", [np.zeros(9), np.full(6, np.nan), np.zeros(0), "x", None])
-def test_what_is_no_action_is_an_error_and_does_no_harm(objective: Any, name: str, wrong: Any) -> None:
+def test_what_is_no_action_is_an_error_and_does_no_harm(
+    objective: Any, name: str, wrong: Any
+) -> None:
     env = gym.make(name, objective=objective(), disable_env_checker=True)
     before, _ = env.reset()
     with pytest.raises(ValueError, match="actions must be"):
@@ -108,7 +121,9 @@ def test_what_is_no_action_is_an_error_and_does_no_harm(objective: Any, name: st
 
 
 def test_sites_are_those_it_was_made_with_read_once(tmp_path: Path):
-    env = gym.make(CHOOSING[0], actions="factored", slots=8, frames=1, fidelity="coverage", scheme="late")
+    env = gym.make(
+        CHOOSING[0], actions="factored", slots=8, frames=1, fidelity="coverage", scheme="late"
+    )
     with pytest.raises(ValueError, match="make the environment with all"):
         env.reset(options={"site": "roundabout"})
     path = tmp_path / "mine.json"
@@ -142,9 +157,16 @@ def test_the_same_in_a_spawned_process(objective: Any) -> None:
 
 @pytest.mark.parametrize(
     ("action", "illegal"),
-    [([1, 0, 0, 1, 0, 0], False), ([1, 1, 0, 0, 0, 0], True), ([1, 0, 1, 0, 1, 0], True), ([0] * 6, False)],
+    [
+        ([1, 0, 0, 1, 0, 0], False),
+        ([1, 1, 0, 0, 0, 0], True),
+        ([1, 0, 1, 0, 1, 0], True),
+        ([0] * 6, False),
+    ],
 )
-def test_a_set_that_may_not_be_built_is_left_empty(objective: Any, action: list[int], illegal: bool) -> None:
+def test_a_set_that_may_not_be_built_is_left_empty(
+    objective: Any, action: list[int], illegal: bool
+) -> None:
     env = gym.make(CHOOSING[1], objective=objective(), budget=2)
     env.reset()
     _, reward, terminated, _, info = env.step(np.array(action, np.int8))

@@ -33,22 +33,37 @@ def objective() -> Objective:
     poles = [Mount(f"m{i}", np.array([10.0 * i - 20, 12.0, 0.0])) for i in range(4)]
     some = pool(site, heights=(5.0,), headings=3, tilts=(0.3,), mounts=poles, blind=True)
     return Objective(
-        Setting(site, candidates=some, fidelity=Counting(), scheme="early", weights=Weights(2.0**-14, 2.0**-7))
+        Setting(
+            site,
+            candidates=some,
+            fidelity=Counting(),
+            scheme="early",
+            weights=Weights(2.0**-14, 2.0**-7),
+        )
     )
 
 
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
-        *(("coview/SensorSelect-v0", {"actions": "flat"}), ("coview/SensorSelect-v0", {"actions": "factored"})),
+        *(
+            ("coview/SensorSelect-v0", {"actions": "flat"}),
+            ("coview/SensorSelect-v0", {"actions": "factored"}),
+        ),
         ("coview/SensorSubset-v0", {}),
     ],
 )
-def test_it_agrees_with_scalar_environments_step_by_step(name: str, arguments: dict[str, Any]) -> None:
+def test_it_agrees_with_scalar_environments_step_by_step(
+    name: str, arguments: dict[str, Any]
+) -> None:
     arguments = {"objective": objective(), "budget": 3, **arguments}
     vector = gym.make_vec(name, num_envs=N, **arguments)
     scalar = SyncVectorEnv([lambda: gym.make(name, **arguments)] * N)
-    assert vector.metadata["autoreset_mode"] == scalar.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    assert (
+        vector.metadata["autoreset_mode"]
+        == scalar.metadata["autoreset_mode"]
+        == AutoresetMode.NEXT_STEP
+    )
     assert vector.single_action_space == scalar.single_action_space
     assert vector.observation_space == scalar.observation_space
     scalar.action_space.seed(3)
@@ -83,7 +98,9 @@ def test_some_may_be_reset_by_seeds_and_drawn():
     _, info = vector.reset(options={"reset_mask": only})
     assert info["subset"].sum(axis=1).tolist() == [1, 0, 1]
     assert info["_subset"].tolist() == only.tolist()
-    vector = gym.make_vec("coview/SensorSelect-v0", num_envs=2, objective=objective(), render_mode="ansi")
+    vector = gym.make_vec(
+        "coview/SensorSelect-v0", num_envs=2, objective=objective(), render_mode="ansi"
+    )
     with pytest.raises(ValueError, match="a seed for each"):
         vector.reset(seed=[1, 2, 3])
     vector.reset(seed=[1, None])

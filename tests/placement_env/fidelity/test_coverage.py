@@ -25,7 +25,8 @@ SETS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 0, 1]], bool)
 
 
 @pytest.mark.parametrize(
-    ("views", "share"), [(1, [0, 0.5, 0.75, 0.75, 0]), (2, [0, 0, 0.25, 0.25, 0]), (3, [0, 0, 0, 0, 0])]
+    ("views", "share"),
+    [(1, [0, 0.5, 0.75, 0.75, 0]), (2, [0, 0, 0.25, 0.25, 0]), (3, [0, 0, 0, 0, 0])],
 )
 def test_share_of_objects_with_enough_views(views, share):
     estimate = Coverage(SEEN, views=views)(SETS)
@@ -33,7 +34,9 @@ def test_share_of_objects_with_enough_views(views, share):
     np.testing.assert_array_equal(estimate.recall, share)
 
 
-@pytest.mark.parametrize(("scheme", "kbit"), [("early", 2 * 96), ("late", 256 * 2 / 2), ("hybrid", 96 + 256 * 2 / 2)])
+@pytest.mark.parametrize(
+    ("scheme", "kbit"), [("early", 2 * 96), ("late", 256 * 2 / 2), ("hybrid", 96 + 256 * 2 / 2)]
+)
 def test_what_one_sensor_sends(scheme, kbit):
     estimate = Coverage(SEEN, scheme)(SETS)
     assert estimate.kbit[1] == pytest.approx(kbit / 1000)

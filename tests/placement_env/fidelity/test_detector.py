@@ -25,7 +25,9 @@ from toolkit.sites.site import Site
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
 SENSORS = tuple(
-    Sensor(f"s{k}", DepthCamera(width=40, height=30, stride=1), look((x, 0.0, 5.2), heading, tilt=0.2))
+    Sensor(
+        f"s{k}", DepthCamera(width=40, height=30, stride=1), look((x, 0.0, 5.2), heading, tilt=0.2)
+    )
     for k, (x, heading) in enumerate([(-30.0, 0.0), (30.0, np.pi), (0.0, 1.5), (0.0, -1.5)])
 )
 PLACES = np.array([-45.0, -20, -10, 0, 10, 20, 30, 14])
@@ -39,7 +41,8 @@ def cars(x):
 
 
 class Recording:
-    """Cars near the first places; every camera has depths of its own in each frame; s3 sees the sky alone."""
+    """Cars near the first places; every camera has depths of its own in each frame; s3 sees the sky
+    alone."""
 
     site = Site("somewhere", AREA)
 
@@ -76,14 +79,17 @@ class Seen:
         return Seen, (self.recording, self.noise_seed)
 
     def _clouds(self, k, c):
-        return frame_points(with_errors(self.recording[k], "paper", self.noise_seed), [c], area=self.site)[0]
+        return frame_points(
+            with_errors(self.recording[k], "paper", self.noise_seed), [c], area=self.site
+        )[0]
 
     def objects(self, k):
         return self.recording[k].objects
 
 
 class Guess:
-    """A car at each place with enough points, whatever stands where exactly; it counts its calls."""
+    """A car at each place with enough points, whatever stands where exactly; it counts its
+    calls."""
 
     def __init__(self, digest="guess", needed=0):
         self.digest, self.needed, self.calls = digest, needed, 0
@@ -98,7 +104,9 @@ class Guess:
 @pytest.fixture(scope="module")
 def rows():
     sets = [np.flatnonzero(row).tolist() for row in SETS[1:]]
-    found = evaluate_recording(Recording(), Guess(), Comparison(sensor_sets=sets), reads=Reads(frames=2))
+    found = evaluate_recording(
+        Recording(), Guess(), Comparison(sensor_sets=sets), reads=Reads(frames=2)
+    )
     return {(row.scheme, row.sensors, row.iou): row for row in found}
 
 
@@ -113,7 +121,9 @@ def test_it_equals_evaluate_recording_to_the_last_digit(rows, scheme):
         assert estimate.ap[1:].tolist() == [row.ap for row in expected]
         assert estimate.recall[1:].tolist() == [row.recall for row in expected]
         sizes = SETS[1:].sum(axis=1)
-        np.testing.assert_allclose(estimate.kbit[1:] / sizes, [row.kbit_per_sensor for row in expected], rtol=1e-14)
+        np.testing.assert_allclose(
+            estimate.kbit[1:] / sizes, [row.kbit_per_sensor for row in expected], rtol=1e-14
+        )
         assert (estimate.ap[0], estimate.recall[0], estimate.kbit[0]) == (0, 0, 0)
     assert 0.1 < estimates[0.7].ap.max() < 1
     for mine, again in zip(detected.partial(SETS, 2), estimates[0.8], strict=True):
@@ -125,7 +135,9 @@ def test_what_is_shared_travels_or_finds_nothing(tmp_path):
     for scheme, calls in (("late", 4), ("early", 4), ("hybrid", 7)):
         before = detector.calls
         Detected(seen, detector, scheme, memo=memo)(SETS[1:])
-        assert detector.calls - before == 2 * calls  # of three sensors' seven sets and the empty cloud, in two frames
+        assert (
+            detector.calls - before == 2 * calls
+        )  # of three sensors' seven sets and the empty cloud, in two frames
     Detected(Seen(Recording()), Guess(), "late", memo=tmp_path / "memo")(SETS[1:2])
     other, detector = Recording((SENSORS[3], SENSORS[0])), Guess()
     Detected(Seen(other), detector, "late", memo=tmp_path / "memo")(np.array([[False, True]]))
@@ -155,10 +167,22 @@ def test_a_kept_set_costs_nothing_and_more_frames_only_what_they_add(tmp_path, s
 @pytest.mark.parametrize(
     ("seen", "detector"),
     [
-        *((Seen(Recording()), Guess("other weights", needed=2)), (Seen(Recording(seed=1)), Guess())),
+        *(
+            (Seen(Recording()), Guess("other weights", needed=2)),
+            (Seen(Recording(seed=1)), Guess()),
+        ),
         (Seen(Recording(), noise_seed=1), Guess()),
         (Seen(Recording(tuple(Sensor(s.name + "b", s.model, s.pose) for s in SENSORS))), Guess()),
-        (Seen(Recording(tuple(Sensor(s.name, DepthCamera(40, 30, 1, sigma=1.0), s.pose) for s in SENSORS))), Guess()),
+        (
+            Seen(
+                Recording(
+                    tuple(
+                        Sensor(s.name, DepthCamera(40, 30, 1, sigma=1.0), s.pose) for s in SENSORS
+                    )
+                )
+            ),
+            Guess(),
+        ),
         (Seen(Recording(SENSORS[1::-1] + SENSORS[2:])), Guess()),
         (Seen(Recording(tuple(replace(s, pose=s.pose @ pose(0.5)) for s in SENSORS))), Guess()),
         (Seen(Recording(tuple(replace(s, pose=s.pose @ pose(yaw=0.2)) for s in SENSORS))), Guess()),
@@ -174,7 +198,9 @@ def test_whatever_a_score_depends_on_it_is_never_an_old_one(tmp_path, scheme, se
 
 def test_code_that_changed_is_run_again(tmp_path, monkeypatch):
     for code, calls in (("before", 4), ("before", 0), ("after", 4)):
-        monkeypatch.setattr("placement_env.fidelity.detector.code_digest", lambda *_, code=code: code)
+        monkeypatch.setattr(
+            "placement_env.fidelity.detector.code_digest", lambda *_, code=code: code
+        )
         detector = Guess()
         Detected(Seen(Recording(frames=2)), detector, "late", memo=tmp_path / "memo")(SETS[[1, 2]])
         assert detector.calls == calls
@@ -213,7 +239,11 @@ class Nameless:
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"scheme": "middle"}, "early"), ({"iou": 1.5}, "iou"), ({"detector": Nameless(), "memo": Cache()}, "digest")],
+    [
+        ({"scheme": "middle"}, "early"),
+        ({"iou": 1.5}, "iou"),
+        ({"detector": Nameless(), "memo": Cache()}, "digest"),
+    ],
 )
 def test_bad_requests_are_refused(options, message):
     arguments = {"renders": Seen(Recording()), "detector": Guess(), "scheme": "early", **options}
@@ -225,7 +255,9 @@ def test_bad_requests_are_refused(options, message):
         Detected(Seen(Recording()), Nameless(), "early")(np.zeros((2, 5), bool))
 
 
-def test_foreground_and_range_images_need_images_and_have_them_in_renders(small_traffic, small_candidates):
+def test_foreground_and_range_images_need_images_and_have_them_in_renders(
+    small_traffic, small_candidates
+):
     with pytest.raises(ValueError, match="points alone, no images"):
         Detected(Seen(Recording()), Guess(), "foreground")(SETS[:2])
     renders, some = Renders(small_traffic, small_candidates), np.array([[True, False, True, False]])

@@ -1,4 +1,5 @@
-"""`FrameDetections`: a detector that gains by it is asked for many sets at once, and says what it says one by one."""
+"""`FrameDetections`: a detector that gains by it is asked for many sets at once, and says what it
+says one by one."""
 
 import numpy as np
 import pytest
@@ -21,10 +22,14 @@ BOXES = np.column_stack([PLACES, 0 * PLACES, 0 * PLACES + 0.75, np.tile([4, 2, 1
 
 
 class Street:
-    """Cars in a row, each of which some of three cameras have points on; the fourth camera sees nothing."""
+    """Cars in a row, each of which some of three cameras have points on; the fourth camera sees
+    nothing."""
 
     site = Site("street", np.array([-40.0, -10.0, 40.0, 10.0]))
-    sensors = tuple(Sensor(f"s{k}", DepthCamera(40, 30, 1), look((-30.0 + 20 * k, 0.0, 5.2), 0.0)) for k in range(4))
+    sensors = tuple(
+        Sensor(f"s{k}", DepthCamera(40, 30, 1), look((-30.0 + 20 * k, 0.0, 5.2), 0.0))
+        for k in range(4)
+    )
     frames = 2
     digest = "street"
 
@@ -62,14 +67,16 @@ class AtOnce(OneByOne):
         assert len(clouds) == unions.shape[1]
         self.asked.append(len(unions))
         none = np.zeros((0, 3), np.float32)
-        points = [np.concatenate([none, *(clouds[c] for c in np.flatnonzero(row))]) for row in unions]
+        points = [
+            np.concatenate([none, *(clouds[c] for c in np.flatnonzero(row))]) for row in unions
+        ]
         return [OneByOne()(each) for each in points]
 
 
 @pytest.mark.parametrize(("scheme", "asked"), [("late", [4]), ("early", [8]), ("hybrid", [8, 3])])
 def test_all_sets_of_a_frame_are_asked_for_at_once(scheme, asked):
-    """Of three sensors that see anything: their own points, seven sets of these, and the same of their far ones; and
-    what the fourth sees, which is nothing."""
+    """Of three sensors that see anything: their own points, seven sets of these, and the same of
+    their far ones; and what the fourth sees, which is nothing."""
     assert isinstance(Street(), Measured)
     detector, alone = AtOnce(), OneByOne()
     at_once = Detected(Street(), detector, scheme, memo=Cache())
@@ -95,10 +102,15 @@ def test_what_is_known_is_not_asked_for():
 
 
 def test_schemes_at_once_detect_what_they_detect_one_by_one(small_traffic, small_candidates):
-    renders, some = Renders(small_traffic, small_candidates), np.array([[1, 0, 1, 0], [1, 0, 0, 0], [0, 0, 1, 0]], bool)
+    renders, some = (
+        Renders(small_traffic, small_candidates),
+        np.array([[1, 0, 1, 0], [1, 0, 0, 0], [0, 0, 1, 0]], bool),
+    )
     for scheme, codec in (("foreground", PAPER), ("early", RangeImages(0.04))):
         alone, at_once = OneByOne(), AtOnce()
         expected = Detected(renders, alone, scheme, codec=codec).partial(some, 2)
-        np.testing.assert_array_equal(Detected(renders, at_once, scheme, codec=codec).partial(some, 2), expected)
+        np.testing.assert_array_equal(
+            Detected(renders, at_once, scheme, codec=codec).partial(some, 2), expected
+        )
         assert at_once.asked
         assert at_once.calls + sum(at_once.asked) == alone.calls

@@ -23,15 +23,75 @@ FILES = {
 }
 # Per table, scheme and IoU 0.7, 0.8, 0.9: AP, recall and kbit of all sets, each weighed by `weigh`.
 TABLES = {
-    ("tjunction", "early"): [1.71037, 1.70665, 1914.36527, 1.51229, 1.58355, 1914.36527, 0.3542, 0.7006, 1914.36527],
-    ("tjunction", "late"): [1.68429, 1.68641, 6.89054, 1.4361, 1.5273, 6.89054, 0.51263, 0.79945, 6.89054],
-    ("tjunction", "hybrid"): [1.70218, 1.70032, 434.1671, 1.49735, 1.57029, 434.1671, 0.58218, 0.86055, 434.1671],
-    ("roundabout", "early"): [-0.88958, -0.90453, 51.76858, -0.8405, -0.83898, 51.76858, -0.48998, -0.65389, 51.76858],
+    ("tjunction", "early"): [
+        1.71037,
+        1.70665,
+        1914.36527,
+        1.51229,
+        1.58355,
+        1914.36527,
+        0.3542,
+        0.7006,
+        1914.36527,
+    ],
+    ("tjunction", "late"): [
+        1.68429,
+        1.68641,
+        6.89054,
+        1.4361,
+        1.5273,
+        6.89054,
+        0.51263,
+        0.79945,
+        6.89054,
+    ],
+    ("tjunction", "hybrid"): [
+        1.70218,
+        1.70032,
+        434.1671,
+        1.49735,
+        1.57029,
+        434.1671,
+        0.58218,
+        0.86055,
+        434.1671,
+    ],
+    ("roundabout", "early"): [
+        -0.88958,
+        -0.90453,
+        51.76858,
+        -0.8405,
+        -0.83898,
+        51.76858,
+        -0.48998,
+        -0.65389,
+        51.76858,
+    ],
     ("roundabout", "late"): [
-        *(-0.88985, -0.90715, -12.96672, -0.72628, -0.76989, -12.96672, -0.17175, -0.36154, -12.96672)
+        *(
+            -0.88985,
+            -0.90715,
+            -12.96672,
+            -0.72628,
+            -0.76989,
+            -12.96672,
+            -0.17175,
+            -0.36154,
+            -12.96672,
+        )
     ],
     ("roundabout", "hybrid"): [
-        *(-0.91139, -0.9217, -983.80501, -0.83618, -0.83721, -983.80501, -0.3692, -0.55418, -983.80501)
+        *(
+            -0.91139,
+            -0.9217,
+            -983.80501,
+            -0.83618,
+            -0.83721,
+            -983.80501,
+            -0.3692,
+            -0.55418,
+            -983.80501,
+        )
     ],
 }
 CHEAP = {
@@ -49,7 +109,8 @@ SENT = {"early": 427.2512, "late": 0.8368, "hybrid": 231.6096}
 
 
 def weigh(column):
-    """Sum over sets, each with a weight of its own, so that sets that change places are noticed too."""
+    """Sum over sets, each with a weight of its own, so that sets that change places are noticed
+    too."""
     return float(np.asarray(column, np.float64) @ np.cos(np.arange(len(column))))
 
 
@@ -93,10 +154,17 @@ def test_cheap_fidelities_say_the_same(seen, scheme):
     sets = all_subsets(5)
     found = {
         "coverage": Coverage(seen, scheme)(sets),
-        "surrogate": Surrogate(seen, scheme, shipped_model(scheme, 0.7, "tjunction"), radius=20.0)(sets),
+        "surrogate": Surrogate(seen, scheme, shipped_model(scheme, 0.7, "tjunction"), radius=20.0)(
+            sets
+        ),
         "entropy": PerceptionEntropy(seen, scheme)(sets),
     }
     for estimate in found.values():
         assert weigh(estimate.kbit) == pytest.approx(SENT[scheme], rel=1e-6, abs=1e-4)
-    for name, estimate in found.items():  # sums of float32 differ in the last digits between processors
-        assert [float(ap.sum()) for ap in estimate[:2]] == pytest.approx(CHEAP[name, scheme], rel=1e-4)
+    for (
+        name,
+        estimate,
+    ) in found.items():  # sums of float32 differ in the last digits between processors
+        assert [float(ap.sum()) for ap in estimate[:2]] == pytest.approx(
+            CHEAP[name, scheme], rel=1e-4
+        )

@@ -26,16 +26,24 @@ def test_domains_mention_what_lies_outside_alone():
     far = NEAR.copy()
     far[0, :25] = 56.0
     assert DOMAIN.outside(NEAR, far) == (
-        "25% of what the candidates see is beyond 50 m, farther than what the surrogate was fitted to",
+        (
+            "25% of what the candidates see is beyond 50 m, farther than what the surrogate was "
+            "fitted to"
+        ),
     )
     said = DOMAIN.outside(np.full_like(NEAR, 500.0), NEAR, ["SpinningLidar", "DepthCamera"])
     assert said == (
-        "100% of what the candidates see has more than 100 points, more than what the surrogate was fitted to",
+        (
+            "100% of what the candidates see has more than 100 points, more than what the "
+            "surrogate was fitted to"
+        ),
         "the surrogate was fitted to DepthCamera, not to SpinningLidar",
     )
 
 
-@pytest.mark.parametrize("change", [{"farthest": 0.0}, {"sites": True}, {"most_points": "9"}, {"sensors": (3,)}])
+@pytest.mark.parametrize(
+    "change", [{"farthest": 0.0}, {"sites": True}, {"most_points": "9"}, {"sensors": (3,)}]
+)
 def test_what_is_no_domain_is_refused(change):
     with pytest.raises((TypeError, ValueError)):
         HitDomain(**vars(DOMAIN) | change)

@@ -6,9 +6,24 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hit_model import FOLDER, NUMBERS, RANGES, HitDomain, load_models, save_models, shipped_model
+from placement_env.fidelity.hit_model import (
+    FOLDER,
+    NUMBERS,
+    RANGES,
+    HitDomain,
+    load_models,
+    save_models,
+    shipped_model,
+)
 
-DOMAIN = {"farthest": 60.0, "most_points": 900.0, "sensors": ["DepthCamera"], "sites": 2, "objects": 30, "sets": 9}
+DOMAIN = {
+    "farthest": 60.0,
+    "most_points": 900.0,
+    "sensors": ["DepthCamera"],
+    "sites": 2,
+    "objects": 30,
+    "sets": 9,
+}
 
 
 def test_evidence_bulk_and_few_points_set_the_probability(hit_model):
@@ -24,7 +39,9 @@ def test_evidence_bulk_and_few_points_set_the_probability(hit_model):
     assert model.of_size(boxes[:0]).shape == (0,)
     model = replace(hit_model, floor=20.0, norm=2.0)
     powers, raw = np.full(4, 1e9), np.array([0.0, 5.0, 20.0, 80.0]) ** 2
-    assert model.probability(powers, raw) == pytest.approx(hit_model.ceiling * np.array([0, 0.25, 1, 1]), abs=1e-3)
+    assert model.probability(powers, raw) == pytest.approx(
+        hit_model.ceiling * np.array([0, 0.25, 1, 1]), abs=1e-3
+    )
     assert model.probability(powers) == pytest.approx(np.full(4, hit_model.ceiling), abs=1e-3)
 
 
@@ -44,15 +61,32 @@ def test_models_come_back_from_their_file(tmp_path, hit_models):
 @pytest.mark.parametrize(
     "change",
     [
-        *(lambda row: row.pop("norm"), lambda row: row.update(more=1), lambda row: row.update(norm="1")),
+        *(
+            lambda row: row.pop("norm"),
+            lambda row: row.update(more=1),
+            lambda row: row.update(norm="1"),
+        ),
         *(lambda row: row.update(norm=float("nan")), lambda row: row.update(density=-1.0)),
         *(lambda row: row.update(ceiling=True), lambda row: row.update(scheme="middle")),
-        *(lambda row: row.update(source=3), lambda row: row.update(floor="20"), lambda row: row.update(floor=-1.0)),
-        *(lambda row: row.update(domain={"farthest": 3.0}), lambda row: row.update(domain={**DOMAIN, "farthest": 0})),
+        *(
+            lambda row: row.update(source=3),
+            lambda row: row.update(floor="20"),
+            lambda row: row.update(floor=-1.0),
+        ),
+        *(
+            lambda row: row.update(domain={"farthest": 3.0}),
+            lambda row: row.update(domain={**DOMAIN, "farthest": 0}),
+        ),
         lambda row: row.update(domain={**DOMAIN, "sensors": "DepthCamera"}),
         *(lambda row: row.update(resampled=3), lambda row: row.update(resampled=[[1.0]])),
-        *(lambda row: row.update(resampled=[["a"] * 9]), lambda row: row.update(resampled=[[None] * 9])),
-        *(lambda row: row.update(resampled=[[99.0] * 9]), lambda row: row.update(resampled=[[0.5] * 10])),
+        *(
+            lambda row: row.update(resampled=[["a"] * 9]),
+            lambda row: row.update(resampled=[[None] * 9]),
+        ),
+        *(
+            lambda row: row.update(resampled=[[99.0] * 9]),
+            lambda row: row.update(resampled=[[0.5] * 10]),
+        ),
         lambda row: row.update(bulk=-0.1),
     ],
 )
@@ -95,7 +129,9 @@ def test_files_say_of_fits_and_bulk_what_they_know(tmp_path, hit_model):
         rows[0].pop(name)
     (tmp_path / "old.json").write_text(json.dumps(rows))
     assert load_models(tmp_path / "old.json") == (hit_model,)
-    row = asdict(replace(hit_model, resampled=((*[getattr(hit_model, name) for name in NUMBERS[:-1]], 0.0),)))
+    row = asdict(
+        replace(hit_model, resampled=((*[getattr(hit_model, name) for name in NUMBERS[:-1]], 0.0),))
+    )
     row.pop("bulk")
     row["resampled"] = [row["resampled"][0][:-1]]
     (tmp_path / "m.json").write_text(json.dumps([row]))

@@ -1,4 +1,5 @@
-"""What a block of sensors sees is what the renderer hits, and what is sent is the mean over the noise."""
+"""What a block of sensors sees is what the renderer hits, and what is sent is the mean over the
+noise."""
 
 from dataclasses import replace
 
@@ -36,17 +37,25 @@ def test_points_are_those_rendered_and_in_boxes(small_traffic, seen, rendered):
         rows = np.flatnonzero(scored(snapshot.objects, small_traffic.site))
         expected = [[(hits == row).sum() for row in rows] for _, hits in rendered[k]]
         found = seen.points[:, seen.frame == k]
-        assert np.abs(found - np.array(expected).reshape(found.shape)).max(initial=0) <= 1  # rounding at an edge
+        assert (
+            np.abs(found - np.array(expected).reshape(found.shape)).max(initial=0) <= 1
+        )  # rounding at an edge
         assert np.array_equal(seen.boxes[seen.frame == k], snapshot.objects.boxes[rows])
     assert (seen.points > 0).any(axis=1).all()
     assert seen.points.max() > 50
     for k in range(seen.frames):
         found, boxes = seen.points[:, seen.frame == k], seen.boxes[seen.frame == k]
-        on_objects = np.array([count_points(points[hits >= 0], boxes) for points, hits in rendered[k]])
-        assert (np.abs(on_objects - found) <= 0.02 * found + 8).all()  # rounding on the faces of a box
+        on_objects = np.array(
+            [count_points(points[hits >= 0], boxes) for points, hits in rendered[k]]
+        )
+        assert (
+            np.abs(on_objects - found) <= 0.02 * found + 8
+        ).all()  # rounding on the faces of a box
 
 
-def test_sent_is_counted_or_the_mean_over_noise_as_visibility_keeps(small_traffic, small_candidates, seen):
+def test_sent_is_counted_or_the_mean_over_noise_as_visibility_keeps(
+    small_traffic, small_candidates, seen
+):
     renders = [Renders(small_traffic, small_candidates, noise_seed=seed) for seed in range(4)]
     radius = small_traffic.site.hybrid_radius
 
@@ -57,13 +66,19 @@ def test_sent_is_counted_or_the_mean_over_noise_as_visibility_keeps(small_traffi
     for measured, expected in ((Renders.clouds, seen.sent), (far, seen.far)):
         sent = [[[len(measured(r, k, c)) for k in range(5)] for c in range(4)] for r in renders]
         assert np.abs(np.mean(sent, axis=0) - expected).max() < 12 + 0.02 * expected.max()
-    exact = tuple(Sensor(s.name, replace(s.model, sigma=0.0), s.pose) for s in small_candidates.sensors)
+    exact = tuple(
+        Sensor(s.name, replace(s.model, sigma=0.0), s.pose) for s in small_candidates.sensors
+    )
     found = see(small_traffic, replace(small_candidates, sensors=exact))
     renderer = Renderer(small_traffic.site, small_traffic.bodies, exact)
     for k, snapshot in enumerate(small_traffic.snapshots):
-        for c, (sensor, depth) in enumerate(zip(exact, renderer.render(snapshot).measurements, strict=True)):
+        for c, (sensor, depth) in enumerate(
+            zip(exact, renderer.render(snapshot).measurements, strict=True)
+        ):
             points, valid = unproject(sensor, depth)
-            points = points.T[valid & is_inside(points.T, small_traffic.site.area, small_traffic.site.height)]
+            points = points.T[
+                valid & is_inside(points.T, small_traffic.site.area, small_traffic.site.height)
+            ]
             assert abs(found.sent[c, k] - len(points)) < 2
             far = is_beyond(points, sensor, small_traffic.site.hybrid_radius).sum()
             assert abs(found.far[c, k] - far) < 2

@@ -8,7 +8,13 @@ import pytest
 from models.detector import VoxelNetDetector, load_detector
 from placement_env.cases import Cases
 from placement_env.fidelity import preparation, seeing
-from placement_env.fidelity.preparation import GENERAL, Preparation, check_scorable, find_network, load_shipped_detector
+from placement_env.fidelity.preparation import (
+    GENERAL,
+    Preparation,
+    check_scorable,
+    find_network,
+    load_shipped_detector,
+)
 from placement_env.setting import Setting
 from toolkit.detection.background import KnownBackground, add_background
 from toolkit.detection.schemes import find_scheme
@@ -48,7 +54,9 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
     sets = [[True, True, False, False]]
     detected(np.array(sets))
     kept = len(first.run.memo)
-    assert kept == 1 + 2 * 6 + 5 + 10  # a block, two renders in parts, an outcome and two detections of each frame
+    assert (
+        kept == 1 + 2 * 6 + 5 + 10
+    )  # a block, two renders in parts, an outcome and two detections of each frame
     assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {
         "cache.sqlite",
         "cache.sqlite.key",
@@ -64,7 +72,9 @@ def test_sensors_are_seen_live_and_nothing_kept_without_a_folder(small_traffic, 
     assert prepared(small_traffic, small_candidates, None).run.memo is None
 
     def live(candidates=small_candidates, rendering="auto"):
-        made = Preparation(Setting(small_traffic.site, candidates=candidates, rendering=rendering), Run(frames=5))
+        made = Preparation(
+            Setting(small_traffic.site, candidates=candidates, rendering=rendering), Run(frames=5)
+        )
         vars(made)["traffic"] = small_traffic
         return made.live
 
@@ -72,11 +82,16 @@ def test_sensors_are_seen_live_and_nothing_kept_without_a_folder(small_traffic, 
     assert live(rendering="full") is None
     assert live(rendering="panorama").traffic is small_traffic
     lidar = small_candidates.sensors[3]
-    short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
+    short = replace(
+        small_candidates.select([3]),
+        sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),),
+    )
     assert live(rendering="panorama", candidates=short) is None
 
 
-def test_errors_change_what_the_detector_sees_and_every_key_of_it(small_traffic, small_candidates, tmp_path):
+def test_errors_change_what_the_detector_sees_and_every_key_of_it(
+    small_traffic, small_candidates, tmp_path
+):
     sets = np.array([[True, True, False, False]])
     kept = []
     for errors in (PAPER_ERRORS, TYPICAL, POOR, TYPICAL, PAPER_ERRORS):
@@ -96,20 +111,31 @@ def test_several_profiles_share_traffic_and_detector_and_what_single_ones_have_k
     small_traffic, small_candidates, tmp_path, combine
 ):
     sets = np.array([[True, True, False, False]])
-    single = [prepared(small_traffic, small_candidates, tmp_path, errors=each) for each in (PAPER_ERRORS, POOR)]
+    single = [
+        prepared(small_traffic, small_candidates, tmp_path, errors=each)
+        for each in (PAPER_ERRORS, POOR)
+    ]
     each = [made.fidelity("detector")(sets) for made in single]
     kept = len(single[0].run.memo)
-    both = prepared(small_traffic, small_candidates, tmp_path, errors=(PAPER_ERRORS, POOR), combine=combine)
+    both = prepared(
+        small_traffic, small_candidates, tmp_path, errors=(PAPER_ERRORS, POOR), combine=combine
+    )
     found = both.fidelity("detector")
     at_each = found.at_each(sets)
-    assert [at_each[name].kbit.tolist() for name in ("paper", "poor")] == [one.kbit.tolist() for one in each]
+    assert [at_each[name].kbit.tolist() for name in ("paper", "poor")] == [
+        one.kbit.tolist() for one in each
+    ]
     assert found(sets).ap.tolist() == [0.0]
     assert len(both.run.memo) == kept  # neither rendered nor detected again
-    with pytest.raises(ValueError, match="errors paper and poor are known to fidelity detector alone"):
+    with pytest.raises(
+        ValueError, match="errors paper and poor are known to fidelity detector alone"
+    ):
         both.fidelity("coverage")
 
 
-def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_candidates, monkeypatch):
+def test_the_shipped_network_is_read_once_for_all_profiles(
+    small_traffic, small_candidates, monkeypatch
+):
     read = []
 
     def shipped(network, site):
@@ -125,7 +151,9 @@ def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_
 @pytest.mark.parametrize("name", ["coverage", "surrogate", "table"])
 def test_fidelities_that_do_not_know_errors_refuse_them(small_traffic, small_candidates, name):
     made = prepared(small_traffic, small_candidates, None, errors=TYPICAL)
-    with pytest.raises(ValueError, match=f"errors typical are known to fidelity detector alone, got '{name}'"):
+    with pytest.raises(
+        ValueError, match=f"errors typical are known to fidelity detector alone, got '{name}'"
+    ):
         made.fidelity(name)
     check_scorable(made.setting, "detector")
 
@@ -144,9 +172,12 @@ def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_tra
     assert find_network(site, [replace(site.sensors[0], name="elsewhere")]) == GENERAL
 
 
-def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candidates, seen, monkeypatch):
+def test_models_are_read_once_for_sensors_that_move(
+    small_traffic, small_candidates, seen, monkeypatch
+):
     prepared = Preparation(
-        Setting(small_traffic.site, candidates=small_candidates, scheme=find_scheme("early")), Run(frames=5)
+        Setting(small_traffic.site, candidates=small_candidates, scheme=find_scheme("early")),
+        Run(frames=5),
     )
     vars(prepared)["traffic"] = small_traffic
     first, second = (prepared.at(small_candidates, seen) for _ in range(2))
@@ -154,4 +185,6 @@ def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candida
     ap = first.fidelity("surrogate")(sets).ap
     monkeypatch.setattr(preparation, "surrogate_models", None)
     assert second.fidelity("surrogate")(sets).ap.tolist() == ap.tolist()
-    assert prepared.at(small_candidates, seen).fidelity("surrogate")(sets).ap.tolist() == ap.tolist()
+    assert (
+        prepared.at(small_candidates, seen).fidelity("surrogate")(sets).ap.tolist() == ap.tolist()
+    )

@@ -47,7 +47,9 @@ def test_clouds_without_noise_are_what_the_renderer_measures(small_traffic, smal
             assert np.allclose(np.sort(points, axis=0), np.sort(expected, axis=0), atol=1e-4)
 
 
-def test_clouds_are_the_same_in_company_and_profiles_have_keys(renders, small_traffic, small_candidates):
+def test_clouds_are_the_same_in_company_and_profiles_have_keys(
+    renders, small_traffic, small_candidates
+):
     assert renders.clouds(1, 2).dtype == np.float32
     turned = Renders(small_traffic, small_candidates.select([3, 2]))
     for k in (3, 0, 1):
@@ -62,7 +64,10 @@ def test_clouds_are_the_same_in_company_and_profiles_have_keys(renders, small_tr
     assert paper.digest == renders.digest
     assert paper.clouds(1, 2).tobytes() == renders.clouds(1, 2).tobytes()
     profiles = (PAPER_ERRORS, TYPICAL, POOR, ErrorProfile("typical", (*TYPICAL.terms, rain(1.0))))
-    assert len({Renders(small_traffic, small_candidates, errors=each).digest for each in profiles}) == 4
+    assert (
+        len({Renders(small_traffic, small_candidates, errors=each).digest for each in profiles})
+        == 4
+    )
     renamed = Renders(small_traffic, small_candidates, errors=replace(TYPICAL, name="other"))
     assert renamed.digest == Renders(small_traffic, small_candidates, errors=TYPICAL).digest
     with pytest.raises(ValueError, match="drawn from a seed"):
@@ -78,7 +83,9 @@ def test_clouds_of_errors_are_the_same_in_any_company(small_traffic, small_candi
     with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
         Renders(small_traffic, small_candidates, errors=late).clouds(0, 0)
     dense = [replace(each, time=each.time / 50) for each in small_traffic.snapshots]
-    said = Renders(replace(small_traffic, snapshots=tuple(dense)), small_candidates, errors=late).clouds(1, 0)
+    said = Renders(
+        replace(small_traffic, snapshots=tuple(dense)), small_candidates, errors=late
+    ).clouds(1, 0)
     assert len(said) > 100
     rough = Renders(small_traffic, small_candidates, errors=POOR)
     turned = Renders(small_traffic, small_candidates.select([3, 2]), errors=POOR)
@@ -91,7 +98,8 @@ def test_clouds_of_errors_are_the_same_in_any_company(small_traffic, small_candi
 
 
 def test_errors_are_drawn_anew_for_each_block_or_once(small_traffic, small_candidates):
-    """The last of five frames is of the second block of four: there the sensors are mounted anew."""
+    """The last of five frames is of the second block of four: there the sensors are mounted
+    anew."""
     crooked = ErrorProfile("crooked", (Calibration(0.02, 0.1),))
 
     def believed(renders):
@@ -117,7 +125,9 @@ def test_far_points_and_objects(renders, small_traffic):
     assert renders.frames == 5
 
 
-def test_a_cache_is_shared_and_its_damage_repaired(renders, small_traffic, small_candidates, tmp_path, monkeypatch):
+def test_a_cache_is_shared_and_its_damage_repaired(
+    renders, small_traffic, small_candidates, tmp_path, monkeypatch
+):
     path = tmp_path / "cache.sqlite"
     first = Renders(small_traffic, small_candidates, Cache(path))
     assert np.array_equal(first.clouds(0, 1), renders.clouds(0, 1))
@@ -125,8 +135,12 @@ def test_a_cache_is_shared_and_its_damage_repaired(renders, small_traffic, small
         for key, value in database.execute("SELECT key, value FROM entries").fetchall():
             damaged = value[:-9] + bytes([value[-9] ^ 1]) + value[-8:]
             database.execute("UPDATE entries SET value = ? WHERE key = ?", [damaged, key])
-    assert np.array_equal(Renders(small_traffic, small_candidates, Cache(path)).clouds(0, 1), renders.clouds(0, 1))
-    assert np.array_equal(Renders(small_traffic, small_candidates, Cache(path)).clouds(3, 1), renders.clouds(3, 1))
+    assert np.array_equal(
+        Renders(small_traffic, small_candidates, Cache(path)).clouds(0, 1), renders.clouds(0, 1)
+    )
+    assert np.array_equal(
+        Renders(small_traffic, small_candidates, Cache(path)).clouds(3, 1), renders.clouds(3, 1)
+    )
     assert len(Cache(path)) == 3  # the empty site, and two parts of the frames
     monkeypatch.setattr(Renders, "_render", None)
     kept = Renders(small_traffic, small_candidates.select([1]), Cache(path), noise_seed=0)
@@ -165,7 +179,9 @@ def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, m
     assert list(kept._packed) == [(0, 0), (3, 0)]
 
 
-def test_only_frames_of_the_part_that_is_asked_for_are_rendered(renders, small_traffic, small_candidates, monkeypatch):
+def test_only_frames_of_the_part_that_is_asked_for_are_rendered(
+    renders, small_traffic, small_candidates, monkeypatch
+):
     expected = [renders.clouds(k, 0) for k in (1, 3)]
     monkeypatch.setattr("placement_env.fidelity.renders.RENDER_PARTS", 2)
     rendered, render = [], Renderer.render
@@ -201,19 +217,27 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
     seen, renders = Visibility.of(recording), Recorded(recording)
     assert seen.sent.tolist() == [[len(renders.clouds(k, c)) for k in range(2)] for c in range(2)]
     far = [
-        [is_beyond(renders.clouds(k, c), sensor, recording.site.hybrid_radius).sum() for k in range(2)]
+        [
+            is_beyond(renders.clouds(k, c), sensor, recording.site.hybrid_radius).sum()
+            for k in range(2)
+        ]
         for c, sensor in enumerate(recording.sensors)
     ]
     assert seen.far.tolist() == far
     clouds = frame_points(recording[1], area=recording.site)
     boxes = seen.boxes[seen.frame == 1]
-    assert seen.points[:, seen.frame == 1].tolist() == [count_points(cloud, boxes).tolist() for cloud in clouds]
+    assert seen.points[:, seen.frame == 1].tolist() == [
+        count_points(cloud, boxes).tolist() for cloud in clouds
+    ]
     assert Visibility.of(recording, 1).frames == 1
     rough = Recorded(recording, errors=TYPICAL)
     for k in (1, 0):
         expected = frame_points(with_errors(recording[k], TYPICAL, 0), area=recording.site)
         assert all(np.array_equal(rough.clouds(k, c), cloud) for c, cloud in enumerate(expected))
-    assert len({Recorded(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)}) == 3
+    assert (
+        len({Recorded(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)})
+        == 3
+    )
     assert Recorded(recording).digest == Recorded(recording, errors=PAPER_ERRORS).digest
 
 
@@ -224,27 +248,41 @@ def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp
     assert len(cache) == 4  # in the crop, and whole, each the empty site and a part of the frames
     monkeypatch.setattr(Renders, "_render", None)
     kept = Renders(small_traffic, small_candidates, cache, errors=POOR)
-    assert np.array_equal(kept.clouds(0, 0), Renders(small_traffic, small_candidates, cache, errors=POOR).clouds(0, 0))
+    assert np.array_equal(
+        kept.clouds(0, 0), Renders(small_traffic, small_candidates, cache, errors=POOR).clouds(0, 0)
+    )
 
 
 @pytest.mark.parametrize("errors", [PAPER_ERRORS, TYPICAL], ids=["paper", "typical"])
-def test_images_are_behind_the_points_and_show_the_empty_scene_but_for_traffic(small_traffic, small_candidates, errors):
+def test_images_are_behind_the_points_and_show_the_empty_scene_but_for_traffic(
+    small_traffic, small_candidates, errors
+):
     found = Renders(small_traffic, small_candidates, errors=errors)
     for k, c in ((0, 1), (3, 2)):
         captured, points = found.captured(k, c), found.clouds(k, c)
         sent = captured.sending(captured.pixels)
         assert (sent.sensor.name, sent.number) == (found.sensors[c].name, k)
-        placed = captured.sensor.world_rays[:, captured.pixels].T * captured.measurement.ravel()[captured.pixels, None]
+        placed = (
+            captured.sensor.world_rays[:, captured.pixels].T
+            * captured.measurement.ravel()[captured.pixels, None]
+        )
         np.testing.assert_allclose(placed + captured.sensor.position, points, atol=1e-4)
         shows = found.scene(c).shows(captured.measurement).ravel()[captured.pixels]
         assert 0.5 < shows.mean() < 1
         on_cars = count_points(points[~shows], small_traffic.snapshots[k].objects.boxes).sum()
-        assert on_cars > 0.95 * count_points(points, small_traffic.snapshots[k].objects.boxes).sum() - 30
+        assert (
+            on_cars
+            > 0.95 * count_points(points, small_traffic.snapshots[k].objects.boxes).sum() - 30
+        )
 
 
 def test_the_empty_scene_of_a_render_has_the_models_noise(renders):
     scene = renders.scene(1)
     assert scene is renders.scene(1)
-    assert (scene.name, scene.model, scene.frames) == (renders.sensors[1].name, renders.sensors[1].model, 1)
+    assert (scene.name, scene.model, scene.frames) == (
+        renders.sensors[1].name,
+        renders.sensors[1].model,
+        1,
+    )
     np.testing.assert_allclose(scene.spread[scene.first > 0], 0.015)
     assert np.isnan(scene.second).all()

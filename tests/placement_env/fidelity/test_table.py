@@ -50,7 +50,9 @@ class Street:
 
     def clouds(self, k, c):
         rng = np.random.default_rng([k, c])
-        return np.column_stack([rng.uniform(-25, 25, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 1, 40)]).astype("f4")
+        return np.column_stack(
+            [rng.uniform(-25, 25, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 1, 40)]
+        ).astype("f4")
 
     def objects(self, k):
         return Objects(cars(PLACES + np.random.default_rng(k).uniform(-0.8, 0.8, 5)))
@@ -74,7 +76,8 @@ class Guess:
 
 def same(a, b):
     return a.origin == b.origin and all(
-        getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in ("ap", "recall", "kbit")
+        getattr(a, name).tobytes() == getattr(b, name).tobytes()
+        for name in ("ap", "recall", "kbit")
     )
 
 
@@ -82,14 +85,18 @@ def same(a, b):
 def made(tmp_path_factory):
     folder, told, detector = tmp_path_factory.mktemp("table"), [], Guess()
     processes = Processes(progress=lambda _, *done: told.append(done))
-    table = make_table(Street(), detector, folder / "street.npz", seed=4, commit="abc", processes=processes)
+    table = make_table(
+        Street(), detector, folder / "street.npz", seed=4, commit="abc", processes=processes
+    )
     return table, folder / "street.npz", told, detector.calls
 
 
 def test_a_table_holds_what_detection_gives_and_says_where_from(made):
     table, path, told, _ = made
     place = hash_site(Street().site, Street().sensors)
-    assert table.origin == Origin("street", ("s0", "s1", "s2"), place, 3, 15, "street", "guess", 4, "abc")
+    assert table.origin == Origin(
+        "street", ("s0", "s1", "s2"), place, 3, 15, "street", "guess", 4, "abc"
+    )
     assert told == [(k, 9) for k in range(1, 10)]
     for i, scheme in enumerate(SCHEMES):
         expected = Detected(Street(), Guess(), scheme).estimates(table.subsets)
@@ -112,7 +119,9 @@ def test_tables_in_parts_and_processes_have_the_same_bytes(made, tmp_path):
     assert second.calls < all_calls / 2
     assert (tmp_path / "t.npz").read_bytes() == path.read_bytes()
     _, path, _, _ = made
-    make_table(Street(), Guess(), tmp_path / "t.npz", seed=4, commit="abc", processes=Processes(workers=2))
+    make_table(
+        Street(), Guess(), tmp_path / "t.npz", seed=4, commit="abc", processes=Processes(workers=2)
+    )
     assert (tmp_path / "t.npz").read_bytes() == path.read_bytes()
 
 
@@ -169,7 +178,9 @@ def test_bad_requests_and_files_of_something_else_are_refused(tmp_path):
     write_arrays(tmp_path / "t.npz", {"ap": np.zeros(3)})
     with pytest.raises(ValueError, match="no table"):
         load_table(tmp_path / "t.npz")
-    write_arrays(tmp_path / "t.npz", {"origin": np.frombuffer(json.dumps({"site": 1}).encode(), np.uint8)})
+    write_arrays(
+        tmp_path / "t.npz", {"origin": np.frombuffer(json.dumps({"site": 1}).encode(), np.uint8)}
+    )
     with pytest.raises(ValueError, match="no table"):
         load_table(tmp_path / "t.npz")
 
@@ -177,7 +188,10 @@ def test_bad_requests_and_files_of_something_else_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
-        *(("ap", 2.0, "AP and recall must lie in 0..1, got 2"), ("recall", np.nan, "must lie in 0..1, got nan")),
+        *(
+            ("ap", 2.0, "AP and recall must lie in 0..1, got 2"),
+            ("recall", np.nan, "must lie in 0..1, got nan"),
+        ),
         *(("more_ap", -0.1, "0..1, got -0.1"), ("kbit", -5.0, "kbit must lie in .*, got -5")),
         *(("kbit", each, "kbit must lie in") for each in (np.nan, np.inf, -5.0, 1e9)),
     ],
@@ -209,7 +223,10 @@ def test_shipped_tables_are_whole_and_small(path):
 
 def test_a_table_knows_its_radius_and_errors(tmp_path):
     """Its origin says so; the shipped ones, from before, have the paper's."""
-    assert [load_table(name).origin.hybrid_radius for name in ("tjunction", "roundabout")] == [20.0, 12.0]
+    assert [load_table(name).origin.hybrid_radius for name in ("tjunction", "roundabout")] == [
+        20.0,
+        12.0,
+    ]
     site = load_site("roundabout")
     with pytest.raises(ValueError, match="not of these candidates or this version of the site"):
         Objective(Setting(replace(site, hybrid_radius=20.0), fidelity="table"))

@@ -22,7 +22,11 @@ def test_seeds_give_frames_whose_objects_stay_in_their_block():
     assert BLOCK_FRAMES == 2 * LIFE
     frames = simulate_traffic(load_site("tjunction"), 5 * BLOCK_FRAMES, 3).snapshots
     blocks = [
-        {name for frame in frames[first : first + BLOCK_FRAMES] for name in frame.objects.ids.tolist()}
+        {
+            name
+            for frame in frames[first : first + BLOCK_FRAMES]
+            for name in frame.objects.ids.tolist()
+        }
         for first in range(0, len(frames), BLOCK_FRAMES)
     ]
     for n, block in enumerate(blocks):
@@ -30,7 +34,10 @@ def test_seeds_give_frames_whose_objects_stay_in_their_block():
 
 
 def test_digests_know_what_can_be_seen_and_what_is_scored(small_traffic):
-    digests = {small_traffic.digest(), replace(small_traffic, snapshots=small_traffic.snapshots[:-1]).digest()}
+    digests = {
+        small_traffic.digest(),
+        replace(small_traffic, snapshots=small_traffic.snapshots[:-1]).digest(),
+    }
     digests.add(replace(small_traffic, site=replace(small_traffic.site, height=3.0)).digest())
     digests.add(replace(small_traffic, bodies=small_traffic.bodies[::-1]).digest())
     first = small_traffic.snapshots[0]

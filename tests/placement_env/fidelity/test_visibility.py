@@ -19,7 +19,10 @@ from toolkit.sensors.sensor import Sensor
 
 
 def equal(one: Visibility, other: Visibility) -> bool:
-    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(Visibility))
+    return all(
+        np.array_equal(getattr(one, field.name), getattr(other, field.name))
+        for field in fields(Visibility)
+    )
 
 
 class Recorded(CoopDataset):
@@ -36,19 +39,32 @@ class Recorded(CoopDataset):
 @pytest.fixture(scope="module")
 def recording(small_traffic):
     renderer = Renderer(small_traffic.site, small_traffic.bodies, small_traffic.site.sensors)
-    rendered = [(renderer.render(snapshot).measurements, snapshot) for snapshot in small_traffic.snapshots]
-    frames = [Frame(small_traffic.site.sensors, tuple(m), s.objects, s.time, k) for k, (m, s) in enumerate(rendered)]
+    rendered = [
+        (renderer.render(snapshot).measurements, snapshot) for snapshot in small_traffic.snapshots
+    ]
+    frames = [
+        Frame(small_traffic.site.sensors, tuple(m), s.objects, s.time, k)
+        for k, (m, s) in enumerate(rendered)
+    ]
     return Recorded(small_traffic.site, frames)
 
 
 @pytest.mark.parametrize("seed", [None, 0, 7])
 def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recording, seen, seed):
     found, site = Visibility.of(recording, noise_seed=seed), recording.site
-    frames = recording.frames if seed is None else [with_errors(frame, "paper", seed) for frame in recording.frames]
+    frames = (
+        recording.frames
+        if seed is None
+        else [with_errors(frame, "paper", seed) for frame in recording.frames]
+    )
     clouds = [frame_points(frame, area=site) for frame in frames]
-    assert found.sent.tolist() == np.array([[len(cloud) for cloud in each] for each in clouds]).T.tolist()
+    assert (
+        found.sent.tolist()
+        == np.array([[len(cloud) for cloud in each] for each in clouds]).T.tolist()
+    )
     far = [
-        [is_beyond(c, s, site.hybrid_radius).sum() for c, s in zip(each, site.sensors, strict=True)] for each in clouds
+        [is_beyond(c, s, site.hybrid_radius).sum() for c, s in zip(each, site.sensors, strict=True)]
+        for each in clouds
     ]
     assert found.far.tolist() == np.array(far).T.tolist()
     per_frame = [found.points[:, found.frame == k].sum(axis=1) for k in range(found.frames)]
@@ -69,12 +85,19 @@ def test_of_a_recording_only_the_first_frames(recording):
 def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkeypatch):
     monkeypatch.setattr(seeing, "BLOCK_PIXELS", 6000)
     told: list[int] = []
-    assert equal(see(small_traffic, small_candidates, run=Run(progress=lambda *stage: told.append(stage[1]))), seen)
+    assert equal(
+        see(
+            small_traffic, small_candidates, run=Run(progress=lambda *stage: told.append(stage[1]))
+        ),
+        seen,
+    )
     assert told == [1, 2, 3, 4]
     assert equal(see(small_traffic, small_candidates.select([3, 1])), seen.select([3, 1]))
 
 
-def test_what_is_kept_is_not_made_again(small_traffic, small_candidates, seen, tmp_path, monkeypatch):
+def test_what_is_kept_is_not_made_again(
+    small_traffic, small_candidates, seen, tmp_path, monkeypatch
+):
     run = Run(cache=tmp_path)
     assert equal(see(small_traffic, small_candidates, run=run), seen)
     assert len(run.memo) == 1
@@ -88,7 +111,9 @@ def test_what_is_kept_is_not_made_again(small_traffic, small_candidates, seen, t
     monkeypatch.setattr(seeing, "look_at", fail)
     assert equal(see(small_traffic, small_candidates, run=run), seen)
     with pytest.raises(AssertionError, match="made again"):
-        see(replace(small_traffic, snapshots=small_traffic.snapshots[:1]), small_candidates, run=run)
+        see(
+            replace(small_traffic, snapshots=small_traffic.snapshots[:1]), small_candidates, run=run
+        )
     with pytest.raises(AssertionError, match="made again"):
         see(small_traffic, small_candidates.select([0]), run=run)
     monkeypatch.setattr(seeing, "code_digest", lambda *modules: "other")
@@ -97,7 +122,9 @@ def test_what_is_kept_is_not_made_again(small_traffic, small_candidates, seen, t
 
 
 @pytest.mark.parametrize("movement", [pose(yaw=0.3), pose(0.2)])
-def test_a_sensor_that_turned_or_moved_is_looked_through_again(small_traffic, small_candidates, movement, tmp_path):
+def test_a_sensor_that_turned_or_moved_is_looked_through_again(
+    small_traffic, small_candidates, movement, tmp_path
+):
     run, sensor = Run(cache=tmp_path), small_candidates.sensors[1]
     for each in (sensor, replace(sensor, pose=sensor.pose @ movement)):
         there = replace(small_candidates.select([1]), sensors=(each,))
@@ -129,7 +156,9 @@ def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, mo
 def test_panoramas_are_taken_where_poses_share_places_in_range(small_traffic, small_candidates):
     few = small_candidates.select([0])
     at = (-22.0, -16.0, 6.0)
-    sensors = tuple(Sensor(str(k), few.sensors[0].model, look(at, 0.4 + 0.2 * k, 0.3)) for k in range(4))
+    sensors = tuple(
+        Sensor(str(k), few.sensors[0].model, look(at, 0.4 + 0.2 * k, 0.3)) for k in range(4)
+    )
     zeros = np.zeros((4, 5), np.int64)
     shared = replace(few, sensors=sensors, factors=zeros)
     exact, quick = (see(small_traffic, shared, rendering=each) for each in ("full", "panorama"))
@@ -140,7 +169,10 @@ def test_panoramas_are_taken_where_poses_share_places_in_range(small_traffic, sm
     assert equal(see(small_traffic, alone), see(small_traffic, alone, rendering="full"))
     assert equal(see(small_traffic, alone, rendering="panorama"), quick.select([2]))
     lidar = small_candidates.sensors[3]
-    short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
+    short = replace(
+        small_candidates.select([3]),
+        sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),),
+    )
     full, other = (see(small_traffic, short, rendering=each) for each in ("full", "panorama"))
     assert equal(full, other)
     mixed = replace(small_candidates, sensors=(*small_candidates.sensors[:3], *short.sensors))
@@ -149,5 +181,7 @@ def test_panoramas_are_taken_where_poses_share_places_in_range(small_traffic, sm
     assert np.array_equal(seen.sent[3], full.sent[0])
     whole = see(small_traffic, mixed, rendering="full")
     assert not np.array_equal(seen.points[:3], whole.points[:3])
-    with pytest.raises(ValueError, match="rendering must be one of auto, full, panorama, got 'fast'"):
+    with pytest.raises(
+        ValueError, match="rendering must be one of auto, full, panorama, got 'fast'"
+    ):
         see(small_traffic, mixed, rendering="fast")

@@ -1,4 +1,5 @@
-"""The ground that sensors see: shadows worked out by hand, rings of a lidar, relief, ponds, roofs, and the figures."""
+"""The ground that sensors see: shadows worked out by hand, rings of a lidar, relief, ponds, roofs,
+and the figures."""
 
 from dataclasses import replace
 
@@ -70,7 +71,9 @@ def test_walls_cast_shadows_on_the_grid_of_the_area():
     assert 60 < (~expected[elevation >= -1.4]).sum() < 400
     sensors = [
         Sensor(
-            "camera", DepthCamera(width=160, height=120, fov=1.1, max_range=14.0), look((-9.0, -5.0, 4.0), 0.6, 0.4)
+            "camera",
+            DepthCamera(width=160, height=120, fov=1.1, max_range=14.0),
+            look((-9.0, -5.0, 4.0), 0.6, 0.4),
         ),
         Sensor("solid", SolidStateLidar(), pose(5.0, 6.0, 3.0, yaw=-2.0, pitch=0.3)),
         Sensor("near", replace(LIDAR, max_range=6.0), pose(0.0, 0.0, 3.0)),
@@ -82,7 +85,9 @@ def test_walls_cast_shadows_on_the_grid_of_the_area():
         assert np.array_equal(seen, sensor.model.in_view(transform(invert(sensor.pose), targets)))
         assert 0.02 < seen.mean() < 0.9
     near = np.hypot(np.hypot(x, y), 3.0 - TARGET_HEIGHT) < 6.0
-    assert np.array_equal(ground.seen[2], near & (np.arctan2(TARGET_HEIGHT - 3.0, np.hypot(x, y)) >= -1.4))
+    assert np.array_equal(
+        ground.seen[2], near & (np.arctan2(TARGET_HEIGHT - 3.0, np.hypot(x, y)) >= -1.4)
+    )
 
 
 @pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf, 11.0, 1e-5])
@@ -96,10 +101,15 @@ def test_rings_and_walls_are_seen_the_same_each_time():
     down = -np.linspace(0.0, -1.4, 33)[1:]
     turn = (np.arange(720) - 359.5) * np.deg2rad(0.5)
     radius = (5.0 / np.tan(down))[np.hypot(5.0 / np.tan(down), 5.0) < LIDAR.max_range]
-    x, y = HIGH.position[:2, None, None] + radius[:, None] * np.stack([np.cos(turn), np.sin(turn)])[:, None]
+    x, y = (
+        HIGH.position[:2, None, None]
+        + radius[:, None] * np.stack([np.cos(turn), np.sin(turn)])[:, None]
+    )
     edges = (np.linspace(-12, 12, 49), np.linspace(-8, 8, 33))
     counts, *_ = np.histogram2d(x.ravel(), y.ravel(), edges)
-    assert np.abs(ground.density[0] * 0.25 - counts.T).max() <= 3  # a point on an edge falls to either side
+    assert (
+        np.abs(ground.density[0] * 0.25 - counts.T).max() <= 3
+    )  # a point on an edge falls to either side
     assert ground.density[0].sum() * 0.25 == pytest.approx(counts.sum(), abs=3)
     assert np.corrcoef(ground.density[0].ravel(), counts.T.ravel())[0, 1] > 0.999
     house = Solid(rectangle(0.0, -4, 6, 4), -0.3, 3.0)
@@ -109,13 +119,19 @@ def test_rings_and_walls_are_seen_the_same_each_time():
     assert np.array_equal(ground.open_ground, ~inside)
     assert not ground.seen[0][inside].any()
     assert not ground.density[0][inside].any()
-    before = (x < 0) | (np.hypot(x - HIGH.position[0], y) < 7)  # what stands behind adds nothing before it
-    assert np.array_equal(ground.density[0][before], visible_ground(field(), [HIGH]).density[0][before])
+    # what stands behind adds nothing before it
+    before = (x < 0) | (np.hypot(x - HIGH.position[0], y) < 7)
+    assert np.array_equal(
+        ground.density[0][before], visible_ground(field(), [HIGH]).density[0][before]
+    )
     behind = (x > 6) & (np.abs(y) < 4)
     assert not ground.density[0][behind & (x < 9)].any()
     crown = Solid(rectangle(-1.0, -2, 3, 2), 2.0, 4.0, "tree")
     one, other = (visible_ground(field(solids=(crown,)), [HIGH]) for _ in range(2))
-    assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("seen", "density", "open_ground"))
+    assert all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("seen", "density", "open_ground")
+    )
     assert blind_polygons(one) == blind_polygons(other)
 
 
@@ -160,7 +176,9 @@ def test_relief_shifts_targets_and_points_with_it(seed):
 
 
 GRID = np.arange(4) + 0.5
-VIEWS = np.array([[[1, 1, 1, 0], [1, 1, 0, 0], [1, 1, 0, 0]], [[1, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]]], bool)
+VIEWS = np.array(
+    [[[1, 1, 1, 0], [1, 1, 0, 0], [1, 1, 0, 0]], [[1, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]]], bool
+)
 OPEN = np.array([[1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 1]], bool)
 LANES = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [0, 0, 0, 0]], bool)
 SMALL = Ground(GRID, GRID[:3], VIEWS, VIEWS.astype(np.float32), OPEN, LANES, ~LANES)
@@ -168,7 +186,9 @@ SMALL = Ground(GRID, GRID[:3], VIEWS, VIEWS.astype(np.float32), OPEN, LANES, ~LA
 
 def test_shares_and_polygons_are_those_of_open_ground():
     shares = ground_shares(SMALL, ["a", "b"])
-    assert shares == GroundShares((6 / 11, 3 / 11, 0.0), 5 / 11, 1 / 4, {"a": 6, "b": 3}, open_m2=11.0, blind_m2=5.0)
+    assert shares == GroundShares(
+        (6 / 11, 3 / 11, 0.0), 5 / 11, 1 / 4, {"a": 6, "b": 3}, open_m2=11.0, blind_m2=5.0
+    )
     third = replace(SMALL, seen=VIEWS[[0, 1, 1]], density=SMALL.density[[0, 1, 1]])
     assert ground_shares(third, ["a", "b", "c"]).seen_by == (6 / 11, 3 / 11, 3 / 11)
     assert ground_shares(replace(SMALL, lanes=LANES & False), ["a", "b"]).blind_lanes == 0.0

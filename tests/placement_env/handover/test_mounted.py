@@ -17,7 +17,10 @@ from toolkit.sites.georeference import inverse_project, projection
 from toolkit.sites.site import Mount, Site
 
 CENTRE = (13.4, 52.505)
-NORTH, EAST = Mount("north", np.array([0.0, 12.0, 0.5]), 3.0, 9.0, 0.5, 800.0), Mount("e/1", np.array([20.0, 0.0, 0.0]))
+NORTH, EAST = (
+    Mount("north", np.array([0.0, 12.0, 0.5]), 3.0, 9.0, 0.5, 800.0),
+    Mount("e/1", np.array([20.0, 0.0, 0.0])),
+)
 SITE = Site(
     "berlin",
     np.array([-20.0, -20.0, 20.0, 20.0]),
@@ -31,7 +34,9 @@ KBIT = {"kbit": np.array([[200.0, 400.0], [10.5, 30.5]])}
 @pytest.fixture
 def candidates() -> Candidates:
     tilts = [math.radians(15)]
-    return pool(SITE, heights=[4.0], headings=4, tilts=tilts, models=(DepthCamera(), SpinningLidar()))
+    return pool(
+        SITE, heights=[4.0], headings=4, tilts=tilts, models=(DepthCamera(), SpinningLidar())
+    )
 
 
 @pytest.fixture
@@ -45,14 +50,25 @@ def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
     assert (north.name, north.pole, north.model) == ("north", "north", "depth-camera")
     assert (east.name, east.pole, east.model) == ("e-1", "e/1", "spinning-lidar")
     assert (north.x, north.y, north.z, north.height) == (0.0, 12.0, 4.5, 4.0)
-    # y of the site points to the map's west: 12 m along it from (3, 4) is 9 m west and 4 m north of the map's zero
+    # y of the site points to the map's west: 12 m along it from (3, 4) is 9 m west and 4 m north of
+    # the map's zero
     (degrees,) = inverse_project(np.array([[-9.0, 4.0]]), CENTRE)
     assert (north.longitude, north.latitude) == pytest.approx(tuple(degrees), abs=1e-9)
     assert north.bearing_deg == pytest.approx(90.0)  # against y of the site: to the map's east
     assert east.bearing_deg == pytest.approx(180.0)
     assert (north.tilt_deg, east.tilt_deg) == (15.0, 15.0)
-    assert (north.pole_price, north.capacity_kbit, north.kbit, north.peak_kbit) == (0.5, 800.0, 300.0, 400.0)
-    assert (east.pole_price, east.capacity_kbit, east.kbit, east.peak_kbit) == (1.0, 2000.0, 20.5, 30.5)
+    assert (north.pole_price, north.capacity_kbit, north.kbit, north.peak_kbit) == (
+        0.5,
+        800.0,
+        300.0,
+        400.0,
+    )
+    assert (east.pole_price, east.capacity_kbit, east.kbit, east.peak_kbit) == (
+        1.0,
+        2000.0,
+        20.5,
+        30.5,
+    )
     assert (north.model_price, east.model_price) == (0.0, 0.0)
     north, _ = mounted.format_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
     assert (north.longitude, north.latitude) == (None, None)
@@ -61,7 +77,10 @@ def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
 
 def test_sensors_that_were_moved_or_roam(candidates, chosen):
     first, second = (candidates.sensors[c] for c in chosen)
-    moved = (aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
+    moved = (
+        aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)),
+        second,
+    )
     north, east = mounted.format_sensors(SITE, candidates, chosen, moved, **KBIT)
     assert (north.name, north.pole, north.height) == ("north", "north", 6.25)
     assert (north.bearing_deg, north.tilt_deg) == pytest.approx((84.5, 7.0))
@@ -72,7 +91,9 @@ def test_sensors_that_were_moved_or_roam(candidates, chosen):
     away = (aim_sensor(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
     (there,) = mounted.format_sensors(SITE, candidates, chosen[:1], away, kbit=np.ones((1, 1)))
     assert (there.pole, there.name) == ("e/1", "e-1")
-    assert [mount.name for mount in mounted.unused_mounts(candidates, chosen[:1], away)] == ["north"]
+    assert [mount.name for mount in mounted.unused_mounts(candidates, chosen[:1], away)] == [
+        "north"
+    ]
     site = mounted.mounted_site(SITE, candidates, np.array(chosen))
     assert [sensor.name for sensor in site.sensors] == ["north", "e-1"]
     assert site == replace(SITE, sensors=site.sensors)
@@ -82,12 +103,21 @@ def test_sensors_that_were_moved_or_roam(candidates, chosen):
 
 
 def test_poles_of_a_file_become_mounts_of_the_site(candidates):
-    own = [Mount("new", np.array([-15.0, 9.0, 0.0])), Mount("north", np.array([9.0, 9.0, 0.0]), price=3.0)]
+    own = [
+        Mount("new", np.array([-15.0, 9.0, 0.0])),
+        Mount("north", np.array([9.0, 9.0, 0.0]), price=3.0),
+    ]
     own += [Mount("again", np.array([20.05, 0.0, 0.0]))]
     found = pool(SITE, mounts=own)
-    site = mounted.mounted_site(SITE, found, [0, int(np.flatnonzero(found.mount == 1)[0]), len(found) - 1])
+    site = mounted.mounted_site(
+        SITE, found, [0, int(np.flatnonzero(found.mount == 1)[0]), len(found) - 1]
+    )
     assert [(m.name, *m.position, m.price) for m in site.mounts] == [
-        *(("e/1", 20.0, 0.0, 0.0, 1.0), ("new", -15.0, 9.0, 0.0, 1.0), ("north", 9.0, 9.0, 0.0, 3.0))
+        *(
+            ("e/1", 20.0, 0.0, 0.0, 1.0),
+            ("new", -15.0, 9.0, 0.0, 1.0),
+            ("north", 9.0, 9.0, 0.0, 3.0),
+        )
     ]
 
 
@@ -123,8 +153,12 @@ def test_mounts_are_paid_once_and_numbers_may_differ(candidates, chosen):
 def sensors(street):
     kbit = np.array([[100.0, 300.0], [200.0, 600.0]])
     first, second = street.candidates.axes.models
-    catalogue = SensorCatalogue((PricedModel("eye", first, 10.0), PricedModel("wide eye", second, 20.0)))
-    return mounted.format_sensors(street.site, street.candidates, (2, 3), kbit=kbit, catalogue=catalogue)
+    catalogue = SensorCatalogue(
+        (PricedModel("eye", first, 10.0), PricedModel("wide eye", second, 20.0))
+    )
+    return mounted.format_sensors(
+        street.site, street.candidates, (2, 3), kbit=kbit, catalogue=catalogue
+    )
 
 
 def test_bills_of_prices_and_links_add_up(sensors):
@@ -132,15 +166,26 @@ def test_bills_of_prices_and_links_add_up(sensors):
         ("eye", 10.0, "post2", 0.5),
         ("wide eye", 20.0, "post3", 3.0),
     ]
-    assert [(s.kbit, s.peak_kbit, s.capacity_kbit) for s in sensors] == [(200.0, 300.0, 500.0), (400.0, 600.0, 500.0)]
+    assert [(s.kbit, s.peak_kbit, s.capacity_kbit) for s in sensors] == [
+        (200.0, 300.0, 500.0),
+        (400.0, 600.0, 500.0),
+    ]
     first, second = mounted.link_loads(sensors, limited=True)
-    assert (first.pole, first.mbit_s, first.peak_mbit_s, first.capacity_mbit_s) == ("post2", 2.0, 3.0, 5.0)
+    assert (first.pole, first.mbit_s, first.peak_mbit_s, first.capacity_mbit_s) == (
+        "post2",
+        2.0,
+        3.0,
+        5.0,
+    )
     assert (first.share, first.fits) == (0.6, True)
     assert (second.share, second.fits) == (1.2, False)
     assert all(load.fits for load in mounted.link_loads(sensors, limited=False))
     bill = mounted.bill_of_materials((*sensors, sensors[0]))
     assert bill == (
-        *(mounted.MaterialItem("eye", 2, 10.0, 20.0), mounted.MaterialItem("wide eye", 1, 20.0, 20.0)),
+        *(
+            mounted.MaterialItem("eye", 2, 10.0, 20.0),
+            mounted.MaterialItem("wide eye", 1, 20.0, 20.0),
+        ),
         *(mounted.MaterialItem("pole", 2, 0.5, 1.0), mounted.MaterialItem("pole", 1, 3.0, 3.0)),
     )
 
@@ -152,11 +197,23 @@ LETTERS = (*ascii_lowercase, "aa", "ab")
     ("names", "poles", "expected"),
     [
         (["L/1_6.0m_h0_t5_camera", "L2_4.5m_h22.5_t-5_lidar0"], ["L/1", "L2"], ("L-1", "L2")),
-        (["L_6.0m_h0_t5_camera", "M_6.0m_h0_t5_camera", "L_6.0m_h9_t5_camera"], ["L", "M", "L"], ("L a", "M", "L b")),
+        (
+            ["L_6.0m_h0_t5_camera", "M_6.0m_h0_t5_camera", "L_6.0m_h9_t5_camera"],
+            ["L", "M", "L"],
+            ("L a", "M", "L b"),
+        ),
         (["d0", "d1"], ["L", "L"], ("d0", "d1")),
         (["L b", "d1"], ["M", "L"], ("M", "d1")),  # carried from L to M
-        (["L a_6.0m_h0_t5_camera", "L_6.0m_h0_t5_camera", "L_6.0m_h9_t5_camera"], ["L a", "L", "L"], None),
-        ([f"L_6.0m_h{k}_t5_camera" for k in range(28)], ["L"] * 28, tuple(f"L {c}" for c in LETTERS)),
+        (
+            ["L a_6.0m_h0_t5_camera", "L_6.0m_h0_t5_camera", "L_6.0m_h9_t5_camera"],
+            ["L a", "L", "L"],
+            None,
+        ),
+        (
+            [f"L_6.0m_h{k}_t5_camera" for k in range(28)],
+            ["L"] * 28,
+            tuple(f"L {c}" for c in LETTERS),
+        ),
         (["Ecke_6.0m", "L_h0_t5_camera"], ["Ecke", "L"], ("Ecke_6.0m", "L_h0_t5_camera")),
     ],
 )

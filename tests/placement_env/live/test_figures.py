@@ -71,12 +71,26 @@ def test_the_worst_failure_is_the_least_of_all(planner, answer):
 
 def make_answer(**values):
     numbers = dict.fromkeys(
-        ("ap", "low", "high", "recall", "kbit", "price", "worst", "worst_low", "worst_high", "spread"), 0.5
+        (
+            "ap",
+            "low",
+            "high",
+            "recall",
+            "kbit",
+            "price",
+            "worst",
+            "worst_low",
+            "worst_high",
+            "spread",
+        ),
+        0.5,
     )
     changes = dict.fromkeys(("change", "change_low", "change_high"), 7.0)
     rows = dict.fromkeys(("classes", "approaches", "levels", "links"), ())
     plain = {"what": "", "sensors": 1, "worst_sensor": "", "objects": 9, "unseen": 0}
-    return LiveAnswer(**{**numbers, **changes, **rows, **plain, "frames": 8 * BLOCK_FRAMES, **values})
+    return LiveAnswer(
+        **{**numbers, **changes, **rows, **plain, "frames": 8 * BLOCK_FRAMES, **values}
+    )
 
 
 def test_a_change_is_since_the_answer_before_and_within_its_interval():
@@ -89,7 +103,12 @@ def test_a_change_is_since_the_answer_before_and_within_its_interval():
     assert found.change_low < 0.1 < found.change_high
     assert found.change_high - found.change_low < 0.02  # paired: far less than that of each
     first = after.since(None, "start")
-    assert (first.what, first.change, first.change_low, first.change_high) == ("start", 0.0, 0.0, 0.0)
+    assert (first.what, first.change, first.change_low, first.change_high) == (
+        "start",
+        0.0,
+        0.0,
+        0.0,
+    )
     outside = make_answer(ap=0.9, resamples=drawn).since(before, "")
     assert (outside.change_low, outside.change_high) == (pytest.approx(0.0), pytest.approx(0.3))
     few = make_answer(ap=0.7, resamples=drawn, frames=BLOCK_FRAMES).since(before, "")
@@ -136,7 +155,11 @@ def make_objective(**values):
         def per_mount(self, sets, each=None):
             assert sets.shape == (1, 3)
             assert sets.all()
-            return np.array([values.get("counts", [1, 2])] if each is None else [values.get("sums", [10.0, 10.0])])
+            return np.array(
+                [values.get("counts", [1, 2])]
+                if each is None
+                else [values.get("sums", [10.0, 10.0])]
+            )
 
     return SimpleNamespace(
         candidates=Sensors(),

@@ -17,13 +17,17 @@ SPOT = st.tuples(st.floats(-50, 50), st.floats(-50, 50))
 
 def encode(kind="PNG", size=(400, 300)):
     made = BytesIO()
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (*size[::-1], 3), np.uint8)).save(made, kind)
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (*size[::-1], 3), np.uint8)).save(
+        made, kind
+    )
     return made.getvalue()
 
 
 def lie(picture, point):
     """Where a point of a picture (m from its middle, before it was placed) lies in the site."""
-    found = complex(*point) * picture.scale / LAID.scale * np.exp(1j * picture.turn) + complex(picture.x, picture.y)
+    found = complex(*point) * picture.scale / LAID.scale * np.exp(1j * picture.turn) + complex(
+        picture.x, picture.y
+    )
     return found.real, found.imag
 
 
@@ -86,7 +90,15 @@ def test_a_picture_bomb_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "change", [{"name": ""}, {"file": "../x.jpg"}, {"scale": 0.0}, {"width": 0}, {"turn": np.nan}, {"x": "1"}]
+    "change",
+    [
+        {"name": ""},
+        {"file": "../x.jpg"},
+        {"scale": 0.0},
+        {"width": 0},
+        {"turn": np.nan},
+        {"x": "1"},
+    ],
 )
 def test_a_row_that_does_not_fit_is_refused(change):
     with pytest.raises(ValueError):

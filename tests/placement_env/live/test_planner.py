@@ -1,4 +1,5 @@
-"""The live planner's engine: figures equal to the objective's, every kind of change, undo and suggestions."""
+"""The live planner's engine: figures equal to the objective's, every kind of change, undo and
+suggestions."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -29,7 +30,8 @@ def planner(shared):
 
 
 def test_figures_are_those_of_the_objective(planner) -> None:
-    """Within .005 of its score of the same set on the same frames, wherever the sensors are turned and raised."""
+    """Within .005 of its score of the same set on the same frames, wherever the sensors are turned
+    and raised."""
     rng = np.random.default_rng(0)
     for sensor in planner.sensors:
         planner.move(sensor.name, rng.uniform(-3, 3), rng.uniform(0, 0.6), rng.uniform(3, 8))
@@ -71,7 +73,8 @@ def test_poles_carry_what_hangs_there_and_a_first_suggestion_looks_where_there_i
 
 
 def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> None:
-    """A first view is taken from the next height known; whoever casts rays goes on before the rest."""
+    """A first view is taken from the next height known; whoever casts rays goes on before the
+    rest."""
     planner = LivePlanner("tjunction", frames=4)
     planner.finish()
     live, height = planner.preparation.live, planner.sensors[0].height
@@ -98,7 +101,8 @@ def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> N
 
 
 def test_figures_of_few_frames_are_coarse_until_those_of_all_follow(planner) -> None:
-    """They say their number, are followed whatever is done meanwhile, and no change is counted between them."""
+    """They say their number, are followed whatever is done meanwhile, and no change is counted
+    between them."""
     quick = LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=4)
     first = quick.answer()
     assert (first.frames, first.coarse, quick.frames) == (4, True, 4)
@@ -278,7 +282,9 @@ def test_a_search_from_here_never_gets_worse_and_leaves_locked_sensors(planner) 
 
 
 def test_a_setting_brings_its_own_stock() -> None:
-    planner = LivePlanner(Setting("tjunction", candidates="pool", classes=("vehicle", "pedestrian")), frames=8)
+    planner = LivePlanner(
+        Setting("tjunction", candidates="pool", classes=("vehicle", "pedestrian")), frames=8
+    )
     answer = planner.answer()
     assert [row.name for row in answer.classes] == ["vehicle", "pedestrian"]
     assert answer.ap == pytest.approx(np.mean([row.ap for row in answer.classes]), abs=1e-6)
@@ -304,13 +310,18 @@ def test_resampled_ap_of_every_object_once_is_the_expected_ap() -> None:
     assert once == pytest.approx(ap)
     counts = block_draws(10, block=1, resamples=300)
     drawn = resample_ap(probability, 0.3, counts.astype(np.float32), block)
-    repeated = [compute_expected_ap(np.sort(np.repeat(probability, row[block]))[None, ::-1], 0.3)[0] for row in counts]
+    repeated = [
+        compute_expected_ap(np.sort(np.repeat(probability, row[block]))[None, ::-1], 0.3)[0]
+        for row in counts
+    ]
     assert drawn == pytest.approx(np.ravel(repeated), abs=0.01)
 
 
 def test_a_detector_of_a_plan_that_is_not_loaded_is_refused_by_name(planner, monkeypatch) -> None:
     monkeypatch.setattr(planner, "plan", SimpleNamespace(own_detector="mine:Bricks"))
-    with pytest.raises(ValueError, match="the plan's detector is mine:Bricks, which is not loaded: "):
+    with pytest.raises(
+        ValueError, match="the plan's detector is mine:Bricks, which is not loaded: "
+    ):
         planner.measure()
 
 
@@ -333,7 +344,9 @@ def test_keep_out_areas_bar_poles_and_can_be_undone(planner) -> None:
     again = Variant.of_dict(planner.variant.as_dict())
     assert again == planner.variant
     around = ((sensor.x - 1, sensor.y - 1), (sensor.x + 1, sensor.y - 1), (sensor.x, sensor.y + 2))
-    assert any("hangs in a keep-out area" in said for said in planner.set_keep_out([around]).problems)
+    assert any(
+        "hangs in a keep-out area" in said for said in planner.set_keep_out([around]).problems
+    )
     planner.undo()
     planner.undo()
     assert not planner.variant.keep_out

@@ -107,7 +107,9 @@ def test_headings_turn_round_and_tilts_and_heights_are_held(planner):
     sensor = planner.variant.find("d0")
     assert sensor.heading == pytest.approx(0.5)
     assert sensor.tilt == TILT_SPAN[1]
-    assert sensor.height == max(mount.max_height, planner.yard.place(planner.yard.site.sensors).find("d0").height)
+    assert sensor.height == max(
+        mount.max_height, planner.yard.place(planner.yard.site.sensors).find("d0").height
+    )
     planner.move("d0", tilt=-1.0, height=-5.0)
     sensor = planner.variant.find("d0")
     assert (sensor.tilt, sensor.height) == (TILT_SPAN[0], min(mount.min_height, sensor.height))
@@ -130,7 +132,9 @@ def test_a_sensor_that_is_carried_takes_place_and_heights_of_its_pole(planner):
     planner.move("d0", position=low.name)
     assert planner.variant.find("d0").mount == low.name  # its own place counts as free
     planner.move("d1", position=high.name)
-    with pytest.raises(ValueError, match=f"{high.name} carries all the sensors that it may: take another pole"):
+    with pytest.raises(
+        ValueError, match=f"{high.name} carries all the sensors that it may: take another pole"
+    ):
         planner.move("d0", position=high.name)
 
 
@@ -138,11 +142,20 @@ def test_a_new_sensor_has_a_name_a_model_and_the_highest_place(planner):
     mount, other, third = free_mounts(planner)[:3]
     planner.add(mount.name)
     sensor = planner.sensors[-1]
-    assert (sensor.name, sensor.model, sensor.height) == (mount.name, "depth-camera", mount.max_height)
+    assert (sensor.name, sensor.model, sensor.height) == (
+        mount.name,
+        "depth-camera",
+        mount.max_height,
+    )
     assert (sensor.heading, sensor.tilt) == (0.0, 0.26)
     planner.add(other.name, 1.0, 0.1, other.min_height, name="gate")
     sensor = planner.sensors[-1]
-    assert (sensor.name, sensor.heading, sensor.tilt, sensor.height) == ("gate", 1.0, 0.1, other.min_height)
+    assert (sensor.name, sensor.heading, sensor.tilt, sensor.height) == (
+        "gate",
+        1.0,
+        0.1,
+        other.min_height,
+    )
     with pytest.raises(ValueError, match="there is a sensor 'gate' already: give another name"):
         planner.add(third.name, name="gate")
     with pytest.raises(ValueError, match="there is no model 'eye'"):
@@ -161,9 +174,12 @@ def test_a_copy_goes_to_the_nearest_pole_with_room(planner):
     copy, nearest = planner.sensors[-1], free[int(np.argmin(away))]
     assert copy.mount == nearest.name
     assert (copy.heading, copy.tilt) == (sensor.heading, sensor.tilt)
-    assert copy.height == pytest.approx(np.clip(sensor.height, nearest.min_height, nearest.max_height))
+    assert copy.height == pytest.approx(
+        np.clip(sensor.height, nearest.min_height, nearest.max_height)
+    )
     crowded = tuple(
-        replace(sensor, name=f"x{k}", mount=mount.name) for k, mount in enumerate(planner.yard.stock.mounts)
+        replace(sensor, name=f"x{k}", mount=mount.name)
+        for k, mount in enumerate(planner.yard.stock.mounts)
     )
     planner.variants["A"] = Variant(crowded)
     with pytest.raises(ValueError, match="no pole has room for another sensor"):
@@ -178,7 +194,9 @@ def test_variants_are_shown_and_copied_by_name(planner):
     assert planner.current == "B"
     answer = planner.show("A")
     assert answer.what == "variant A"
-    assert answer.change == pytest.approx(planner.estimate(start).ap - planner.estimate(planner.variants["B"]).ap)
+    assert answer.change == pytest.approx(
+        planner.estimate(start).ap - planner.estimate(planner.variants["B"]).ap
+    )
     with pytest.raises(ValueError, match="'C' is unknown: the variants are A, B"):
         planner.show("C")
     with pytest.raises(ValueError, match="'B' is taken: the variants are A, B"):
@@ -207,7 +225,9 @@ def test_nothing_is_undone_or_done_again_where_nothing_was(planner):
 def test_poles_that_nobody_uses_are_forgotten(planner):
     spots = ((x, y) for x in np.arange(-60, 60, 2.0) for y in np.arange(-60, 60, 2.0))
     feet = np.array([mount.position[:2] for mount in planner.yard.stock.mounts])
-    spot = next(s for s in spots if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 3)
+    spot = next(
+        s for s in spots if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 3
+    )
     planner.move("d0", position=spot)
     (pole,) = planner.variant.poles
     assert pole.position[:2] == pytest.approx(spot)
@@ -254,8 +274,12 @@ def test_figures_of_a_set_without_sensors_are_nothing(planner):
 def test_links_are_those_of_the_poles_that_carry_sensors(planner):
     answer = planner.answer()
     variant = planner.variant
-    assert sorted(link.pole for link in answer.links) == sorted({sensor.mount for sensor in variant.sensors})
-    assert sum(link.mbit_s for link in answer.links) == pytest.approx(answer.kbit * 10 / 1000, rel=1e-6)
+    assert sorted(link.pole for link in answer.links) == sorted(
+        {sensor.mount for sensor in variant.sensors}
+    )
+    assert sum(link.mbit_s for link in answer.links) == pytest.approx(
+        answer.kbit * 10 / 1000, rel=1e-6
+    )
     for link in answer.links:
         assert link.peak_mbit_s >= link.mbit_s > 0
         capacity = planner.yard.find_mount(variant, link.pole).capacity
@@ -263,7 +287,9 @@ def test_links_are_those_of_the_poles_that_carry_sensors(planner):
     silent = planner.fail("d0")
     own = {link.pole: link for link in silent.links}[variant.find("d0").mount]
     assert own.mbit_s == own.peak_mbit_s == 0.0
-    assert silent.kbit == pytest.approx(answer.kbit - 100 * {k.pole: k for k in answer.links}[own.pole].mbit_s)
+    assert silent.kbit == pytest.approx(
+        answer.kbit - 100 * {k.pole: k for k in answer.links}[own.pole].mbit_s
+    )
 
 
 def test_a_copy_by_pickle_goes_on_by_itself(planner, told):
@@ -298,7 +324,9 @@ def test_another_question_is_no_change_of_ap(planner):
 def test_a_search_can_be_stopped_and_a_suggestion_needs_a_kind_and_room(planner):
     assert list(planner.search(lambda: True)) == []
     for kind, name in (("turn", None), ("move", None)):
-        with pytest.raises(ValueError, match="kind must be add, remove, or move with the name of a sensor"):
+        with pytest.raises(
+            ValueError, match="kind must be add, remove, or move with the name of a sensor"
+        ):
             planner.suggest(kind, name)
     planner.lock("d1")
     with pytest.raises(ValueError, match="d1 is locked: unlock it first"):
@@ -321,7 +349,9 @@ def always(value):
     return property(lambda *_: value)
 
 
-def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_full(planner, monkeypatch):
+def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_full(
+    planner, monkeypatch
+):
     planner.finish()
     looked, further = [], []
 
@@ -360,7 +390,9 @@ def test_suggestions_are_of_different_poles_with_room(planner, monkeypatch):
         for mount in stock.mounts
     }
     used = next(sensor.mount for sensor in planner.sensors if on.get(sensor.mount))
-    first, second, third = (on[mount.name] for mount in [each for each in free if len(on[each.name]) > 1][:3])
+    first, second, third = (
+        on[mount.name] for mount in [each for each in free if len(on[each.name]) > 1][:3]
+    )
     ranked = [first[0], first[1], on[used][0], second[0], third[0], third[1]]
     asked = []
 
@@ -409,9 +441,16 @@ def test_a_search_goes_on_only_where_a_move_helps(planner, monkeypatch, gain, yi
 
 @pytest.mark.parametrize(
     ("turn", "down", "steps"),
-    [(0.4, 0.0, (0.4, 0.0)), (-0.4, 0.0, (-0.4, 0.0)), (0.0, 0.18, (0.0, 0.18)), (0.2, -0.09, (0.2, -0.09))],
+    [
+        (0.4, 0.0, (0.4, 0.0)),
+        (-0.4, 0.0, (-0.4, 0.0)),
+        (0.0, 0.18, (0.0, 0.18)),
+        (0.2, -0.09, (0.2, -0.09)),
+    ],
 )
-def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(planner, monkeypatch, turn, down, steps):
+def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(
+    planner, monkeypatch, turn, down, steps
+):
     start = replace(planner.sensors[0], heading=0.5, tilt=0.4)
 
     def judge(variant, *_):
@@ -423,12 +462,18 @@ def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(planner, monkey
     monkeypatch.setattr(planner._meter, "judge", judge)
     monkeypatch.setattr(planner, "estimate", lambda variant: variant)
     found = planner._improve("add", planner.variant, start)
-    assert (found.sensor.heading, found.sensor.tilt) == pytest.approx((0.5 + steps[0], 0.4 + steps[1]))
+    assert (found.sensor.heading, found.sensor.tilt) == pytest.approx(
+        (0.5 + steps[0], 0.4 + steps[1])
+    )
     assert found.answer.sensors == (*planner.variant.sensors, found.sensor)
 
 
-@pytest.mark.parametrize(("gain", "problems", "turned"), [(0.1, 0, True), (5e-5, 0, False), (0.1, 1, False)])
-def test_a_suggestion_is_turned_only_for_a_gain_without_problems(planner, monkeypatch, gain, problems, turned):
+@pytest.mark.parametrize(
+    ("gain", "problems", "turned"), [(0.1, 0, True), (5e-5, 0, False), (0.1, 1, False)]
+)
+def test_a_suggestion_is_turned_only_for_a_gain_without_problems(
+    planner, monkeypatch, gain, problems, turned
+):
     start = replace(planner.sensors[0], heading=0.5, tilt=TILT_SPAN[1])
 
     def judge(variant, *_):
@@ -439,4 +484,6 @@ def test_a_suggestion_is_turned_only_for_a_gain_without_problems(planner, monkey
     monkeypatch.setattr(planner, "_see", lambda variant: (variant, None, None, False))
     monkeypatch.setattr(planner._meter, "judge", judge)
     monkeypatch.setattr(planner, "estimate", lambda variant: variant)
-    assert planner._improve("move", planner.variant, start).sensor.heading == pytest.approx(0.7 if turned else 0.5)
+    assert planner._improve("move", planner.variant, start).sensor.heading == pytest.approx(
+        0.7 if turned else 0.5
+    )

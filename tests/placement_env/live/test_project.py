@@ -1,4 +1,5 @@
-"""Project files: every change is saved, whatever kills the process, and a damaged file is refused."""
+"""Project files: every change is saved, whatever kills the process, and a damaged file is
+refused."""
 
 import json
 import os
@@ -13,7 +14,13 @@ import pytest
 from placement_env import LivePlanner
 from placement_env.cases import Cases
 from placement_env.live.picture import GroundPicture
-from placement_env.live.project import MOST_VARIANTS, SAVED_STEPS, ProjectFile, export_variant, report_variant
+from placement_env.live.project import (
+    MOST_VARIANTS,
+    SAVED_STEPS,
+    ProjectFile,
+    export_variant,
+    report_variant,
+)
 from placement_env.live.variant import Variant
 from placement_env.report.planning import planning
 from placement_env.setting import Setting
@@ -54,14 +61,19 @@ def test_everything_is_there_again(planner, path):
     spots = ((x, y) for x in np.arange(xmin, xmax, 3.0) for y in np.arange(ymin, ymax, 3.0))
     feet = np.array([mount.position[:2] for mount in planner.yard.stock.mounts])
     planner.move(
-        "d1", position=next(s for s in spots if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 2)
+        "d1",
+        position=next(
+            s for s in spots if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 2
+        ),
     )
     planner.fail("d2")
     planner.lock("d3")
     kept = dict(planner.variants), planner.current, planner.past
     project.close()
     variants, current, past = reopen(path, planner)
-    assert json.dumps([v.as_dict() for v in variants.values()]) == json.dumps([v.as_dict() for v in kept[0].values()])
+    assert json.dumps([v.as_dict() for v in variants.values()]) == json.dumps(
+        [v.as_dict() for v in kept[0].values()]
+    )
     assert (list(variants), current, len(past)) == (list(kept[0]), kept[1], len(kept[2]))
     planner.undo()
     assert not planner.variant.find("d3").locked
@@ -152,9 +164,12 @@ for k in range(100000):
 
 
 def test_a_killed_process_leaves_what_it_has_said(planner, path):
-    """Whenever kill -9 comes, the file holds the last change that was answered, or the one after it."""
+    """Whenever kill -9 comes, the file holds the last change that was answered, or the one after
+    it."""
     for wait in (3, 40, 111):
-        process = subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            [sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, text=True
+        )
         assert process.stdout is not None
         said = [float(process.stdout.readline()) for _ in range(wait)]
         os.kill(process.pid, signal.SIGKILL)
@@ -180,26 +195,40 @@ time.sleep(100)
 
 
 def test_a_killed_process_leaves_the_question_that_was_asked(path):
-    process = subprocess.Popen([sys.executable, "-c", ASKED, path], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", ASKED, path], stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None
     ap = float(process.stdout.readline())
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     again = LivePlanner("tjunction", frames=8)
     ProjectFile(path, again).close()
-    assert again.question == {"classes": ["cyclist", "pedestrian"], "scheme": "late", "most_price": 4}
+    assert again.question == {
+        "classes": ["cyclist", "pedestrian"],
+        "scheme": "late",
+        "most_price": 4,
+    }
     assert again.answer().ap == pytest.approx(ap, abs=1e-9)
 
 
 def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
     planner.move("d0", heading=1.0, position="pole05")
     answer = planner.finish()
-    site, plan, schedule = sorted(export_variant(planner, tmp_path / "out"), key=lambda each: each.suffix != ".json")
-    assert [each.name for each in (site, plan, schedule)] == ["site.json", "schedule.csv", "plan.geojson"]
+    site, plan, schedule = sorted(
+        export_variant(planner, tmp_path / "out"), key=lambda each: each.suffix != ".json"
+    )
+    assert [each.name for each in (site, plan, schedule)] == [
+        "site.json",
+        "schedule.csv",
+        "plan.geojson",
+    ]
     found = load_site(site)
     again = LivePlanner(Setting(found, candidates="pool"), frames=8)
     assert again.finish().ap == pytest.approx(answer.ap, abs=0.005)
-    assert [sensor.mount for sensor in again.sensors] == [sensor.mount for sensor in planner.sensors]
+    assert [sensor.mount for sensor in again.sensors] == [
+        sensor.mount for sensor in planner.sensors
+    ]
     planner.restore({"A": replace(planner.variant, sensors=())}, "A", [])
     with pytest.raises(ValueError, match="no sensor to export"):
         export_variant(planner, tmp_path / "none")
@@ -208,7 +237,9 @@ def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
 def test_the_question_is_kept(path):
     planner = LivePlanner("tjunction", frames=8)
     project = ProjectFile(path, planner)
-    asked = planner.ask(classes=("cyclist", "pedestrian"), cases=Cases(errors="glare"), scheme="late", most_price=4)
+    asked = planner.ask(
+        classes=("cyclist", "pedestrian"), cases=Cases(errors="glare"), scheme="late", most_price=4
+    )
     with pytest.raises(ValueError, match="of one IoU"):
         planner.ask(cases=Cases(iou="0.5:0.95"))
     planner.lay(GroundPicture("plan.png", "picture-0123456789ab.jpg", 800, 600, 1.0, 2.0, 0.1, 0.5))
@@ -222,7 +253,15 @@ def test_the_question_is_kept(path):
     assert again.answer().budget == 4
     again.tell = lambda dragging: None
     kept = json.loads(path.read_text())
-    bad = ({"iou": 5}, {"iou": [3]}, {"classes": ["cow"]}, {"scheme": 3}, {"most_price": "x"}, {"errors": [1]}, [1])
+    bad = (
+        {"iou": 5},
+        {"iou": [3]},
+        {"classes": ["cow"]},
+        {"scheme": 3},
+        {"most_price": "x"},
+        {"errors": [1]},
+        [1],
+    )
     for question in (*bad, {"colour": 1}):
         path.write_text(json.dumps(kept | {"question": question}))
         with pytest.raises(ValueError, match=r"junction\.json: "):
@@ -257,7 +296,12 @@ def test_everything_in_the_file_is_taken_over_and_kept_again(planner, path):
     project.close()
     before = path.read_text()
     content = json.loads(before)
-    assert content["question"] == {"iou": [0.8], "errors": ["typical"], "scheme": "late", "most_price": 4.0}
+    assert content["question"] == {
+        "iou": [0.8],
+        "errors": ["typical"],
+        "scheme": "late",
+        "most_price": 4.0,
+    }
     assert (content["current"], content["coview_live"], content["picture"]) == ("B", 1, None)
     planner.ask(cases=Cases(), scheme="early", most_price=float("inf"))
     again = reopen(path, planner)
@@ -282,7 +326,9 @@ def test_an_export_replaces_no_site_or_plan_of_others(planner, tmp_path):
     assert (tmp_path / "site.json").read_text() == "{}"
 
 
-def test_a_report_judges_the_sensors_as_they_hang_and_keeps_their_poles(planner, tmp_path, monkeypatch):
+def test_a_report_judges_the_sensors_as_they_hang_and_keeps_their_poles(
+    planner, tmp_path, monkeypatch
+):
     asked = []
     monkeypatch.setattr(planning, "plan", asked.append)
     monkeypatch.setattr(planning, "write_plan", lambda plan, folder: [folder / "report.html"])
@@ -292,6 +338,8 @@ def test_a_report_judges_the_sensors_as_they_hang_and_keeps_their_poles(planner,
     setting = question.setting
     assert question.sensors == len(planner.sensors) == len(setting.pool)
     assert set(setting.keep) == {sensor.mount for sensor in planner.sensors}
-    assert [sensor.name for sensor in setting.pool.sensors] == [sensor.name for sensor in planner.sensors]
+    assert [sensor.name for sensor in setting.pool.sensors] == [
+        sensor.name for sensor in planner.sensors
+    ]
     assert setting.fusion == planner.asked.fusion
     assert question.run.frames is None

@@ -21,7 +21,8 @@ HIGH = Sensor("high", LIDAR, pose(-7.03, 0.11, 5.0))
 LOW = Sensor("low", DepthCamera(), look((6.03, -5.07, 4.0), float(np.deg2rad(120)), 0.3))
 WALL = np.array([[0.0, -3.0], [0.4, -3.0], [0.4, 3.0], [0.0, 3.0]])
 CAR = np.array([4.4, 1.8, 1.6])
-PLACES = ((-3.0, 3.0), (-3.0, -3.0), (5.0, 2.0), (90.0, 90.0))  # of the car, one for each frame; the last far off
+# of the car, one for each frame; the last far off
+PLACES = ((-3.0, 3.0), (-3.0, -3.0), (5.0, 2.0), (90.0, 90.0))
 HEIGHT = 1.0
 SITE = Site(
     "field",
@@ -37,9 +38,13 @@ def prepare(places=PLACES):
     mesh = box(CAR)
     body = make_body("car", 0, mesh.vertices, mesh.triangles)
     boxes = [np.array([[x, y, 0.8, *CAR, 0.0]]) for x, y in places]
-    snapshots = tuple(Snapshot(Objects(row, np.zeros(1, np.int64)), np.zeros(1, np.int64)) for row in boxes)
+    snapshots = tuple(
+        Snapshot(Objects(row, np.zeros(1, np.int64)), np.zeros(1, np.int64)) for row in boxes
+    )
     traffic = Traffic(SITE, (body,), snapshots)
-    return SimpleNamespace(setting=SimpleNamespace(place=SITE), frames=len(places), live=None, traffic=traffic)
+    return SimpleNamespace(
+        setting=SimpleNamespace(place=SITE), frames=len(places), live=None, traffic=traffic
+    )
 
 
 def is_cut(start, ends, low, high):
@@ -59,12 +64,17 @@ def expect(sensor, seen, places=PLACES):
     inside = sensor.model.in_view(transform(invert(sensor.pose), cells))
     still = np.zeros(len(cells), bool)
     for solid in SITE.solids:
-        low, high = (*solid.footprint.min(axis=0), solid.base), (*solid.footprint.max(axis=0), solid.top)
+        low, high = (
+            (*solid.footprint.min(axis=0), solid.base),
+            (*solid.footprint.max(axis=0), solid.top),
+        )
         still |= is_cut(sensor.position, cells, np.array(low), np.array(high))
     frames = []
     for x, y in places:
         middle = np.array([x, y, 0.8])
-        frames.append(inside & ~still & ~is_cut(sensor.position, cells, middle - CAR / 2, middle + CAR / 2))
+        frames.append(
+            inside & ~still & ~is_cut(sensor.position, cells, middle - CAR / 2, middle + CAR / 2)
+        )
     return np.array(frames).reshape(len(places), *seen.share.shape)
 
 
@@ -120,4 +130,6 @@ def test_long_traffic_is_looked_at_in_frames_evenly_chosen():
     assert set(np.diff(maps._frames).tolist()) == {3, 4} or np.ptp(np.diff(maps._frames)) <= 1
     seen = maps.draw([HIGH])
     behind = seen.share[(~np.isnan(seen.share)) & (seen.share < 1) & (seen.share > 0)]
-    assert behind == pytest.approx(1 - 1 / MAP_FRAMES)  # hidden in the last frame, whose bit is the highest
+    assert behind == pytest.approx(
+        1 - 1 / MAP_FRAMES
+    )  # hidden in the last frame, whose bit is the highest

@@ -61,7 +61,9 @@ def test_every_pose_is_looked_at_once_the_middle_height_and_poles_first():
     assert heights[: len(order) // 3] == [1] * (len(order) // 3)
     away = [float(np.hypot(*(STOCK.mounts[mount].position[:2] - MIDDLE))) for mount, _ in order]
     for height in set(heights):
-        here = [distance for distance, (_, other) in zip(away, order, strict=True) if other == height]
+        here = [
+            distance for distance, (_, other) in zip(away, order, strict=True) if other == height
+        ]
         assert here == sorted(here)
     assert not stock.look_further()
     assert stock.known == len(STOCK)
@@ -121,8 +123,12 @@ def test_poses_are_ranked_by_what_they_add_to_those_that_work():
     rng = np.random.default_rng(0)
     rng.shuffle(rewards)
     barred, asked, made = [int(rewards.argmax())], [], []
-    base = STOCK.select([int(np.flatnonzero(STOCK.mount == 5)[0]), int(np.flatnonzero(STOCK.mount == 4)[0])])
-    base = replace(base, sensors=(base.sensors[0], replace(base.sensors[1], name=first.sensors[0].name)))
+    base = STOCK.select(
+        [int(np.flatnonzero(STOCK.mount == 5)[0]), int(np.flatnonzero(STOCK.mount == 4)[0])]
+    )
+    base = replace(
+        base, sensors=(base.sensors[0], replace(base.sensors[1], name=first.sensors[0].name))
+    )
     seen = Seen(**dict.fromkeys(VIEW_COLUMNS, np.zeros((len(base), 1))))
 
     def objective(candidates, view):
@@ -136,7 +142,9 @@ def test_poses_are_ranked_by_what_they_add_to_those_that_work():
     ((candidates, view),) = made
     assert len(candidates) == len(base) + len(first)
     assert candidates.sensors[2].name == f"{first.sensors[0].name} of the stock"
-    assert [sensor.name for sensor in candidates.sensors[3:]] == [sensor.name for sensor in first.sensors[1:]]
+    assert [sensor.name for sensor in candidates.sensors[3:]] == [
+        sensor.name for sensor in first.sensors[1:]
+    ]
     assert candidates.mount.tolist() == [*base.mount.tolist(), *first.mount.tolist()]
     assert len(view.points) == len(candidates)
     (sets,) = asked

@@ -1,4 +1,5 @@
-"""Variants and the yard they are made in: what a file may say of sensors and poles, and where one may stand."""
+"""Variants and the yard they are made in: what a file may say of sensors and poles, and where one
+may stand."""
 
 from dataclasses import replace
 
@@ -46,7 +47,9 @@ def hang(x=X, y=Y, height=5.0, heading=0.0, tilt=0.3, name="s", model=None):
 
 def test_what_is_written_is_read_again():
     pole = Mount("own pole 1", np.array([1.0, 2.0, 0.5]), 2.5, 7.5, 3.0, 900.0, 2, "drawn")
-    variant = Variant((SENSOR, replace(SENSOR, name="b", locked=True, failed=True)), (pole,), (SQUARE,))
+    variant = Variant(
+        (SENSOR, replace(SENSOR, name="b", locked=True, failed=True)), (pole,), (SQUARE,)
+    )
     again = Variant.of_dict(variant.as_dict())
     assert again.sensors == variant.sensors
     assert again.keep_out == variant.keep_out
@@ -65,12 +68,24 @@ def test_what_is_written_is_read_again():
         ({"sensors": {}}, "A.sensors must be a list"),
         ({"sensors": None}, "A.sensors must be a list"),
         ({"sensors": [{}]}, r"A.sensors\[0\].name is missing"),
-        ({"sensors": [vars(SENSOR)] * (MAX_VARIANT_SENSORS + 1)}, "A.sensors must hold at most 1000, got 1001"),
+        (
+            {"sensors": [vars(SENSOR)] * (MAX_VARIANT_SENSORS + 1)},
+            "A.sensors must hold at most 1000, got 1001",
+        ),
         ({"poles": [5]}, r"A.poles\[0\] must be an object"),
-        ({"poles": [{"name": "p", "position": [0, 1]}]}, r"A.poles\[0\].position must be 3 numbers, got 2"),
-        ({"poles": [{"name": "p", "position": [1e300, 0, 0]}]}, "must lie within 1e.08 m of the origin"),
+        (
+            {"poles": [{"name": "p", "position": [0, 1]}]},
+            r"A.poles\[0\].position must be 3 numbers, got 2",
+        ),
+        (
+            {"poles": [{"name": "p", "position": [1e300, 0, 0]}]},
+            "must lie within 1e.08 m of the origin",
+        ),
         ({"poles": [{"name": "p\n", "position": [0, 0, 0]}]}, "a name must be one line"),
-        ({"poles": [{"name": "p", "position": [0, 0, 0], "tea": 1}]}, r"A.poles\[0\].tea is unknown"),
+        (
+            {"poles": [{"name": "p", "position": [0, 0, 0], "tea": 1}]},
+            r"A.poles\[0\].tea is unknown",
+        ),
         ({"keep_out": 3}, "A.keep_out must be a list"),
         ({"keep_out": [3]}, "A.keep_out: an area needs three corners or more"),
         ({"tea": 3}, "A.tea is unknown"),
@@ -113,12 +128,21 @@ def test_names_and_areas_have_bounds():
         [[0], [1], [2]],
         ["abc"] * 3,
     ):
-        with pytest.raises(ValueError, match=r"three corners or more \(x, y\), and no edge may cross another"):
+        with pytest.raises(
+            ValueError, match=r"three corners or more \(x, y\), and no edge may cross another"
+        ):
             check_area(wrong)
 
 
 def test_a_free_name_goes_on_from_its_number():
-    variant = Variant((SENSOR, replace(SENSOR, name="cam 2"), replace(SENSOR, name="cam 3"), replace(SENSOR, name="7")))
+    variant = Variant(
+        (
+            SENSOR,
+            replace(SENSOR, name="cam 2"),
+            replace(SENSOR, name="cam 3"),
+            replace(SENSOR, name="7"),
+        )
+    )
     assert free_name(variant, "b") == "b"
     assert free_name(variant, "a") == "a 2"
     assert free_name(variant, "cam 2") == "cam 4"
@@ -135,7 +159,9 @@ def test_a_sensor_is_placed_on_the_nearest_pole_or_on_one_of_its_own(yard):
     assert [sensor.name for sensor in variant.sensors] == ["near", "far", "far 2"]
     (pole,) = variant.poles
     assert (pole.price, pole.origin) == (7.0, "drawn")
-    assert pole.position == pytest.approx([200.0, 300.0, float(SITE.ground(np.array([200.0, 300.0])))])
+    assert pole.position == pytest.approx(
+        [200.0, 300.0, float(SITE.ground(np.array([200.0, 300.0])))]
+    )
     sensor = variant.sensors[0]
     assert (sensor.x, sensor.y) == (X + SNAP, Y)
     assert (sensor.height, sensor.heading, sensor.tilt) == pytest.approx((5.0, 0.0, 0.3))
@@ -170,7 +196,10 @@ def test_a_project_may_say_only_what_can_hang(yard):
     yard.check(Variant((replace(SENSOR, x=X + SNAP, tilt=np.pi / 2),)))
     yard.check(Variant((replace(SENSOR, tilt=-np.pi / 2),)))
     for change, said in (
-        ({"height": high + 0.01}, f"a hangs {high + 0.01:g} m up, but {POLE.name} takes {low:g} to {high:g} m"),
+        (
+            {"height": high + 0.01},
+            f"a hangs {high + 0.01:g} m up, but {POLE.name} takes {low:g} to {high:g} m",
+        ),
         ({"height": low - 0.01}, "m up, but"),
         ({"height": 6000.0}, "a hangs 6000 m up"),
         ({"x": X + 20.0}, f"a hangs 20 m from its pole {POLE.name}, more than 1.5 m"),
@@ -201,9 +230,15 @@ def test_a_pole_of_a_project_stands_at_the_site(yard):
     middle = (ymin + ymax) / 2
     pole = Mount("own pole 1", np.array([xmax + FARTHEST, middle, 0.0]))
     yard.check(Variant((), (pole,)))
-    with pytest.raises(ValueError, match="own pole 1 stands 101 m from the detection area, more than 100 m"):
-        yard.check(Variant((), (replace(pole, position=np.array([xmax + FARTHEST + 1, middle, 0.0])),)))
-    with pytest.raises(ValueError, match="own pole 1 has its foot at z = 25 m, but the ground is at"):
+    with pytest.raises(
+        ValueError, match="own pole 1 stands 101 m from the detection area, more than 100 m"
+    ):
+        yard.check(
+            Variant((), (replace(pole, position=np.array([xmax + FARTHEST + 1, middle, 0.0])),))
+        )
+    with pytest.raises(
+        ValueError, match="own pole 1 has its foot at z = 25 m, but the ground is at"
+    ):
         yard.check(Variant((), (replace(pole, position=np.array([xmax, middle, 25.0])),)))
     for poles in ((pole, pole), (replace(pole, name=POLE.name),)):
         with pytest.raises(ValueError, match="names of poles must differ"):
@@ -218,21 +253,29 @@ def test_where_a_pole_may_stand_is_said(yard):
     lane = shapely.Polygon(SITE.lanes[0])
     inside = lane.representative_point()
     assert yard.refuse((inside.x, inside.y)) == "it is on a lane"
-    assert yard.refuse((xmax + FARTHEST + 1, 0.0)).startswith("it is more than 100 m from the detection area")
-    solid = next(each for each in SITE.solids if each.kind in ("building", "wall", "hedge", "tree", "trunk"))
+    assert yard.refuse((xmax + FARTHEST + 1, 0.0)).startswith(
+        "it is more than 100 m from the detection area"
+    )
+    solid = next(
+        each for each in SITE.solids if each.kind in ("building", "wall", "hedge", "tree", "trunk")
+    )
     middle = shapely.Polygon(solid.footprint).representative_point()
     assert yard.refuse((middle.x, middle.y)) in ("something stands there", "it is on a lane")
     kept = replace(yard, keep_out=(shapely.Polygon(SQUARE).buffer(30),))
     assert kept.refuse((2.0, 30.0)) != ""
     variant = Variant(
-        keep_out=(((X + KERB_GAP / 2, Y - 5), (X + 5, Y - 5), (X + 5, Y + 5), (X + KERB_GAP / 2, Y + 5)),)
+        keep_out=(
+            ((X + KERB_GAP / 2, Y - 5), (X + 5, Y - 5), (X + 5, Y + 5), (X + KERB_GAP / 2, Y + 5)),
+        )
     )
     assert yard.bars(variant, POLE)
     away = tuple((x + KERB_GAP, y) for x, y in variant.keep_out[0])
     assert not yard.bars(Variant(keep_out=(away,)), POLE)
     with pytest.raises(ValueError, match=f"{POLE.name} cannot be used: it is a keep-out area"):
         yard.stand(variant, POLE.name)
-    with pytest.raises(ValueError, match=f"no pole can stand at {inside.x:.1f}, {inside.y:.1f}: it is on a lane"):
+    with pytest.raises(
+        ValueError, match=f"no pole can stand at {inside.x:.1f}, {inside.y:.1f}: it is on a lane"
+    ):
         yard.stand(Variant(), (inside.x, inside.y))
     mount, after = yard.stand(Variant(), (X + 0.5, Y))
     assert (mount.name, after) == (POLE.name, Variant())
@@ -243,8 +286,12 @@ def test_where_a_pole_may_stand_is_said(yard):
 def test_candidates_of_a_variant_are_on_their_poles(yard):
     variant = yard.place(SITE.sensors)
     candidates = yard.candidates(variant)
-    assert [candidates.mounts[m].name for m in candidates.mount] == [sensor.mount for sensor in variant.sensors]
-    np.testing.assert_allclose([s.pose for s in candidates.sensors], [s.pose for s in SITE.sensors], atol=1e-9)
+    assert [candidates.mounts[m].name for m in candidates.mount] == [
+        sensor.mount for sensor in variant.sensors
+    ]
+    np.testing.assert_allclose(
+        [s.pose for s in candidates.sensors], [s.pose for s in SITE.sensors], atol=1e-9
+    )
     heights = [sensor.height for sensor in variant.sensors]
     assert candidates.axes.heights.tolist() == heights
     assert len(yard.candidates(Variant())) == 0

@@ -1,4 +1,5 @@
-"""Charts of a plan: sound SVG for one item and for thirty, with names of any kind, that say what they are given."""
+"""Charts of a plan: sound SVG for one item and for thirty, with names of any kind, that say what
+they are given."""
 
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -21,7 +22,14 @@ from placement_env.report.charts import (
     set_label,
     worth_chart,
 )
-from placement_env.report.content import BuildStep, FailureCase, Judgement, PlanOption, SchemeFigures, SensorWorth
+from placement_env.report.content import (
+    BuildStep,
+    FailureCase,
+    Judgement,
+    PlanOption,
+    SchemeFigures,
+    SensorWorth,
+)
 from toolkit.plots import canvas
 from toolkit.plots.canvas import house_style, render_pixels
 
@@ -38,7 +46,9 @@ def option(k, judgement=None):
 
 
 def bars(names):
-    return interval_bars([(name, judged(0.5 + 0.01 * k)) for k, name in enumerate(names)], "AP by <zone> & $x_1$")
+    return interval_bars(
+        [(name, judged(0.5 + 0.01 * k)) for k, name in enumerate(names)], "AP by <zone> & $x_1$"
+    )
 
 
 def front(names):
@@ -52,14 +62,21 @@ def schemes(names):
 
 def links(names):
     return link_chart(
-        [LinkLoad(name, 3.0 + k, 4.0 + k, 20.0, (3.0 + k) / 20, k < 17, 3.5 + k) for k, name in enumerate(names)]
+        [
+            LinkLoad(name, 3.0 + k, 4.0 + k, 20.0, (3.0 + k) / 20, k < 17, 3.5 + k)
+            for k, name in enumerate(names)
+        ]
     )
 
 
 def worth(names):
     return worth_chart(
         [
-            SensorWorth(one, 0.3 - 0.02 * k, {other: 0.01 * (j - k) for j, other in enumerate(names) if other != one})
+            SensorWorth(
+                one,
+                0.3 - 0.02 * k,
+                {other: 0.01 * (j - k) for j, other in enumerate(names) if other != one},
+            )
             for k, one in enumerate(names)
         ]
     )
@@ -70,7 +87,9 @@ def failures(names):
 
 
 def order(names):
-    return order_chart([BuildStep(name, 1.5 * (k + 1), judged(0.02 * k)) for k, name in enumerate(names)], "$")
+    return order_chart(
+        [BuildStep(name, 1.5 * (k + 1), judged(0.02 * k)) for k, name in enumerate(names)], "$"
+    )
 
 
 @pytest.mark.parametrize("chart", [bars, front, schemes, links, worth, failures, order])
@@ -102,7 +121,10 @@ def shown(monkeypatch, draw):
     (figure,) = figures
     texts = [text.get_text() for text in figure.texts]
     for axes in figure.axes:
-        texts += [text.get_text() for text in (*axes.texts, *axes.get_yticklabels(), *axes.get_xticklabels())]
+        texts += [
+            text.get_text()
+            for text in (*axes.texts, *axes.get_yticklabels(), *axes.get_xticklabels())
+        ]
         texts += [axes.get_xlabel(), axes.get_ylabel()]
     return texts, figure
 
@@ -112,25 +134,37 @@ def widths(axes):
 
 
 def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
-    texts, figure = shown(monkeypatch, lambda: interval_bars([("a", judged(0.9)), ("b", judged(0.5, 7))], "AP by zone"))
+    texts, figure = shown(
+        monkeypatch,
+        lambda: interval_bars([("a", judged(0.9)), ("b", judged(0.5, 7))], "AP by zone"),
+    )
     (axes,) = figure.axes
     assert widths(axes) == [0.9, 0.5]
     ends = [line.get_xdata() for line in axes.get_lines()]
     assert {tuple(round(float(x), 6) for x in end) for end in ends} == {(0.85, 0.93), (0.45, 0.53)}
     assert {"AP by zone", "a", "b", "AP", "0.900, N = 412", "0.50, N = 7"} <= set(texts)
-    assert any("up to 412 vehicles in 60 frames" in text and "95% intervals" in text for text in texts)
+    assert any(
+        "up to 412 vehicles in 60 frames" in text and "95% intervals" in text for text in texts
+    )
     assert axes.get_xlim() == (0, 1)
     assert axes.get_ylim() == (1.5, -0.5)  # the first row on top
-    texts, _ = shown(monkeypatch, lambda: scheme_chart([SchemeFigures("late", 0.8, judged(), 12.25)]))
+    texts, _ = shown(
+        monkeypatch, lambda: scheme_chart([SchemeFigures("late", 0.8, judged(), 12.25)])
+    )
     assert {"late, IoU 0.8", "0.900, N = 412; 12.25 kbit/sensor"} <= set(texts)
-    fits, not_so = LinkLoad("p", 3.0, 4.0, 20.0, 0.15, True, 3.0), LinkLoad("q", 25.0, 40.0, 20.0, 1.25, False, 30.0)
+    fits, not_so = (
+        LinkLoad("p", 3.0, 4.0, 20.0, 0.15, True, 3.0),
+        LinkLoad("q", 25.0, 40.0, 20.0, 1.25, False, 30.0),
+    )
     texts, figure = shown(monkeypatch, lambda: link_chart([fits, not_so]))
     (axes,) = figure.axes
     assert widths(axes) == [3.0, 25.0]
     assert [bar.get_hatch() is not None for bar in axes.patches] == [False, True]
     assert {"3 of 20 Mbit/s, 15%: fits", "25 of 20 Mbit/s, 125%: TOO MUCH", "Mbit/s"} <= set(texts)
     assert axes.get_xlim()[1] == pytest.approx(33)
-    _, figure = shown(monkeypatch, lambda: link_chart([LinkLoad("p", 3.0, 4.0, 1e9, 0.0, True, 4.0)]))
+    _, figure = shown(
+        monkeypatch, lambda: link_chart([LinkLoad("p", 3.0, 4.0, 1e9, 0.0, True, 4.0)])
+    )
     assert figure.axes[0].get_xlim()[1] == pytest.approx(4.4)
 
 
@@ -147,7 +181,11 @@ def test_failures_and_order_climb_beside_the_whole_set(monkeypatch):
     first = figure.axes[0].get_lines()[0]
     assert list(first.get_xdata()) == [0, 2, 5]
     assert list(first.get_ydata()) == [0, 0.6, 0.8]
-    assert {"price (EUR), spent", "1  d1: 2, AP 0.600, N = 412", "2  d0: 5, AP 0.800, N = 412"} <= set(texts)
+    assert {
+        "price (EUR), spent",
+        "1  d1: 2, AP 0.600, N = 412",
+        "2  d0: 5, AP 0.800, N = 412",
+    } <= set(texts)
     options = [option(1), option(2, judged(0.8)), option(3, judged(0.7))]
     texts, figure = shown(monkeypatch, lambda: front_chart(options, replace(options[1]), ""))
     for axes, value in zip(figure.axes, (140.0, 2.0), strict=True):
@@ -170,7 +208,9 @@ ONE, TWO = Judgement(0.9, 0.8, 0.95, 0.9, 0.9, 120, 40), Judgement(0.5, 0.4, 0.6
 @pytest.mark.parametrize("names", [["a"], ["x" * 90, "W" * 40], [str(k) for k in range(30)]])
 def test_names_and_figures_stay_in_the_picture(monkeypatch, names):
     with house_style():
-        _, figure = shown(monkeypatch, lambda: interval_bars([(name, ONE) for name in names], "a title"))
+        _, figure = shown(
+            monkeypatch, lambda: interval_bars([(name, ONE) for name in names], "a title")
+        )
         (axes,) = figure.axes
         render_pixels(figure)
         for text in (*axes.get_yticklabels(), *axes.texts):
@@ -197,7 +237,10 @@ def test_rows_say_their_vehicles_in_words(monkeypatch):
 
 
 WORTH = [
-    *(SensorWorth("d0", 0.5, {"d1": -0.2, "d2": 0.05}), SensorWorth("d1", 0.3, {"d0": -0.2, "d2": 0.0})),
+    *(
+        SensorWorth("d0", 0.5, {"d1": -0.2, "d2": 0.05}),
+        SensorWorth("d1", 0.3, {"d0": -0.2, "d2": 0.0}),
+    ),
     SensorWorth("d2", -0.1, {"d0": 0.05, "d1": 0.0}),
 ]
 
@@ -213,11 +256,15 @@ def test_tables_of_pairs_have_figures_or_numbers(figure_of):
     assert [text.get_text() for text in bars.texts] == ["+0.500", "+0.300", "-0.100"]
     (image,) = table.images
     pairs = np.ma.filled(image.get_array(), np.nan)
-    assert pairs == pytest.approx(np.array([[np.nan, -0.2, 0.05], [-0.2, np.nan, 0], [0.05, 0, np.nan]]), nan_ok=True)
+    assert pairs == pytest.approx(
+        np.array([[np.nan, -0.2, 0.05], [-0.2, np.nan, 0], [0.05, 0, np.nan]]), nan_ok=True
+    )
     assert image.get_clim() == (-0.2, 0.2)
     assert [text.get_text() for text in table.texts][:2] == ["-0.20", "+0.05"]
     assert [label.get_text() for label in bars.get_yticklabels()] == ["d0", "d1", "d2"]
-    bars, table = figure_of([SensorWorth("north-east pole", 0.2, {}), SensorWorth("d1", 0.1, {})]).axes
+    bars, table = figure_of(
+        [SensorWorth("north-east pole", 0.2, {}), SensorWorth("d1", 0.1, {})]
+    ).axes
     assert [label.get_text() for label in bars.get_yticklabels()] == ["north-east pole  1", "d1  2"]
     assert [label.get_text() for label in table.get_xticklabels()] == ["1", "2"]
     names = [f"s{k}" for k in range(charts.MOST_FIGURES + 1)]

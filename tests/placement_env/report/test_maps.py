@@ -1,4 +1,5 @@
-"""Maps of a plan: sound SVG of a small size, the same each time, that change with what they show."""
+"""Maps of a plan: sound SVG of a small size, the same each time, that change with what they
+show."""
 
 import base64
 import re
@@ -11,7 +12,14 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from placement_env.handover.ground import Ground
-from placement_env.report.maps import ENLARGED, blind_map, coverage_map, density_map, plan_view, smooth
+from placement_env.report.maps import (
+    ENLARGED,
+    blind_map,
+    coverage_map,
+    density_map,
+    plan_view,
+    smooth,
+)
 from toolkit.geometry import look
 from toolkit.plots.canvas import BLIND, VIEW_COLOURS, point_colours
 from toolkit.sensors.models import DepthCamera
@@ -20,9 +28,14 @@ from toolkit.sites.files import load_site
 from toolkit.sites.site import Mount, Site
 
 LANE = np.array([[-10.0, -3], [10, -3], [10, 3], [-10, 3]])
-MOUNTS = tuple(Mount(name, np.array([2.0 * k - 8, 5.0, 0.0])) for k, name in enumerate(("a", "$b_1$", "<c>", "_d")))
+MOUNTS = tuple(
+    Mount(name, np.array([2.0 * k - 8, 5.0, 0.0]))
+    for k, name in enumerate(("a", "$b_1$", "<c>", "_d"))
+)
 SITE = Site("cross & <road>", np.array([-10.0, -6, 10, 6]), lanes=(LANE,), mounts=MOUNTS)
-SENSORS = [Sensor(f"pole $_{k}", DepthCamera(), look((3.0 * k, 6.0, 5.0), -1.5, 0.3)) for k in range(2)]
+SENSORS = [
+    Sensor(f"pole $_{k}", DepthCamera(), look((3.0 * k, 6.0, 5.0), -1.5, 0.3)) for k in range(2)
+]
 X, Y = np.arange(10) * 2.0 - 9, np.arange(6) * 2.0 - 5
 SEEN = np.zeros((2, 6, 10), bool)
 SEEN[0, :, :6] = SEEN[1, :, 4:8] = True
@@ -30,7 +43,9 @@ OPEN = np.ones((6, 10), bool)
 OPEN[0, 0] = False
 LANES = np.zeros((6, 10), bool)
 LANES[2:4] = True
-GROUND = Ground(X, Y, SEEN, SEEN * np.float32(30), OPEN, LANES, ~LANES & (np.arange(6) < 2)[:, None])
+GROUND = Ground(
+    X, Y, SEEN, SEEN * np.float32(30), OPEN, LANES, ~LANES & (np.arange(6) < 2)[:, None]
+)
 MAPS = [coverage_map, density_map, blind_map]
 
 
@@ -65,7 +80,11 @@ def test_coverage_blind_spots_and_density_are_in_their_colours():
     cells = cells_of(blind_map(SITE, GROUND, SENSORS))
     blind = OPEN & ~SEEN.any(axis=0)
     assert np.array_equal(cells[..., 3] == 1, blind)
-    for kind, mask in (("lanes", LANES), ("footways", GROUND.footways), ("elsewhere", ~LANES & ~GROUND.footways)):
+    for kind, mask in (
+        ("lanes", LANES),
+        ("footways", GROUND.footways),
+        ("elsewhere", ~LANES & ~GROUND.footways),
+    ):
         assert np.abs(cells[blind & mask][:, :3] - to_rgb(BLIND[kind])).max() < 0.01
     cells = cells_of(density_map(SITE, GROUND, SENSORS))  # cells of 2 m are not averaged
     expected = point_colours(30.0 * SEEN.sum(axis=0))
@@ -100,7 +119,10 @@ def test_plan_views_show_poles_none_or_thirty_sensors():
         ElementTree.fromstring(draw(SITE, nothing, []))
     ElementTree.fromstring(plan_view(SITE, [], ground=nothing))
     site = load_site("roundabout")
-    many = [Sensor(f"north-east pole {k}", DepthCamera(), look((k, -k / 2, 5.0), k, 0.3)) for k in range(30)]
+    many = [
+        Sensor(f"north-east pole {k}", DepthCamera(), look((k, -k / 2, 5.0), k, 0.3))
+        for k in range(30)
+    ]
     x = np.arange(96) + 0.5 - 48
     seen = np.array([np.hypot(x - k, x[:, None] + k) < 20 for k in range(30)])
     free = np.ones((96, 96), bool)

@@ -30,7 +30,10 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
             return SensorSubsetEnv(objective=objective, budget=2)
         return SensorSelectEnv(objective=objective, budget=2, actions=actions)
 
-    native, scalar = vectorize(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
+    native, scalar = (
+        vectorize(make_env(), make_env, N),
+        DummyVecEnv([lambda: Monitor(make_env())] * N),
+    )
     assert isinstance(native, SB3VecEnv)
     assert is_masking_supported(native)
     native.seed(3)
@@ -45,7 +48,8 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
         observations, rewards, ended, infos = native.step(action)
         same_observations, same_rewards, same_ended, same_infos = scalar.step(action)
         np.testing.assert_array_equal(observations, same_observations)
-        np.testing.assert_allclose(rewards, same_rewards, atol=1e-6)  # which Stable-Baselines3 keeps in float32
+        # which Stable-Baselines3 keeps in float32
+        np.testing.assert_allclose(rewards, same_rewards, atol=1e-6)
         np.testing.assert_array_equal(ended, same_ended)
         for info, same in zip(infos, same_infos, strict=True):
             assert ("episode" in info) == ("episode" in same)
@@ -54,7 +58,9 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
                 assert info["episode"]["l"] == same["episode"]["l"]
                 assert info["TimeLimit.truncated"] == same["TimeLimit.truncated"]
                 np.testing.assert_array_equal(info["subset"], same["subset"])
-                np.testing.assert_array_equal(info["terminal_observation"], same["terminal_observation"])
+                np.testing.assert_array_equal(
+                    info["terminal_observation"], same["terminal_observation"]
+                )
                 cut += info["TimeLimit.truncated"]
     assert cut == (0 if actions == "subset" else N)
 
@@ -97,7 +103,9 @@ def test_junctions_turn_and_foreign_environments_are_played(make):
 
 
 def trained(algorithm, vector, **given):
-    model = algorithm("MlpPolicy", vector, n_steps=4, batch_size=128, n_epochs=1, seed=0, device="cpu", **given)
+    model = algorithm(
+        "MlpPolicy", vector, n_steps=4, batch_size=128, n_epochs=1, seed=0, device="cpu", **given
+    )
     return model.learn(512)
 
 
@@ -105,7 +113,10 @@ def trained(algorithm, vector, **given):
 def test_both_libraries_train_on_64_side_by_side(make, augment):
     objective = make(5, 2)
     for algorithm in (PPO, MaskablePPO):
-        vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective), augment=augment)
+        vector = as_sb3(
+            gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective),
+            augment=augment,
+        )
         model = trained(algorithm, vector)
         assert model.num_timesteps == 512
         assert model.ep_info_buffer
@@ -114,7 +125,9 @@ def test_both_libraries_train_on_64_side_by_side(make, augment):
 
 def test_returns_are_those_of_the_scalar_environment(make):
     objective = make(5, 2)
-    vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective, budget=3))
+    vector = as_sb3(
+        gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective, budget=3)
+    )
     model = trained(MaskablePPO, vector)
     vector.seed(1)
     observations: Any = vector.reset()
@@ -125,7 +138,9 @@ def test_returns_are_those_of_the_scalar_environment(make):
         for info in infos:
             if "episode" in info:
                 done += 1
-                assert info["episode"]["r"] == pytest.approx(objective.score(np.flatnonzero(info["subset"])).reward)
+                assert info["episode"]["r"] == pytest.approx(
+                    objective.score(np.flatnonzero(info["subset"])).reward
+                )
                 assert not info["TimeLimit.truncated"]
     env = SensorSelectEnv(objective=objective, budget=3)
     native, _ = evaluate_policy(model, vector, n_eval_episodes=64, deterministic=True)
@@ -134,13 +149,21 @@ def test_returns_are_those_of_the_scalar_environment(make):
 
 
 def test_pose_environments_train_too():
-    vector = as_sb3(gym.make_vec("coview/SensorPose-v0", num_envs=2, frames=1, budget=1, moves=2, fidelity="coverage"))
-    model = PPO("MlpPolicy", vector, n_steps=4, batch_size=8, n_epochs=1, seed=0, device="cpu").learn(8)
+    vector = as_sb3(
+        gym.make_vec(
+            "coview/SensorPose-v0", num_envs=2, frames=1, budget=1, moves=2, fidelity="coverage"
+        )
+    )
+    model = PPO(
+        "MlpPolicy", vector, n_steps=4, batch_size=8, n_epochs=1, seed=0, device="cpu"
+    ).learn(8)
     assert [episode["l"] for episode in model.ep_info_buffer or ()] == [2] * 4
 
 
 def test_options_attributes_pictures_and_closing(make):
-    native: Any = gym.make_vec("coview/SensorSelect-v0", num_envs=3, objective=make(5, 2), render_mode="rgb_array")
+    native: Any = gym.make_vec(
+        "coview/SensorSelect-v0", num_envs=3, objective=make(5, 2), render_mode="rgb_array"
+    )
     vector = as_sb3(native)
     vector.set_options([{"budget": 1}, {"budget": 2}, {"budget": 2}])
     vector.seed(0)

@@ -57,7 +57,9 @@ def test_choosing_one_after_another_is_learnt_with_it_and_all_else_is_not(make, 
         def make_env() -> SensorSelectEnv:
             return SensorSelectEnv(objective=objective, budget=2, actions=actions)
 
-        return learning.train_policy(make_env, tmp_path / actions, steps=64, learning=small).policy.mlp_extractor
+        return learning.train_policy(
+            make_env, tmp_path / actions, steps=64, learning=small
+        ).policy.mlp_extractor
 
     assert isinstance(network_of("flat"), CandidateNetwork)
     assert not isinstance(network_of("factored"), CandidateNetwork)

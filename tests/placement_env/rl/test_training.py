@@ -23,7 +23,9 @@ class PickEnv(gym.Env):
 
     def __init__(self, masked=True):
         self.masked = masked
-        self.action_space = gym.spaces.Discrete(4) if masked else gym.spaces.Box(-1.0, 1.0, (4,), np.float32)
+        self.action_space = (
+            gym.spaces.Discrete(4) if masked else gym.spaces.Box(-1.0, 1.0, (4,), np.float32)
+        )
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -40,8 +42,20 @@ class PickEnv(gym.Env):
         ap = float(VALUE[self.chosen].sum())
         terms = {"ap": ap, "comm": 0.0, "price": 0.0}
         figures = {"ap": ap, "recall": ap, "kbit": 1.0, "kbit_per_sensor": 1.0, "price": 1.0}
-        info = {**figures, "reward_terms": terms, "subset": self.chosen.copy(), "fidelity": "toy", "cache_hit": False}
-        return self.chosen.astype(np.float32), ap - before, bool(self.chosen.sum() >= 2), self.turns == 4, info
+        info = {
+            **figures,
+            "reward_terms": terms,
+            "subset": self.chosen.copy(),
+            "fidelity": "toy",
+            "cache_hit": False,
+        }
+        return (
+            self.chosen.astype(np.float32),
+            ap - before,
+            bool(self.chosen.sum() >= 2),
+            self.turns == 4,
+            info,
+        )
 
 
 def weights(model):
@@ -59,7 +73,9 @@ def test_what_is_kept_is_loaded_and_another_run_is_refused(trained):
     assert type(model).__name__ == "MaskablePPO"
     assert model.num_timesteps == 768
     model, out = trained
-    assert torch.equal(weights(learning.train_policy(PickEnv, out, steps=1, learning=SMALL)), weights(model))
+    assert torch.equal(
+        weights(learning.train_policy(PickEnv, out, steps=1, learning=SMALL)), weights(model)
+    )
     assert [path.name for path in out.iterdir()] == [learning.CHECKPOINT]
     _, out = trained
     with pytest.raises(ValueError, match="another seed"):
@@ -74,7 +90,8 @@ def test_what_was_stopped_goes_on_unless_cut_or_unknown(trained, tmp_path):
     cut = tmp_path / learning.CHECKPOINT
     cut.write_bytes((trained[1] / learning.CHECKPOINT).read_bytes()[:1000])
     with pytest.raises(
-        ValueError, match=r"policy.pt is damaged or not a checkpoint of tensors: .*: remove it to start again"
+        ValueError,
+        match=r"policy.pt is damaged or not a checkpoint of tensors: .*: remove it to start again",
     ):
         learning.train_policy(PickEnv, tmp_path, steps=1, learning=SMALL)
     (tmp_path / learning.CHECKPOINT).write_bytes((trained[1] / learning.CHECKPOINT).read_bytes())
@@ -87,9 +104,15 @@ def test_what_was_stopped_goes_on_unless_cut_or_unknown(trained, tmp_path):
 
 def test_continuous_actions_get_ppo_which_learns_to_an_end(tmp_path):
     told = []
-    quick = learning.Learning(envs=4, rollout=64, batch=64, epochs=8, learning_rate=3e-3, entropy=0.0, width=16)
+    quick = learning.Learning(
+        envs=4, rollout=64, batch=64, epochs=8, learning_rate=3e-3, entropy=0.0, width=16
+    )
     policy = learning.train_policy(
-        PickEnv, tmp_path, steps=2048, learning=quick, progress=lambda steps, mean: told.append((steps, mean))
+        PickEnv,
+        tmp_path,
+        steps=2048,
+        learning=quick,
+        progress=lambda steps, mean: told.append((steps, mean)),
     )
     assert told[-1][0] == 2048
     found = learning.rollout(policy, PickEnv())
@@ -97,10 +120,15 @@ def test_continuous_actions_get_ppo_which_learns_to_an_end(tmp_path):
     assert found.best.subset == (2, 3)
     assert found.evaluations == 2
     assert (np.diff(found.history.reward) >= 0).all()
-    model = learning.train_policy(lambda: PickEnv(masked=False), tmp_path / "ppo", steps=64, learning=SMALL)
+    model = learning.train_policy(
+        lambda: PickEnv(masked=False), tmp_path / "ppo", steps=64, learning=SMALL
+    )
     assert type(model).__name__ == "PPO"
     found = learning.rollout(model, PickEnv(masked=False), episodes=2, seed=1)
-    assert found.best.reward == learning.rollout(model, PickEnv(masked=False), episodes=2, seed=1).best.reward
+    assert (
+        found.best.reward
+        == learning.rollout(model, PickEnv(masked=False), episodes=2, seed=1).best.reward
+    )
     with pytest.raises(ValueError, match="give steps or seconds"):
         learning.train_policy(PickEnv, Path("nowhere"))
 
@@ -112,7 +140,9 @@ def test_our_environment_is_learnt_and_its_sensors_told(make, tmp_path):
     )
     found = learning.rollout(policy, SensorSelectEnv(objective=objective, budget=2), episodes=3)
     assert found.best.reward == objective.score(found.best.subset).reward
-    assert [sensor.name for sensor in found.sensors] == [objective.names[c] for c in found.best.subset]
+    assert [sensor.name for sensor in found.sensors] == [
+        objective.names[c] for c in found.best.subset
+    ]
     assert objective.feasible(objective.row(found.best.subset)[None])[0]
 
 
@@ -122,13 +152,19 @@ def test_search_keeps_the_best_set_or_none_within_its_limits(make):
             learning.search(make(3, 1), 2, **limit)
     objective = make(5, 2)
     found = learning.search(objective, 2, evaluations=64, learning=SMALL)
-    assert found.best.reward == exhaustive.search(objective, 2).best.reward  # random play meets all 40 pairs
-    assert found.best.reward == objective.score(found.best.subset).reward == found.history.reward[-1]
+    assert (
+        found.best.reward == exhaustive.search(objective, 2).best.reward
+    )  # random play meets all 40 pairs
+    assert (
+        found.best.reward == objective.score(found.best.subset).reward == found.history.reward[-1]
+    )
     assert (np.diff(found.history.reward) >= 0).all()
     assert found.evaluations > 64
     assert "by itself" in found.certificate.note
     assert not found.sensors
-    found = learning.search(make(4, 1, weights=Weights(price=5.0)), 2, evaluations=32, learning=SMALL)
+    found = learning.search(
+        make(4, 1, weights=Weights(price=5.0)), 2, evaluations=32, learning=SMALL
+    )
     assert found.best.subset == ()
     assert found.best.reward == 0.0
 
@@ -147,7 +183,9 @@ def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
                 raise Killed
 
     def policy(checkpoint):
-        return learning.search(make(5, 2), 2, evaluations=1024, learning=SMALL, checkpoint=checkpoint)
+        return learning.search(
+            make(5, 2), 2, evaluations=1024, learning=SMALL, checkpoint=checkpoint
+        )
 
     whole, kills = policy(NOWHERE), 0
     while True:
@@ -157,5 +195,9 @@ def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
         except Killed:
             kills += 1
     assert kills == 1
-    assert (found.best, found.certificate, found.evaluations) == (whole.best, whole.certificate, whole.evaluations)
+    assert (found.best, found.certificate, found.evaluations) == (
+        whole.best,
+        whole.certificate,
+        whole.evaluations,
+    )
     assert found.history.reward.tolist() == whole.history.reward.tolist()

@@ -1,4 +1,5 @@
-"""The answer of a search as files: what each sensor sends, and that nothing is left where it cannot be written."""
+"""The answer of a search as files: what each sensor sends, and that nothing is left where it cannot
+be written."""
 
 import csv
 import json
@@ -43,7 +44,8 @@ def objective() -> Objective:
     site = load_site("tjunction")
     first = replace(site, sensors=site.sensors[:2])
     return Objective(
-        Setting(first, scheme="early", fidelity="coverage", candidates=paper_candidates(first)), Run(frames=1)
+        Setting(first, scheme="early", fidelity="coverage", candidates=paper_candidates(first)),
+        Run(frames=1),
     )
 
 
@@ -109,7 +111,9 @@ POINTS = (
 
 
 def test_a_curve_is_a_table_a_picture_and_the_site_with_each_set(objective, tmp_path, monkeypatch):
-    order = SearchOrder(setting=objective.setting, budget=2, curve=True, currency="EUR", judge="coverage")
+    order = SearchOrder(
+        setting=objective.setting, budget=2, curve=True, currency="EUR", judge="coverage"
+    )
     whole = answer(objective, None, said={"curve": [1]}, points=POINTS)
     with monkeypatch.context() as patched:
         patched.setattr(search_answer, "save_site", full)
@@ -125,25 +129,54 @@ def test_a_curve_is_a_table_a_picture_and_the_site_with_each_set(objective, tmp_
         names = [sensor.name for sensor in load_site(tmp_path / "o" / row["site"]).sensors]
         assert names == [objective.names[c] for c in point.subset]
     assert (tmp_path / "o" / "curve.png").read_bytes()[:4] == b"\x89PNG"
-    assert len(answer_files(replace(order, setting=replace(objective.setting, most_price=9.0)))) == 15
+    assert (
+        len(answer_files(replace(order, setting=replace(objective.setting, most_price=9.0)))) == 15
+    )
 
 
 def test_tables_of_curves_and_their_agreement_with_the_objective(objective, result):
     first, second = csv.DictReader(curve_csv(objective, POINTS, "=EUR").splitlines())
     assert first == {
-        "sensors": "1", "money": "", "price": "11", "price_unit": "'=EUR", "ap": "0.500000", "low": "0.400000",
-        "high": "0.550000", "predicted": "0.600000", "confidence": "0.970000", "kbit_per_frame": "300.0",
-        "pays": "yes", "searches": "greedy and swap", "set": objective.names[0], "site": "site_1.json",
-    }  # fmt: skip
+        "sensors": "1",
+        "money": "",
+        "price": "11",
+        "price_unit": "'=EUR",
+        "ap": "0.500000",
+        "low": "0.400000",
+        "high": "0.550000",
+        "predicted": "0.600000",
+        "confidence": "0.970000",
+        "kbit_per_frame": "300.0",
+        "pays": "yes",
+        "searches": "greedy and swap",
+        "set": objective.names[0],
+        "site": "site_1.json",
+    }
     assert (second["pays"], second["kbit_per_frame"], second["searches"]) == ("no", "400.0", "")
     (paid,) = csv.DictReader(curve_csv(objective, (replace(POINTS[0], money=22.0),)).splitlines())
     assert (paid["money"], paid["price_unit"]) == ("22", "ordinary poles")
     several = (ProfileAP("paper", 0.6, 0.5, 0.7), ProfileAP("poor", 0.5, 0.4, 0.55))
-    (row,) = csv.DictReader(curve_csv(objective, (replace(POINTS[0], by_errors=several),)).splitlines())
-    assert list(row)[-7:] == ["site", "ap_paper", "low_paper", "high_paper", "ap_poor", "low_poor", "high_poor"]
-    assert [row[f"{figure}_poor"] for figure in ("ap", "low", "high")] == ["0.500000", "0.400000", "0.550000"]
+    (row,) = csv.DictReader(
+        curve_csv(objective, (replace(POINTS[0], by_errors=several),)).splitlines()
+    )
+    assert list(row)[-7:] == [
+        "site",
+        "ap_paper",
+        "low_paper",
+        "high_paper",
+        "ap_poor",
+        "low_poor",
+        "high_poor",
+    ]
+    assert [row[f"{figure}_poor"] for figure in ("ap", "low", "high")] == [
+        "0.500000",
+        "0.400000",
+        "0.550000",
+    ]
     assert kbit_per_frame(objective, (0, 1)).mean(axis=1) == pytest.approx(objective.sent)
-    assert kbit_per_frame(objective, (0, 1), objective.candidates.sensors).mean(axis=1) == pytest.approx(objective.sent)
+    assert kbit_per_frame(objective, (0, 1), objective.candidates.sensors).mean(
+        axis=1
+    ) == pytest.approx(objective.sent)
 
 
 def test_curves_and_listings_name_sensors_by_their_poles():

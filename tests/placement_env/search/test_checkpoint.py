@@ -1,4 +1,5 @@
-"""Searches that are killed and go on: the same answer as without the kill, and states that are not believed."""
+"""Searches that are killed and go on: the same answer as without the kill, and states that are not
+believed."""
 
 import os
 import signal
@@ -52,7 +53,10 @@ def posed(way, make, **settings):
     start, any_score = make(4, 1).candidates.select([0, 2]), make(3, 1).score([0])
 
     def place(sets):
-        off = [np.abs(np.array([cmaes.angles(s) for s in chosen]) - [6.0, 0.4, 0.3]).sum() for chosen in sets]
+        off = [
+            np.abs(np.array([cmaes.angles(s) for s in chosen]) - [6.0, 0.4, 0.3]).sum()
+            for chosen in sets
+        ]
         return [replace(any_score, ap=float(np.exp(-o)), reward=float(np.exp(-o))) for o in off]
 
     return partial(way, place, start, seed=4, **settings)
@@ -64,7 +68,13 @@ def test_killed_again_and_again_it_gives_the_same_answer(make, tmp_path, name):
         pytest.importorskip("cma")
         way = posed(cmaes.improve, make, evaluations=200)
     else:
-        way = partial(swap.search, make(8, 3, views=2, most=0.3, weights=Weights(price=0.01)), 4, seed=2, starts=6)
+        way = partial(
+            swap.search,
+            make(8, 3, views=2, most=0.3, weights=Weights(price=0.01)),
+            4,
+            seed=2,
+            starts=6,
+        )
     whole = way()
     found, kills = killed_each(way, tmp_path, 4)
     assert kills > 2
@@ -83,7 +93,11 @@ def test_the_incumbent_is_known_again(make):
 def test_values_come_back_and_states_are_saved_as_often_as_asked(tmp_path):
     checkpoint = Checkpoint(tmp_path, depends_on=b"q")
     assert checkpoint.load() is None
-    state = {"a": [1, {"b": -np.inf}], "rng": np.random.default_rng(1).bit_generator.state, "x": np.eye(2, dtype=bool)}
+    state = {
+        "a": [1, {"b": -np.inf}],
+        "rng": np.random.default_rng(1).bit_generator.state,
+        "x": np.eye(2, dtype=bool),
+    }
     checkpoint.save(state)
     back = checkpoint.load()
     assert back is not None
@@ -197,7 +211,9 @@ print(found.best.subset, found.evaluations, found.history.reward.tolist())
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 def test_killed_by_the_system_in_the_middle(make, tmp_path):
     def start():
-        return subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+        return subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, str(tmp_path)], stdout=subprocess.PIPE, text=True
+        )
 
     killed = start()
     assert killed.stdout.readline() == "ready\n"
@@ -208,4 +224,6 @@ def test_killed_by_the_system_in_the_middle(make, tmp_path):
     killed.wait()
     out, _ = start().communicate(timeout=120)
     whole = swap.search(make(8, 3, views=2), 3, seed=1, evaluations=3000)
-    assert out == f"ready\n{whole.best.subset} {whole.evaluations} {whole.history.reward.tolist()}\n"
+    assert (
+        out == f"ready\n{whole.best.subset} {whole.evaluations} {whole.history.reward.tolist()}\n"
+    )

@@ -14,14 +14,17 @@ pytest.importorskip("cma")
 
 
 def scorer(make, target, calls=None):
-    """Scores sets by how near every sensor's height, heading and tilt are to a target; the score's other figures are of
-    any set."""
+    """Scores sets by how near every sensor's height, heading and tilt are to a target; the score's
+    other figures are of any set."""
     any_score = make(3, 1).score([0])
 
     def place(sets):
         if calls is not None:
             calls.append(len(sets))
-        off = [np.mean([np.abs(np.subtract(cmaes.angles(s), target)).sum() for s in sensors]) for sensors in sets]
+        off = [
+            np.mean([np.abs(np.subtract(cmaes.angles(s), target)).sum() for s in sensors])
+            for sensors in sets
+        ]
         return [replace(any_score, ap=float(np.exp(-o)), reward=float(np.exp(-o))) for o in off]
 
     return place
@@ -42,11 +45,16 @@ def test_it_finds_the_poses_that_score_most_and_never_worse(make, start):
         assert np.array_equal(sensor.position[:2], start.mounts[mount].position[:2])
         assert 3.0 <= sensor.position[2] <= 8.0
     place = scorer(make, cmaes.angles(start.sensors[0]))
-    assert cmaes.improve(place, start, evaluations=10).best.reward >= place([start.sensors])[0].reward
+    assert (
+        cmaes.improve(place, start, evaluations=10).best.reward >= place([start.sensors])[0].reward
+    )
     np.random.seed(3)  # noqa: NPY002
     expected = np.random.random()  # noqa: NPY002
     np.random.seed(3)  # noqa: NPY002
-    first, again = (cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), start, seed=2, evaluations=60) for _ in range(2))
+    first, again = (
+        cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), start, seed=2, evaluations=60)
+        for _ in range(2)
+    )
     assert first.best.reward == again.best.reward
     assert first.sensors == again.sensors
     assert np.random.random() == expected  # noqa: NPY002
@@ -95,10 +103,14 @@ def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
 
 def test_sensors_that_stand_score_the_same_and_none_may_pay():
     objective = Objective(Setting("tjunction", fidelity="surrogate"), Run(frames=2))
-    (moved,) = cmaes.build_pose_scorer(objective.preparation)([tuple(objective.candidates.sensors[:2])])
+    (moved,) = cmaes.build_pose_scorer(objective.preparation)(
+        [tuple(objective.candidates.sensors[:2])]
+    )
     assert moved.ap == pytest.approx(objective.score([0, 1]).ap, abs=1e-6)
     found = cmaes.search(
-        Objective(Setting("tjunction", fidelity="coverage", weights=Weights(price=5.0)), Run(frames=2)),
+        Objective(
+            Setting("tjunction", fidelity="coverage", weights=Weights(price=5.0)), Run(frames=2)
+        ),
         2,
         evaluations=8,
     )

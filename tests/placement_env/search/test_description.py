@@ -18,7 +18,11 @@ from toolkit.sites.files import load_site
 
 def test_all_figures_are_said_and_how_sure_they_are():
     assert order.describe_sensors(["a", "b"]) == ["a", "b"]
-    moved = [Sensor("a", DepthCamera(), look((1.0, -2.0, 6.5), float(np.deg2rad(90)), float(np.deg2rad(10))))]
+    moved = [
+        Sensor(
+            "a", DepthCamera(), look((1.0, -2.0, 6.5), float(np.deg2rad(90)), float(np.deg2rad(10)))
+        )
+    ]
     assert order.describe_sensors(["a"], moved) == [
         "a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 (from +x) tilt 10.0 degrees"
     ]
@@ -26,27 +30,38 @@ def test_all_figures_are_said_and_how_sure_they_are():
         "a moved to x 1.00 y -2.00 z 6.50 m, bearing 270.0 tilt 10.0 degrees"
     ]
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
-    assert order.describe_score(score) == "coverage 0.5000, 100.0 kbit per sensor, 200.0 kbit, price 2"
+    assert (
+        order.describe_score(score) == "coverage 0.5000, 100.0 kbit per sensor, 200.0 kbit, price 2"
+    )
     assert order.describe_score(replace(score, fidelity="table")) == (
         "AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (table)"
     )
     candidates = paper_candidates(load_site("tjunction"))
-    said = order.describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3])
+    said = order.describe_doubts(
+        Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3]
+    )
     assert said == [
         "the surrogate predicts the detector's AP with a standard error of 0.020",
         "warning: not fitted to DepthCamera",
     ]
-    assert order.describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), []) == [
-        "the surrogate predicts the detector's AP with an unknown error",
-        said[1],
-    ]
+    assert order.describe_doubts(
+        Objective(Setting(candidates=candidates, fidelity=Unsure())), []
+    ) == ["the surrogate predicts the detector's AP with an unknown error", said[1]]
     assert order.describe_doubts(Objective(Setting("tjunction", fidelity="table")), [0]) == []
     own = result.Contender(("greedy",), (0, 2), 0.9, 0.8, 0.7, 0.85)
-    plain = result.Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81)
+    plain = result.Assessment(
+        "detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81
+    )
     each = (result.ProfileAP("paper", 0.9, 0.85, 0.95), result.ProfileAP("poor", 0.8, 0.7, 0.9))
-    lines, more = (order.describe_assessment(a) for a in (plain, replace(plain, by_errors=each, errors_by="worst")))
+    lines, more = (
+        order.describe_assessment(a)
+        for a in (plain, replace(plain, by_errors=each, errors_by="worst"))
+    )
     assert [line for line in more if line not in lines] == [
-        "  the worst over error profiles: paper AP 0.900 (0.850 to 0.950), poor AP 0.800 (0.700 to 0.900)"
+        (
+            "  the worst over error profiles: paper AP 0.900 (0.850 to 0.950), poor AP 0.800 "
+            "(0.700 to 0.900)"
+        )
     ]
     assert [line for line in more if line in lines] == lines
     assert order.describe_by_errors({"paper": 0.9, "poor": 0.8}) == [
@@ -60,7 +75,10 @@ def test_all_figures_are_said_and_how_sure_they_are():
     [
         (
             *(2500.0, 0.5, 0.0),
-            "none of the 6 candidates fits its link: in 95 % of the frames they send up to 2500 kbit or more",
+            (
+                "none of the 6 candidates fits its link: in 95 % of the frames they send up to "
+                "2500 kbit or more"
+            ),
         ),
         (100.0, 0.0, 0.0, "no candidate that fits its link detects a vehicle in these frames"),
         (100.0, 0.5, 0.01, "no sensor is worth what it costs"),
@@ -79,7 +97,9 @@ def test_why_there_is_no_sensor(kbit, ap, comm, reason):
     assert order.describe_empty(
         Objective(Setting(candidates=candidates, fidelity=Constant(), weights=Weights(comm)))
     ).startswith(reason)
-    roomy = replace(candidates, mounts=tuple(replace(mount, capacity=9e9) for mount in candidates.mounts))
+    roomy = replace(
+        candidates, mounts=tuple(replace(mount, capacity=9e9) for mount in candidates.mounts)
+    )
     assert "fits its link:" not in order.describe_empty(
         Objective(Setting(candidates=roomy, fidelity=Constant(), weights=Weights(comm)))
     )

@@ -14,7 +14,9 @@ from toolkit.runtime.run import Run
 
 @pytest.fixture(scope="module")
 def few():
-    return prepare_first_look(Setting("tjunction", candidates="pool", cases=Cases()), Run(frames=24, seed=3))
+    return prepare_first_look(
+        Setting("tjunction", candidates="pool", cases=Cases()), Run(frames=24, seed=3)
+    )
 
 
 def test_the_first_look_has_a_few_frames(few):
@@ -40,7 +42,9 @@ def test_poles_and_poses_that_see_most_go_on(few, monkeypatch):
     counts = np.bincount(pool.mount[chosen])
     assert counts[counts > 0].min() >= first_look.MIN_POSES_ON_POLE
     text = describe_narrowing(pool, chosen)
-    assert text.startswith(f"48 poles with {len(pool):,} poses are too many to search: the 200 poses on 48 poles go on")
+    assert text.startswith(
+        f"48 poles with {len(pool):,} poses are too many to search: the 200 poses on 48 poles go on"
+    )
     worst = int(np.argmin(best))
     kept = first_look._choose_poses(pool, score.astype(float), np.array([worst]))
     assert worst in pool.mount[kept]

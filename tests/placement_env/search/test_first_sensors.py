@@ -1,4 +1,5 @@
-"""A first set of sensors by coverage: what it maximises, that it keeps the site, and what it refuses."""
+"""A first set of sensors by coverage: what it maximises, that it keeps the site, and what it
+refuses."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,9 @@ MAP = Path(__file__).parents[3] / "docs" / "own-junction.osm"
 def seeing(points: list[list[float]]) -> Visibility:
     on = np.array(points, np.float32)
     sent = np.zeros((len(on), 1), np.float32)
-    return Visibility(on, on, np.zeros(on.shape[1], np.int64), np.zeros((on.shape[1], 7)), sent, sent)
+    return Visibility(
+        on, on, np.zeros(on.shape[1], np.int64), np.zeros((on.shape[1], 7)), sent, sent
+    )
 
 
 def test_further_views_are_worth_half_of_the_one_before():
@@ -50,7 +53,9 @@ def test_sensors_are_placed_on_mounts_of_their_own_and_spread(imported, monkeypa
     assert np.rad2deg(tilts) == pytest.approx([15.0] * 3)
     assert len(set(np.rad2deg(headings).round() % 360)) > 1
     assert placed.covered > 0.6
-    assert str(placed).startswith(f"3 sensors placed by coverage: from {placed.poses} poses of the paper's camera")
+    assert str(placed).startswith(
+        f"3 sensors placed by coverage: from {placed.poses} poses of the paper's camera"
+    )
     assert with_first_sensors(imported, 3).site == site
 
 

@@ -20,8 +20,12 @@ from placement_env.setting import Setting, Weights
     comm=st.sampled_from([0.0, 1e-4]),
     capacity=st.sampled_from([50.0, 500.0, 2000.0]),
 )
-def test_answers_are_feasible_and_never_beat_the_optimum(make, seed, budget, poses, views, comm, capacity):
-    objective = make(5, poses, views=views, seed=seed, weights=Weights(comm=comm, price=comm), capacity=capacity)
+def test_answers_are_feasible_and_never_beat_the_optimum(
+    make, seed, budget, poses, views, comm, capacity
+):
+    objective = make(
+        5, poses, views=views, seed=seed, weights=Weights(comm=comm, price=comm), capacity=capacity
+    )
     found = greedy.search(objective, budget, seed=seed)
     row = objective.row(found.best.subset)
     optimum = exhaustive.search(objective, budget).best.reward
@@ -37,7 +41,10 @@ def test_answers_are_feasible_and_never_beat_the_optimum(make, seed, budget, pos
 @pytest.mark.parametrize("seed", range(5))
 def test_bounds_of_coverage_hold(make, poses, seed):
     objective = make(5, poses, seed=seed)
-    found, optimum = greedy.search(objective, 3, submodular=True), exhaustive.search(objective, 3).best.reward
+    found, optimum = (
+        greedy.search(objective, 3, submodular=True),
+        exhaustive.search(objective, 3).best.reward,
+    )
     assert found.certificate.kind == "bound"
     assert found.best.reward <= optimum <= found.certificate.bound + 1e-12
     assert found.certificate.bound <= optimum + 0.4
@@ -69,14 +76,19 @@ class Worth:
 
 def spend(make, worth, prices, money):
     candidates = make(len(worth), 1).candidates
-    mounts = tuple(replace(mount, price=price) for mount, price in zip(candidates.mounts, prices, strict=True))
+    mounts = tuple(
+        replace(mount, price=price) for mount, price in zip(candidates.mounts, prices, strict=True)
+    )
     candidates = replace(candidates, mounts=mounts)
-    setting = Setting(candidates=candidates, fidelity=Worth(*worth), scheme="late", most_price=money)
+    setting = Setting(
+        candidates=candidates, fidelity=Worth(*worth), scheme="late", most_price=money
+    )
     return greedy.search(Objective(setting), len(worth)).best.subset
 
 
 def test_money_is_not_used_up_by_one_dear_sensor(make):
-    """The lidar alone adds most, but two cameras for about as much add more; and one sensor that is worth all."""
+    """The lidar alone adds most, but two cameras for about as much add more; and one sensor that is
+    worth all."""
     assert spend(make, (0.65, 0.4, 0.39), (10.0, 5.5, 5.5), 11.0) == (1, 2)
     assert spend(make, (0.9, 0.1, 0.0), (10.0, 1.0, 9.0), 10.0) == (0,)
 

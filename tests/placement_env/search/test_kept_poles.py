@@ -1,4 +1,5 @@
-"""Poles that must carry a sensor: every search answers with them, as good as trying all sets, or nothing can."""
+"""Poles that must carry a sensor: every search answers with them, as good as trying all sets, or
+nothing can."""
 
 from dataclasses import replace
 
@@ -25,17 +26,22 @@ KEPT = ("post1", "post4")
 
 @pytest.fixture
 def junction(make):
-    """Ten candidates on five mounts of random prices; those on post4 see little, and one of them nothing."""
+    """Ten candidates on five mounts of random prices; those on post4 see little, and one of them
+    nothing."""
 
     def junction(fidelity="coverage", seed=0, keep=KEPT, **more):
         candidates = make(5, 2, seed=seed).candidates
         rng = np.random.default_rng(seed)
-        points = np.where(rng.random((10, 64)) < 0.35, rng.lognormal(4, 1.0, (10, 64)), 0).astype(np.float32)
+        points = np.where(rng.random((10, 64)) < 0.35, rng.lognormal(4, 1.0, (10, 64)), 0).astype(
+            np.float32
+        )
         points[8, 5:], points[9] = 0, 0
         sent, near = np.full((10, 8), 100.0, np.float32), np.full((10, 64), 20.0, np.float32)
         seen = Visibility(points, near, np.repeat(np.arange(8), 8), np.zeros((64, 7)), sent, sent)
         scored_by = Coverage(seen) if fidelity == "coverage" else Surrogate(seen, "early", MODEL)
-        return Objective(Setting(candidates=candidates, fidelity=scored_by, keep=keep, **more), visibility=seen)
+        return Objective(
+            Setting(candidates=candidates, fidelity=scored_by, keep=keep, **more), visibility=seen
+        )
 
     return junction
 
@@ -94,7 +100,9 @@ def test_exact_programmes_agree_with_trying_all(junction, most, seed):
     assert levels.worth(list(hit.best.subset)) == max(worth)
     asked = float(np.quantile(likely.scores(sets).ap, 0.6))
     reached = cheapest.search(likely, 3, demand=Demand(asked))
-    assert reached.best.price == pytest.approx(likely.price(sets[likely.scores(sets).ap >= asked]).min())
+    assert reached.best.price == pytest.approx(
+        likely.price(sets[likely.scores(sets).ap >= asked]).min()
+    )
 
 
 def test_places_and_money_are_left_for_them(junction):
@@ -124,11 +132,15 @@ def test_what_must_be_built_is_built_though_it_does_not_pay(junction):
 
 
 def test_refusals_name_the_pole_and_the_reason(junction, make):
-    with pytest.raises(ValueError, match=r"no sensor may stand on a pole 'post9', which is unknown, in a keep-out"):
+    with pytest.raises(
+        ValueError, match=r"no sensor may stand on a pole 'post9', which is unknown, in a keep-out"
+    ):
         _ = Setting(candidates=make(5, 2).candidates, keep=("post9",)).pool
     with pytest.raises(ValueError, match="keep must be names of poles, got 'post1'"):
         Setting(keep="post1")
-    with pytest.raises(ValueError, match="2 poles must carry a sensor and a budget of 1 is allowed"):
+    with pytest.raises(
+        ValueError, match="2 poles must carry a sensor and a budget of 1 is allowed"
+    ):
         greedy.search(junction(), 1)
 
     def reasons(**more):
@@ -139,11 +151,16 @@ def test_refusals_name_the_pole_and_the_reason(junction, make):
     (why,) = reasons(most_price=2.0)
     assert why.startswith("Sensors on post1 and post4, as asked, cost together the price of 2.")
     assert why.endswith("ordinary poles or more, and the price of 2 ordinary poles may be spent.")
-    assert reasons(most_price=0.1)[0].startswith("Pole post1 must carry a sensor, but cannot: a sensor there costs ")
+    assert reasons(most_price=0.1)[0].startswith(
+        "Pole post1 must carry a sensor, but cannot: a sensor there costs "
+    )
     objective = junction()
     alone = objective.allowed([])
     assert "no pose" in explain_kept(objective, alone & (np.arange(10) < 8))[0]
-    assert "each pose sends 9.6 kbit per frame or more; 5 are allowed" in explain_kept(objective, alone, 5.0)[0]
+    assert (
+        "each pose sends 9.6 kbit per frame or more; 5 are allowed"
+        in explain_kept(objective, alone, 5.0)[0]
+    )
     far = replace(objective.candidates.mounts[0], name="far")
     more = replace(objective.candidates, mounts=(*objective.candidates.mounts, far))
     without = Objective(Setting(candidates=more, fidelity=objective.scored_by, keep=("far",)))

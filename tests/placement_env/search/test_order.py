@@ -23,7 +23,9 @@ def common(tmp_path_factory):
     def order(cases=Cases(), detector=None, fidelity="coverage", weights=AP_ONLY, **fields):
         setting = Setting(SITE, fidelity=fidelity, cases=cases, detector=detector, weights=weights)
         run = Run(frames=2, seed=3, cache=cache)
-        return SearchOrder(**{"setting": setting, "run": run, "budget": 2, "judge": "coverage", **fields})
+        return SearchOrder(
+            **{"setting": setting, "run": run, "budget": 2, "judge": "coverage", **fields}
+        )
 
     cache = tmp_path_factory.mktemp("cache")
     return order
@@ -38,8 +40,13 @@ def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
     assert {name for each in said["contenders"] for name in each["searches"]} >= {"greedy", "swap"}
     assert all(len(each["sensors"]) == len(each["subset"]) for each in said["contenders"])
     ap = format_share(said["ap"], said["objects"])
-    assert found.lines[0].startswith(f"portfolio: {{{', '.join(map(str, found.summary['subset']))}}} AP {ap} by ")
-    assert any("had no part in the choice, not a detector: it may err alike everywhere:" in x for x in found.lines)
+    assert found.lines[0].startswith(
+        f"portfolio: {{{', '.join(map(str, found.summary['subset']))}}} AP {ap} by "
+    )
+    assert any(
+        "had no part in the choice, not a detector: it may err alike everywhere:" in x
+        for x in found.lines
+    )
     assert found.lines[-1].startswith("estimate of the search: coverage ")
 
     def profiles(*errors, by="worst"):
@@ -47,14 +54,19 @@ def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
         return common(judge="detector", detector=Wary(), cases=cases).question["errors"]
 
     assert profiles("poor") == profiles(POOR) == POOR.origin
-    assert profiles("paper", "poor") == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
+    assert profiles("paper", "poor") == {
+        "profiles": [PAPER_ERRORS.origin, POOR.origin],
+        "combine": "worst",
+    }
     assert profiles("paper", "poor", by="mean")["combine"] == "mean"
 
 
 def test_orders_without_sensors_and_refusals(common):
     found = run_search(common(weights=Weights(price=9.0)))
     assert (found.met, found.summary["sensors"]) == (False, [])
-    assert found.lines == ("no sensors: no sensor is worth what it costs: lower --comm and --price",)
+    assert found.lines == (
+        "no sensors: no sensor is worth what it costs: lower --comm and --price",
+    )
     with pytest.raises(ValueError, match=r"no surrogate of tjunction for early at IoU 0\.65"):
         common(judge="surrogate", cases=Cases(iou=0.65))
     with pytest.raises(ValueError, match="a table does not know"):
@@ -83,7 +95,9 @@ def test_several_error_profiles_are_judged_and_said(common):
     ]
     assert said["provenance"]["errors"] == PAPER_ERRORS.origin  # of the search
     assert "by_errors" not in said
-    assert any(line.startswith("  the worst over error profiles: paper AP 0.00") for line in found.lines)
+    assert any(
+        line.startswith("  the worst over error profiles: paper AP 0.00") for line in found.lines
+    )
     curve = run_search(common(cases=both, curve=True, **asked))
     assert curve.summary["errors"] == said["errors"]
     assert [each["name"] for each in curve.summary["curve"][0]["by_errors"]] == ["paper", "poor"]

@@ -6,7 +6,8 @@ from placement_env.search.progress import Limits, Progress, add_each, as_rows
 
 def test_the_incumbent_is_the_best_feasible_or_settled_set_within_limits(make):
     progress = Progress(make(4, 2), 2, None, None)
-    sets = as_rows([[0], [0, 1], [0, 2, 4], [2, 4]], 8)  # 0 and 1 share a mount; three are beyond the budget
+    # 0 and 1 share a mount; three are beyond the budget
+    sets = as_rows([[0], [0, 1], [0, 2, 4], [2, 4]], 8)
     rewards = progress.rewards(sets)
     assert progress.reward == max(rewards[0], rewards[3])
     assert progress.result("some", progress.unknown("why")).best.reward == progress.reward
@@ -22,7 +23,9 @@ def test_the_incumbent_is_the_best_feasible_or_settled_set_within_limits(make):
     assert progress.result("some", progress.unknown("why")).best.subset == ()
 
 
-@pytest.mark.parametrize("wrong", [{"seconds": 0.0, "evaluations": None}, {"seconds": None, "evaluations": -1}])
+@pytest.mark.parametrize(
+    "wrong", [{"seconds": 0.0, "evaluations": None}, {"seconds": None, "evaluations": -1}]
+)
 def test_limits_are_above_0(wrong):
     with pytest.raises(ValueError, match="must be above 0"):
         Limits(**wrong)

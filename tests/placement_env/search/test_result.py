@@ -7,7 +7,14 @@ import pytest
 
 from placement_env.objective import Score
 from placement_env.search.exact import exhaustive
-from placement_env.search.result import Assessment, Certificate, Contender, History, ProfileAP, Result
+from placement_env.search.result import (
+    Assessment,
+    Certificate,
+    Contender,
+    History,
+    ProfileAP,
+    Result,
+)
 from toolkit.geometry import look
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
@@ -18,7 +25,12 @@ HISTORY = History(np.array([1, 5, 9]), np.array([0.1, 0.5, 0.9]), np.array([0.2,
 @pytest.mark.parametrize(
     ("limits", "reward"),
     [
-        *(({}, 0.6), ({"evaluations": 0.0}, 0.0), ({"evaluations": 4.0}, 0.2), ({"seconds": 0.5}, 0.6)),
+        *(
+            ({}, 0.6),
+            ({"evaluations": 0.0}, 0.0),
+            ({"evaluations": 4.0}, 0.2),
+            ({"seconds": 0.5}, 0.6),
+        ),
         ({"seconds": 0.4}, 0.2),
     ],
 )
@@ -43,10 +55,24 @@ def whole(make):
     """A result with every field in use, numbers that JSON has not among them."""
     found = exhaustive.search(make(3, 1), 2)
     contender = Contender(("greedy", "swap"), (0, 2), 0.9, 0.8, 0.7, 0.85)
-    judged = Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (contender,))
+    judged = Assessment(
+        "detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (contender,)
+    )
     over = (ProfileAP("paper", 0.9, 0.85, 0.95), ProfileAP("poor", 0.8, 0.7, 0.9))
     judged = replace(judged, by_errors=over, errors_by="worst")
-    empty = Score((1,), 0.1, 0.2, 3.0, 3.0, 1.0, 0.1, {"ap": 0.1}, "coverage", False, {"vehicle": 0.1, "heavy": np.nan})
+    empty = Score(
+        (1,),
+        0.1,
+        0.2,
+        3.0,
+        3.0,
+        1.0,
+        0.1,
+        {"ap": 0.1},
+        "coverage",
+        False,
+        {"vehicle": 0.1, "heavy": np.nan},
+    )
     at = look((1.0, 2.0, 3.0), 0.1)
     poses = (Sensor("a", DepthCamera(width=9), at), Sensor("b", SpinningLidar(), at))
     unknown = Certificate("none", 0.5, note="nothing")
@@ -56,7 +82,16 @@ def whole(make):
 def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
     whole.save(tmp_path / "result.json")
     again = Result.load(tmp_path / "result.json")
-    for name in ("method", "best", "certificate", "evaluations", "seconds", "by_size", "sensors", "assessment"):
+    for name in (
+        "method",
+        "best",
+        "certificate",
+        "evaluations",
+        "seconds",
+        "by_size",
+        "sensors",
+        "assessment",
+    ):
         assert getattr(again, name) == getattr(whole, name), name
     assert again.certificate.bound == np.inf
     assert again.assessment.curse == pytest.approx(0.1)
@@ -90,12 +125,24 @@ def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
     "change",
     [
         *(lambda c: c | {"coview_result": 2}, lambda c: c | {"best": []}),
-        *(lambda c: {name: value for name, value in c.items() if name != "history"}, lambda c: c | {"extra": 1}),
+        *(
+            lambda c: {name: value for name, value in c.items() if name != "history"},
+            lambda c: c | {"extra": 1},
+        ),
         lambda c: c | {"sensors": [{"name": "a", "model": "Telepathy", "values": {}, "pose": []}]},
         *(lambda c: c | {"certificate": None}, lambda c: [c]),
-        *(lambda c: c | {"best": c["best"] | {"ap": 2.0}}, lambda c: c | {"front": [c["best"] | {"kbit": -5.0}]}),
-        *(lambda c: c | {"seconds": -1.0}, lambda c: c | {"assessment": c["assessment"] | {"high": 1.5}}),
-        *(lambda c: c | {"best": c["best"] | {"subset": [0.5]}}, lambda c: c | {"best": c["best"] | {"subset": ["1"]}}),
+        *(
+            lambda c: c | {"best": c["best"] | {"ap": 2.0}},
+            lambda c: c | {"front": [c["best"] | {"kbit": -5.0}]},
+        ),
+        *(
+            lambda c: c | {"seconds": -1.0},
+            lambda c: c | {"assessment": c["assessment"] | {"high": 1.5}},
+        ),
+        *(
+            lambda c: c | {"best": c["best"] | {"subset": [0.5]}},
+            lambda c: c | {"best": c["best"] | {"subset": ["1"]}},
+        ),
         lambda c: c | {"history": c["history"] | {"evaluations": [2**70]}},
     ],
 )

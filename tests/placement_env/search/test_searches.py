@@ -18,11 +18,16 @@ from toolkit.sites.files import load_site
 
 @pytest.mark.parametrize("module", [cmaes, cpsat, exhaustive, greedy, swap])
 def test_every_search_takes_the_same_arguments(module):
-    positional, keywords = ["objective", "budget"], {"seed": 0, "seconds": None, "evaluations": None}
+    positional, keywords = (
+        ["objective", "budget"],
+        {"seed": 0, "seconds": None, "evaluations": None},
+    )
     parameters = signature(module.search).parameters
     assert list(parameters)[:2] == positional
     assert {name: parameters[name].default for name in keywords} == keywords
-    assert all(p.default is not p.empty and p.kind is p.KEYWORD_ONLY for p in list(parameters.values())[2:])
+    assert all(
+        p.default is not p.empty and p.kind is p.KEYWORD_ONLY for p in list(parameters.values())[2:]
+    )
 
 
 @settings(max_examples=10, deadline=None)
@@ -34,8 +39,12 @@ def test_every_search_takes_the_same_arguments(module):
     comm=st.sampled_from([0.0, 1e-4]),
     capacity=st.sampled_from([50.0, 500.0, 2000.0]),
 )
-def test_answers_are_feasible_and_never_beat_the_optimum(make, seed, budget, poses, views, comm, capacity):
-    objective = make(4, poses, views=views, seed=seed, weights=Weights(comm=comm, price=comm), capacity=capacity)
+def test_answers_are_feasible_and_never_beat_the_optimum(
+    make, seed, budget, poses, views, comm, capacity
+):
+    objective = make(
+        4, poses, views=views, seed=seed, weights=Weights(comm=comm, price=comm), capacity=capacity
+    )
     found = swap.search(objective, budget, seed=seed, evaluations=300)
     row = objective.row(found.best.subset)
     assert objective.feasible(row[None])[0]
@@ -50,7 +59,10 @@ def test_answers_are_feasible_and_never_beat_the_optimum(make, seed, budget, pos
 @pytest.mark.parametrize("seed", range(3))
 def test_small_ones_are_solved(make, views, seed):
     objective = make(5, 3, views=views, seed=seed, weights=Weights(price=0.02))
-    assert swap.search(objective, 3, evaluations=4000).best.reward == exhaustive.search(objective, 3).best.reward
+    assert (
+        swap.search(objective, 3, evaluations=4000).best.reward
+        == exhaustive.search(objective, 3).best.reward
+    )
 
 
 def test_seeds_seconds_and_settings_of_searches(make):
@@ -77,9 +89,9 @@ def test_every_name_is_a_search(name):
 def test_unknown_and_usual_methods():
     with pytest.raises(ValueError, match="method must be one of portfolio, exhaustive, greedy"):
         methods.check_search("luck", "coverage", paper_candidates(SITE))
-    assert [methods.usual_method(each) for each in ("coverage", "surrogate", "detector", "table")] == [
-        *("portfolio", "portfolio", "greedy", "exhaustive")
-    ]
+    assert [
+        methods.usual_method(each) for each in ("coverage", "surrogate", "detector", "table")
+    ] == [*("portfolio", "portfolio", "greedy", "exhaustive")]
     assert methods.usual_method("surrogate", verify=True) == "greedy"
     assert methods.usual_method("table", at_least=True) == "cheapest"
 
@@ -134,11 +146,15 @@ def test_swaps_stop_and_start_where_told(make):
         swap.search(make(), 2, starts=0)
     objective = make(15, 2, views=2, most=0.3, seed=1)
     optimum = swap.search(objective, 4, starts=1)
-    again = swap.search(make(15, 2, views=2, most=0.3, seed=1), 4, starts=1, start=optimum.best.subset)
+    again = swap.search(
+        make(15, 2, views=2, most=0.3, seed=1), 4, starts=1, start=optimum.best.subset
+    )
     assert again.best == optimum.best
     assert again.evaluations < optimum.evaluations
     assert again.certificate.kind == "local optimum"
-    same_mount = np.flatnonzero(objective.candidates.mount == objective.candidates.mount[0]).tolist()
+    same_mount = np.flatnonzero(
+        objective.candidates.mount == objective.candidates.mount[0]
+    ).tolist()
     assert len(same_mount) == 2
     misfit = swap.search(objective, 2, starts=1, start=[*same_mount, 4, 6, 8])
     assert objective.feasible(objective.row(misfit.best.subset)[None])[0]

@@ -1,4 +1,5 @@
-"""What a cheap fidelity found is tried by a dear one: all entrants on few frames, the best on all."""
+"""What a cheap fidelity found is tried by a dear one: all entrants on few frames, the best on
+all."""
 
 from dataclasses import replace
 
@@ -17,18 +18,23 @@ from toolkit.sites.files import load_site
 
 
 class PerFrame:
-    """AP of a set: the share of what its sensors see in a frame, different in each; counts what it is asked."""
+    """AP of a set: the share of what its sensors see in a frame, different in each; counts what it
+    is asked."""
 
     name = "detector"
 
     def __init__(self, candidates=8, frames=60, seed=0):
         self.frames, self.asked = frames, 0
         rng = np.random.default_rng(seed)
-        self.seen = rng.random((candidates, frames, 30)) < rng.uniform(0.05, 0.4, (candidates, 1, 1))
+        self.seen = rng.random((candidates, frames, 30)) < rng.uniform(
+            0.05, 0.4, (candidates, 1, 1)
+        )
 
     def partial(self, subsets, frames):
         self.asked += len(subsets) * len(frames)
-        share = np.array([self.seen[row][:, frames].any(axis=0).mean() if row.any() else 0.0 for row in subsets])
+        share = np.array(
+            [self.seen[row][:, frames].any(axis=0).mean() if row.any() else 0.0 for row in subsets]
+        )
         return Estimate(share, share, 100.0 * subsets.sum(axis=1))
 
     def __call__(self, subsets, /):
@@ -46,7 +52,9 @@ class Half:
 
 @pytest.fixture
 def dear():
-    return Objective(Setting(candidates=paper_candidates(load_site("roundabout")), fidelity=PerFrame()))
+    return Objective(
+        Setting(candidates=paper_candidates(load_site("roundabout")), fidelity=PerFrame())
+    )
 
 
 def test_a_race_finds_the_best_of_all_sets_for_a_part_of_the_frames(dear):
@@ -79,20 +87,28 @@ def test_entrants_race_and_are_ranked_at_each_error_profile(dear):
     assert (np.diff(ranking.accurate) <= 0).all()
     assert ranking.accurate == pytest.approx(dear.scores(ranking.sets).reward)
     around = verification.neighbours(np.array(found.best.subset), 8)
-    assert ranking.accurate[0] == dear.scores(around).reward.max() >= dear.score(found.best.subset).reward
+    assert (
+        ranking.accurate[0]
+        == dear.scores(around).reward.max()
+        >= dear.score(found.best.subset).reward
+    )
     assert len(around) == 16
     found = greedy.search(dear, 2)
     assert verification.score_result(dear, found).ap == found.best.ap
     # A race over profiles goes by what counts; each profile is said by itself.
     other = PerFrame(seed=1)
-    both = Objective(Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, other)))
+    both = Objective(
+        Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, other))
+    )
     row = both.row([0, 3])[None]
     said = verification.ap_at_profiles(both, (0, 3))
     assert said == {"paper": float(dear.scored_by(row).ap[0]), "poor": float(other(row).ap[0])}
     assert both.score([0, 3]).ap == min(said.values())
     assert verification.ap_at_profiles(dear, (0, 3)) == verification.ap_at_profiles(both, ()) == {}
     ranking = verification.verified(dear, both, np.array([0, 3]))
-    assert both.score(np.flatnonzero(ranking.sets[0])).reward == both.scores(ranking.sets).reward.max()
+    assert (
+        both.score(np.flatnonzero(ranking.sets[0])).reward == both.scores(ranking.sets).reward.max()
+    )
 
 
 class Worths:
@@ -112,7 +128,8 @@ class Worths:
 def test_all_that_tie_are_ranked_and_equal_ones_as_the_cheap_fidelity_has_it(dear):
     def ranked(cheap, accurate, best):
         fast, exact = (
-            Objective(Setting(candidates=dear.candidates, fidelity=each, scheme="late")) for each in (cheap, accurate)
+            Objective(Setting(candidates=dear.candidates, fidelity=each, scheme="late"))
+            for each in (cheap, accurate)
         )
         cheap.scored = accurate.scored = 0
         return verification.verified(fast, exact, np.array([0]), best=best)
@@ -130,11 +147,16 @@ def test_all_that_tie_are_ranked_and_equal_ones_as_the_cheap_fidelity_has_it(dea
 
 
 def at_profiles(*fidelities):
-    return over_cases([ProfileFidelities(each, ((each,),)) for each in fidelities], Cases(errors=("paper", "poor")))
+    return over_cases(
+        [ProfileFidelities(each, ((each,),)) for each in fidelities],
+        Cases(errors=("paper", "poor")),
+    )
 
 
 def test_sensors_that_were_moved_are_scored_at_each_profile_where_they_stand(dear, monkeypatch):
-    both = Objective(Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, dear.scored_by)))
+    both = Objective(
+        Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, dear.scored_by))
+    )
     there = Preparation(Setting(load_site("tjunction"), candidates=dear.candidates, detector=print))
     vars(there)["traffic"] = None
     vars(both)["preparation"] = there

@@ -9,16 +9,22 @@ CAR = catalogue()[0]
 
 
 def test_bodies_keep_their_boxes_and_what_sticks_out_is_mesh_alone():
-    body = make_body("plank", VEHICLE, np.array([[5.0, 5, 5], [9, 6, 5], [9, 6, 6.5]]), np.array([[0, 1, 2]]))
+    body = make_body(
+        "plank", VEHICLE, np.array([[5.0, 5, 5], [9, 6, 5], [9, 6, 6.5]]), np.array([[0, 1, 2]])
+    )
     assert body.size == (4.0, 1.0, 1.5)
     assert np.allclose(body.vertices[0], [-2, -0.5, -0.75])
     rng = np.random.default_rng(4)
     varied = [stretch_randomly(CAR, rng) for _ in range(50)]
     ratios = np.array([body.size for body in varied]) / CAR.size
-    assert all(np.allclose(b.vertices.min(axis=0), -b.vertices.max(axis=0), atol=1e-5) for b in varied)
+    assert all(
+        np.allclose(b.vertices.min(axis=0), -b.vertices.max(axis=0), atol=1e-5) for b in varied
+    )
     assert (np.abs(ratios - 1) <= 0.0601).all()
     assert ratios.std(axis=0).min() > 0.015
-    body = make_boxed_body("m", VEHICLE, box((4.0, 2.0, 1.5), (1, 1, 1)), box((0.2, 0.4, 0.2), (1.5, 2.1, 1)))
+    body = make_boxed_body(
+        "m", VEHICLE, box((4.0, 2.0, 1.5), (1, 1, 1)), box((0.2, 0.4, 0.2), (1.5, 2.1, 1))
+    )
     assert body.size == body.truth == (4.0, 2.0, 1.5)
     assert np.allclose(body.bounds, [0, 0.15, 0, 4, 2.3, 1.5], atol=1e-6)
     assert np.allclose(include_mirrors(body).size, (4, 2.3, 1.5), atol=1e-6)

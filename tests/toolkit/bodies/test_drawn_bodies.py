@@ -68,7 +68,13 @@ def heights(kind: str) -> np.ndarray:
 def test_people_and_two_wheelers_have_their_shares_and_heights():
     counts = Counter(kind for kind, _ in DRAWN)
     assert set(counts) == set(drawn_bodies.PEOPLE)
-    for kind, share in {"adult": 0.73, "child": 0.165, "pram": 0.05, "walker": 0.02, "wheelchair": 0.035}.items():
+    for kind, share in {
+        "adult": 0.73,
+        "child": 0.165,
+        "pram": 0.05,
+        "walker": 0.02,
+        "wheelchair": 0.035,
+    }.items():
         assert counts[kind] / len(DRAWN) == pytest.approx(share, abs=0.05)
     assert np.percentile(heights("adult"), 2) > 1.4
     assert np.median(heights("adult")) == pytest.approx(1.72, abs=0.04)
@@ -80,33 +86,53 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh in DRAWN if kind == "adult"])
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
-    assert {drawn_bodies.draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
+    assert {
+        drawn_bodies.draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)
+    } == {0.47, 0.80}
     assert drawn_bodies.draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
     assert stand(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
     counts = Counter(kind for kind, _ in DRAWN_TWO_WHEELERS)
     assert set(counts) == set(drawn_bodies.TWO_WHEELERS)
-    shares = {"bicycle": 0.5, "cargo_bicycle": 0.05, "e_scooter": 0.15, "motorcycle": 0.17, "scooter": 0.13}
+    shares = {
+        "bicycle": 0.5,
+        "cargo_bicycle": 0.05,
+        "e_scooter": 0.15,
+        "motorcycle": 0.17,
+        "scooter": 0.13,
+    }
     for kind, share in shares.items():
         assert counts[kind] / len(DRAWN_TWO_WHEELERS) == pytest.approx(share, abs=0.06)
     for kind, mesh in DRAWN_TWO_WHEELERS:
         low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
-        assert np.ptp(low[:, 0]) > 0.5 * np.ptp(mesh.vertices[:, 0]) * (0.7 if "cargo" in kind else 1), kind
+        assert np.ptp(low[:, 0]) > 0.5 * np.ptp(mesh.vertices[:, 0]) * (
+            0.7 if "cargo" in kind else 1
+        ), kind
         assert np.ptp(low[:, 1]) < 0.3, kind
 
 
-DRAWN_TWO_WHEELERS = [drawn_bodies.draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
+DRAWN_TWO_WHEELERS = [
+    drawn_bodies.draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)
+]
 
 
 def sizes(kind: str) -> np.ndarray:
-    return np.array([np.ptp(mesh.vertices, axis=0) for each, mesh in DRAWN_TWO_WHEELERS if each == kind])
+    return np.array(
+        [np.ptp(mesh.vertices, axis=0) for each, mesh in DRAWN_TWO_WHEELERS if each == kind]
+    )
 
 
 @pytest.mark.parametrize(
     ("kind", "low", "high"),
     [
-        *(("bicycle", (0.85, 0.3, 0.9), (2.1, 0.75, 2.2)), ("cargo_bicycle", (1.9, 0.4, 1.4), (2.7, 0.75, 2.2))),
-        *(("e_scooter", (0.9, 0.45, 1.4), (1.4, 0.75, 2.25)), ("motorcycle", (1.7, 0.5, 1.4), (2.8, 0.85, 1.95))),
+        *(
+            ("bicycle", (0.85, 0.3, 0.9), (2.1, 0.75, 2.2)),
+            ("cargo_bicycle", (1.9, 0.4, 1.4), (2.7, 0.75, 2.2)),
+        ),
+        *(
+            ("e_scooter", (0.9, 0.45, 1.4), (1.4, 0.75, 2.25)),
+            ("motorcycle", (1.7, 0.5, 1.4), (2.8, 0.85, 1.95)),
+        ),
         ("scooter", (1.4, 0.5, 1.4), (2.2, 0.85, 2.0)),
     ],
 )
@@ -123,7 +149,9 @@ def draw_bodies(rng, label, count):
     return [drawn_bodies.draw_body(label, rng) for _ in range(count)]
 
 
-BODIES = {label: draw_bodies(np.random.default_rng(label), label, COUNT) for label in range(len(LABELS))}
+BODIES = {
+    label: draw_bodies(np.random.default_rng(label), label, COUNT) for label in range(len(LABELS))
+}
 RANGES = {
     VEHICLE: ((3.0, 6.3), (1.45, 2.2), (1.25, 2.6)),
     CYCLIST: ((0.8, 3.0), (0.3, 1.0), (0.5, 2.2)),
@@ -152,17 +180,22 @@ def test_sizes_of_a_class_lie_in_its_ranges_on_sound_meshes(label):
         assert trimesh.Trimesh(body.vertices, body.triangles, process=False).volume > 0
         low = body.vertices[body.vertices[:, 2] < 0.015 - body.size[2] / 2]
         if label != PEDESTRIAN and body.name != "vehicle/block":
-            assert np.ptp(low[:, 0]) > 0.3 * body.size[0], body.name  # stands on what is far apart: wheels, no heap
+            assert np.ptp(low[:, 0]) > 0.3 * body.size[0], (
+                body.name
+            )  # stands on what is far apart: wheels, no heap
 
 
 @pytest.mark.parametrize("label", RANGES)
 def test_only_mirrors_stick_out_of_the_box_which_is_tight(label):
-    """Mirrors: two small parts, beyond the flanks, about as high as a window; everything else ends at the box."""
+    """Mirrors: two small parts, beyond the flanks, about as high as a window; everything else ends
+    at the box."""
     for body in BODIES[label]:
         half = np.array(body.size) / 2
         beyond = (np.abs(body.vertices) > half + 1e-4).any(axis=1)
         inside = body.vertices[~beyond]
-        assert np.allclose([inside.min(axis=0), inside.max(axis=0)], [-half, half], atol=0.01), body.name
+        assert np.allclose([inside.min(axis=0), inside.max(axis=0)], [-half, half], atol=0.01), (
+            body.name
+        )
         assert np.ptp(include_mirrors(body).vertices, axis=0)[1] <= body.size[1] + 0.62
         if beyond.any():
             assert label in (VEHICLE, HEAVY)
@@ -175,18 +208,25 @@ def test_only_mirrors_stick_out_of_the_box_which_is_tight(label):
 
 def test_kinds_of_every_class_follow_the_seed():
     kinds = {
-        label: {body.name.partition("/")[2] for body in draw_bodies(np.random.default_rng(1), label, 300)}
+        label: {
+            body.name.partition("/")[2]
+            for body in draw_bodies(np.random.default_rng(1), label, 300)
+        }
         for label in RANGES
     }
     assert {"adult", "child", "pram", "walker", "wheelchair"} == kinds[PEDESTRIAN]
     assert {"bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"} <= kinds[CYCLIST]
-    assert {"minibus", "bus", "bendy_bus", "box_truck", "tank_truck", "articulated_box"} <= kinds[HEAVY]
+    assert {"minibus", "bus", "bendy_bus", "box_truck", "tank_truck", "articulated_box"} <= kinds[
+        HEAVY
+    ]
     assert any(kind.endswith("with_caravan") for kind in kinds[HEAVY])
     assert {"kei", "van", "pickup", "block_sedan", "estate_rails"} <= kinds[VEHICLE]
     for carried in ("taxi", "roof_box", "rack", "load"):
         assert any(kind.endswith(carried) for kind in kinds[VEHICLE]), carried
     for label in RANGES:
-        first, again, other = (drawn_bodies.draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4))
+        first, again, other = (
+            drawn_bodies.draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4)
+        )
         assert first.vertices.tobytes() == again.vertices.tobytes()
         assert (first.name, first.truth) == (again.name, again.truth)
         assert first.vertices.tobytes() != other.vertices.tobytes()

@@ -13,9 +13,15 @@ CARS = [drawn_bodies.draw_proportions(np.random.default_rng([2, k])) for k in ra
 def test_kinds_and_wheels_lie_in_their_ranges():
     assert sum(kind.share for kind in drawn_bodies.CAR_KINDS) == pytest.approx(1)
     for kind in drawn_bodies.CAR_KINDS:
-        assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(kind.share, abs=0.055)
+        assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(
+            kind.share, abs=0.055
+        )
     for measure, (low, high) in (
-        *(("length", drawn_bodies.LENGTHS), ("width", drawn_bodies.WIDTHS), ("height", drawn_bodies.HEIGHTS)),
+        *(
+            ("length", drawn_bodies.LENGTHS),
+            ("width", drawn_bodies.WIDTHS),
+            ("height", drawn_bodies.HEIGHTS),
+        ),
     ):
         values = [getattr(car, measure) for car in CARS]
         assert low <= min(values) < low + 0.1 * (high - low)
@@ -45,12 +51,18 @@ SHUT = [car for car in CARS_CARS if car.kind != "pickup"]
 def first_hits(mesh, starts, direction):
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
-    rays = np.concatenate([starts, np.broadcast_to(direction, starts.shape)], axis=1).astype(np.float32)
+    rays = np.concatenate([starts, np.broadcast_to(direction, starts.shape)], axis=1).astype(
+        np.float32
+    )
     return scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
 
 
 @pytest.mark.parametrize(
-    "build", [drawn_bodies.loft_car, lambda car: drawn_bodies.build_block_car(car, np.random.default_rng(0))]
+    "build",
+    [
+        drawn_bodies.loft_car,
+        lambda car: drawn_bodies.build_block_car(car, np.random.default_rng(0)),
+    ],
 )
 def test_cars_are_as_large_as_they_were_drawn(build):
     for car in CARS_CARS:
@@ -61,16 +73,24 @@ def test_cars_are_as_large_as_they_were_drawn(build):
 
 
 def test_meshes_of_cars_have_no_holes_wheels_and_round_corners():
-    """Rays from above meet the body above its floor wherever it is, and rays from the left its left half."""
+    """Rays from above meet the body above its floor wherever it is, and rays from the left its left
+    half."""
     for car in SHUT:
         mesh = drawn_bodies.loft_car(car)
-        x, y = np.meshgrid(np.linspace(-0.45, 0.45, 31) * car.length, np.linspace(-0.28, 0.28, 15) * car.width)
-        height = 5 - first_hits(mesh, np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)]), [0.0, 0, -1])
+        x, y = np.meshgrid(
+            np.linspace(-0.45, 0.45, 31) * car.length, np.linspace(-0.28, 0.28, 15) * car.width
+        )
+        height = 5 - first_hits(
+            mesh, np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)]), [0.0, 0, -1]
+        )
         assert height.min() > 0.25 * car.height, car.kind
         assert height.max() <= car.height + 1e-4
-        z = np.linspace(car.clearance + 0.16, 0.65 * car.belt * car.height, 8)  # above the lips of the bumpers
+        # above the lips of the bumpers
+        z = np.linspace(car.clearance + 0.16, 0.65 * car.belt * car.height, 8)
         x, z = np.meshgrid(np.linspace(-0.43, 0.43, 41) * car.length, z)
-        across = 5 - first_hits(mesh, np.column_stack([x.ravel(), np.full(x.size, 5.0), z.ravel()]), [0.0, -1, 0])
+        across = 5 - first_hits(
+            mesh, np.column_stack([x.ravel(), np.full(x.size, 5.0), z.ravel()]), [0.0, -1, 0]
+        )
         assert across.min() > 0.2 * car.width, car.kind
     for car in CARS_CARS:
         vertices = drawn_bodies.loft_car(car).vertices
@@ -78,17 +98,27 @@ def test_meshes_of_cars_have_no_holes_wheels_and_round_corners():
         assert len({(x > 0, y > 0) for x, y in low[:, :2].tolist()}) == 4
         assert np.ptp(low[:, 0]) > 0.45 * car.length
         assert np.ptp(low[:, 1]) > 0.6 * car.width
-    assert max(len(drawn_bodies.build_block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS) < 420
+    assert (
+        max(
+            len(drawn_bodies.build_block_car(car, np.random.default_rng(1)).triangles)
+            for car in CARS_CARS
+        )
+        < 420
+    )
     assert min(len(drawn_bodies.loft_car(car).triangles) for car in CARS_CARS) > 1200
     car = replace(CARS_CARS[0], rounding=(0.1, 0.1), ends=(0.7, 0.8))
     width = car.half_width(np.array([0.0, 0.5, 1.0])) / (car.width / 2)
-    assert width == pytest.approx([0.7 * (1 - 0.05 * 1.05**2), 1, 0.8 * (1 - 0.05 * 0.95**2)], abs=2e-3)
+    assert width == pytest.approx(
+        [0.7 * (1 - 0.05 * 1.05**2), 1, 0.8 * (1 - 0.05 * 0.95**2)], abs=2e-3
+    )
 
 
 def test_beds_planks_and_mounds_lie_as_high_as_they_should():
     pickups = [
         car
-        for car in (drawn_bodies.draw_proportions(np.random.default_rng([4, k])) for k in range(150))
+        for car in (
+            drawn_bodies.draw_proportions(np.random.default_rng([4, k])) for k in range(150)
+        )
         if car.kind == "pickup"
     ]
     assert pickups

@@ -23,14 +23,19 @@ def test_fleets_have_enough_of_every_class_and_bodies_of_their_own():
     assert len(of(PEDESTRIAN)) >= 14
     assert len(of(HEAVY)) >= 3
     assert len({body.name for body in EVERY}) == len(EVERY)
-    trained, tested = ({body.name for body in of(VEHICLE, catalogue(held_out=flag))} for flag in (False, True))
+    trained, tested = (
+        {body.name for body in of(VEHICLE, catalogue(held_out=flag))} for flag in (False, True)
+    )
     assert len(HELD_OUT) == 5
     assert tested == set(HELD_OUT)
     assert not trained & tested
     own = fleet_named("own")
     few, again, other = (own.bodies(1, np.random.default_rng(seed)) for seed in (0, 0, 1))
     assert digests(few) == digests(again) != digests(other)
-    counts = [[len(of(label, own.bodies(n, np.random.default_rng(0)))) for label in range(4)] for n in (1, 2)]
+    counts = [
+        [len(of(label, own.bodies(n, np.random.default_rng(0)))) for label in range(4)]
+        for n in (1, 2)
+    ]
     assert counts == [[30, 13, 20, 6], [34, 15, 22, 7]]
     heavy = Fleet(drawn=(HEAVY,))
     assert len(heavy.bodies(10**6, np.random.default_rng(0))) == len(
@@ -44,13 +49,16 @@ def test_box_is_tight_and_mesh_is_sound(body):
     with_mirrors = body.truth is not None
     assert with_mirrors == (body.label in (VEHICLE, HEAVY))
     lowest, highest = body.vertices.min(axis=0), body.vertices.max(axis=0)
-    exact = [2] if with_mirrors else [0, 1, 2]  # mirrors stick out to the sides, and of buses to the front
+    # mirrors stick out to the sides, and of buses to the front
+    exact = [2] if with_mirrors else [0, 1, 2]
     assert np.allclose(lowest[exact], -highest[exact], atol=1e-5)
     assert np.allclose((highest - lowest)[exact], np.array(body.size)[exact], atol=1e-5)
     assert (highest - lowest >= np.array(body.size) - 1e-5).all()
     assert (highest - lowest - np.array(body.size) < [0.25, 0.5, 1e-4]).all()
     assert np.isfinite(body.vertices).all()
-    assert set(np.unique(body.triangles)) == set(range(len(body.vertices)))  # no vertex that no triangle uses
+    assert set(np.unique(body.triangles)) == set(
+        range(len(body.vertices))
+    )  # no vertex that no triangle uses
     assert 300 <= len(body.triangles) <= 2500
     assert trimesh.Trimesh(body.vertices, body.triangles, process=False).volume > 0
 
@@ -70,12 +78,17 @@ def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
     bodies = CARS_ONLY.bodies(2, np.random.default_rng(0))
     assert {body.name for body in of(VEHICLE, bodies)} == {body.name for body in CARS_ONLY.fixed}
     assert not of(PEDESTRIAN, bodies)
-    mixed = of(VEHICLE, Fleet(CARS_ONLY.fixed, drawn=tuple(range(4))).bodies(2, np.random.default_rng(0)))
+    mixed = of(
+        VEHICLE, Fleet(CARS_ONLY.fixed, drawn=tuple(range(4))).bodies(2, np.random.default_rng(0))
+    )
     fixed = [body for body in mixed if body in CARS_ONLY.fixed]
     assert len(mixed) == 34
     assert abs(len(fixed) - len(mixed) / 2) <= 0.5
     assert [fixed.count(body) for body in CARS_ONLY.fixed] == [6, 6, 5]
-    out, into = (fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2)) for flag in (False, True))
+    out, into = (
+        fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2))
+        for flag in (False, True)
+    )
     wider = [b.size[1] - a.size[1] for a, b in zip(out, into, strict=True) if a.label == VEHICLE]
     assert max(wider) > 0.1
     assert min(wider) > -1e-6
@@ -92,7 +105,10 @@ def test_every_name_that_is_drawn_is_announced(label):
     ("name", "options", "says"),
     [
         ("mine", {}, "fleet must be one of catalogue, own, even, meshes, both, got 'mine'"),
-        *(("meshes", {}, "fleet 'meshes' needs a folder"), ("both", {}, "fleet 'both' needs a folder")),
+        *(
+            ("meshes", {}, "fleet 'meshes' needs a folder"),
+            ("both", {}, "fleet 'both' needs a folder"),
+        ),
         ("own", {"meshes": "somewhere"}, "fleet 'own' takes no meshes, got somewhere"),
         ("even", {"meshes": "somewhere"}, "fleet 'even' takes no meshes, got somewhere"),
         ("own", {"held_out": True}, "held-out cars are of the catalogue"),

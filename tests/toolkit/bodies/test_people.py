@@ -6,7 +6,11 @@ from toolkit.traffic.spawner import BICYCLE_LENGTH
 
 
 def test_people_and_two_wheelers_have_their_measures():
-    heights = [np.ptp(mesh.vertices[:, 2]) for name, mesh in pedestrians().items() if "umbrella" not in name]
+    heights = [
+        np.ptp(mesh.vertices[:, 2])
+        for name, mesh in pedestrians().items()
+        if "umbrella" not in name
+    ]
     assert min(heights) == pytest.approx(1.12, abs=0.05)
     assert max(heights) == pytest.approx(1.95, abs=0.05)
     lengths = [np.ptp(person(striding(step), 1.8).vertices[:, 0]) for step in (0.1, 0.3, 0.5)]

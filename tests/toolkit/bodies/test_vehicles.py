@@ -37,7 +37,9 @@ def test_vehicles_differ_hide_and_have_mirrors_and_wheels():
         y, z = np.abs(mirrors.vertices[:, 1]), mirrors.vertices[:, 2]
         assert y.max() > np.abs(mesh.vertices[:, 1]).max() + 0.05
         assert z.min() > 1.2
-        np.testing.assert_allclose(np.sort(mirrors.vertices[:, 1]), np.sort(-mirrors.vertices[:, 1]), atol=1e-9)
+        np.testing.assert_allclose(
+            np.sort(mirrors.vertices[:, 1]), np.sort(-mirrors.vertices[:, 1]), atol=1e-9
+        )
 
     def profile(body: Body) -> np.ndarray:
         """Size and, along the length, the height of the body."""

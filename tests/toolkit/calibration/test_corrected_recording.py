@@ -18,17 +18,34 @@ from toolkit.sites.site import Site
 
 CAMERA, LIDAR = DepthCamera(width=40, height=30), SpinningLidar(channels=4, azimuth_step=0.5)
 SENSORS = (
-    *(Sensor("one", CAMERA, look((-9.0, 0.0, 5.0), heading=0.0, tilt=0.3)), Sensor("spun", LIDAR, pose(0.0, 3.0, 4.0))),
+    *(
+        Sensor("one", CAMERA, look((-9.0, 0.0, 5.0), heading=0.0, tilt=0.3)),
+        Sensor("spun", LIDAR, pose(0.0, 3.0, 4.0)),
+    ),
     Sensor("two", CAMERA, look((9.0, 0.0, 5.0), heading=np.pi, tilt=0.3)),
 )
-PLACE = Site("place", np.array([-12.0, -12, 12, 12]), sensors=SENSORS, map_SE3_site=pose(700.0, -50.0, 3.0, yaw=0.4))
-MOVED = {"two": look((9.1, 0.0, 5.0), heading=3.1, tilt=0.31), "spun": pose(0.0, 3.0, 4.2, yaw=0.02)}
+PLACE = Site(
+    "place",
+    np.array([-12.0, -12, 12, 12]),
+    sensors=SENSORS,
+    map_SE3_site=pose(700.0, -50.0, 3.0, yaw=0.4),
+)
+MOVED = {
+    "two": look((9.1, 0.0, 5.0), heading=3.1, tilt=0.31),
+    "spun": pose(0.0, 3.0, 4.2, yaw=0.02),
+}
 
 
 @pytest.fixture
 def recording(tmp_path):
     frames = [
-        Frame(SENSORS, tuple(np.full(s.model.shape, 4.0 + k, np.float32) for s in SENSORS), Objects.empty(), 0.1 * k, k)
+        Frame(
+            SENSORS,
+            tuple(np.full(s.model.shape, 4.0 + k, np.float32) for s in SENSORS),
+            Objects.empty(),
+            0.1 * k,
+            k,
+        )
         for k in range(2)
     ]
     path = tmp_path / "few.hdf5"
@@ -76,7 +93,9 @@ def test_readers_see_new_extrinsics_and_poses_are_checked(recording, tmp_path):
     with pytest.raises(FileExistsError, match="calibrated"):
         simulate_dataset(PLACE, out, run=Run(frames=2, seed=3))
     out = tmp_path / "others.hdf5"
-    with pytest.raises(ValueError, match=r"there is no sensor 'three' in .*few.hdf5: choose among one, spun, two"):
+    with pytest.raises(
+        ValueError, match=r"there is no sensor 'three' in .*few.hdf5: choose among one, spun, two"
+    ):
         copy_corrected(recording, {"three": np.eye(4)}, out)
     with pytest.raises(ValueError, match="pose of sensor 'one' must be a rotation"):
         copy_corrected(recording, {"one": 2 * np.eye(4) - np.diag([0, 0, 0, 1.0])}, out)
@@ -84,19 +103,27 @@ def test_readers_see_new_extrinsics_and_poses_are_checked(recording, tmp_path):
 
 
 def test_a_recording_of_images_is_copied_with_a_note_of_what_was_found(recording, tmp_path):
-    found = [FoundPose(SENSORS[2], Registration(MOVED["two"], np.eye(6), np.zeros((0, 6)), 1.0, 0.01))]
+    found = [
+        FoundPose(SENSORS[2], Registration(MOVED["two"], np.eye(6), np.zeros((0, 6)), 1.0, 0.01))
+    ]
     out = tmp_path / "corrected.hdf5"
     write_corrected(recording, found, out)
     with h5py.File(out) as file:
-        assert json.loads(file.attrs["calibration"]) == json.loads(json.dumps({"two": found[0].described()}))
-        assert h5py.h5g.get_objinfo(file.id, b"coview/site").mtime == 0  # the same again is the same file
+        assert json.loads(file.attrs["calibration"]) == json.loads(
+            json.dumps({"two": found[0].described()})
+        )
+        assert (
+            h5py.h5g.get_objinfo(file.id, b"coview/site").mtime == 0
+        )  # the same again is the same file
     with CoopDataset(out) as corrected:
         np.testing.assert_array_equal(corrected.sensors[2].pose, MOVED["two"])
         np.testing.assert_array_equal(corrected.sensors[1].pose, SENSORS[1].pose)
 
 
 def test_a_recording_without_a_plan_is_copied_too(recording, tmp_path):
-    for number, remove in enumerate((lambda file: file["coview"].attrs.pop("plan"), lambda file: file.pop("coview"))):
+    for number, remove in enumerate(
+        (lambda file: file["coview"].attrs.pop("plan"), lambda file: file.pop("coview"))
+    ):
         bare, out = tmp_path / f"bare{number}.hdf5", tmp_path / f"corrected{number}.hdf5"
         copy_corrected(recording, {}, bare)
         with h5py.File(bare, "r+") as file:

@@ -1,4 +1,5 @@
-"""The empty scene of a sensor, learnt from images with traffic, leaves, drop-outs and parked cars."""
+"""The empty scene of a sensor, learnt from images with traffic, leaves, drop-outs and parked
+cars."""
 
 from dataclasses import replace
 
@@ -14,7 +15,10 @@ from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor, SensorModel
 
 MODELS: list[SensorModel] = [
-    *(DepthCamera(width=24, height=20, stride=2), SpinningLidar(channels=10, azimuth_step=float(np.deg2rad(30)))),
+    *(
+        DepthCamera(width=24, height=20, stride=2),
+        SpinningLidar(channels=10, azimuth_step=float(np.deg2rad(30))),
+    ),
     SolidStateLidar(rows=10, columns=12),
 ]
 CAMERA = Sensor("cam", MODELS[0], look((0.0, 0.0, 5.0), 0.0))
@@ -47,7 +51,8 @@ def nothing(k, image, rng):
 def test_a_wall_and_the_sky(model):
     scene = learnt(nothing, Sensor("s", model, look((0.0, 0.0, 5.0), 0.0)))
     deviation = float(np.max(model.deviation(np.array([20.0], np.float32))))
-    np.testing.assert_allclose(scene.first[2:], 20, atol=0.6 * deviation)  # 4 deviations of a median of 100
+    # 4 deviations of a median of 100
+    np.testing.assert_allclose(scene.first[2:], 20, atol=0.6 * deviation)
     assert (scene.first[:2] == 0).all()
     assert (scene.spread[:2] == 0).all()
     assert (scene.spread[2:] >= 0.999 * deviation).all()
@@ -102,14 +107,17 @@ def test_leaves_drop_outs_and_feet_of_cars_are_modes_or_none():
     assert np.isfinite(scene.second).sum() == 6
     np.testing.assert_allclose(scene.share + scene.second_share, 1)
 
-    def parked_beside(k, image, rng):  # as far as the wall beside it, but it comes once and goes once
+    def parked_beside(
+        k, image, rng
+    ):  # as far as the wall beside it, but it comes once and goes once
         image[4:7, 3:6] = 10.0
         image[4:7, 6:8] = 10.0 if k < 70 else 20.0
 
     alone = learnt(parked_beside)
     np.testing.assert_allclose(alone.first[4:7, 6:8], 20, atol=0.03)
     assert np.isnan(alone.second).all()
-    # Half of the time in one run: of n images random draws come n / 4 times, and a quarter of that is once in 16.
+    # Half of the time in one run: of n images random draws come n / 4 times, and a quarter of that
+    # is once in 16.
     for images, flickers in ((14, True), (16, True), (18, False)):
         for begins in (True, False):
 
@@ -122,7 +130,9 @@ def test_leaves_drop_outs_and_feet_of_cars_are_modes_or_none():
     both[4:7, 3:6], both[4:7, 6:8] = 10, [10, 20]
     assert scene.shows(both).all()
     # The ground of the pixel below lies where the car stands.
-    ground = (5 / (0.1 + 0.1 * np.arange(10, dtype=np.float32)))[:, None] + np.zeros(SHAPE, np.float32)
+    ground = (5 / (0.1 + 0.1 * np.arange(10, dtype=np.float32)))[:, None] + np.zeros(
+        SHAPE, np.float32
+    )
     rng, learner = np.random.default_rng(0), empty_scene.SceneLearner(CAMERA)
     for _ in range(TIMES):
         image = ground.copy()
@@ -161,7 +171,9 @@ def test_spreads_are_those_of_noise_and_not_of_who_stands_close():
     for _ in range(TIMES):
         learner.add((far + rng.normal(0, 1, SHAPE) * far**2 * 1e-4).astype(np.float32))
     scene = learner.scene()
-    np.testing.assert_allclose(np.median(scene.spread, axis=1), np.maximum(far[:, 0] ** 2 * 1e-4, 0.016), rtol=0.35)
+    np.testing.assert_allclose(
+        np.median(scene.spread, axis=1), np.maximum(far[:, 0] ** 2 * 1e-4, 0.016), rtol=0.35
+    )
     assert scene.shows((far + 3 * far**2 * 1e-4).astype(np.float32)).mean() > 0.9
     scene = learnt(nothing)
     off = np.array([0, 3.9, -3.9, 4.1, -4.1, np.nan], np.float32)
@@ -229,11 +241,17 @@ def test_files_and_scenes_that_are_damaged_or_none_are_refused(tmp_path):
     with pytest.raises(ValueError, match="checksum"):
         empty_scene.load_empty_scenes(path)
 
-    write_arrays(path, {"scenes": np.array('[{"name": "a", "model": {"class": "DepthCamera"}, "frames": 3}]')})
+    write_arrays(
+        path,
+        {"scenes": np.array('[{"name": "a", "model": {"class": "DepthCamera"}, "frames": 3}]')},
+    )
     with pytest.raises(ValueError, match="has no empty scenes"):
         empty_scene.load_empty_scenes(path)
     scene = learnt(nothing, times=3)
-    images = {name: getattr(scene, name) for name in ("first", "spread", "share", "second", "second_spread")}
+    images = {
+        name: getattr(scene, name)
+        for name in ("first", "spread", "share", "second", "second_spread")
+    }
     images |= {"name": "a", "model": scene.model, "second_share": scene.second_share, "frames": 3}
     assert empty_scene.EmptyScene(**images).digest == replace(scene, name="a").digest
     cut = {name: image[:3] for name, image in images.items() if isinstance(image, np.ndarray)}
@@ -248,7 +266,8 @@ def test_a_broad_cluster_is_narrowed_to_the_median_and_spread_of_its_densest_str
     def one(value):
         return np.full((1, 1), value, np.float32)
 
-    values = (10.0, 10.02, 10.04, 10.08, 12.0, 15.0)  # from 10.03 the four that lie close are off by 1, 1, 3 and 5 cm
+    # from 10.03 the four that lie close are off by 1, 1, 3 and 5 cm
+    values = (10.0, 10.02, 10.04, 10.08, 12.0, 15.0)
     mode = empty_scene._Mode(one(10.06), one(1.0), one(1.0), one(10.0), one(15.0))
     found = empty_scene._narrow_broad(mode, one(0.01), [one(value) for value in values])
     assert found.median.item() == pytest.approx(10.03)

@@ -7,7 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from toolkit.calibration import ground as module, height_map
-from toolkit.calibration.ground import Ground, fit_plane, heights_above_plane, level, level_warning, plain_points
+from toolkit.calibration.ground import (
+    Ground,
+    fit_plane,
+    heights_above_plane,
+    level,
+    level_warning,
+    plain_points,
+)
 from toolkit.calibration.height_map import HeightMap, fit_map, low_points, lowest_mask, support_mask
 from toolkit.clouds import from_points
 from toolkit.datasets.layouts.argoverse import argoverse, read_labels
@@ -16,14 +23,18 @@ from toolkit.geometry import invert, pose, transform
 
 def scattered(rng, low, high, height, count, noise=0.0):
     xy = rng.uniform(low, high, (count, 2))
-    return np.column_stack([xy, np.broadcast_to(height, count) + noise * rng.standard_normal(count)])
+    return np.column_stack(
+        [xy, np.broadcast_to(height, count) + noise * rng.standard_normal(count)]
+    )
 
 
 def sloped(points, a, b, c):
     return points + np.column_stack([np.zeros((len(points), 2)), points[:, :2] @ [a, b] + c])
 
 
-@pytest.mark.parametrize("plane", [(0.0, 0.0, -1.7), (0.06, 0.0, -6.0), (-0.1, 0.18, -1.7), (0.0, -0.05, 12.0)])
+@pytest.mark.parametrize(
+    "plane", [(0.0, 0.0, -1.7), (0.06, 0.0, -6.0), (-0.1, 0.18, -1.7), (0.0, -0.05, 12.0)]
+)
 def test_the_plane_is_that_of_the_ground_to_a_centimetre(plane):
     street = scattered(np.random.default_rng(0), -40, 40, 0.0, 6000, noise=0.02)
     assert (np.abs(fit_plane(sloped(street, *plane)) - plane) < [2e-3, 2e-3, 0.01]).all()
@@ -31,14 +42,21 @@ def test_the_plane_is_that_of_the_ground_to_a_centimetre(plane):
 
 def test_roofs_walls_cars_and_reflections_are_not_the_ground():
     rng = np.random.default_rng(1)
-    street, roof = scattered(rng, [-30, -4], [30, 4], 0.0, 2000), scattered(rng, [-30, 5], [30, 30], 5.0, 20000)
+    street, roof = (
+        scattered(rng, [-30, -4], [30, 4], 0.0, 2000),
+        scattered(rng, [-30, 5], [30, 30], 5.0, 20000),
+    )
     np.testing.assert_allclose(fit_plane(np.concatenate([roof, street])), 0.0, atol=0.01)
     rng = np.random.default_rng(2)
     street = scattered(rng, [-30, -6], [30, 6], -6.0, 1500, noise=0.02)
-    wall = np.column_stack([rng.uniform(-30, 30, 20000), np.full(20000, 6.5), rng.uniform(-6, 4, 20000)])
+    wall = np.column_stack(
+        [rng.uniform(-30, 30, 20000), np.full(20000, 6.5), rng.uniform(-6, 4, 20000)]
+    )
     hedge = scattered(rng, [-30, -8], [30, -6], -4.8, 5000, noise=0.1)
     cars = scattered(rng, [-10, -2], [10, 2], rng.uniform(-5.8, -4.5, 6000), 6000)
-    np.testing.assert_allclose(fit_plane(np.concatenate([street, wall, hedge, cars])), [0, 0, -6.0], atol=0.02)
+    np.testing.assert_allclose(
+        fit_plane(np.concatenate([street, wall, hedge, cars])), [0, 0, -6.0], atol=0.02
+    )
     rng = np.random.default_rng(3)
     street = scattered(rng, -30, 30, -1.7, 3000, noise=0.02)
     below = scattered(rng, -30, 30, rng.uniform(-9, -3, 30), 30)
@@ -75,7 +93,9 @@ def test_cells_have_low_ends_that_nothing_lifts():
     assert low_points(column, 1.0).tolist() == [[0.5, 0.5, 3.0]]
     assert low_points(column, 1.0, share=0.5).tolist() == [[0.5, 0.5, 15.0]]
     assert low_points(column[:0], 1.0).shape == (0, 3)
-    assert heights_above_plane(np.array([0.5, -1.0, 2.0]), np.array([[2.0, 1.0, 7.0]])).tolist() == [5.0]
+    assert heights_above_plane(
+        np.array([0.5, -1.0, 2.0]), np.array([[2.0, 1.0, 7.0]])
+    ).tolist() == [5.0]
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2) + 0.5
     cells = np.column_stack([grid, np.zeros(400)])
     cells[210, 2], cells[37, 2] = 1.5, -3.0
@@ -90,9 +110,16 @@ def test_cells_have_low_ends_that_nothing_lifts():
     for x, y in rng.uniform(-30, 30, (12, 2)):
         under = (np.abs(street[:, 0] - x) < 2.2) & (np.abs(street[:, 1] - y) < 0.9)
         street = street[~under]
-        car = np.column_stack([rng.uniform(x - 2.2, x + 2.2, 400), rng.uniform(y - 0.9, y + 0.9, 400), np.zeros(400)])
-        standing.append(car + np.column_stack([np.zeros((400, 2)), height_at(car) + rng.uniform(0.25, 1.5, 400)]))
-    hedge = np.column_stack([rng.uniform(-30, 30, 4000), rng.uniform(20, 21.5, 4000), rng.uniform(0.3, 1.2, 4000)])
+        car = np.column_stack(
+            [rng.uniform(x - 2.2, x + 2.2, 400), rng.uniform(y - 0.9, y + 0.9, 400), np.zeros(400)]
+        )
+        standing.append(
+            car
+            + np.column_stack([np.zeros((400, 2)), height_at(car) + rng.uniform(0.25, 1.5, 400)])
+        )
+    hedge = np.column_stack(
+        [rng.uniform(-30, 30, 4000), rng.uniform(20, 21.5, 4000), rng.uniform(0.3, 1.2, 4000)]
+    )
     hedge[:, 2] += height_at(hedge)
     points = np.concatenate([street, *standing, hedge])
     places = rng.uniform(-30, 30, (500, 2))
@@ -129,8 +156,12 @@ def test_maps_follow_hills_kerbs_and_not_stray_points():
     surface = fit_map(street)
     along = np.linspace(-15, 15, 50)
     assert np.abs(surface.at(np.column_stack([along, np.full(50, 2.0)]))).max() < 0.03
-    np.testing.assert_allclose(surface.at(np.column_stack([along, np.full(50, 12.0)])), 0.15, atol=0.03)
-    heights = HeightMap(np.array([10.0, 20.0]), np.array([[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]]), cell=2.0)
+    np.testing.assert_allclose(
+        surface.at(np.column_stack([along, np.full(50, 12.0)])), 0.15, atol=0.03
+    )
+    heights = HeightMap(
+        np.array([10.0, 20.0]), np.array([[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]]), cell=2.0
+    )
     places = np.array([[10.0, 20.0], [11.0, 21.0], [12.0, 24.0], [-5.0, 22.0], [99.0, 99.0]])
     assert heights.at(places).tolist() == [0.0, 2.5, 6.0, 1.0, 6.0]
     assert HeightMap(np.zeros(2), np.full((1, 1), 0.3)).at(places).tolist() == [0.3] * 5
@@ -139,8 +170,15 @@ def test_maps_follow_hills_kerbs_and_not_stray_points():
         fit_map(np.zeros((10, 3)), reach=-1.0)
 
 
-LOG = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared")) / "real" / "av2_two_lidars"
-TILTED = Ground(np.array([0.1, -0.2, -6.0]), HeightMap(np.array([-9.0, -9]), np.array([[0.0, 0.4], [0.2, -0.3]]), 18.0))
+LOG = (
+    Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared"))
+    / "real"
+    / "av2_two_lidars"
+)
+TILTED = Ground(
+    np.array([0.1, -0.2, -6.0]),
+    HeightMap(np.array([-9.0, -9]), np.array([[0.0, 0.4], [0.2, -0.3]]), 18.0),
+)
 
 
 def warned(points):
@@ -149,9 +187,13 @@ def warned(points):
 
 def street(rng, count=6000):
     """A street in the world with cars upon it, a wall beside it, and where its ground is: z = 0."""
-    flat = np.column_stack([rng.uniform([-40, -10], [40, 10], (count, 2)), 0.02 * rng.standard_normal(count)])
+    flat = np.column_stack(
+        [rng.uniform([-40, -10], [40, 10], (count, 2)), 0.02 * rng.standard_normal(count)]
+    )
     car = rng.uniform([-2, -1, 0.2], [2, 1, 1.5], (800, 3)) + np.array([[8.0, 3, 0]])
-    wall = np.column_stack([rng.uniform(-40, 40, count), np.full(count, 10.0), rng.uniform(0, 8, count)])
+    wall = np.column_stack(
+        [rng.uniform(-40, 40, count), np.full(count, 10.0), rng.uniform(0, 8, count)]
+    )
     return np.concatenate([flat, car, wall])
 
 
@@ -159,7 +201,9 @@ def street(rng, count=6000):
 @pytest.mark.parametrize(("height", "tilt"), [(1.7, 0.0), (1.8, 5.0), (6.0, 12.0)])
 def test_a_cloud_in_a_crooked_sensors_frame_is_put_on_its_ground(method, height, tilt):
     rng = np.random.default_rng(0)
-    world_SE3_sensor = pose(1.0, 2.0, height, yaw=0.4, pitch=np.deg2rad(tilt) * 0.6, roll=np.deg2rad(tilt) * 0.8)
+    world_SE3_sensor = pose(
+        1.0, 2.0, height, yaw=0.4, pitch=np.deg2rad(tilt) * 0.6, roll=np.deg2rad(tilt) * 0.8
+    )
     world = street(rng)
     ground = level(transform(invert(world_SE3_sensor), world), method=method)
     assert np.rad2deg(ground.tilt) == pytest.approx(tilt, abs=0.2)
@@ -207,7 +251,10 @@ def test_heights_motions_and_boxes_of_a_tilted_ground():
 def test_wrong_arguments_are_refused_and_heights_warned_of():
     points = street(np.random.default_rng(0))
     for arguments, message in (
-        *(({"method": "spline"}, "method"), ({"max_tilt": 1.0}, "max_tilt must lie in 0..45 degrees, got 57.3")),
+        *(
+            ({"method": "spline"}, "method"),
+            ({"max_tilt": 1.0}, "max_tilt must lie in 0..45 degrees, got 57.3"),
+        ),
     ):
         with pytest.raises((ValueError, TypeError), match=message):
             level(points, **arguments)
@@ -239,7 +286,9 @@ def test_labelled_cars_of_a_real_street_stand_on_its_ground():
 
     sweep = argoverse(LOG)[0]
     labels, points = read_labels(LOG, int(sweep.name)), sweep.points()
-    near = (np.abs(labels.boxes[:, :2]) < 50).all(axis=1) & (np.array(labels.categories) == "REGULAR_VEHICLE")
+    near = (np.abs(labels.boxes[:, :2]) < 50).all(axis=1) & (
+        np.array(labels.categories) == "REGULAR_VEHICLE"
+    )
     boxes = level(points).boxes(labels.boxes[near])
     floors = boxes[:, 2] - boxes[:, 5] / 2
     assert near.sum() > 10
@@ -249,12 +298,17 @@ def test_labelled_cars_of_a_real_street_stand_on_its_ground():
 
 
 def test_a_slope_is_found_from_afar_though_a_flat_place_lies_at_its_middle():
-    """Without slopes to start from, the search would stay on the flat place, at the median height."""
+    """Without slopes to start from, the search would stay on the flat place, at the median
+    height."""
     rng = np.random.default_rng(0)
-    parts = [scattered(rng, [low, -15], [low + 30, 15], 0.0, 3000, noise=0.02) for low in (460, 510)]
+    parts = [
+        scattered(rng, [low, -15], [low + 30, 15], 0.0, 3000, noise=0.02) for low in (460, 510)
+    ]
     ground = sloped(np.concatenate(parts), 0.15, 0.0, -75.0)
     flat = scattered(rng, [496, -4], [504, 4], 0.0, 1000, noise=0.02)
-    assert (np.abs(fit_plane(np.concatenate([ground, flat])) - [0.15, 0.0, -75.0]) < [2e-3, 2e-3, 1.0]).all()
+    assert (
+        np.abs(fit_plane(np.concatenate([ground, flat])) - [0.15, 0.0, -75.0]) < [2e-3, 2e-3, 1.0]
+    ).all()
 
 
 def heights_of_one_cell(height, *, kept=0.25, kerb=np.inf, at=(0.0, 0.0), size=60):
@@ -264,7 +318,8 @@ def heights_of_one_cell(height, *, kept=0.25, kerb=np.inf, at=(0.0, 0.0), size=6
 
 
 def test_one_cell_counts_as_one_in_a_map_also_at_its_edge():
-    """Of each of four means, every finer one, half is the cell's and half what was known: 15/16 of its height."""
+    """Of each of four means, every finer one, half is the cell's and half what was known: 15/16 of
+    its height."""
     for at in ((0.0, 0.0), (30.0, 31.0)):
         heights = heights_of_one_cell(0.2, at=at)
         assert heights[int(at[0]), int(at[1])] == pytest.approx(0.2 * 15 / 16, rel=0.01)
@@ -273,11 +328,14 @@ def test_one_cell_counts_as_one_in_a_map_also_at_its_edge():
     assert not corner[37:].any()  # three deviations of the widest mean
     half = heights_of_one_cell(0.09, kerb=0.09)[0, 0]  # as high as a kerb: it counts half
     assert half == pytest.approx(0.09 * 65 / 81, rel=0.01)
-    assert heights_of_one_cell(-0.09, kerb=0.09)[0, 0] == pytest.approx(-0.09 * 15 / 16, rel=0.01)  # not below
+    assert heights_of_one_cell(-0.09, kerb=0.09)[0, 0] == pytest.approx(
+        -0.09 * 15 / 16, rel=0.01
+    )  # not below
 
 
 @pytest.mark.parametrize(
-    ("height", "counts"), [(0.24, True), (0.25, False), (0.26, False), (-0.49, True), (-0.5, False), (-0.51, False)]
+    ("height", "counts"),
+    [(0.24, True), (0.25, False), (0.26, False), (-0.49, True), (-0.5, False), (-0.51, False)],
 )
 def test_cells_far_above_a_map_and_twice_as_far_below_are_left_out(height, counts):
     assert heights_of_one_cell(height).any() == counts
@@ -286,13 +344,21 @@ def test_cells_far_above_a_map_and_twice_as_far_below_are_left_out(height, count
 def test_points_on_the_lines_of_a_grid_begin_a_cell():
     points = np.array([[0.5, 0.5, 1.0], [1.0, 0.5, 2.0], [0.5, 1.0, 3.0], [-0.5, 0.5, 4.0]])
     assert sorted(low_points(points, 1.0)[:, 2].tolist()) == [1.0, 2.0, 3.0, 4.0]
-    for two in ([(0.5, 1.5), (1.5, -0.5)], [(0.5, 1.5), (1.5, 0.5)]):  # none is at the grid's corner
+    for two in (
+        [(0.5, 1.5), (1.5, -0.5)],
+        [(0.5, 1.5), (1.5, 0.5)],
+    ):  # none is at the grid's corner
         assert low_points(np.column_stack([two, [5.0, 6.0]]), 1.0)[:, 2].tolist() == [5.0, 6.0]
     wide = np.array([[0.5, 0.5, 1.0], [1.5, 1.5, 2.0], [2.5, 0.5, 3.0], [2.5, 2.5, 4.0]])
     assert low_points(wide, 2.0)[:, 2].tolist() == [1.0, 3.0, 4.0]
     assert low_points(wide, 2.0, share=0.5)[:, 2].tolist() == [1.0, 3.0, 4.0]  # the lower of two
     column = np.column_stack([np.zeros((11, 2)), np.arange(11.0)[::-1]])
-    assert [low_points(column, 1.0, share=share)[0, 2] for share in (0.0, 0.1, 0.5, 1.0)] == [0.0, 1.0, 5.0, 10.0]
+    assert [low_points(column, 1.0, share=share)[0, 2] for share in (0.0, 0.1, 0.5, 1.0)] == [
+        0.0,
+        1.0,
+        5.0,
+        10.0,
+    ]
 
 
 def test_the_steepest_slope_is_handed_on(monkeypatch):
@@ -303,14 +369,17 @@ def test_the_steepest_slope_is_handed_on(monkeypatch):
         return np.array([0.0, 0.0, -1.7])
 
     monkeypatch.setattr(module, "fit_plane", noted)
-    street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (400, 2)), np.full(400, -1.7)])
+    street = np.column_stack(
+        [np.random.default_rng(0).uniform(-20, 20, (400, 2)), np.full(400, -1.7)]
+    )
     level(street, method="plane", max_tilt=0.1)
     level_warning(street)
     assert asked == [{"max_tilt": 0.1}, {}]
 
 
 def slowly_lowest(cells, slope, step, window, edge=1.0):
-    """Whether none within the window lies lower by more than the way there explains, cell by cell."""
+    """Whether none within the window lies lower by more than the way there explains, cell by
+    cell."""
     places = np.floor(cells[:, :2] / edge)
     allowed = []
     for at, (_, _, height) in zip(places, cells, strict=True):
@@ -324,7 +393,9 @@ def test_lowest_cells_are_an_oracles(monkeypatch):
     rng = np.random.default_rng(2)
     every = np.argwhere(np.ones((30, 25), bool))
     chosen = every[rng.permutation(len(every))[:400]]
-    cells = np.column_stack([chosen + rng.random((400, 2)) + np.array([-7, 5]), rng.choice([0.0, 0.3, 0.6, 2.0], 400)])
+    cells = np.column_stack(
+        [chosen + rng.random((400, 2)) + np.array([-7, 5]), rng.choice([0.0, 0.3, 0.6, 2.0], 400)]
+    )
     for slope, step, window in ((0.1, 0.25, 12.0), (0.02, 0.1, 3.0)):
         found = lowest_mask(cells, slope, step, window=window)
         assert found.tolist() == slowly_lowest(cells, slope, step, window)
@@ -375,7 +446,9 @@ def test_cells_that_others_support_are_an_oracles():
 
 def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
     """The turn takes the plane's normal to z by the least angle, as SciPy has it."""
-    tilted = module.Ground(np.array([0.1, -0.2, 1.5]), HeightMap(np.zeros(2), np.full((3, 3), 0.25)))
+    tilted = module.Ground(
+        np.array([0.1, -0.2, 1.5]), HeightMap(np.zeros(2), np.full((3, 3), 0.25))
+    )
     normal = np.array([-0.1, 0.2, 1.0]) / np.sqrt(1.05)
     axis = np.cross(normal, [0, 0, 1])
     turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arccos(normal[2])).as_matrix()
@@ -425,7 +498,10 @@ def test_maps_cover_the_points_in_reach_of_their_middle():
     assert part.heights.shape == (11, 11)
     assert part.origin.tolist() == [0.5, 0.5]
     high = fit_map(street + np.array([0, 0, 2.5]))
-    assert (high.heights.tolist(), high.origin.tolist()) == ([[0.0]], [0.0, 0.0])  # nothing near zero
+    assert (high.heights.tolist(), high.origin.tolist()) == (
+        [[0.0]],
+        [0.0, 0.0],
+    )  # nothing near zero
     for lift in (-2.0, 2.0):
         assert fit_map(street + np.array([0, 0, lift])).heights.shape == (1, 1)
     for reach in (0.0, -1.0, np.inf):
@@ -467,9 +543,13 @@ def test_the_last_drawing_is_through_the_middle_of_what_lies_on_the_ground(monke
         return redraw(surface, cells, kept, kerb)
 
     monkeypatch.setattr(height_map, "redraw_map", noted)
-    places = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 1, 2) + 0.5
+    places = (
+        np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 1, 2) + 0.5
+    )
     heights = np.repeat([0.0, 0.1, 0.2], [3, 4, 8])
-    points = np.concatenate([np.broadcast_to(places, (400, 15, 2)), np.tile(heights[:, None], (400, 1, 1))], axis=2)
+    points = np.concatenate(
+        [np.broadcast_to(places, (400, 15, 2)), np.tile(heights[:, None], (400, 1, 1))], axis=2
+    )
     fit_map(points.reshape(-1, 3))
     first = [(0.25, np.inf)] * 2 + [(0.2, np.inf)] + [(0.2, 0.09)] * 3 + [(0.12, 0.09)]
     assert asked == [*(([0.0], *each) for each in first), ([0.1], 0.12, 0.09)]
@@ -487,7 +567,9 @@ def test_three_cells_are_enough_and_pulled_a_little_towards_level():
 
 
 def test_only_level_planes_are_found_where_no_tilt_is_allowed():
-    street = sloped(scattered(np.random.default_rng(3), -20, 20, 0.0, 3000, noise=0.02), 0.01, 0.0, 3.0)
+    street = sloped(
+        scattered(np.random.default_rng(3), -20, 20, 0.0, 3000, noise=0.02), 0.01, 0.0, 3.0
+    )
     assert fit_plane(street, max_tilt=0.0).tolist() == [0.0, 0.0, pytest.approx(3.0, abs=0.1)]
     assert level(street, method="plane", max_tilt=0.0).tilt == 0.0
     assert level(street, method="plane", max_tilt=0.1).tilt == pytest.approx(0.01, abs=1e-3)
@@ -503,7 +585,8 @@ def test_no_plane_leans_more_than_allowed(way):
 
 @pytest.mark.parametrize("height", [-0.09, 0.09])
 def test_cells_hardly_within_the_band_hardly_count(height):
-    """A fifth of the cells lie 9 of 10 cm above the others, or below: a mean would move by 1.8 cm."""
+    """A fifth of the cells lie 9 of 10 cm above the others, or below: a mean would move by
+    1.8 cm."""
     rng = np.random.default_rng(7)
     places = np.stack(np.meshgrid(np.arange(30.0), np.arange(30.0)), axis=-1).reshape(-1, 2) + 0.5
     cells = np.column_stack([places, np.where(rng.random(900) < 0.2, height, 0.0)])
@@ -516,8 +599,8 @@ def test_cells_hardly_within_the_band_hardly_count(height):
     [(0.02, -0.45, -0.75, 0.0), (0.15, -0.45, -0.75, -0.45), (0.15, -0.3, -0.5, 0.0)],
 )
 def test_a_few_cells_below_a_plane_cost_nothing_and_more_do(share, lower, hole, height):
-    """Stripes of two streets, equally wide, one above the other, which has some cells still lower. Cells half a metre
-    below the upper street do not lie well below it.
+    """Stripes of two streets, equally wide, one above the other, which has some cells still lower.
+    Cells half a metre below the upper street do not lie well below it.
     """
     places = np.stack(np.meshgrid(np.arange(80.0), np.arange(30.0)), axis=-1).reshape(-1, 2) + 0.5
     along = places[:, 0] % 20
@@ -557,7 +640,9 @@ def test_warnings_are_of_clouds_that_reach_beyond_the_slice_and_have_enough_poin
     halves[0, 2] = 9.0
     assert level_warning(halves[1:]) is None  # all lie in the slice
     assert "z = 0.20 m" in warned(halves)
-    assert level_warning(np.concatenate([halves, [[0, 0, 0.1]]])) is None  # half of them lie near zero
+    assert (
+        level_warning(np.concatenate([halves, [[0, 0, 0.1]]])) is None
+    )  # half of them lie near zero
 
 
 def test_points_are_plain_whatever_cloud_they_are_in():
@@ -576,7 +661,10 @@ def test_points_are_plain_whatever_cloud_they_are_in():
     assert plain_points(SimpleNamespace(point=Tensors(positions=held))).tolist() == points.tolist()
     assert plain_points(SimpleNamespace(point=Tensors())).shape == (0, 3)
     for wrong, said in (
-        *((np.zeros((3, 5)), r"got \(3, 5\): pass points\.T\?"), (np.zeros((5, 5)), r"got \(5, 5\)$")),
+        *(
+            (np.zeros((3, 5)), r"got \(3, 5\): pass points\.T\?"),
+            (np.zeros((5, 5)), r"got \(5, 5\)$"),
+        ),
         *(
             (np.zeros(3), r"got \(3,\)$"),
             (np.zeros((4, 2)), r"got \(4, 2\)$"),

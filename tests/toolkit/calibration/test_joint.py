@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from toolkit.calibration import poses as joint, registration
-from toolkit.calibration.poses import Pairs, SeenBoxes, align, face_sensor, object_pairs, seen_objects
+from toolkit.calibration.poses import (
+    Pairs,
+    SeenBoxes,
+    align,
+    face_sensor,
+    object_pairs,
+    seen_objects,
+)
 from toolkit.calibration.registration import LEVER, Surface, apply_motion
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, transform
@@ -15,7 +22,10 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site
 
 TRUE = (
-    *(look((-8.0, -8.0, 6.0), heading=0.7, tilt=0.4), look((8.0, -8.0, 6.0), heading=2.4, tilt=0.4)),
+    *(
+        look((-8.0, -8.0, 6.0), heading=0.7, tilt=0.4),
+        look((8.0, -8.0, 6.0), heading=2.4, tilt=0.4),
+    ),
     look((0.0, -9.0, 6.0), heading=1.6, tilt=0.4),
 )
 
@@ -38,7 +48,9 @@ def world(rng, walls=True):
 
 def seen_by(pose, rng, walls=True):
     points, normals = world(rng, walls)
-    local = Surface(transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005))
+    local = Surface(
+        transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005)
+    )
     return face_sensor(local)
 
 
@@ -51,7 +63,9 @@ def off(pose, rng, deg=1.0, metres=0.1):
 
 def apart(found, true):
     between = invert(true) @ found
-    return np.rad2deg(np.linalg.norm(between[:3, :3] - np.eye(3)) / np.sqrt(2)), np.linalg.norm(between[:3, 3])
+    return np.rad2deg(np.linalg.norm(between[:3, :3] - np.eye(3)) / np.sqrt(2)), np.linalg.norm(
+        between[:3, 3]
+    )
 
 
 def test_sensors_are_fitted_to_the_one_held_or_left():
@@ -80,7 +94,11 @@ def test_sensors_are_fitted_to_the_one_held_or_left():
     rng = np.random.default_rng(3)
     far = TRUE[2].copy()
     far[0, 3] += 500.0
-    found = align([seen_by(TRUE[0], rng), seen_by(TRUE[1], rng), seen_by(TRUE[2], rng)], [*TRUE[:2], far], held=[0])
+    found = align(
+        [seen_by(TRUE[0], rng), seen_by(TRUE[1], rng), seen_by(TRUE[2], rng)],
+        [*TRUE[:2], far],
+        held=[0],
+    )
     assert len(found.hidden_motions(2)) == 6
     assert found.poses[2].tobytes() == far.tobytes()
     assert found.shared[2].sum() == 0
@@ -96,24 +114,36 @@ def test_common_poses_and_thin_walls():
         turned, moved = apart(relative, invert(TRUE[0]) @ TRUE[k])
         assert turned < 0.05
         assert moved < 0.02
-    moved_by = np.mean([pose[:3, 3] - wrong[:3, 3] for pose, wrong in zip(found.poses, believed, strict=True)], axis=0)
+    moved_by = np.mean(
+        [pose[:3, 3] - wrong[:3, 3] for pose, wrong in zip(found.poses, believed, strict=True)],
+        axis=0,
+    )
     assert np.linalg.norm(moved_by) < 0.05
     assert len(found.unobserved) == 0
     rng = np.random.default_rng(4)
     planes = [plane(rng, [-10, -10, 0], [20, 0, 0], [0, 20, 0], 3000)]
     front = [*planes, plane(rng, [-10, 0.0, 0], [20, 0, 0], [0, 0, 4], 2000)]
     back = [*planes, plane(rng, [-10, 0.3, 0], [20, 0, 0], [0, 0, 4], 2000)]
-    poses = [look((0.0, -8.0, 6.0), heading=1.57, tilt=0.4), look((0.0, 8.0, 6.0), heading=-1.57, tilt=0.4)]
+    poses = [
+        look((0.0, -8.0, 6.0), heading=1.57, tilt=0.4),
+        look((0.0, 8.0, 6.0), heading=-1.57, tilt=0.4),
+    ]
     surfaces = []
     for pose, side in zip(poses, (front, back), strict=True):
         points, normals = (np.concatenate(parts) for parts in zip(*side, strict=True))
-        local = Surface(transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005))
+        local = Surface(
+            transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005)
+        )
         surfaces.append(face_sensor(local))
     found = align(surfaces, poses, held=[0])
     assert np.abs(found.poses[1][:2, 3] - poses[1][:2, 3]).max() < 0.02
-    ahead = Surface(np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[0.0, 0, 1], [0, 0, -1]]), np.zeros(2))
+    ahead = Surface(
+        np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[0.0, 0, 1], [0, 0, -1]]), np.zeros(2)
+    )
     assert face_sensor(ahead).normals[:, 2].tolist() == [-1.0, -1.0]
-    near = Surface(np.array([[0.0, 0, 0.5], [1, 0, 0]]), np.array([[0.0, 0, 1], [0, 0, 1]]), np.zeros(2))
+    near = Surface(
+        np.array([[0.0, 0, 0.5], [1, 0, 0]]), np.array([[0.0, 0, 1], [0, 0, 1]]), np.zeros(2)
+    )
     assert face_sensor(near).normals[:, 2].tolist() == [-1.0, 1.0]  # one that is seen edge on stays
     surface = seen_by(TRUE[0], np.random.default_rng(6))
     with pytest.raises(ValueError, match="got 1 surfaces and 1 poses"):
@@ -121,7 +151,9 @@ def test_common_poses_and_thin_walls():
     with pytest.raises(ValueError, match="got 2 surfaces and 1 poses"):
         align([surface] * 2, TRUE[:1])
     for held in ([2], [0, 2], [-1]):
-        with pytest.raises(ValueError, match=rf"held must be sensor numbers from 0 to 1, got \[{held[0]}"):
+        with pytest.raises(
+            ValueError, match=rf"held must be sensor numbers from 0 to 1, got \[{held[0]}"
+        ):
             align([surface] * 2, TRUE[:2], held=held)
 
 
@@ -137,8 +169,17 @@ def test_more_pairs_say_what_the_scene_does_not():
         rows = []
         for axis in np.eye(3):
             normals = np.tile(axis, (80, 1))
-            turn = [np.cross(at - pose[:3, 3], normals) / LEVER for at, pose in zip((here, there), poses, strict=True)]
-            rows.append((np.hstack([turn[0], normals]), -np.hstack([turn[1], normals]), (here - there) @ axis))
+            turn = [
+                np.cross(at - pose[:3, 3], normals) / LEVER
+                for at, pose in zip((here, there), poses, strict=True)
+            ]
+            rows.append(
+                (
+                    np.hstack([turn[0], normals]),
+                    -np.hstack([turn[1], normals]),
+                    (here - there) @ axis,
+                )
+            )
         one, other, residual = (np.concatenate(parts) for parts in zip(*rows, strict=True))
         return [Pairs(0, 1, one, other, residual, np.full(240, 0.01), np.full(240, 1.0))]
 
@@ -150,7 +191,8 @@ def test_more_pairs_say_what_the_scene_does_not():
 
 
 def test_pairs_as_sure_as_the_usual_errors_move_a_sensor_half_the_way():
-    """A Gaussian prior at the believed pose and one measurement of the same spread: their mean, half the variance."""
+    """A Gaussian prior at the believed pose and one measurement of the same spread: their mean,
+    half the variance."""
     rng, far = np.random.default_rng(7), np.eye(4)
     far[0, 3] = 500.0
     surface = seen_by(TRUE[0], rng)
@@ -160,17 +202,22 @@ def test_pairs_as_sure_as_the_usual_errors_move_a_sensor_half_the_way():
     def more(poses, radius):
         residual = registration.motion_between(far, poses[1]) - target
         rows, ten = np.repeat(np.eye(6), 10, axis=0), np.repeat(usual, 10) * np.sqrt(10)
-        return [Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), ten, np.full(60, 1e6))]
+        return [
+            Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), ten, np.full(60, 1e6))
+        ]
 
     found = align([surface, surface], [np.eye(4), far], held=[0], more=more)
     assert found.shared[0, 1] == 60
-    assert registration.motion_between(far, found.poses[1]) == pytest.approx(target / 2, abs=1e-3 * usual.max())
+    assert registration.motion_between(far, found.poses[1]) == pytest.approx(
+        target / 2, abs=1e-3 * usual.max()
+    )
     variance = np.repeat([joint.USUAL_TURN**2, joint.USUAL_MOVE**2], 3) / 2
     assert np.diag(found.covariance)[6:] == pytest.approx(variance, rel=1e-3)
 
 
 def test_neighbouring_points_err_alike():
-    """Nine points weigh as one alone, so a plane of N points gives its distance to no better than 9 deviations² / N."""
+    """Nine points weigh as one alone, so a plane of N points gives its distance to no better than 9
+    deviations² / N."""
     rng, above = np.random.default_rng(8), look((0.0, 0.0, 6.0), heading=0.0, tilt=np.pi / 2)
     found = align([seen_by(above, rng, walls=False) for _ in range(2)], [above, above], held=[0])
     deviation2 = 2 * 0.005**2 + 0.01**2
@@ -192,7 +239,10 @@ def seen_frames(rng, frames=30, noise=0.05):
     """The same cars as seen by sensors at the true poses, each with its own noise."""
     spread = noise * np.array([1, 1, 1, 0, 0, 0, 0.2])
     truths = (cars(rng) for _ in range(frames))
-    return [[SeenBoxes.of(each + spread * rng.standard_normal(each.shape), at) for at in TWO] for each in truths]
+    return [
+        [SeenBoxes.of(each + spread * rng.standard_normal(each.shape), at) for at in TWO]
+        for each in truths
+    ]
 
 
 def test_road_users_say_what_a_bare_plane_does_not_by_their_derivatives():
@@ -220,30 +270,41 @@ def test_road_users_say_what_a_bare_plane_does_not_by_their_derivatives():
             after = object_pairs(seen, poses, 1.5)[0]
             rows = (before.one_row, before.other_row)[sensor][:, number]
             centres = np.arange(len(rows)) < 36  # 12 cars, three numbers each
-            np.testing.assert_allclose((after.residual - before.residual)[centres] / 1e-6, rows[centres], atol=0.05)
+            np.testing.assert_allclose(
+                (after.residual - before.residual)[centres] / 1e-6, rows[centres], atol=0.05
+            )
 
 
 def test_road_users_pair_by_nearest_and_heading():
-    boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0.0], [5.0, 0, 1, 4, 2, 1.5, 0.0], [9.0, 0, 1, 4, 2, 1.5, 0.0]])
+    boxes = np.array(
+        [[0.0, 0, 1, 4, 2, 1.5, 0.0], [5.0, 0, 1, 4, 2, 1.5, 0.0], [9.0, 0, 1, 4, 2, 1.5, 0.0]]
+    )
     others = boxes.copy()
     others[0, :2] += [0.5, 0.2]  # a road user seen by both
     others[1, 6] = 1.2  # heads elsewhere
     others[2, 0] += 3.0  # too far away
-    others = np.concatenate([others, [[0.9, 0, 1, 4, 2, 1.5, 0.0]]])  # near the first, but not the nearest
+    # near the first, but not the nearest
+    others = np.concatenate([others, [[0.9, 0, 1, 4, 2, 1.5, 0.0]]])
     here = np.eye(4)
-    pairs = object_pairs([[SeenBoxes.of(boxes, here), SeenBoxes.of(others, here)]], [here, here], 1.5)
+    pairs = object_pairs(
+        [[SeenBoxes.of(boxes, here), SeenBoxes.of(others, here)]], [here, here], 1.5
+    )
     assert len(pairs) == 1
     assert pairs[0].residual.tolist() == pytest.approx([-0.5, -0.2, 0.0, 0.0])
     assert (pairs[0].one, pairs[0].other) == (0, 1)
     box = np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]])
     round_about = box + np.array([[0, 0, 0, 0, 0, 0, np.pi - 0.05]])
-    pairs = object_pairs([[SeenBoxes.of(box, np.eye(4)), SeenBoxes.of(round_about, np.eye(4))]], [np.eye(4)] * 2, 1.5)
+    pairs = object_pairs(
+        [[SeenBoxes.of(box, np.eye(4)), SeenBoxes.of(round_about, np.eye(4))]], [np.eye(4)] * 2, 1.5
+    )
     assert pairs[0].residual[3] == pytest.approx(0.05)
     nothing = SeenBoxes(np.zeros((0, 3)), np.zeros((0, 3)))
     one = SeenBoxes.of(np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]]), np.eye(4))
     assert object_pairs([[one, nothing]], [np.eye(4)] * 2, 1.5) == []
     assert object_pairs([], [np.eye(4)] * 2, 1.5) == []
-    sensor = Sensor("c", DepthCamera(width=40, height=30), look((0.0, 0.0, 6.0), heading=0.0, tilt=np.pi / 2))
+    sensor = Sensor(
+        "c", DepthCamera(width=40, height=30), look((0.0, 0.0, 6.0), heading=0.0, tilt=np.pi / 2)
+    )
     site = Site("slope", np.array([-20.0, -20, 20, 20]), relief=Relief(slope=(0.05, 0.0)))
     frame = Frame((sensor,), (np.full(sensor.model.shape, 5.0, np.float32),), Objects.empty())
 
@@ -255,7 +316,9 @@ def test_road_users_pair_by_nearest_and_heading():
 
     seen = seen_objects([frame], detector, site)[0][0]
     np.testing.assert_allclose(transform(sensor.pose, seen.centres), [[2.0, 1.0, 1.1]], atol=1e-9)
-    np.testing.assert_allclose(seen.ahead @ sensor.pose[:3, :3].T, [[np.cos(0.3), np.sin(0.3), 0.0]], atol=1e-9)
+    np.testing.assert_allclose(
+        seen.ahead @ sensor.pose[:3, :3].T, [[np.cos(0.3), np.sin(0.3), 0.0]], atol=1e-9
+    )
 
 
 def joint_of(*pairs, free=None):
@@ -263,25 +326,29 @@ def joint_of(*pairs, free=None):
 
 
 def rows_along(number, residuals, one=0, other=1):
-    """Rows that pull two sensors together along one of their numbers. Of a residual of 1 m or more the weight is 0."""
+    """Rows that pull two sensors together along one of their numbers. Of a residual of 1 m or more
+    the weight is 0."""
     rows, ones = np.tile(np.eye(6)[number], (len(residuals), 1)), np.ones(len(residuals))
     return Pairs(one, other, rows, -rows, np.array(residuals), ones, ones)
 
 
 def test_a_motion_of_two_sensors_is_observed_if_rows_that_count_resist_it():
-    """Each row resists a motion of both sensors, one unit each, twice, so with 4: two rows are enough for 5. One row is
-    not, with any number of others beyond their limit."""
+    """Each row resists a motion of both sensors, one unit each, twice, so with 4: two rows are
+    enough for 5. One row is not, with any number of others beyond their limit."""
     common = np.concatenate([np.eye(6), np.eye(6)], axis=1) / np.sqrt(2)
     system = joint_of(rows_along(0, [0.0, 0.0]), rows_along(4, [0.0] + [1.0] * 20))
     values, vectors, observed = system._modes
     assert observed.sum() == 1
-    assert np.abs(vectors[:, observed][:, 0]) == pytest.approx(np.abs(np.eye(12)[0] + np.eye(12)[6]) / np.sqrt(2))
+    assert np.abs(vectors[:, observed][:, 0]) == pytest.approx(
+        np.abs(np.eye(12)[0] + np.eye(12)[6]) / np.sqrt(2)
+    )
     assert values[observed] == pytest.approx([4.0])
     hidden = system.hidden_motions(common)
     assert len(hidden) == 5
     assert np.abs(hidden[:, 0]).max() < 1e-9
     assert np.abs(hidden @ common.T).max() < 1e-9  # without those of all sensors together
-    one = joint_of(rows_along(0, [0.0] * 4), free=np.arange(12) >= 6)  # held, the other resists alone
+    # held, the other resists alone
+    one = joint_of(rows_along(0, [0.0] * 4), free=np.arange(12) >= 6)
     assert one._modes[2].sum() == 0
     for free in (np.arange(12) >= 6, np.arange(12) < 6):  # whichever is held
         six = joint_of(rows_along(0, [0.0] * 6), free=free)
@@ -291,9 +358,14 @@ def test_a_motion_of_two_sensors_is_observed_if_rows_that_count_resist_it():
         assert np.abs(vectors[:, observed][:, 0]) == pytest.approx(np.eye(12)[0 if free[0] else 6])
 
 
-@pytest.mark.parametrize(("strength", "count", "seen"), [(0.3, 56, True), (0.3, 55, False), (0.09, 1000, False)])
-def test_rows_that_resist_little_count_by_their_square_and_those_that_hardly_do_not_at_all(strength, count, seen):
-    """More than five must: with 0.3 of a motion 56 rows are 5.04. Below a tenth is the noise of normals."""
+@pytest.mark.parametrize(
+    ("strength", "count", "seen"), [(0.3, 56, True), (0.3, 55, False), (0.09, 1000, False)]
+)
+def test_rows_that_resist_little_count_by_their_square_and_those_that_hardly_do_not_at_all(
+    strength, count, seen
+):
+    """More than five must: with 0.3 of a motion 56 rows are 5.04. Below a tenth is the noise of
+    normals."""
     for deviation in (1.0, 10.0):  # however unsure they are
         rows = strength * np.tile(np.eye(6)[3], (count, 1))
         pairs = Pairs(0, 1, rows, -rows, np.zeros(count), np.full(count, deviation), np.ones(count))
@@ -302,7 +374,8 @@ def test_rows_that_resist_little_count_by_their_square_and_those_that_hardly_do_
 
 @pytest.mark.parametrize(("metres", "steps"), [(1e-4, 4), (1e-3, 5)])
 def test_levels_end_with_a_step_below_a_ten_thousandth_of_their_radius(metres, steps):
-    """Of 1.5 m at first. One step takes a sensor where sure rows want it, and each level makes one at least."""
+    """Of 1.5 m at first. One step takes a sensor where sure rows want it, and each level makes one
+    at least."""
     surface, far, asked = seen_by(TRUE[0], np.random.default_rng(7)), np.eye(4), []
     far[0, 3] = 500.0
 
@@ -310,7 +383,9 @@ def test_levels_end_with_a_step_below_a_ten_thousandth_of_their_radius(metres, s
         asked.append(radius)
         residual = registration.motion_between(far, poses[1]) - [0, 0, 0, metres, 0, 0]
         rows, sure = np.repeat(np.eye(6), 10, axis=0), np.full(60, 1e-3)
-        return [Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), sure, np.full(60, 1e6))]
+        return [
+            Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), sure, np.full(60, 1e6))
+        ]
 
     found = align([surface, surface], [np.eye(4), far], held=[0], more=more)
     assert found.poses[1][0, 3] == pytest.approx(500 + metres, rel=1e-6)
@@ -318,14 +393,17 @@ def test_levels_end_with_a_step_below_a_ten_thousandth_of_their_radius(metres, s
 
 
 def test_surfaces_pair_by_hand(monkeypatch):
-    """Sensor 1 is turned by a quarter and sees a point 3 cm above the first's, both on level ground."""
+    """Sensor 1 is turned by a quarter and sees a point 3 cm above the first's, both on level
+    ground."""
     turned = np.eye(4)
     turned[:2, :2], turned[:3, 3] = [[0, -1], [1, 0]], [1.0, 2.0, 0.0]
     up = np.array([[0.0, 0, 1]])
     place = np.array([[4.0, 5.0, 0.0]])
     surfaces = [
         Surface(place, up, np.array([0.03])),
-        Surface(transform(invert(turned), place + np.array([[0.0, 0.0, 0.03]])), up, np.array([0.04])),
+        Surface(
+            transform(invert(turned), place + np.array([[0.0, 0.0, 0.03]])), up, np.array([0.04])
+        ),
     ]
     rows = [np.array([0])] * 2
     first, second = joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))
@@ -335,21 +413,32 @@ def test_surfaces_pair_by_hand(monkeypatch):
     deviation = np.sqrt(0.03**2 + 0.04**2 + 0.01**2)
     assert first.deviation == pytest.approx([3 * deviation])
     assert first.limit == pytest.approx([4.685 * deviation])
-    assert joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[0].limit == pytest.approx([0.9])
+    assert joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[
+        0
+    ].limit == pytest.approx([0.9])
     assert first.one_row == pytest.approx(registration.resistance(place, np.zeros(3), up))
-    assert first.other_row == pytest.approx(-registration.resistance(place, np.array([1.0, 2.0, 0.0]), up))
+    assert first.other_row == pytest.approx(
+        -registration.resistance(place, np.array([1.0, 2.0, 0.0]), up)
+    )
     weight = (1 - (0.03 / (4.685 * deviation)) ** 2) ** 2 / (9 * deviation**2)
     assert first.weight == pytest.approx([weight])
     down = [surfaces[0], Surface(surfaces[1].points, -up, surfaces[1].roughness)]
-    assert [len(pair.residual) for pair in joint._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))] == [0, 0]
+    assert [
+        len(pair.residual)
+        for pair in joint._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))
+    ] == [0, 0]
     monkeypatch.setattr(joint, "_SAME_SIDE", 1.0)  # the cosine must be greater
-    assert not len(joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual)
+    assert not len(
+        joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual
+    )
 
 
 def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about_z_alone():
     own = np.array([[0.9, 0, 1, 4, 2, 1.5, 0.0], [-0.2, 0, 1, 4, 2, 1.5, 0.1]])
     theirs = np.array([[0.0, 0.0, 1, 4, 2, 1.5, 0.0]])
-    (pair,) = object_pairs([[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5)
+    (pair,) = object_pairs(
+        [[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5
+    )
     assert pair.residual == pytest.approx([-0.2, 0.0, 0.0, 0.1])
     assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER, 0, 0, 0]
     assert pair.deviation == pytest.approx([0.25 * np.sqrt(2)] * 3 + [np.deg2rad(4.0) * np.sqrt(2)])
@@ -359,12 +448,15 @@ def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about
     assert object_pairs([[alone, away]], [np.eye(4)] * 2, 1.0) == []  # as far off as the gate
     assert len(object_pairs([[alone, away]], [np.eye(4)] * 2, 1.001)) == 1
     for radius, gate in ((0.1, 0.8), (1.0, 1.0), (9.0, 1.5)):
-        (pair,) = object_pairs([[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, radius)
+        (pair,) = object_pairs(
+            [[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, radius
+        )
         assert pair.limit[0] == gate
 
 
 def test_scatter_is_the_robust_spread_of_a_sensors_own_rows():
-    """Of the rows of the third sensor, which sees nothing else, the median is 4 cm; one counts for nothing."""
+    """Of the rows of the third sensor, which sees nothing else, the median is 4 cm; one counts for
+    nothing."""
     rng, far = np.random.default_rng(3), TRUE[2].copy()
     far[0, 3] += 500.0
     surfaces = [seen_by(pose, rng) for pose in TRUE]

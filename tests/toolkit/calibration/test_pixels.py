@@ -18,12 +18,16 @@ CAMERA = DepthCamera(width=16, height=12, stride=2)  # as many pixels
 
 
 def deviation(value, model=MODEL):
-    return float(np.ravel(model.deviation(np.array([value], np.float32)))[0]) if math.isfinite(value) else 0.0
+    return (
+        float(np.ravel(model.deviation(np.array([value], np.float32)))[0])
+        if math.isfinite(value)
+        else 0.0
+    )
 
 
 def images(n, seed, model=MODEL):
-    """Pixels that see up to four surfaces, some of them in runs, each with noise, and pixels that see a new one each
-    time."""
+    """Pixels that see up to four surfaces, some of them in runs, each with noise, and pixels that
+    see a new one each time."""
     rng = np.random.default_rng(seed)
     made = np.zeros((n, *model.shape), np.float32)
     for row, column in np.ndindex(model.shape):
@@ -31,7 +35,9 @@ def images(n, seed, model=MODEL):
         if kind == 0:
             depth = rng.uniform(3, 60, n)
         else:
-            surfaces = rng.choice([0.0, 0.6, 8.0, 8.4, 20.0, 21.0, 50.0], rng.integers(1, 5), replace=False)
+            surfaces = rng.choice(
+                [0.0, 0.6, 8.0, 8.4, 20.0, 21.0, 50.0], rng.integers(1, 5), replace=False
+            )
             which = rng.integers(len(surfaces), size=n)
             depth = surfaces[np.sort(which) if kind == 1 else which]
             depth = depth + rng.normal(0, 0.02, n) * (depth > 0)
@@ -44,7 +50,9 @@ def clusters_of(values, model):
     parts = [[values[0]]]
     for before, value in pairwise(values):
         gap = max(4 * deviation(before, model), 0.004 * before)
-        if (math.isinf(value) and math.isfinite(before)) or (math.isfinite(value) and value - before > gap):
+        if (math.isinf(value) and math.isfinite(before)) or (
+            math.isfinite(value) and value - before > gap
+        ):
             parts.append([])
         parts[-1].append(value)
     return parts
@@ -54,7 +62,9 @@ def mode_of(part, n, model):
     """Median, spread, share, least and greatest of one cluster."""
     finite = [value if math.isfinite(value) else 0.0 for value in part]
     median = float(np.median(finite))
-    spread = max(1.4826 * float(np.median(np.abs(np.array(finite) - median))), deviation(median, model))
+    spread = max(
+        1.4826 * float(np.median(np.abs(np.array(finite) - median))), deviation(median, model)
+    )
     return [median, spread if median > 0 else 0.0, len(part) / n, finite[0], finite[-1]]
 
 
@@ -73,24 +83,36 @@ def pixel_modes(series, model):
     near = parts[max(rivals, key=lambda k: (len(parts[k]), k))]
     present = [near[0] <= value <= near[-1] for value in times]
     share = sum(present) / n
-    comes = sum(now and not before for before, now in zip([False, *present[:-1]], present, strict=True))
-    return mode_of(parts[far], n, model), mode_of(near, n, model), comes >= 0.25 * share * (1 - share) * n
+    comes = sum(
+        now and not before for before, now in zip([False, *present[:-1]], present, strict=True)
+    )
+    return (
+        mode_of(parts[far], n, model),
+        mode_of(near, n, model),
+        comes >= 0.25 * share * (1 - share) * n,
+    )
 
 
-@pytest.mark.parametrize(("n", "model"), [(1, MODEL), (2, MODEL), (3, CAMERA), (13, CAMERA), (20, MODEL), (41, MODEL)])
+@pytest.mark.parametrize(
+    ("n", "model"), [(1, MODEL), (2, MODEL), (3, CAMERA), (13, CAMERA), (20, MODEL), (41, MODEL)]
+)
 def test_clusters_of_every_pixel_are_an_oracles(n, model):
     stack = images(n, n, model)
     far, near, flickers = empty_scene._clusters(stack, model)
     for at in np.ndindex(model.shape):
         wanted_far, wanted_near, wanted = pixel_modes(stack[(slice(None), *at)], model)
         assert [each[at] for each in far] == pytest.approx(wanted_far, rel=1e-4, abs=1e-5), at
-        assert [each[at] for each in near] == pytest.approx(wanted_near, rel=1e-4, abs=1e-5, nan_ok=True), at
+        assert [each[at] for each in near] == pytest.approx(
+            wanted_near, rel=1e-4, abs=1e-5, nan_ok=True
+        ), at
         assert flickers[at] == wanted, at
 
 
 def random_mode(seed, shape=MODEL.shape):
     rng = np.random.default_rng(seed)
-    median = np.where(rng.random(shape) < 0.2, 0, np.exp(rng.uniform(-1.0, 4.1, shape))).astype(np.float32)
+    median = np.where(rng.random(shape) < 0.2, 0, np.exp(rng.uniform(-1.0, 4.1, shape))).astype(
+        np.float32
+    )
     spread = np.where(median > 0, rng.uniform(0.01, 0.2, shape), 0).astype(np.float32)
     share = rng.choice([0.3, 0.5, 0.9], shape).astype(np.float32)
     return empty_scene._Mode(median, spread, share, median - 1, median + 1)
@@ -112,7 +134,8 @@ def test_the_usual_spread_is_the_median_of_pixels_as_far_that_mostly_see_the_sce
     asked = np.array([[0.0, 0.2, 0.7, 5.5, 20.0, 59.0, 200.0, np.nan]], np.float32)
     logs = [math.log(each) if each > 0 else 0.0 for each in asked[0]]
     wanted = [
-        max(np.interp(at, middles, usual), deviation(d)) for at, d in zip(logs, np.nan_to_num(asked[0]), strict=True)
+        max(np.interp(at, middles, usual), deviation(d))
+        for at, d in zip(logs, np.nan_to_num(asked[0]), strict=True)
     ]
     found = empty_scene._usual_spread(far, MODEL)(asked)
     assert found[0] == pytest.approx(wanted, rel=1e-5)
@@ -122,15 +145,18 @@ def test_the_usual_spread_is_the_median_of_pixels_as_far_that_mostly_see_the_sce
     )
     sky = empty_scene._Mode(*(np.zeros((2, 2), np.float32) for _ in range(5)))
     sky = sky._replace(share=np.ones((2, 2), np.float32))
-    assert empty_scene._usual_spread(sky, MODEL)(np.full((1, 1), 9.0, np.float32)).item() == pytest.approx(
-        deviation(9.0)
-    )
+    assert empty_scene._usual_spread(sky, MODEL)(
+        np.full((1, 1), 9.0, np.float32)
+    ).item() == pytest.approx(deviation(9.0))
 
 
 def narrowed(values, least, greatest, usual):
     """Densest stretch of a pixel's measurements, the farthest of equal ones."""
     inside = sorted(value for value in values if least <= value <= greatest)
-    counts = [sum(start <= value <= start + 8 * usual for value in inside[k:]) for k, start in enumerate(inside)]
+    counts = [
+        sum(start <= value <= start + 8 * usual for value in inside[k:])
+        for k, start in enumerate(inside)
+    ]
     begin = max(range(len(inside)), key=lambda k: (counts[k], k))
     part = inside[begin : begin + counts[begin]]
     median = float(np.median(part))
@@ -147,23 +173,32 @@ def test_broad_clusters_are_narrowed_as_an_oracle_does(monkeypatch, at_once):
     usual = rng.uniform(0.011, 0.05, MODEL.shape).astype(np.float32)
     least = np.sort(stack, axis=0)[3]
     mode = empty_scene._Mode(
-        np.median(stack, axis=0), usual * rng.choice([1.0, 2.0, 2.1, 9.0], MODEL.shape).astype(np.float32),
-        np.ones(MODEL.shape, np.float32), least, np.sort(stack, axis=0)[-2],
-    )  # fmt: skip
+        np.median(stack, axis=0),
+        usual * rng.choice([1.0, 2.0, 2.1, 9.0], MODEL.shape).astype(np.float32),
+        np.ones(MODEL.shape, np.float32),
+        least,
+        np.sort(stack, axis=0)[-2],
+    )
     before = [each.copy() for each in mode]
     found = empty_scene._narrow_broad(mode, usual, list(stack))
     for at in np.ndindex(MODEL.shape):
         if mode.spread[at] <= 2 * usual[at]:
             assert [each[at] for each in found] == [each[at] for each in mode]
             continue
-        values, (low, high) = stack[(slice(None), *at)].tolist(), (mode.least[at], mode.greatest[at])
+        values, (low, high) = (
+            stack[(slice(None), *at)].tolist(),
+            (mode.least[at], mode.greatest[at]),
+        )
         wanted = narrowed(values, low, high, float(usual[at]))
-        assert (found.median[at], found.spread[at], found.share[at]) == pytest.approx(wanted, rel=1e-4), at
+        assert (found.median[at], found.spread[at], found.share[at]) == pytest.approx(
+            wanted, rel=1e-4
+        ), at
     assert all(np.array_equal(one, other) for one, other in zip(mode, before, strict=True))
 
 
 def continues(near, far, row, column):
-    """Whether a neighbour's farthest surface goes on in a nearer one, and is another than the pixel's own plane."""
+    """Whether a neighbour's farthest surface goes on in a nearer one, and is another than the
+    pixel's own plane."""
     median = float(near.median[row, column])
     within = max(4 * float(near.spread[row, column]), 0.004 * median)
 
@@ -186,25 +221,38 @@ def continues(near, far, row, column):
 def test_nearer_surfaces_that_continue_a_neighbours_are_an_oracles(seed):
     rng = np.random.default_rng(seed)
     far = rng.choice([0.0, 0.5, 10.0, 10.5, 12.0, 30.0], MODEL.shape).astype(np.float32)
-    median = np.where(rng.random(MODEL.shape) < 0.2, np.nan, rng.choice([10.0, 10.03, 11.95, 5.0, 0.5], MODEL.shape))
+    median = np.where(
+        rng.random(MODEL.shape) < 0.2,
+        np.nan,
+        rng.choice([10.0, 10.03, 11.95, 5.0, 0.5], MODEL.shape),
+    )
     spread = rng.choice([0.001, 0.02], MODEL.shape).astype(np.float32)
-    near = empty_scene._Mode(median.astype(np.float32), spread, *(np.zeros(MODEL.shape, np.float32),) * 3)
+    near = empty_scene._Mode(
+        median.astype(np.float32), spread, *(np.zeros(MODEL.shape, np.float32),) * 3
+    )
     found = empty_scene._continuation_mask(near, far)
-    wanted = [[continues(near, far, i, j) for j in range(MODEL.shape[1])] for i in range(MODEL.shape[0])]
+    wanted = [
+        [continues(near, far, i, j) for j in range(MODEL.shape[1])] for i in range(MODEL.shape[0])
+    ]
     assert found.tolist() == wanted
     assert 0 < found.sum() < found.size
 
 
-@pytest.mark.parametrize(("depth", "elsewhere", "another"), [(0.5, 0.5, False), (1.0, 0.0, True), (10.0, 0.0, True)])
+@pytest.mark.parametrize(
+    ("depth", "elsewhere", "another"), [(0.5, 0.5, False), (1.0, 0.0, True), (10.0, 0.0, True)]
+)
 def test_surfaces_within_a_metre_and_beside_nothing_returned(depth, elsewhere, another):
-    """A plane goes on as itself however near it is; where nothing returns there is no plane to go on."""
+    """A plane goes on as itself however near it is; where nothing returns there is no plane to go
+    on."""
     far = np.full(MODEL.shape, elsewhere, np.float32)
     far[2, 2] = depth
     spread, none = np.full(MODEL.shape, 0.001, np.float32), np.zeros(MODEL.shape, np.float32)
     found = empty_scene._continuation_mask(
         empty_scene._Mode(np.full(MODEL.shape, depth, np.float32), spread, none, none, none), far
     )
-    assert found[2, 3] == continues(empty_scene._Mode(np.full(MODEL.shape, depth), spread, none, none, none), far, 2, 3)
+    assert found[2, 3] == continues(
+        empty_scene._Mode(np.full(MODEL.shape, depth), spread, none, none, none), far, 2, 3
+    )
     assert found[2, 3] == another
 
 
@@ -236,7 +284,8 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
 
 
 def test_scenes_are_of_images_spread_over_the_first_frames():
-    """Frame k shows a wall at 10 + k m, no two of which are one surface: the last seen of the equally rare."""
+    """Frame k shows a wall at 10 + k m, no two of which are one surface: the last seen of the
+    equally rare."""
     sensors = (Sensor("a", MODEL, np.eye(4)), Sensor("b", MODEL, np.eye(4)))
     asked = []
 
@@ -246,7 +295,10 @@ def test_scenes_are_of_images_spread_over_the_first_frames():
             return super().__getitem__(k)
 
     images = [np.full(MODEL.shape, 10.0 + k, np.float32) for k in range(9)]
-    frames = Frames(Frame(sensors, (image, image * 2), Objects.empty(), 0.1 * k, k) for k, image in enumerate(images))
+    frames = Frames(
+        Frame(sensors, (image, image * 2), Objects.empty(), 0.1 * k, k)
+        for k, image in enumerate(images)
+    )
     one, other = empty_scene.learn_empty_scenes(frames, sample=3)
     assert (asked, one.frames) == ([0, 4, 8], 3)
     assert (one.name, one.first[0, 0], other.first[0, 0]) == ("a", 18.0, 36.0)
@@ -291,7 +343,10 @@ def uniform(value):
 def test_every_image_of_the_sample_counts():
     """A wall at 10 m in two of three images, and one at 30 m in the last."""
     sensors = (Sensor("a", MODEL, np.eye(4)),)
-    frames = [Frame(sensors, (uniform(10.0 + 20 * (k == 2)),), Objects.empty(), 0.1 * k, k) for k in range(3)]
+    frames = [
+        Frame(sensors, (uniform(10.0 + 20 * (k == 2)),), Objects.empty(), 0.1 * k, k)
+        for k in range(3)
+    ]
     (found,) = empty_scene.learn_empty_scenes(frames, sample=3)
     assert found.first[0, 0] == 10.0
 
@@ -307,12 +362,17 @@ def learnt_of(columns):
 def test_a_tenth_of_the_images_and_before_nothing_half_of_them_are_enough():
     """The second pixel shows what stands beside it in 2 of 20 images, or in 2 of 21."""
     for count, enough in ((20, True), (21, False)):
-        found = learnt_of([[10.0, 10.0 if k in (3, 9) else 20.0, *[20.0] * 6] for k in range(count)])
+        found = learnt_of(
+            [[10.0, 10.0 if k in (3, 9) else 20.0, *[20.0] * 6] for k in range(count)]
+        )
         assert bool(found.second[0, 1] == 10.0) == enough
         assert found.first[0, 1] == 20.0
     for count, seen, enough in ((20, 10, True), (20, 9, False)):  # elsewhere nothing returns at all
         found = learnt_of(
-            [[0.0, 0.0, 0.0, 0.0, 20.0 if k % 2 == 0 and k < 2 * seen else 0.0] + [0.0] * 3 for k in range(count)]
+            [
+                [0.0, 0.0, 0.0, 0.0, 20.0 if k % 2 == 0 and k < 2 * seen else 0.0] + [0.0] * 3
+                for k in range(count)
+            ]
         )
         assert found.first[0, 4] == 0.0
         assert bool(found.second[0, 4] == 20.0) == enough
@@ -322,18 +382,28 @@ def test_measurements_just_a_gap_apart_are_one_cluster(monkeypatch):
     """The gap at 8 m is 2 m, and at 10 m 2.5: 8 and 10 are one surface, 13 another."""
     monkeypatch.setattr(empty_scene, "GAP_SIGMAS", 0.0)
     monkeypatch.setattr(empty_scene, "GAP_SHARE", 0.25)
-    far, near, _ = empty_scene._clusters(np.stack([uniform(each) for each in (8.0, 10.0, 13.0, 13.0)]), MODEL)
+    far, near, _ = empty_scene._clusters(
+        np.stack([uniform(each) for each in (8.0, 10.0, 13.0, 13.0)]), MODEL
+    )
     assert (far.median[0, 0], far.share[0, 0]) == (13.0, 0.5)
-    assert (near.median[0, 0], near.least[0, 0], near.greatest[0, 0], near.share[0, 0]) == (9.0, 8.0, 10.0, 0.5)
+    assert (near.median[0, 0], near.least[0, 0], near.greatest[0, 0], near.share[0, 0]) == (
+        9.0,
+        8.0,
+        10.0,
+        0.5,
+    )
 
 
 def test_the_densest_stretch_has_both_its_ends_and_may_be_a_single_measurement():
-    """Eight usual spreads are a metre. Measurements outside the cluster do not count, however many they are."""
+    """Eight usual spreads are a metre. Measurements outside the cluster do not count, however many
+    they are."""
 
     def narrow(values, least, greatest, usual):
         one = [np.full((1, 1), each, np.float32) for each in (11.0, 9.0, 1.0, least, greatest)]
         images = [np.full((1, 1), each, np.float32) for each in values]
-        found = empty_scene._narrow_broad(empty_scene._Mode(*one), np.full((1, 1), usual, np.float32), images)
+        found = empty_scene._narrow_broad(
+            empty_scene._Mode(*one), np.full((1, 1), usual, np.float32), images
+        )
         return found.median.item(), found.share.item()
 
     assert narrow((10.0, 10.5, 11.0, 13.0, 15.0), 10.0, 15.0, 0.125) == pytest.approx((10.5, 3 / 5))
@@ -343,7 +413,9 @@ def test_the_densest_stretch_has_both_its_ends_and_may_be_a_single_measurement()
 def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkeypatch):
     def mask(far, near, spread):
         none = np.zeros(MODEL.shape, np.float32)
-        return empty_scene._continuation_mask(empty_scene._Mode(near, uniform(spread), none, none, none), far)
+        return empty_scene._continuation_mask(
+            empty_scene._Mode(near, uniform(spread), none, none, none), far
+        )
 
     far, near = uniform(30.0), uniform(np.nan)
     far[2, 3], near[2, 4], near[4, 4] = 10.0, 11.0, 11.001
@@ -352,7 +424,8 @@ def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkey
     assert not mask(uniform(10.0), close, 0.02).any()
     monkeypatch.setattr(empty_scene, "OTHER_SURFACE", 0.5)
     far, near = uniform(4.0), uniform(np.nan)
-    far[2, 3], near[2, 2] = 6.0, 6.0  # just half as far again as the plane through the pixel and the one before
+    # just half as far again as the plane through the pixel and the one before
+    far[2, 3], near[2, 2] = (6.0, 6.0)
     assert not mask(far, near, 0.01).any()
     far[2, 3], near[2, 2] = 6.25, 6.25
     assert np.argwhere(mask(far, near, 0.01)).tolist() == [[2, 2]]
@@ -363,17 +436,22 @@ def test_digests_are_of_name_model_frames_and_all_images():
     model = SolidStateLidar(rows=6, columns=8, horizontal_fov=2.0, vertical_fov=0.5)
     depths = [20.0, 0.25, 0.5, np.nan, 0.0, 0.0]
     names = ("first", "spread", "share", "second", "second_spread", "second_share")
-    found = empty_scene.EmptyScene("s", model, **dict(zip(names, map(uniform, depths), strict=True)), frames=3)
+    found = empty_scene.EmptyScene(
+        "s", model, **dict(zip(names, map(uniform, depths), strict=True)), frames=3
+    )
     said = (
-        '["s", {"class": "SolidStateLidar", "columns": 8, "horizontal_fov": 2.0, "max_range": 150.0, "rows": 6, '
-        '"sigma": 0.02, "sigma_per_metre": 0.0003, "vertical_fov": 0.5}, 3]'
+        '["s", {"class": "SolidStateLidar", "columns": 8, "horizontal_fov": 2.0, "max_range": '
+        '150.0, "rows": 6, "sigma": 0.02, "sigma_per_metre": 0.0003, "vertical_fov": 0.5}, 3]'
     )
     images = b"".join(uniform(depth).tobytes() for depth in depths)
     assert found.digest == hashlib.sha256(said.encode() + images).hexdigest()
 
 
 def test_one_pixel_that_is_infinite_or_negative_spoils_a_scene():
-    good = {name: uniform(0.5) for name in ("first", "spread", "share", "second", "second_spread", "second_share")}
+    good = {
+        name: uniform(0.5)
+        for name in ("first", "spread", "share", "second", "second_spread", "second_share")
+    }
     for wrong in (np.inf, -0.5):
         bad = uniform(0.5)
         bad[3, 3] = wrong

@@ -26,11 +26,18 @@ AREA = np.array([-12.0, -12, 12, 12])
 
 
 def place(*corners):
-    outlines = [np.array([[x, y], [x + 4.0, y], [x + 4.0, y + 3.0], [x, y + 3.0]]) for x, y in corners]
-    return Site("place", AREA, solids=tuple(Solid(each, 0.0, 4.0, "container") for each in outlines))
+    outlines = [
+        np.array([[x, y], [x + 4.0, y], [x + 4.0, y + 3.0], [x, y + 3.0]]) for x, y in corners
+    ]
+    return Site(
+        "place", AREA, solids=tuple(Solid(each, 0.0, 4.0, "container") for each in outlines)
+    )
 
 
-PLACE, PLACE_TOGETHER = place((-8, 4), (3, 5), (-2, -9), (6, -5)), place((-8, 4), (3, 5), (-2, -2), (6, -5))
+PLACE, PLACE_TOGETHER = (
+    place((-8, 4), (3, 5), (-2, -9), (6, -5)),
+    place((-8, 4), (3, 5), (-2, -2), (6, -5)),
+)
 MODEL = DepthCamera(width=160, height=120, stride=2)
 TRUE = (
     Sensor("a", MODEL, look((-9.0, -9.0, 5.0), heading=0.8, tilt=0.35)),
@@ -80,7 +87,9 @@ def test_sensors_where_they_should_be_have_not_drifted_and_errors_of_a_profile_t
         assert not each.drifted
         assert each.distance < 0.01
     for each, true in zip(
-        poses.find_poses(ReadRecording(recording(TRUE), Reads("typical", 3)), surface()), TRUE, strict=True
+        poses.find_poses(ReadRecording(recording(TRUE), Reads("typical", 3)), surface()),
+        TRUE,
+        strict=True,
     ):
         assert np.linalg.norm(each.sensor.pose[:3, 3] - true.pose[:3, 3]) > 0.005
         assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.02
@@ -109,7 +118,9 @@ def test_too_few_frames_and_other_places_are_refused():
         poses.find_poses(recording_together(TRUE_TOGETHER[:2]), held=["c"])
     with pytest.raises(ValueError, match="got 1 surfaces"):
         poses.find_poses(recording_together(TRUE_TOGETHER[:1]))
-    nobody = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    nobody = Frame.of_clouds(
+        "0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty()
+    )
     with pytest.raises(ValueError, match="no frame has a point"):
         poses.find_poses([nobody])
     samples = recording_sample_poses(1)
@@ -142,11 +153,21 @@ def test_drifts_are_clear_and_said_in_degrees():
     assert said["unobserved"] == ["move along x 1.00"]
     assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
     assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
-    assert poses.describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
-    findings = poses.drift_findings([found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction")
+    assert (
+        poses.describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0]))
+        == "turn about z 0.70, move along y -0.70"
+    )
+    findings = poses.drift_findings(
+        [found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction"
+    )
     assert [(each.severity, each.where) for each in findings] == [("warning", "sensor north")]
-    assert "turned by 1.50° and moved by 50.0 cm against tjunction, to within 0.10° and 0.2 cm" in findings[0].evidence
-    findings = poses.drift_findings([poses.FoundPose(SENSOR, None, "only 4% of its points")], "tjunction")
+    assert (
+        "turned by 1.50° and moved by 50.0 cm against tjunction, to within 0.10° and 0.2 cm"
+        in findings[0].evidence
+    )
+    findings = poses.drift_findings(
+        [poses.FoundPose(SENSOR, None, "only 4% of its points")], "tjunction"
+    )
     assert findings[0].suspected == "its pose cannot be checked against tjunction"
     assert findings[0].evidence == "only 4% of its points"
 
@@ -171,19 +192,23 @@ class Recorded(list):
 
 def recording_together(sensors, count=6):
     return Recorded(
-        Frame(tuple(sensors), images_together()[: len(sensors)], Objects.empty(), 0.1 * k, k) for k in range(count)
+        Frame(tuple(sensors), images_together()[: len(sensors)], Objects.empty(), 0.1 * k, k)
+        for k in range(count)
     )
 
 
 def test_sensors_are_put_right_by_each_other():
     crooked = Sensor("b", MODEL, TRUE_TOGETHER[1].pose @ ERROR)
-    found = poses.find_poses(recording_together([TRUE_TOGETHER[0], crooked, TRUE_TOGETHER[2]]), held=["a"])
+    found = poses.find_poses(
+        recording_together([TRUE_TOGETHER[0], crooked, TRUE_TOGETHER[2]]), held=["a"]
+    )
     assert [each.sensor.name for each in found] == ["a", "b", "away"]
     assert found[0].pose.tobytes() == TRUE_TOGETHER[0].pose.tobytes()
     assert np.linalg.norm(found[1].pose[:3, 3] - TRUE_TOGETHER[1].position) < 0.02
     assert [each.drifted for each in found[:2]] == [False, True]
     assert "it shares 0 points with the other sensors, 50 are needed" in found[2].refusal
-    a, b = poses.find_poses(recording_together([TRUE_TOGETHER[0], crooked]))  # with none held both move half way
+    # with none held both move half way
+    a, b = poses.find_poses(recording_together([TRUE_TOGETHER[0], crooked]))
     assert a.distance == pytest.approx(b.distance, abs=0.03)
     assert 0.0 < a.distance < 0.06
 
@@ -202,7 +227,9 @@ def clouds():
     made = []
     for sensor, image in zip(TRUE_CLOUDS, images, strict=True):
         points, valid = unproject(sensor, image)
-        made.append(transform(invert(sensor.pose), points.T[valid].astype(np.float64)).astype(np.float32))
+        made.append(
+            transform(invert(sensor.pose), points.T[valid].astype(np.float64)).astype(np.float32)
+        )
     return made
 
 
@@ -211,16 +238,23 @@ def recording_sample_poses(count, *, driving=0.0, frame="sensor"):
     believed = (TRUE_CLOUDS[0].pose, ERROR @ TRUE_CLOUDS[1].pose)
     samples = []
     for k in range(count):
-        own = [SensorCloud(s.name, p, pose_) for s, p, pose_ in zip(TRUE_CLOUDS, clouds(), believed, strict=True)]
+        own = [
+            SensorCloud(s.name, p, pose_)
+            for s, p, pose_ in zip(TRUE_CLOUDS, clouds(), believed, strict=True)
+        ]
         if frame == "world":
             own = [replace(c, points=c.in_world().astype(np.float32), frame="world") for c in own]
-        samples.append(Frame.of_clouds(str(k), tuple(own), Objects.empty(), map_SE3_world=pose(driving * k)))
+        samples.append(
+            Frame.of_clouds(str(k), tuple(own), Objects.empty(), map_SE3_world=pose(driving * k))
+        )
     return samples
 
 
 def apart(one, other):
     turn = one[:3, :3] @ other[:3, :3].T
-    return np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))), np.linalg.norm(one[:3, 3] - other[:3, 3])
+    return np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))), np.linalg.norm(
+        one[:3, 3] - other[:3, 3]
+    )
 
 
 @pytest.mark.parametrize(("count", "driving"), [(5, 0.0), (2, 0.0), (6, 3.0)])
@@ -228,16 +262,21 @@ def test_by_each_other(count, driving):
     found = poses.find_poses(recording_sample_poses(count, driving=driving), held=["a"])
     assert [each.sensor.name for each in found] == ["a", "b"]
     np.testing.assert_array_equal(found[0].pose, TRUE_CLOUDS[0].pose)
-    assert apart(ERROR @ TRUE_CLOUDS[1].pose, TRUE_CLOUDS[1].pose)[0] == pytest.approx(0.78, abs=0.01)
+    assert apart(ERROR @ TRUE_CLOUDS[1].pose, TRUE_CLOUDS[1].pose)[0] == pytest.approx(
+        0.78, abs=0.01
+    )
     turn, move = apart(found[1].pose, TRUE_CLOUDS[1].pose)
     assert turn < 0.1
     assert move < 0.04
 
 
 @pytest.mark.parametrize(
-    ("count", "driving", "learns"), [(5, 0.0, 1), (5, 0.1, 1), (5, 0.125, 1), (4, 0.0, 0), (5, 0.126, 0), (5, 0.6, 0)]
+    ("count", "driving", "learns"),
+    [(5, 0.0, 1), (5, 0.1, 1), (5, 0.125, 1), (4, 0.0, 0), (5, 0.126, 0), (5, 0.6, 0)],
 )
-def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypatch, count, driving, learns):
+def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(
+    monkeypatch, count, driving, learns
+):
     learnt, fitted = [], []
 
     def learn(samples):
@@ -251,7 +290,10 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
     monkeypatch.setattr(sample_poses, "learn_sample_scenes", learn)
     monkeypatch.setattr(sample_poses, "align_clouds", together)
     samples = recording_sample_poses(count, driving=driving)
-    moved = tuple(replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor) for cloud in samples[1].clouds)
+    moved = tuple(
+        replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor)
+        for cloud in samples[1].clouds
+    )
     samples[1] = samples[1].with_clouds(moved)
     assert poses.find_poses(samples) == ()
     ((points, sensors),) = fitted
@@ -265,7 +307,9 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
 def test_poses_found_are_of_the_first_sample_in_the_sensors_frame():
     samples = recording_sample_poses(2)
     own = samples[1].clouds[1]
-    samples[1] = samples[1].with_clouds((replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
+    samples[1] = samples[1].with_clouds(
+        (replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),)
+    )
     found = poses.find_poses(samples, held=["a"])
     np.testing.assert_array_equal(found[1].sensor.pose, ERROR @ TRUE_CLOUDS[1].pose)
     samples = recording_sample_poses(5)
@@ -288,14 +332,18 @@ def test_samples_are_put_where_their_sensors_are(frame):
     (after,) = poses.Corrected(samples, corrected)
     assert after.clouds[0] is samples[0].clouds[0]
     np.testing.assert_allclose(after.clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9)
-    np.testing.assert_allclose(after.clouds[1].in_world(), transform(TRUE_CLOUDS[1].pose, clouds()[1]), atol=1e-4)
+    np.testing.assert_allclose(
+        after.clouds[1].in_world(), transform(TRUE_CLOUDS[1].pose, clouds()[1]), atol=1e-4
+    )
 
 
 SENSOR = Sensor("north", DepthCamera(width=40, height=30), np.eye(4))
 
 
 def found(moved, deviation=0.001):
-    return poses.FoundPose(SENSOR, Registration(moved, np.eye(6) * deviation**2, np.zeros((0, 6)), 0.8, 0.01))
+    return poses.FoundPose(
+        SENSOR, Registration(moved, np.eye(6) * deviation**2, np.zeros((0, 6)), 0.8, 0.01)
+    )
 
 
 def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an_error(tmp_path):
@@ -309,7 +357,8 @@ def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an
 
 
 def test_sensors_have_their_share_of_what_an_alignment_found(monkeypatch):
-    """The first shares 50 rows with the second and the second 250 more with the third; the fourth shares 49."""
+    """The first shares 50 rows with the second and the second 250 more with the third; the fourth
+    shares 49."""
     shared = np.zeros((4, 4), np.int64)
     shared[0, 1] = shared[1, 0] = 50
     shared[1, 2] = shared[2, 1] = 250
@@ -326,7 +375,9 @@ def test_sensors_have_their_share_of_what_an_alignment_found(monkeypatch):
         return Alignment(placed, covariance, unobserved, shared, np.array([0.1, 0.2, 0.3, 0.4]))
 
     monkeypatch.setattr(poses, "align", align)
-    street = np.column_stack([np.random.default_rng(0).uniform(-5, 5, (4000, 2)), np.full(4000, -5.0)])
+    street = np.column_stack(
+        [np.random.default_rng(0).uniform(-5, 5, (4000, 2)), np.full(4000, -5.0)]
+    )
     found = poses.align_clouds([street] * 4, sensors, held=[0])
     assert asked == [(4, 4, {"held": [0], "more": None})]
     assert [each.registration is None for each in found] == [False, False, False, True]
@@ -348,11 +399,18 @@ def test_sensors_have_their_share_of_what_an_alignment_found(monkeypatch):
     ("turn_deg", "metres", "deviation", "drifted"),
     [
         *((0.09, 0.019, 1e-6, False), (0.11, 0.0, 1e-6, True), (0.0, 0.021, 1e-6, True)),
-        *((0.0, 0.1, 0.02, False), (0.0, 0.11, 0.02, True), (1.0, 0.0, 0.0034, False), (1.1, 0.0, 0.0034, True)),
+        *(
+            (0.0, 0.1, 0.02, False),
+            (0.0, 0.11, 0.02, True),
+            (1.0, 0.0, 0.0034, False),
+            (1.1, 0.0, 0.0034, True),
+        ),
         (0.0, 0.02, 1e-6, False),
     ],
 )
-def test_drifts_are_above_what_is_worth_it_and_three_deviations(turn_deg, metres, deviation, drifted):
+def test_drifts_are_above_what_is_worth_it_and_three_deviations(
+    turn_deg, metres, deviation, drifted
+):
     """Of 2 cm along each axis the deviation of a distance is 3.5 cm, and three times that 10.4."""
     moved = np.eye(4)
     moved[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))
@@ -362,8 +420,12 @@ def test_drifts_are_above_what_is_worth_it_and_three_deviations(turn_deg, metres
     assert each.deviation == pytest.approx((deviation * np.sqrt(3),) * 2)
 
 
-@pytest.mark.parametrize(("count", "searched"), [(9, [0, 2, 5, 8]), (6, [0, 1, 3, 5]), (5, [0, 1, 2, 4])])
-def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_last(monkeypatch, count, searched):
+@pytest.mark.parametrize(
+    ("count", "searched"), [(9, [0, 2, 5, 8]), (6, [0, 1, 3, 5]), (5, [0, 1, 2, 4])]
+)
+def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_last(
+    monkeypatch, count, searched
+):
     asked = []
 
     class Known(list):
@@ -407,7 +469,10 @@ def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(m
         each = poses.find_pose(points, TRUE[0], surface, deviation=deviations)
         assert (each.registration is not None) is is_found
         assert all(
-            one is other for one, other in zip(asked.pop(), (points, surface, TRUE[0].pose, deviations), strict=True)
+            one is other
+            for one, other in zip(
+                asked.pop(), (points, surface, TRUE[0].pose, deviations), strict=True
+            )
         )
 
 
@@ -423,12 +488,18 @@ def test_scenes_are_learnt_of_the_frames_that_are_asked_and_sensors_are_the_firs
         return sensor.name
 
     monkeypatch.setattr(poses, "learn_empty_scenes", learn)
-    monkeypatch.setattr(poses, "scene_points", lambda scene: (f"points {scene}", f"deviations {scene}"))
+    monkeypatch.setattr(
+        poses, "scene_points", lambda scene: (f"points {scene}", f"deviations {scene}")
+    )
     monkeypatch.setattr(poses, "find_pose", found)
-    frames = [Frame(TRUE[::-1] if k else TRUE, images(), Objects.empty(), 0.1 * k, k) for k in range(7)]
+    frames = [
+        Frame(TRUE[::-1] if k else TRUE, images(), Objects.empty(), 0.1 * k, k) for k in range(7)
+    ]
     names: Any = poses.find_poses(frames, "surface", frames=6, sample=9)  # type: ignore[arg-type]
     assert names == ("a", "b")
-    each = [(f"points {name}", TRUE[k], "surface", f"deviations {name}") for k, name in enumerate("ab")]
+    each = [
+        (f"points {name}", TRUE[k], "surface", f"deviations {name}") for k, name in enumerate("ab")
+    ]
     assert asked == [(7, 9, 6), *each]
     with pytest.raises(ValueError, match="0 frames are too few"):
         poses.find_poses([], "surface")  # type: ignore[arg-type]
@@ -446,8 +517,12 @@ def test_clouds_are_written_as_a_folder(monkeypatch, tmp_path):
     monkeypatch.setattr(poses, "write_recording", lambda *given: written.append(given))
     samples = recording_sample_poses(1)
     crooked = Sensor("b", MODEL_CLOUDS, ERROR @ TRUE_CLOUDS[1].pose)
-    each = poses.FoundPose(crooked, Registration(TRUE_CLOUDS[1].pose, np.eye(6), np.zeros((0, 6)), 1.0, 0.01))
+    each = poses.FoundPose(
+        crooked, Registration(TRUE_CLOUDS[1].pose, np.eye(6), np.zeros((0, 6)), 1.0, 0.01)
+    )
     poses.write_corrected(samples, [each], tmp_path)
     ((corrected, out, layout),) = written
     assert (out, layout) == (tmp_path, "folder")
-    np.testing.assert_allclose(corrected[0].clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9)
+    np.testing.assert_allclose(
+        corrected[0].clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9
+    )

@@ -1,4 +1,5 @@
-"""Ground under road users on embankments, bridges, ramps, in dips and next to kerbs, ray cast from plain meshes."""
+"""Ground under road users on embankments, bridges, ramps, in dips and next to kerbs, ray cast from
+plain meshes."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -21,7 +22,8 @@ MIN_POINTS = 5
 
 
 class Uneven(NamedTuple):
-    """Height of the terrain, decks above it, the lanes' middles with their heights, and where the lidar is."""
+    """Height of the terrain, decks above it, the lanes' middles with their heights, and where the
+    lidar is."""
 
     terrain: Callable[[np.ndarray, np.ndarray], np.ndarray]
     lanes: Callable[[np.random.Generator], np.ndarray]
@@ -31,10 +33,14 @@ class Uneven(NamedTuple):
 
 def bank(distance: np.ndarray, half: float, height: float, run: float = 1.5) -> np.ndarray:
     """Height of a bank at a distance from its middle, falling by 1 in `run`."""
-    return np.clip(height - (np.abs(distance) - half) / run * np.sign(height), min(height, 0), max(height, 0))
+    return np.clip(
+        height - (np.abs(distance) - half) / run * np.sign(height), min(height, 0), max(height, 0)
+    )
 
 
-def places(rng: np.random.Generator, heights: Callable[[np.ndarray], np.ndarray], lanes=(-1.9, 1.9)) -> np.ndarray:
+def places(
+    rng: np.random.Generator, heights: Callable[[np.ndarray], np.ndarray], lanes=(-1.9, 1.9)
+) -> np.ndarray:
     along = np.concatenate([np.arange(-45, 46, 11.0) + rng.uniform(-2, 2) for _ in lanes])
     across = np.repeat(lanes, len(along) // len(lanes))
     return np.column_stack([along, across, heights(along)])
@@ -61,7 +67,9 @@ def ramp() -> Uneven:
         return np.clip((x + 40.0) * 0.06, 0.0, 6.0)
 
     def terrain(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.maximum(np.clip(climb(x) - np.maximum(np.abs(y - 14.0) - 4.0, 0) / 1.5, 0.0, None), 0.0)
+        return np.maximum(
+            np.clip(climb(x) - np.maximum(np.abs(y - 14.0) - 4.0, 0) / 1.5, 0.0, None), 0.0
+        )
 
     def lanes(rng: np.random.Generator) -> np.ndarray:
         slip = places(rng, climb, (12.5, 15.5))
@@ -111,7 +119,9 @@ def kerb() -> Uneven:
     return Uneven(terrain, lanes, (0.0, -5.5, 6.0))
 
 
-def grid_mesh(terrain: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def grid_mesh(
+    terrain: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
     side = np.arange(-REACH_M, REACH_M + STEP_M, STEP_M)
     x, y = np.meshgrid(side, side, indexing="ij")
     vertices = np.column_stack([x.ravel(), y.ravel(), terrain(x, y).ravel()])
@@ -126,8 +136,13 @@ def add_box(scene: o3d.t.geometry.RaycastingScene, low: np.ndarray, high: np.nda
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(box))
 
 
-def cast(scene: o3d.t.geometry.RaycastingScene, lidar: tuple[float, ...], rng: np.random.Generator) -> np.ndarray:
-    rows, columns = np.deg2rad(np.linspace(-25, 10, 64)), np.linspace(-np.pi, np.pi, 1200, endpoint=False)
+def cast(
+    scene: o3d.t.geometry.RaycastingScene, lidar: tuple[float, ...], rng: np.random.Generator
+) -> np.ndarray:
+    rows, columns = (
+        np.deg2rad(np.linspace(-25, 10, 64)),
+        np.linspace(-np.pi, np.pi, 1200, endpoint=False),
+    )
     up, round_ = (each.ravel() for each in np.meshgrid(rows, columns, indexing="ij"))
     ways = np.column_stack([np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_), np.sin(up)])
     rays = np.column_stack([np.tile(lidar, (len(ways), 1)), ways]).astype(np.float32)
@@ -137,11 +152,14 @@ def cast(scene: o3d.t.geometry.RaycastingScene, lidar: tuple[float, ...], rng: n
 
 
 def look_at(road: Uneven, seed: int, *, furniture: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Points in the lidar's frame, and the middles of the bottoms of road users that have points."""
+    """Points in the lidar's frame, and the middles of the bottoms of road users that have
+    points."""
     rng = np.random.default_rng(seed)
     scene = o3d.t.geometry.RaycastingScene()
     vertices, corners = grid_mesh(road.terrain)
-    scene.add_triangles(o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(corners.astype(np.uint32)))
+    scene.add_triangles(
+        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(corners.astype(np.uint32))
+    )
     for deck in road.decks:
         add_box(scene, deck[:3], deck[3:])
     feet = road.lanes(rng)
@@ -158,7 +176,8 @@ def look_at(road: Uneven, seed: int, *, furniture: bool = True) -> tuple[np.ndar
     points = cast(scene, road.lidar, rng)
     feet = feet - np.array(road.lidar)
     near = [
-        (np.abs(points[:, :2] - foot[:2]) < size[:2] / 2).all(axis=1) & (points[:, 2] > foot[2] + 0.3)
+        (np.abs(points[:, :2] - foot[:2]) < size[:2] / 2).all(axis=1)
+        & (points[:, 2] > foot[2] + 0.3)
         for foot, size in zip(feet, sizes, strict=True)
     ]
     seen = np.array([mask.sum() for mask in near]) >= MIN_POINTS
@@ -211,7 +230,10 @@ def test_a_raised_road_is_said_with_its_figure() -> None:
     points, _ = look_at(ROADS["raised by 3.3 m"], 1)
     ((_, stand),) = Place("map").stands([frame_of(points)])
     assert stand.warning is not None
-    assert "% of the points are 3.3 m above the ground found: they are levelled as further ground" in stand.warning
+    assert (
+        "% of the points are 3.3 m above the ground found: they are levelled as further ground"
+        in stand.warning
+    )
     points, _ = look_at(ROADS["kerb"], 1)
     ((_, stand),) = Place("map").stands([frame_of(points)])
     assert stand.warning is None
@@ -232,7 +254,9 @@ def test_roofs_and_canopies_are_doubted_but_are_no_ground() -> None:
     assert [one.followed for one in ground.levels] == [False]
     doubt = describe_levels(ground.levels)
     assert doubt is not None
-    assert doubt.startswith("13% of the points are 3.0 m above the ground found: give the road's own --area")
+    assert doubt.startswith(
+        "13% of the points are 3.0 m above the ground found: give the road's own --area"
+    )
     canopy = flat_grid([-30, 10], [10, 30], 5.0)
     ground = level(np.concatenate([land, canopy]) - [0.0, 0.0, 5.0])
     assert ground.height(np.array([[-10.0, 20.0]])) == pytest.approx(-5.0, abs=0.02)
@@ -242,9 +266,13 @@ def test_roofs_and_canopies_are_doubted_but_are_no_ground() -> None:
 def test_small_surfaces_are_not_doubted() -> None:
     assert describe_levels(()) is None
     assert describe_levels((GroundLevel(3.0, 0.02, False), GroundLevel(2.0, 0.02, False))) is None
-    both = (GroundLevel(3.0, 0.04, False), GroundLevel(2.0, 0.03, False), GroundLevel(-4.0, 0.5, True))
+    both = (
+        GroundLevel(3.0, 0.04, False),
+        GroundLevel(2.0, 0.03, False),
+        GroundLevel(-4.0, 0.5, True),
+    )
     assert describe_levels(both) == (
-        "7% of the points are 3.0 m above the ground found: give the road's own --area if they are a road; "
-        "a roof needs nothing"
+        "7% of the points are 3.0 m above the ground found: give the road's own --area if they "
+        "are a road; a roof needs nothing"
     )
     assert "50% of the points are 4.0 m below the ground found" in str(describe_levels(both[2:]))

@@ -93,7 +93,8 @@ def test_planes_and_walls_leave_moves_along_them_as_believed():
     assert np.abs(found.pose[:2, 3] - [1.0, 2.0]).max() < 0.03
     rng = np.random.default_rng(2)
     street = surface_of(
-        plane(rng, [-20, -5, 0], [40, 0, 0], [0, 15, 0], 12000), plane(rng, [-20, 10, 0], [40, 0, 0], [0, 0, 6], 6000)
+        plane(rng, [-20, -5, 0], [40, 0, 0], [0, 15, 0], 12000),
+        plane(rng, [-20, 10, 0], [40, 0, 0], [0, 0, 6], 6000),
     )
     points = transform(invert(TRUE), street.points[::4])
     found = register(points, street, TRUE @ off(0.5, 0.05, rng))
@@ -123,7 +124,9 @@ def test_strangers_noise_and_distance_do_not_pull():
     assert error[1] < error[0]
     rng = np.random.default_rng(6)
     reference = corner(rng, 500)
-    with pytest.raises(ValueError, match=r"0 of \d+ points lie within 3 m of the reference, 50 are needed"):
+    with pytest.raises(
+        ValueError, match=r"0 of \d+ points lie within 3 m of the reference, 50 are needed"
+    ):
         register(rng.uniform(400, 410, (500, 3)), reference, np.eye(4))
     with pytest.raises(ValueError, match="0 of 0 points"):
         register(np.zeros((0, 3)), reference, np.eye(4))
@@ -135,9 +138,14 @@ def test_what_is_found_moves_with_the_world_by_the_derivative():
     points, believed = transform(invert(TRUE), seen.points), TRUE @ off(1.0, 0.1, rng)
     motion = pose(30.0, -12.0, 4.0, yaw=0.5)
     moved_surface = Surface(
-        transform(motion, reference.points), reference.normals @ motion[:3, :3].T, reference.roughness
+        transform(motion, reference.points),
+        reference.normals @ motion[:3, :3].T,
+        reference.roughness,
     )
-    one, other = register(points, reference, believed), register(points, moved_surface, motion @ believed)
+    one, other = (
+        register(points, reference, believed),
+        register(points, moved_surface, motion @ believed),
+    )
     np.testing.assert_allclose(other.pose, motion @ one.pose, atol=2e-3)
     rng = np.random.default_rng(7)
     points, normals = rng.uniform(-20, 20, (40, 3)), rng.standard_normal((40, 3))
@@ -155,7 +163,13 @@ def test_what_is_found_moves_with_the_world_by_the_derivative():
     motion = np.array([0.3, -1.2, 0.7, 1.0, 2.0, -3.0])
     np.testing.assert_allclose(motion_between(TRUE, apply_motion(TRUE, motion)), motion, atol=1e-12)
     assert motion_between(TRUE, TRUE).tolist() == [0.0] * 6
-    assert tukey_weight(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.5625, 0.0, 0.0]
+    assert tukey_weight(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [
+        1.0,
+        0.5625,
+        0.5625,
+        0.0,
+        0.0,
+    ]
     points = np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0], [0.3, -0.2, 0], [0.4, 0, 2.0]])
     assert thin_rows(points, 1.0).tolist() == [0, 2, 3, 4]
     assert thin_rows(points[:0], 1.0).tolist() == []
@@ -169,7 +183,10 @@ def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
     end = plane(rng, [9.0, 5, 0], [0, 9, 0], [0, 0, 5], 2500)
     back = plane(rng, [-10, 14.5, 0], [20, 0, 0], [0, 0, 5], 2500)
     reference = surface_of(ground, *fins, end, back)
-    points = transform(invert(TRUE), reference.points[::3] + 0.005 * rng.standard_normal(reference.points[::3].shape))
+    points = transform(
+        invert(TRUE),
+        reference.points[::3] + 0.005 * rng.standard_normal(reference.points[::3].shape),
+    )
     turned_off = apply_motion(TRUE, np.array([0, 0, LEVER * np.deg2rad(5.0), 0.2, 0.1, 0.0]))
     found = register(points, reference, turned_off)
     assert turned(found.pose, TRUE) < 0.05
@@ -212,7 +229,9 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     assert (~flat).sum() < 0.2 * flat.sum()
     alone = rng.uniform(0, 100, (60, 3))
     for count, said in ((30, 30), (60, 0)):  # too few to look, and looked at
-        with pytest.raises(ValueError, match=f"has {said} points on flat ground or walls, 50 are needed"):
+        with pytest.raises(
+            ValueError, match=f"has {said} points on flat ground or walls, 50 are needed"
+        ):
             cloud_surface(alone[:count])
     alone[0, 0], alone[1, 2] = np.nan, np.inf
     with pytest.raises(ValueError, match="has 49 points"):
@@ -229,7 +248,9 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
     wide = [scene(8.0), scene(8.0)]
     surface = cloud_surface(
-        np.concatenate([transform(pose, scene_points(each)[0]) for each, pose in zip(wide, poses, strict=True)])
+        np.concatenate(
+            [transform(pose, scene_points(each)[0]) for each, pose in zip(wide, poses, strict=True)]
+        )
     )
     assert np.abs(surface.points[:, 2]).max() < 1e-4
     assert (surface.points[:, 0] < 10).any()
@@ -256,7 +277,9 @@ def test_it_starts_where_it_is_believed_turned_about_the_vertical(monkeypatch):
 
 def system_of(rows, residual=0.0, weight=1.0, overlap=1.0):
     rows = np.asarray(rows, float)
-    residual, weight = (np.broadcast_to(np.asarray(each, float), len(rows)) for each in (residual, weight))
+    residual, weight = (
+        np.broadcast_to(np.asarray(each, float), len(rows)) for each in (residual, weight)
+    )
     return registration._System(rows, residual, weight, overlap, 0.01)
 
 
@@ -265,7 +288,9 @@ EYE = np.eye(6)
 
 def test_agreement_steps_and_covariances_are_those_by_hand():
     agreeing = system_of(EYE[[5, 5, 5]], [0.0, 0.15, 0.4], overlap=0.5)
-    assert agreeing.agreement == pytest.approx((1 + 0.75**2) / 3 / 2)  # Tukey's weight of half of 0.3 m
+    assert agreeing.agreement == pytest.approx(
+        (1 + 0.75**2) / 3 / 2
+    )  # Tukey's weight of half of 0.3 m
     weight = np.array([4.0, 1.0, 2.0, 3.0])
     up = system_of(EYE[[5] * 4], [0.1, 0.2, -0.1, 0.0], weight)
     assert up.step() == pytest.approx([0, 0, 0, 0, 0, -(0.4 + 0.2 - 0.2) / 10])
@@ -278,12 +303,18 @@ def test_agreement_steps_and_covariances_are_those_by_hand():
 @pytest.mark.parametrize(
     ("up", "along", "strength", "seen", "weight"),
     [
-        *((4000, 3, 1.0, True, 1.0), (10000, 3, 1.0, False, 1.0), (10000, 5, 1.0, True, 1.0), (9, 2, 1.0, False, 1.0)),
+        *(
+            (4000, 3, 1.0, True, 1.0),
+            (10000, 3, 1.0, False, 1.0),
+            (10000, 5, 1.0, True, 1.0),
+            (9, 2, 1.0, False, 1.0),
+        ),
         *((9, 100, 0.2, True, 1.0), (9, 200, 0.14, False, 1.0), (9, 100, 1.0, False, 0.0)),
     ],
 )
 def test_a_motion_is_observed_if_enough_points_resist_it(up, along, strength, seen, weight):
-    """Two points, and four of ten thousand, are too few; less than 0.15 of a motion across the plane is noise."""
+    """Two points, and four of ten thousand, are too few; less than 0.15 of a motion across the
+    plane is noise."""
     rows = np.concatenate([EYE[[5] * up], strength * EYE[[3] * along]])
     system = system_of(rows, weight=np.repeat([1.0, weight], [up, along]))
     assert bool(np.abs(system.hidden_motions[:, 3]).max() < 0.5) is seen
@@ -317,18 +348,25 @@ def test_pairs_weigh_by_their_noise_roughness_and_scatter(monkeypatch):
     assert system.residual == pytest.approx(near)
     assert system.scatter == pytest.approx(scatter)
     assert system.overlap == pytest.approx(70 / 80)
-    assert system.weight == pytest.approx(np.clip(1 - (near / limit) ** 2, 0, None) ** 2 / spread**2)
+    assert system.weight == pytest.approx(
+        np.clip(1 - (near / limit) ** 2, 0, None) ** 2 / spread**2
+    )
     world = places[10:] + near[:, None] * [0, 0, 1]
     assert system.rows == pytest.approx(resistance(world, np.zeros(3), surface.normals[10:]))
     assert moved == pytest.approx(apply_motion(start, system.step()))
-    _, wide = registration._align_levels(places, np.full(80, 0.001), surface, start, ((0.8, 0.01, 5.0),))
+    _, wide = registration._align_levels(
+        places, np.full(80, 0.001), surface, start, ((0.8, 0.01, 5.0),)
+    )
     assert wide.scatter == 0.01  # no less
     assert wide.weight == pytest.approx(np.full(80, 1 / (0.001**2 + 0.02**2 + 0.01**2)))
 
 
 @pytest.mark.parametrize("hidden", [False, True])
-def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken(monkeypatch, hidden):
-    """The starts end 0, 4, 6, 6 and 20 cm along x (and 10 along y), of which the second and fourth are no new ones."""
+def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken(
+    monkeypatch, hidden
+):
+    """The starts end 0, 4, 6, 6 and 20 cm along x (and 10 along y), of which the second and fourth
+    are no new ones."""
     ends, fine = iter([0.0, 0.04, 0.06, 0.06, 0.2]), []
     agreements = {0.0: 0.5, 0.06: 0.503, 0.2: 0.5035}
 
@@ -373,24 +411,35 @@ def test_fifty_points_are_enough_and_small_things_have_points():
     with pytest.raises(ValueError, match="the reference has 49 points on flat ground"):
         registration._check_flat(49)
     post = np.array([[0.0, 0], [0.6, 0], [0.6, 0.6], [0, 0.6]])
-    surface = site_surface(Site("s", np.array([-3.0, -3, 3, 3]), solids=(Solid(post, 0.0, 0.9, "container"),)))
+    surface = site_surface(
+        Site("s", np.array([-3.0, -3, 3, 3]), solids=(Solid(post, 0.0, 0.9, "container"),))
+    )
     assert np.isclose(surface.points[:, 2], 0.9).sum() == 16  # of its 0.36 m², without a remainder
     assert not surface.roughness.any()
     ground = np.abs(surface.points[:, :2]).max()
     assert ground > 20.0  # thirty metres beyond the area
     other = site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=1)
-    assert other.points.tobytes() != site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
+    assert (
+        other.points.tobytes()
+        != site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
+    )
     again = site_surface(Site("s", np.array([-3.0, -3, 3, 3])))
-    assert again.points.tobytes() == site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
+    assert (
+        again.points.tobytes()
+        == site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
+    )
 
 
 def test_a_reference_is_read_by_its_ending(monkeypatch):
-    """Two cameras look down from 8 m, of which a recording tells the poses; sites and clouds have readers."""
+    """Two cameras look down from 8 m, of which a recording tells the poses; sites and clouds have
+    readers."""
     poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
     asked = []
 
     class Opened:
-        sensors = tuple(Sensor("c", DepthCamera(width=40, height=30, stride=2), pose) for pose in poses)
+        sensors = tuple(
+            Sensor("c", DepthCamera(width=40, height=30, stride=2), pose) for pose in poses
+        )
 
         def __init__(self, path):
             asked.append(path)
@@ -416,7 +465,11 @@ def test_a_reference_is_read_by_its_ending(monkeypatch):
     monkeypatch.setattr(registration, "read_points", lambda path: f"points of {path}")
     monkeypatch.setattr(registration, "cloud_surface", lambda points: f"surface of {points}")
     for reference, wanted in (
-        *(("tjunction", "site tjunction"), ("a.json", "site a.json"), ("a.geojson", "site a.geojson")),
+        *(
+            ("tjunction", "site tjunction"),
+            ("a.json", "site a.json"),
+            ("a.geojson", "site a.geojson"),
+        ),
         *(("a.ply", "points of a.ply"), ("a.h5x", "points of a.h5x")),
     ):
         found: object = registration.read_surface(reference)
@@ -425,14 +478,18 @@ def test_a_reference_is_read_by_its_ending(monkeypatch):
 
 def grid_of(rows, columns, noise=0.0, at=(0.0, 0.0, 0.0)):
     """Points as far apart as a surface keeps them, each off its plane."""
-    places = np.stack(np.meshgrid(np.arange(rows), np.arange(columns)), axis=-1).reshape(-1, 2) * SURFACE_SPACING
+    places = (
+        np.stack(np.meshgrid(np.arange(rows), np.arange(columns)), axis=-1).reshape(-1, 2)
+        * SURFACE_SPACING
+    )
     above = noise * np.random.default_rng(0).standard_normal(len(places))
     return np.column_stack([places, above]) + np.array(at)
 
 
 @pytest.mark.parametrize(("noise", "share"), [(0.02, 1.0), (0.2, 0.0)])
 def test_a_surface_is_thin_beside_its_extent(noise, share):
-    """Twenty-four points 15 cm apart reach 21 cm to either side (standard deviation), of which a third is 7."""
+    """Twenty-four points 15 cm apart reach 21 cm to either side (standard deviation), of which a
+    third is 7."""
     flat, slab = grid_of(25, 25), grid_of(25, 25, noise, at=(90.0, 0.0, 0.0))
     found = cloud_surface(np.concatenate([flat, slab]))
     second = found.points[:, 0] > 50
@@ -447,7 +504,9 @@ def test_a_surface_is_thin_beside_its_extent(noise, share):
 def test_a_strip_is_a_surface_and_a_wire_is_none():
     """Of three rows of points, and of one that is 2 mm thick."""
     flat, strip = grid_of(25, 25), grid_of(60, 3, at=(0.0, 90.0, 0.0))
-    wire = grid_of(60, 1, at=(0.0, -90.0, 0.0)) + 0.002 * np.random.default_rng(1).standard_normal((60, 3))
+    wire = grid_of(60, 1, at=(0.0, -90.0, 0.0)) + 0.002 * np.random.default_rng(1).standard_normal(
+        (60, 3)
+    )
     found = cloud_surface(np.concatenate([flat, strip, wire])).points[:, 1]
     assert (np.abs(found) < 50).sum() == 625
     assert (found > 50).sum() > 120
@@ -466,13 +525,17 @@ def test_fifty_pairs_are_enough():
         if enough:
             assert registration._align_levels(*given)[1].overlap == 1.0
         else:
-            with pytest.raises(ValueError, match=r"49 of 49 points lie within 0\.5 m of the reference, 50 are needed"):
+            with pytest.raises(
+                ValueError,
+                match=r"49 of 49 points lie within 0\.5 m of the reference, 50 are needed",
+            ):
                 registration._align_levels(*given)
 
 
 @pytest.mark.parametrize(("above", "steps"), [(4e-5, 1), (1e-4, 2), (0.1, 2)])
 def test_a_level_ends_with_a_step_below_a_ten_thousandth_of_its_radius(monkeypatch, above, steps):
-    """All points lie as high above a level grid, so that one step is enough, and another to see that."""
+    """All points lie as high above a level grid, so that one step is enough, and another to see
+    that."""
     asked = []
 
     def noted(*given):
@@ -482,7 +545,9 @@ def test_a_level_ends_with_a_step_below_a_ten_thousandth_of_its_radius(monkeypat
     monkeypatch.setattr(registration, "resistance", noted)
     places, surface = grid_surface()
     start = pose(0.0, 0.0, above)
-    moved, _ = registration._align_levels(places, np.full(80, 0.01), surface, start, ((0.5, 0.1, 0.9),))
+    moved, _ = registration._align_levels(
+        places, np.full(80, 0.01), surface, start, ((0.5, 0.1, 0.9),)
+    )
     assert len(asked) == steps
     assert moved[2, 3] == pytest.approx(0.0, abs=1e-9)
 

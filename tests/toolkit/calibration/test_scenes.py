@@ -57,14 +57,20 @@ def test_scenes_are_learnt_once_on_grids_of_the_first_samples():
     # Later ones are counted in them: a lidar that was turned round by then lies outside.
     every = [sample(k, image) for k, image in enumerate(images())]
     low = [
-        SensorCloud("north", (9 * MODEL.rays()[3] * [1, 1, 3]).astype(np.float32), c.clouds[0].world_SE3_sensor)
+        SensorCloud(
+            "north",
+            (9 * MODEL.rays()[3] * [1, 1, 3]).astype(np.float32),
+            c.clouds[0].world_SE3_sensor,
+        )
         for c in every
     ]
     late = [s.with_clouds((cloud,)) for s, cloud in zip(every, low, strict=True)]
     learnt = learn_sample_scenes([*every[:8], *late[:2]])["north"]
     assert learnt.left_out == {OUTSIDE_GRID: 2 * 60}
     assert learnt.scene.frames == 10
-    nobody = Frame.of_clouds("0", (SensorCloud("north", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    nobody = Frame.of_clouds(
+        "0", (SensorCloud("north", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty()
+    )
     with pytest.raises(ValueError, match="no cloud has a point"):
         learn_sample_scenes([nobody])
     learnt = learn_sample_scenes([nobody, *(sample(k, WALL) for k in range(5))])["north"]
@@ -95,7 +101,9 @@ def images(count=10):
 
 
 def test_who_passes_is_not_in_the_scene_learnt_when_asked_for():
-    learnt = learn_sample_scenes(sample(k, image, twice=5) for k, image in enumerate(images()))["north"]
+    learnt = learn_sample_scenes(sample(k, image, twice=5) for k, image in enumerate(images()))[
+        "north"
+    ]
     assert learnt.scene.name == "north"
     assert learnt.scene.model == learnt.grid.model
     assert learnt.scene.frames == 10
@@ -127,10 +135,14 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
     given = Scenes([], [loaded])
     assert given["north"].scene is loaded
     assert given.image(sample(0, WALL).clouds[0]).measurement.shape == MODEL.shape
-    camera = EmptyScene.of(Sensor("c", DepthCamera(), np.eye(4)), np.ones(DepthCamera().shape, np.float32))
+    camera = EmptyScene.of(
+        Sensor("c", DepthCamera(), np.eye(4)), np.ones(DepthCamera().shape, np.float32)
+    )
     with pytest.raises(ValueError, match=r"learnt from images of DepthCamera.*, not from clouds"):
         Scenes([], [camera]).grid("c")
-    with pytest.raises(ValueError, match=r"north moves, by 0\.6 m: only a sensor that stands still"):
+    with pytest.raises(
+        ValueError, match=r"north moves, by 0\.6 m: only a sensor that stands still"
+    ):
         learn_sample_scenes([sample(0, WALL), sample(1, WALL, moved=0.6)])
     here = sample(1, WALL)
     carried = replace(here, map_SE3_world=pose(0.0, 2.0))

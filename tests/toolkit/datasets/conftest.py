@@ -30,9 +30,13 @@ def measured(sensor: Sensor, boxes: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         nearest = np.where(direction[:, 2] < 0, -origin[2] / direction[:, 2], np.inf)
         for x, y, z, *size, yaw in boxes:
-            turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+            turn = np.array(
+                [[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+            )
             o, d = turn @ (origin - [x, y, z]), direction @ turn.T
-            low, high = np.sort([(-np.array(size) / 2 - o) / d, (np.array(size) / 2 - o) / d], axis=0)
+            low, high = np.sort(
+                [(-np.array(size) / 2 - o) / d, (np.array(size) / 2 - o) / d], axis=0
+            )
             enter, leave = low.max(axis=1), high.min(axis=1)
             nearest = np.where((enter < leave) & (enter > 0), np.minimum(nearest, enter), nearest)
     return np.where(nearest < 80, nearest, 0).astype(np.float32).reshape(sensor.model.shape)
@@ -48,7 +52,9 @@ def healthy_file() -> bytes:
         n = len(place)
         size = rng.uniform([3.8, 1.6, 1.4], [5.0, 2.0, 1.8], (n, 3))
         boxes = np.column_stack([place, size[:, 2] / 2, size, yaw[:n]])
-        frame = Frame(SENSORS, tuple(measured(s, boxes) for s in SENSORS), Objects(boxes), 5.0 * k, k)
+        frame = Frame(
+            SENSORS, tuple(measured(s, boxes) for s in SENSORS), Objects(boxes), 5.0 * k, k
+        )
         scenes.append(Scene(frame, np.zeros(n, np.int64)))
     return encode(Header(SITE, SENSORS), scenes)
 

@@ -57,7 +57,8 @@ def test_points_of_no_number_or_none_at_all(tmp_path):
     np.testing.assert_allclose(positions(fused), np.tile(world, (2, 1)), atol=1e-6, rtol=0)
     assert sensor_numbers(fused).tolist() == [0] * 40 + [1] * 40
     header = (
-        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n"
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT "
+        "1\nPOINTS 0\nDATA binary\n"
     )
     (tmp_path / "a.pcd").write_text(header)
     (tmp_path / "a.bin").write_bytes(b"")
@@ -66,7 +67,9 @@ def test_points_of_no_number_or_none_at_all(tmp_path):
 
 
 def numbers(pose, form):
-    return {"4x4": pose.tolist(), "16": pose.ravel().tolist(), "12": pose[:3].ravel().tolist()}[form]
+    return {"4x4": pose.tolist(), "16": pose.ravel().tolist(), "12": pose[:3].ravel().tolist()}[
+        form
+    ]
 
 
 @pytest.mark.parametrize("form", ["4x4", "16", "12"])
@@ -91,9 +94,15 @@ def test_pose_files_in_text(tmp_path):
         return " ".join(map(repr, map(float, row)))
 
     for content, names in (
-        *(("\n".join(text(row) for row in POSES[0]), ["0"]), ("\n".join(text(row) for row in POSES[0][:3]), ["0"])),
+        *(
+            ("\n".join(text(row) for row in POSES[0]), ["0"]),
+            ("\n".join(text(row) for row in POSES[0][:3]), ["0"]),
+        ),
         ("# KITTI\n" + "\n\n".join(text(p[:3].ravel()) for p in POSES), ["0", "1"]),
-        ("\n".join(f"{name} {text(p.ravel())}" for name, p in zip("ab", POSES, strict=True)), ["a", "b"]),
+        (
+            "\n".join(f"{name} {text(p.ravel())}" for name, p in zip("ab", POSES, strict=True)),
+            ["a", "b"],
+        ),
     ):
         file.write_text(content)
         poses = cloud_files.read_poses(file)
@@ -101,7 +110,9 @@ def test_pose_files_in_text(tmp_path):
         np.testing.assert_allclose(poses[names[0]], POSES[0])
     file.write_text("up 1 0 0 0 7 8 9")
     np.testing.assert_allclose(cloud_files.read_poses(file)["up"], pose(7.0, 8.0, 9.0))
-    np.testing.assert_allclose(cloud_files.read_poses(file, inverted=True)["up"], pose(-7.0, -8.0, -9.0))
+    np.testing.assert_allclose(
+        cloud_files.read_poses(file, inverted=True)["up"], pose(-7.0, -8.0, -9.0)
+    )
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
@@ -115,21 +126,28 @@ def test_quaternions_turn_as_the_quaternion_product_does(quaternion):
 
 def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
     poses = {"b": POSES[1], "a": POSES[0]}
-    assert [p is q for p, q in zip(cloud_files.match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True)] == [
-        True,
-        True,
-    ]
+    assert [
+        p is q
+        for p, q in zip(
+            cloud_files.match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True
+        )
+    ] == [True, True]
     assert cloud_files.match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
     with pytest.raises(ValueError, match="files a, c, poses b, a"):
         cloud_files.match_poses(["a.ply", "c.ply"], poses)
     with pytest.raises(ValueError, match="cannot tell which pose"):
         cloud_files.match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
-    assert cloud_files.match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]
+    assert (
+        cloud_files.match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0]
+        is POSES[0]
+    )
     clouds = [tmp_path / "a.ply", tmp_path / "b.ply"]
     for name, content in (("a", [POSES[0]]), ("b", [POSES[1]]), ("all", POSES)):
         (tmp_path / f"{name}.json").write_text(json.dumps([p.tolist() for p in content]))
     for files in (["a.json", "b.json"], ["all.json"]):
-        np.testing.assert_allclose(cloud_files.load_poses(clouds, [tmp_path / file for file in files]), POSES)
+        np.testing.assert_allclose(
+            cloud_files.load_poses(clouds, [tmp_path / file for file in files]), POSES
+        )
     with pytest.raises(ValueError, match="2 files of one pose each"):
         cloud_files.load_poses(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
 
@@ -138,8 +156,15 @@ def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
     ("content", "message"),
     [
         *(("", "empty"), ("1 2 3", "16, 12 or 7 numbers"), ("a b c d e f g", "must be numbers")),
-        *(("2 0 0 0 0 0 0", "length 1"), ("1 0 0 0  0 2 0 0  0 0 1 0", "rotation"), ("1 0 0 0 nan 0 0", "NaN")),
-        *(("nan 0 0 0 0 0 0", r"pose '0' of .*poses\.txt"), ("a 1 0 0 0 0 0 0\na 1 0 0 0 5 0 0", "one name")),
+        *(
+            ("2 0 0 0 0 0 0", "length 1"),
+            ("1 0 0 0  0 2 0 0  0 0 1 0", "rotation"),
+            ("1 0 0 0 nan 0 0", "NaN"),
+        ),
+        *(
+            ("nan 0 0 0 0 0 0", r"pose '0' of .*poses\.txt"),
+            ("a 1 0 0 0 0 0 0\na 1 0 0 0 5 0 0", "one name"),
+        ),
     ],
 )
 def test_bad_pose_files_say_what_is_wrong(tmp_path, content, message):
@@ -162,14 +187,27 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
         cloud_files.read_points(tmp_path / "a.ply")
     for name, content, message in (
         *(("a.las", b"x", r"ends in \.ply"), ("a.bin", b"12345", "5 bytes")),
-        *(("a.npy", b"12345", r"cannot be read as \.npy array"), ("a.feather", b"12345", "no feather file")),
+        *(
+            ("a.npy", b"12345", r"cannot be read as \.npy array"),
+            ("a.feather", b"12345", "no feather file"),
+        ),
         *(("a.xyz", b"1 2\n", "x y z in every row"), ("b.xyz", b"1 2 x\n", "x y z in every row")),
         *(("a.ply", b"ply", "no points"), ("a.npz", b"junk", r"cannot be read as \.npy array")),
         ("two-columns.csv", b"1,2\n3,4\n5,6\n", "x y z in every row"),
-        *(("b.csv", b"1,5 2,5 3,5\n", "decimal commas"), ("c.csv", b"10 2,5\t3,5\n", "decimal commas")),
-        *(("d.csv", b"x,y,z\n1,5,2,5,3,5\n", "as many cells"), ("e.csv", b"1 2 3\n1 2 3 4\n", "as many cells")),
+        *(
+            ("b.csv", b"1,5 2,5 3,5\n", "decimal commas"),
+            ("c.csv", b"10 2,5\t3,5\n", "decimal commas"),
+        ),
+        *(
+            ("d.csv", b"x,y,z\n1,5,2,5,3,5\n", "as many cells"),
+            ("e.csv", b"1 2 3\n1 2 3 4\n", "as many cells"),
+        ),
         ("f.xyz", b"nan nan nan\n1 2 inf\n", "none of its 2 points"),
-        ("millimetres.xyz", b"\n".join(b"%d %d 0" % (k * 1000, k * 900) for k in range(-50, 50)), "give metres"),
+        (
+            "millimetres.xyz",
+            b"\n".join(b"%d %d 0" % (k * 1000, k * 900) for k in range(-50, 50)),
+            "give metres",
+        ),
         ("empty-cell.csv", b"1,,3,4\n", "x y z in every row"),
         ("binary.csv", b"\xff\xfe\x00", r"binary\.csv: not a text file"),
     ):
@@ -180,7 +218,10 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
     rows[:, 3] = 0.5
     for name, array, message in (
         *(("doubles.bin", rows.astype("<f8"), "below 0"), ("three.bin", rows[:, :3], "below 0")),
-        *(("five.bin", np.column_stack([rows, rows[:, 0]]), "below 0"), ("whole.bin", rows.astype("<i4"), "no places")),
+        *(
+            ("five.bin", np.column_stack([rows, rows[:, 0]]), "below 0"),
+            ("whole.bin", rows.astype("<i4"), "no places"),
+        ),
         ("swapped.bin", np.abs(rows).astype(">f4"), "no places|half of its points|below 0"),
     ):
         (tmp_path / name).write_bytes(np.ascontiguousarray(array).tobytes())
@@ -200,7 +241,12 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
 @pytest.mark.parametrize(
     "content",
     [
-        *("x,y,z,intensity\n1,2,3,9\n", "\ufefft;X;Y;Z\n0;1;2;3\n", "//X Y Z\n1 2 3\n", '"t","z","y","x"\n0,3,2,1\n'),
+        *(
+            "x,y,z,intensity\n1,2,3,9\n",
+            "\ufefft;X;Y;Z\n0;1;2;3\n",
+            "//X Y Z\n1 2 3\n",
+            '"t","z","y","x"\n0,3,2,1\n',
+        ),
         "1 , 2,3,\n",
     ],
 )
@@ -221,7 +267,11 @@ def test_a_ply_that_is_cut_off_is_refused(tmp_path, ascii):
 
 def test_fused_files_keep_what_all_have_in_named_columns(tmp_path):
     normals = np.tile(np.float32([1, 0, 0]), (40, 1))
-    whole: dict[str, np.ndarray] = {"positions": POINTS, "normals": normals, "intensity": np.arange(40.0)[:, None]}
+    whole: dict[str, np.ndarray] = {
+        "positions": POINTS,
+        "normals": normals,
+        "intensity": np.arange(40.0)[:, None],
+    }
     save(from_attributes({**whole, "ring": np.ones((40, 1), np.uint16)}), tmp_path / "a.pcd")
     save(from_attributes(whole), tmp_path / "b.ply")
     with pytest.warns(UserWarning, match="drops ring"):
@@ -230,8 +280,13 @@ def test_fused_files_keep_what_all_have_in_named_columns(tmp_path):
     np.testing.assert_allclose(fused["normals"][:40], np.tile(POSES[0][:3, 0], (40, 1)), atol=1e-6)
     np.testing.assert_allclose(fused["normals"][40:], np.tile(POSES[1][:3, 0], (40, 1)), atol=1e-6)
     (tmp_path / "a.csv").write_text("t,x,y,z,r,g,b,word\n7,1,2,3,255,0,9,car\n8,4,5,6,1,2,3,bus\n")
-    np.hstack([POINTS, np.arange(40)[:, None], np.ones((40, 1))]).astype("<f4").tofile(tmp_path / "a.pcd.bin")
-    text, scan = (attributes(cloud_files.fuse_files([tmp_path / name], [np.eye(4)])) for name in ("a.csv", "a.pcd.bin"))
+    np.hstack([POINTS, np.arange(40)[:, None], np.ones((40, 1))]).astype("<f4").tofile(
+        tmp_path / "a.pcd.bin"
+    )
+    text, scan = (
+        attributes(cloud_files.fuse_files([tmp_path / name], [np.eye(4)]))
+        for name in ("a.csv", "a.pcd.bin")
+    )
     assert text["t"][:, 0].tolist() == [7, 8]
     assert text["colors"].tolist() == [[255, 0, 9], [1, 2, 3]]
     assert text["colors"].dtype == np.uint8
@@ -243,7 +298,9 @@ def test_fused_files_keep_what_all_have_in_named_columns(tmp_path):
 @pytest.mark.parametrize("content", ["[" * 100_000, '{"a": ' * 100_000, "[" + "1" * 9000 + "]"])
 def test_deep_and_endless_json_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "poses.json").write_text(content)
-    with pytest.raises(ValueError, match=r"poses\.json holds no poses: (its lists|it has a number)") as error:
+    with pytest.raises(
+        ValueError, match=r"poses\.json holds no poses: (its lists|it has a number)"
+    ) as error:
         cloud_files.read_poses(tmp_path / "poses.json")
     assert "\n" not in str(error.value)
 
@@ -254,7 +311,9 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
 
     columns = [("x", np.zeros(1 << 20)), ("y", np.zeros(1 << 20)), ("z", np.zeros(1 << 20))]
     for compression in ("zstd", "lz4", "uncompressed"):
-        feather.write_feather(pyarrow.table(dict(columns)), tmp_path / "a.feather", compression=compression)
+        feather.write_feather(
+            pyarrow.table(dict(columns)), tmp_path / "a.feather", compression=compression
+        )
         assert len(cloud_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("toolkit.runtime.files.MOST_CLOUD", 20 << 20)
@@ -262,9 +321,15 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
                 cloud_files.read_table(tmp_path / "a.feather")
     nothing = pyarrow.nulls(1 << 30)
     feather.write_feather(
-        pyarrow.table({"x": nothing}), tmp_path / "a.feather", compression="uncompressed", chunksize=1 << 30
+        pyarrow.table({"x": nothing}),
+        tmp_path / "a.feather",
+        compression="uncompressed",
+        chunksize=1 << 30,
     )
-    for content in ((tmp_path / "a.feather").read_bytes(), (tmp_path / "a.feather").read_bytes()[:-9]):
+    for content in (
+        (tmp_path / "a.feather").read_bytes(),
+        (tmp_path / "a.feather").read_bytes()[:-9],
+    ):
         (tmp_path / "a.feather").write_bytes(content)
         with pytest.raises(ValueError, match=r"unpacks to 8\.0 GiB|cut off"):
             cloud_files.read_table(tmp_path / "a.feather")
@@ -279,7 +344,9 @@ def test_points_of_no_return_are_not_fused(tmp_path):
 
 def test_commas_that_may_be_decimal_are_told(tmp_path):
     (tmp_path / "a.csv").write_text("1,5,2,5,3,5\n" * 3)
-    with pytest.warns(UserWarning, match=r"a.csv: all numbers are whole: if its commas are decimal"):
+    with pytest.warns(
+        UserWarning, match=r"a.csv: all numbers are whole: if its commas are decimal"
+    ):
         cloud_files.read_points(tmp_path / "a.csv")
     for sound in ("x,y,z,r,g,b\n1,5,2,5,3,5\n", "1,5,2,5,3,5.0\n", "1,5,2,5\n", "1 5 2 5 3 5\n"):
         (tmp_path / "a.csv").write_text(sound)

@@ -18,23 +18,32 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
-SITE = Site("corner", np.array([-30.0, -20, 30, 20]), map_SE3_site=pose(104.0, -196.0, yaw=np.pi / 2))
+SITE = Site(
+    "corner", np.array([-30.0, -20, 30, 20]), map_SE3_site=pose(104.0, -196.0, yaw=np.pi / 2)
+)
 NORTH = Sensor("north", DepthCamera(), look((0.0, 25.0, 6.0), -np.pi / 2, 0.2))
 WEST = Sensor("d west", DepthCamera(fov=1.2), look((-30.0, 0.0, 5.0), 0.0, 0.1))
-SMALL = Sensor("small", DepthCamera(width=40, height=31, stride=3, sigma=0.1), look((0.0, -25.0, 6.0), 1.0))
+SMALL = Sensor(
+    "small", DepthCamera(width=40, height=31, stride=3, sigma=0.1), look((0.0, -25.0, 6.0), 1.0)
+)
 LIDAR = Sensor("a lidar", SpinningLidar(channels=8, azimuth_step=0.1), pose(1.0, 2.0, 5.0, yaw=1.0))
 
 
 def box_depths(sensor: Sensor, boxes: np.ndarray) -> np.ndarray:
-    """Measurement of every ray against upright boxes and the ground z = 0, by the slab method; 0 for none."""
+    """Measurement of every ray against upright boxes and the ground z = 0, by the slab method; 0
+    for none."""
     rays = sensor.model.rays().reshape(-1, 3).astype(np.float64)
     direction, origin = rays @ sensor.pose[:3, :3].T, sensor.position
     with np.errstate(divide="ignore"):
         nearest = np.where(direction[:, 2] < 0, -origin[2] / direction[:, 2], np.inf)
         for x, y, z, *size, yaw in boxes:
-            turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+            turn = np.array(
+                [[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+            )
             o, d = turn @ (origin - [x, y, z]), direction @ turn.T
-            low, high = np.sort([(-np.array(size) / 2 - o) / d, (np.array(size) / 2 - o) / d], axis=0)
+            low, high = np.sort(
+                [(-np.array(size) / 2 - o) / d, (np.array(size) / 2 - o) / d], axis=0
+            )
             enter, leave = low.max(axis=1), high.min(axis=1)
             nearest = np.where((enter < leave) & (enter > 0), np.minimum(nearest, enter), nearest)
     depth = np.where(nearest < 200, nearest, 0).astype(np.float32).reshape(sensor.model.shape)
@@ -46,7 +55,12 @@ def scenes(sensors, frames=3, site=SITE):
     made = []
     for k in range(frames):
         n = 0 if k == 1 else 5
-        x, y, z, yaw = np.linspace(-16, 16, n), rng.uniform(-8, 8, n), np.full(n, 0.8), rng.uniform(-3, 3, n)
+        x, y, z, yaw = (
+            np.linspace(-16, 16, n),
+            rng.uniform(-8, 8, n),
+            np.full(n, 0.8),
+            rng.uniform(-3, 3, n),
+        )
         boxes = np.column_stack([x, y, z, rng.uniform([3, 1.5, 1.6], [5, 2, 1.6], (n, 3)), yaw])
         objects = Objects(boxes, rng.integers(0, 4, n), rng.integers(0, 999, n))
         measurements = tuple(box_depths(sensor, boxes) for sensor in sensors)
@@ -76,7 +90,8 @@ def path(tmp_path):
 
 @pytest.fixture
 def published(path):
-    """A file as the authors wrote theirs: full images, colour, other cameras, no group of ours, CARLA coordinates."""
+    """A file as the authors wrote theirs: full images, colour, other cameras, no group of ours,
+    CARLA coordinates."""
     site = load_site("tjunction")
     frames = write(path, site.sensors[:2], site=site)
     with h5py.File(path, "r+") as file:
@@ -93,7 +108,8 @@ def published(path):
 
 
 @pytest.mark.parametrize(
-    "sensors", [(NORTH,), (NORTH, WEST), (LIDAR, NORTH, WEST), (LIDAR,), (NORTH, SMALL), (SMALL, LIDAR, WEST)]
+    "sensors",
+    [(NORTH,), (NORTH, WEST), (LIDAR, NORTH, WEST), (LIDAR,), (NORTH, SMALL), (SMALL, LIDAR, WEST)],
 )
 def test_frames_come_back(path, sensors):
     made = write(path, sensors)
@@ -175,12 +191,18 @@ def test_the_published_files_and_those_from_elsewhere(path, published):
 
 
 def back_projected(file: h5py.File, k: int, camera: str, channel: int) -> np.ndarray:
-    """Points in CARLA's world as the formats document says, written down a second time: X = d, Y = (u - cu) d / f,
-    Z = -(v - cv) d / f on every second pixel, then the inverse extrinsic."""
-    intrinsic, matrix = file[f"cameras/{camera}/intrinsic"][()], file[f"cameras/{camera}/extrinsic"][()]
+    """Points in CARLA's world as the formats document says, written down a second time: X = d,
+    Y = (u - cu) d / f, Z = -(v - cv) d / f on every second pixel, then the inverse extrinsic."""
+    intrinsic, matrix = (
+        file[f"cameras/{camera}/intrinsic"][()],
+        file[f"cameras/{camera}/extrinsic"][()],
+    )
     depth = file["dslices"][k, channel][::2, ::2]
     v, u = np.meshgrid(np.arange(0, 300, 2), np.arange(0, 400, 2), indexing="ij")
-    y, z = (u - intrinsic[0, 0]) * depth / intrinsic[0, 1], -(v - intrinsic[1, 0]) * depth / intrinsic[0, 1]
+    y, z = (
+        (u - intrinsic[0, 0]) * depth / intrinsic[0, 1],
+        -(v - intrinsic[1, 0]) * depth / intrinsic[0, 1],
+    )
     points = np.stack([depth, y, z, np.ones_like(depth)]).reshape(4, -1)
     return (np.linalg.inv(matrix) @ points)[:3, depth.ravel() < 999].T
 
@@ -195,7 +217,9 @@ def test_the_published_reader_finds_points_on_the_surfaces_of_the_boxes(path):
         assert file["dslices"].shape == (3, 2, 300, 400)
         assert file["slices"].shape[0] == 3
         for k in range(3):
-            points = np.concatenate([back_projected(file, k, name, i) for i, name in enumerate(names)])
+            points = np.concatenate(
+                [back_projected(file, k, name, i) for i, name in enumerate(names)]
+            )
             above = points[points[:, 2] > 0.01]
             explained = np.zeros(len(above), bool)
             for x, y, z, _, _, yaw, *half, _ in file[f"objects/{k}"]:
@@ -212,12 +236,21 @@ def test_noise_depends_on_seed_frame_and_sensor_alone(path):
     write(path, (NORTH, WEST, LIDAR))
     frame = CoopDataset(path)[2]
     alone = Frame(frame.sensors[1:2], frame.images[1:2], frame.objects, frame.time, frame.index)
-    noise = [a - b for a, b in zip(with_errors(frame, "paper", 7).images, frame.measurements, strict=True)]
-    assert np.array_equal(with_errors(alone, "paper", 7).images[0], with_errors(frame, "paper", 7).measurements[1])
-    assert not np.array_equal(with_errors(alone, "paper", 8).images[0], with_errors(frame, "paper", 7).measurements[1])
+    noise = [
+        a - b
+        for a, b in zip(with_errors(frame, "paper", 7).images, frame.measurements, strict=True)
+    ]
+    assert np.array_equal(
+        with_errors(alone, "paper", 7).images[0], with_errors(frame, "paper", 7).measurements[1]
+    )
+    assert not np.array_equal(
+        with_errors(alone, "paper", 8).images[0], with_errors(frame, "paper", 7).measurements[1]
+    )
     for sensor, measurement, difference in zip(frame.sensors, frame.images, noise, strict=True):
         assert not difference[measurement == 0].any()
-        assert difference[measurement > 0].std() == pytest.approx(float(sensor.model.deviation(measurement)), rel=0.1)
+        assert difference[measurement > 0].std() == pytest.approx(
+            float(sensor.model.deviation(measurement)), rel=0.1
+        )
 
 
 def damage(path, change):
@@ -241,12 +274,21 @@ nan_pose = np.full((4, 4), np.nan)
     ("change", "says"),
     [
         (put("dslices", None), "'dslices' .* is missing"),
-        (put("dslices", np.zeros((3, 300, 400), np.float32)), r"must be floats of shape \[T, C, H, W\]"),
+        (
+            put("dslices", np.zeros((3, 300, 400), np.float32)),
+            r"must be floats of shape \[T, C, H, W\]",
+        ),
         (put("dslices", np.zeros((3, 2, 300, 400), np.uint8)), "must be floats"),
-        (put("dslices", np.zeros((3, 1, 300, 400), np.float32)), "1 depth images a frame, but cameras/ has 2"),
+        (
+            put("dslices", np.zeros((3, 1, 300, 400), np.float32)),
+            "1 depth images a frame, but cameras/ has 2",
+        ),
         (put("dslices", np.zeros((2, 2, 300, 400), np.float32)), "one length"),
         (put("dslices", np.zeros((3, 2, 30, 40), np.float32)), "intrinsic"),
-        *((put("cameras/d00", None), "cameras/ has 1 "), (put("cameras", np.eye(4)), "cameras must be an HDF5 group")),
+        *(
+            (put("cameras/d00", None), "cameras/ has 1 "),
+            (put("cameras", np.eye(4)), "cameras must be an HDF5 group"),
+        ),
         (put("cameras/d01", np.eye(4)), "cameras/d01 must be an HDF5 group"),
         (put("objects", np.zeros((3, 5, 10))), "objects must be an HDF5 group"),
         (put("cameras", None), "cameras/ has 0 .* none"),
@@ -315,8 +357,17 @@ def test_files_that_are_none(path):
 @pytest.mark.parametrize(
     ("column", "value", "says"),
     [
-        *((6, -1.0, "has half extents"), (7, 0.0, "has half extents"), (8, 1e6, "has half extents")),
-        *((0, 1e300, "lies at"), (5, 1e18, "has yaw"), (2, np.nan, "holds NaN"), (9, 7.0, "has class")),
+        *(
+            (6, -1.0, "has half extents"),
+            (7, 0.0, "has half extents"),
+            (8, 1e6, "has half extents"),
+        ),
+        *(
+            (0, 1e300, "lies at"),
+            (5, 1e18, "has yaw"),
+            (2, np.nan, "holds NaN"),
+            (9, 7.0, "has class"),
+        ),
     ],
 )
 def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, column, value, says):
@@ -334,7 +385,9 @@ def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, column, valu
             dataset[2]
         with pytest.raises(ValueError, match="row 1"):
             survey(dataset)
-    with pytest.warns(UserWarning, match=rf"1 objects in 1 frames are left out, .*objects/2 row 1, which {says}"):
+    with pytest.warns(
+        UserWarning, match=rf"1 objects in 1 frames are left out, .*objects/2 row 1, which {says}"
+    ):
         dataset = CoopDataset(path, drop_invalid=True)
     assert dataset[2].objects.ids.tolist() == np.delete(made[2].objects.ids, 1).tolist()
     assert survey(dataset).frames == len(made)

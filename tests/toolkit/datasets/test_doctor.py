@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.doctor import SensorImages, blind_frames, diagnose_file, failing_sensors, frozen_frames
+from toolkit.datasets.doctor import (
+    SensorImages,
+    blind_frames,
+    diagnose_file,
+    failing_sensors,
+    frozen_frames,
+)
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera
@@ -31,7 +37,10 @@ def image(sensor, centre):
 def rows(centres):
     """As published, a frame each."""
     boxes = [np.array([[x, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]]) for x in centres]
-    return [published.format_objects(Objects(b, np.zeros(1, int), np.arange(1)), SITE.map_SE3_site) for b in boxes]
+    return [
+        published.format_objects(Objects(b, np.zeros(1, int), np.arange(1)), SITE.map_SE3_site)
+        for b in boxes
+    ]
 
 
 CENTRES = [-4.0, -3.0, 3.0, 9.0, 9.0, 2.0]
@@ -43,18 +52,30 @@ def views(shown=CENTRES):
 
 
 def test_images_frozen_or_blind_are_named():
-    assert not any(frozen_frames(each, rows(CENTRES), SITE).any() for each in views())  # 9 twice: parked
+    assert not any(
+        frozen_frames(each, rows(CENTRES), SITE).any() for each in views()
+    )  # 9 twice: parked
     assert not blind_frames(views()).any()
     assert list(failing_sensors(views(), rows(CENTRES), SITE, range(6))) == []
     assert list(failing_sensors([], [], SITE, [])) == []
     frozen = views([-4.0, -3.0, -3.0, -3.0, 9.0, 2.0])[0]
-    assert frozen_frames(frozen, rows(CENTRES), SITE).tolist() == [False, False, True, True, False, False]
+    assert frozen_frames(frozen, rows(CENTRES), SITE).tolist() == [
+        False,
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
     both = [frozen, views()[1]]
     assert list(failing_sensors(both, rows(CENTRES), SITE, [0, 7, 14, 21, 28, 35])) == [
         (
             "sensor a",
             "it is frozen",
-            "2 of 6 frames that were looked at, the first is 14, show objects where nobody is any more",
+            (
+                "2 of 6 frames that were looked at, the first is 14, show objects where nobody is "
+                "any more"
+            ),
             "leave these frames out, or the sensor",
         )
     ]
@@ -68,11 +89,19 @@ def test_images_frozen_or_blind_are_named():
     dark[5] = 0
     other = images[1].depth.copy()
     other[5] = 0
-    changed = [SensorImages(each.sensor, each.rays, depth) for each, depth in zip(images, (dark, other), strict=True)]
-    assert blind_frames(changed).tolist() == [[False, False, False, False, True, False], [False] * 6]
+    changed = [
+        SensorImages(each.sensor, each.rays, depth)
+        for each, depth in zip(images, (dark, other), strict=True)
+    ]
+    assert blind_frames(changed).tolist() == [
+        [False, False, False, False, True, False],
+        [False] * 6,
+    ]
     (found,) = failing_sensors(changed, rows(CENTRES), SITE, range(6))
     assert found[:2] == ("sensor a", "it goes blind")
-    assert found[2].startswith("1 of 6 frames that were looked at, the first is 4, return less than half")
+    assert found[2].startswith(
+        "1 of 6 frames that were looked at, the first is 4, return less than half"
+    )
 
 
 def blind(file):
@@ -90,13 +119,18 @@ def place(change):
 @pytest.mark.parametrize(
     ("change", "suspected"),
     [
-        *((blind, "no points"), (place(lambda matrix: matrix @ pose(0.0, 0.0, 9.0)), "it stands under the ground")),
+        *(
+            (blind, "no points"),
+            (place(lambda matrix: matrix @ pose(0.0, 0.0, 9.0)), "it stands under the ground"),
+        ),
         (place(lambda matrix: np.diag([1, -1, -1, 1]) @ matrix), "upside down"),
     ],
 )
 def test_a_sensor_that_cannot_be_right_is_named(spoil, change, suspected):
     findings = spoil(change)
-    assert any(suspected in finding.suspected and "sensor north" in finding.where for finding in findings)
+    assert any(
+        suspected in finding.suspected and "sensor north" in finding.where for finding in findings
+    )
 
 
 def test_dark_frames_and_objects_of_others_are_named(spoil):
@@ -107,8 +141,8 @@ def test_dark_frames_and_objects_of_others_are_named(spoil):
     (finding,) = spoil(darken)
     assert (finding.where, finding.suspected) == ("frame 4", "frames without points")
     assert str(finding) == (
-        "error: frame 4: frames without points (1 of 14 frames that were looked at, the first is 4);"
-        " restore their images or leave them out"
+        "error: frame 4: frames without points (1 of 14 frames that were looked at, the first is "
+        "4); restore their images or leave them out"
     )
 
     def turn_over(file):
@@ -136,16 +170,32 @@ def test_a_healthy_recording_has_no_findings(spoil, published):
     ("change", "suspected", "where"),
     [
         (replaced("objects/3", np.zeros((0, 10))), "frames without objects", "objects/3"),
-        (replaced("objects/3", lambda file: file["objects/5"][()]), "duplicated frames", "objects/5"),
+        (
+            replaced("objects/3", lambda file: file["objects/5"][()]),
+            "duplicated frames",
+            "objects/5",
+        ),
         (replaced("objects/3", np.zeros((4, 7))), "damaged objects", "objects/3"),
         (replaced("objects/3", np.full((1, 10), np.nan)), "damaged objects", "objects/3"),
         (replaced("objects/3", np.zeros((1, 10))), "damaged objects", "objects/3"),
         (replaced("objects/3", np.full((4, 10), b"x")), "damaged objects", "objects/3"),
-        (replaced("dslices", np.zeros((0, 2, 300, 400), np.float32)), "it cannot be read", "recording.hdf5"),
+        (
+            replaced("dslices", np.zeros((0, 2, 300, 400), np.float32)),
+            "it cannot be read",
+            "recording.hdf5",
+        ),
         (replaced("cameras", np.eye(4)), "it cannot be read", "recording.hdf5"),
         (lambda file: file["objects"].__delitem__("3"), "damaged objects", "objects/3"),
-        (replaced("cameras/d00/extrinsic", np.zeros((4, 4))), "it cannot be read", "recording.hdf5"),
-        (replaced("cameras/d00/extrinsic", np.full((4, 4), np.nan)), "it cannot be read", "recording.hdf5"),
+        (
+            replaced("cameras/d00/extrinsic", np.zeros((4, 4))),
+            "it cannot be read",
+            "recording.hdf5",
+        ),
+        (
+            replaced("cameras/d00/extrinsic", np.full((4, 4), np.nan)),
+            "it cannot be read",
+            "recording.hdf5",
+        ),
     ],
 )
 def test_damage(spoil, change, suspected, where):
@@ -158,7 +208,11 @@ def test_files_that_cannot_be_read(tmp_path, healthy):
     with pytest.raises(FileNotFoundError):
         diagnose_file(path)
     for content, says in (
-        *((b"", "is empty"), (b"text" * 99, "not an HDF5 file"), (healthy[: len(healthy) // 2], "cut off")),
+        *(
+            (b"", "is empty"),
+            (b"text" * 99, "not an HDF5 file"),
+            (healthy[: len(healthy) // 2], "cut off"),
+        ),
     ):
         path.write_bytes(content)
         (finding,) = diagnose_file(path)

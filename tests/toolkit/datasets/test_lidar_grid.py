@@ -31,8 +31,8 @@ def cloud(elevation, azimuth, *, ring=None, seed=0, frame="sensor", name="l"):
 
 
 def turning(columns=360, noise=0.0, seed=0, lost=0.3, phase=0.5, **given):
-    """A turn of seven rows, from which some returns are lost; the rings are numbered in another order; phase: of the
-    azimuths, in columns."""
+    """A turn of seven rows, from which some returns are lost; the rings are numbered in another
+    order; phase: of the azimuths, in columns."""
     rng = np.random.default_rng(seed)
     row, column = (each.ravel() for each in np.meshgrid(np.arange(7), np.arange(columns)))
     there = rng.random(len(row)) > lost
@@ -49,7 +49,14 @@ def test_rows_are_nearest_angles_found_in_scattered_elevations():
     np.testing.assert_allclose(azimuth, [np.pi / 2, np.pi])
     np.testing.assert_allclose(distance, [5, 2])
     rows = np.array([0.2, 0.0, -0.4])
-    assert nearest_row(np.array([0.9, 0.11, 0.09, -0.19, -0.21, -2.0]), rows).tolist() == [0, 0, 1, 1, 2, 2]
+    assert nearest_row(np.array([0.9, 0.11, 0.09, -0.19, -0.21, -2.0]), rows).tolist() == [
+        0,
+        0,
+        1,
+        1,
+        2,
+        2,
+    ]
     assert find_grid([turning(phase=k / 18, seed=k) for k in range(18)]).model.heading == 0
     grid = find_grid([turning(noise=0.001, seed=k) for k in range(3)])
     np.testing.assert_allclose(grid.model.elevations, ROWS, atol=3e-4)
@@ -80,7 +87,11 @@ def test_a_spinning_lidar(rings, frame):
 def test_azimuths_are_in_the_middle_of_their_columns(phase, columns):
     model = find_grid([turning(columns, phase=phase, seed=k) for k in range(2)]).model
     assert model.columns == columns
-    own = np.arctan2(model.rays()[0, :, 1], model.rays()[0, :, 0]) * columns / (2 * np.pi) - phase - columns / 2
+    own = (
+        np.arctan2(model.rays()[0, :, 1], model.rays()[0, :, 0]) * columns / (2 * np.pi)
+        - phase
+        - columns / 2
+    )
     np.testing.assert_allclose(own - np.round(own), 0, atol=2e-3)
     assert abs(model.heading) <= np.pi / columns + 1e-9
 
@@ -89,12 +100,16 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     row, column = (each.ravel() for each in np.meshgrid(np.arange(20), np.arange(50)))
     elevation, azimuth = np.deg2rad(5 - 0.8 * row), np.deg2rad(160.0 + 0.8 * column)  # on to -160.8
     grid = find_grid([cloud(elevation, azimuth, seed=k) for k in range(2)])
-    np.testing.assert_allclose(grid.model.elevations, np.deg2rad(5 - 0.8 * np.arange(20)), atol=1e-5)
+    np.testing.assert_allclose(
+        grid.model.elevations, np.deg2rad(5 - 0.8 * np.arange(20)), atol=1e-5
+    )
     assert grid.model.columns == 50
     assert np.rad2deg(grid.model.azimuth_fov) == pytest.approx(40.0, abs=1e-3)
     assert np.rad2deg(grid.model.heading) == pytest.approx(179.6, abs=1e-3)
     rng = np.random.default_rng(0)
-    clouds = [cloud(rng.uniform(-0.3, 0.2, 6000), rng.uniform(-0.5, 0.5, 6000), seed=k) for k in range(2)]
+    clouds = [
+        cloud(rng.uniform(-0.3, 0.2, 6000), rng.uniform(-0.5, 0.5, 6000), seed=k) for k in range(2)
+    ]
     grid = find_grid(clouds)
     steps = -np.diff(grid.model.elevations)
     np.testing.assert_allclose(steps, steps[0])
@@ -108,7 +123,9 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     assert made.inside.tolist() == [True, True, False]
     assert made.cells[:2].tolist() == [2 * 36 + 4, 3 * 36 + 5]
     assert rasterize_cloud(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]
-    points_cloud = SensorCloud("l", along((1, 5, 30.0), (1, 5, 12.0), (1, 5, 20.0), (2, 5, 9.0)), np.eye(4))
+    points_cloud = SensorCloud(
+        "l", along((1, 5, 30.0), (1, 5, 12.0), (1, 5, 20.0), (2, 5, 9.0)), np.eye(4)
+    )
     made = rasterize_cloud(points_cloud, LidarGrid(MODEL))
     assert made.shown.tolist() == [False, True, False, True]
     assert made.left_out == {SHARED_CELL: 2}
@@ -116,26 +133,36 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     assert made.measurement[2, 5] == pytest.approx(9.0)
     assert (made.measurement > 0).sum() == 2
     far = along((0, 0, 500.0), (3, 1, 10.0))
-    high = np.array([[10 * np.cos(0.31), 0, 10 * np.sin(0.31)]], np.float32)  # 0.11 above the row, 0.1 to the next
-    low = np.array([[10 * np.cos(0.5), 0, -10 * np.sin(0.5)]], np.float32)  # 0.2 below the row, 0.3 to the next
-    made = rasterize_cloud(SensorCloud("l", np.concatenate([far, high, low]), np.eye(4)), LidarGrid(MODEL))
+    # 0.11 above the row, 0.1 to the next
+    high = np.array([[10 * np.cos(0.31), 0, 10 * np.sin(0.31)]], np.float32)
+    # 0.2 below the row, 0.3 to the next
+    low = np.array([[10 * np.cos(0.5), 0, -10 * np.sin(0.5)]], np.float32)
+    made = rasterize_cloud(
+        SensorCloud("l", np.concatenate([far, high, low]), np.eye(4)), LidarGrid(MODEL)
+    )
     assert made.inside.tolist() == [False, True, False, True]
     assert made.left_out == {OUTSIDE_GRID: 2}
     assert made.cells.max() < 4 * 36
     azimuth = 3.0 + np.array([-0.52, -0.48, 0.0, 0.48, 0.52])  # on across the seam
     points = 10 * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(5)], axis=1)
-    made = rasterize_cloud(SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR))
+    made = rasterize_cloud(
+        SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR)
+    )
     assert made.inside.tolist() == [False, True, True, True, False]
     assert made.cells[1:4].tolist() == [10, 15, 19]
 
 
 def test_what_is_no_image_is_refused(monkeypatch):
-    with pytest.raises(ValueError, match="0 points of the sensor say nothing of its rows, 100 are needed"):
+    with pytest.raises(
+        ValueError, match="0 points of the sensor say nothing of its rows, 100 are needed"
+    ):
         find_grid([])
     with pytest.raises(ValueError, match="3 points of l say nothing"):
         find_grid([SensorCloud("l", np.full((3, 3), 9.0, np.float32), np.eye(4))])
     monkeypatch.setattr(empty_scene, "MOST_PIXELS", 2519)
-    with pytest.raises(ValueError, match="would have 7 x 360 pixels: are its points in its own frame"):
+    with pytest.raises(
+        ValueError, match="would have 7 x 360 pixels: are its points in its own frame"
+    ):
         find_grid([turning()])
 
 
@@ -145,16 +172,22 @@ SECTOR = RowLidar((0.1, 0.0), columns=10, azimuth_fov=1.0, heading=3.0)
 
 def along(*cells, model=MODEL):
     rays = model.rays().astype(np.float64)
-    return np.array([distance * rays[row, column] for row, column, distance in cells]).astype(np.float32)
+    return np.array([distance * rays[row, column] for row, column, distance in cells]).astype(
+        np.float32
+    )
 
 
 def test_images_there_and_back_are_exact_in_range():
     rng = np.random.default_rng(0)
-    image = np.where(rng.random(MODEL.shape) < 0.7, rng.uniform(2, 90, MODEL.shape), 0).astype(np.float32)
+    image = np.where(rng.random(MODEL.shape) < 0.7, rng.uniform(2, 90, MODEL.shape), 0).astype(
+        np.float32
+    )
     points = (MODEL.rays() * image[..., None])[image > 0]
     order = rng.permutation(len(points))
     place = pose(5.0, 6.0, 7.0, yaw=1.0)
-    world = SensorCloud("l", transform(place, points[order].astype(np.float64)).astype(np.float32), place, "world")
+    world = SensorCloud(
+        "l", transform(place, points[order].astype(np.float64)).astype(np.float32), place, "world"
+    )
     for cloud in (SensorCloud("l", points[order], np.eye(4)), world):
         made = rasterize_cloud(cloud, LidarGrid(MODEL))
         np.testing.assert_allclose(made.measurement, image, atol=1e-5)
@@ -164,15 +197,19 @@ def test_images_there_and_back_are_exact_in_range():
         np.testing.assert_allclose(made.points, points[order], atol=2e-5)
     rng = np.random.default_rng(1)
     azimuth = rng.uniform(-np.pi, np.pi, 30)
-    points = np.stack([20 * np.cos(azimuth), 20 * np.sin(azimuth), np.zeros(30)], axis=1).astype(np.float32)
+    points = np.stack([20 * np.cos(azimuth), 20 * np.sin(azimuth), np.zeros(30)], axis=1).astype(
+        np.float32
+    )
     made = rasterize_cloud(SensorCloud("l", points, np.eye(4)), LidarGrid(MODEL))
     np.testing.assert_allclose(np.linalg.norm(made.points, axis=1), 20, rtol=1e-6)
     assert np.linalg.norm(points[made.shown] - made.points, axis=1).max() <= 20 * np.pi / 36
     assert made.shown.sum() + sum(made.left_out.values()) == 30
-    made = rasterize_cloud(SensorCloud("l", np.zeros((0, 3), np.float32), np.eye(4)), LidarGrid(MODEL))
+    made = rasterize_cloud(
+        SensorCloud("l", np.zeros((0, 3), np.float32), np.eye(4)), LidarGrid(MODEL)
+    )
     assert not made.measurement.any()
     assert made.points.shape == (0, 3)
     one = LidarGrid(RowLidar((0.0,), columns=4))
-    assert rasterize_cloud(SensorCloud("l", np.array([[5.0, 0, 3]], np.float32), np.eye(4)), one).inside.tolist() == [
-        True
-    ]
+    assert rasterize_cloud(
+        SensorCloud("l", np.array([[5.0, 0, 3]], np.float32), np.eye(4)), one
+    ).inside.tolist() == [True]

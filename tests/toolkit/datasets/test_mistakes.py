@@ -44,10 +44,19 @@ MISTAKES = (
     (columns(yaw=lambda o: -o["yaw"]), "yaw counted the other way round"),
     (columns(yaw=lambda o: np.deg2rad(o["yaw"])), "yaw in radians"),
     (columns(yaw=lambda o: np.rad2deg(o["yaw"])), "yaw turned from radians to degrees twice"),
-    (columns(l=lambda o: 2 * o["l"], w=lambda o: 2 * o["w"], h=lambda o: 2 * o["h"]), "full extents"),
-    (columns(l=lambda o: o["l"] / 2, w=lambda o: o["w"] / 2, h=lambda o: o["h"] / 2), "half of the half extents"),
+    (
+        columns(l=lambda o: 2 * o["l"], w=lambda o: 2 * o["w"], h=lambda o: 2 * o["h"]),
+        "full extents",
+    ),
+    (
+        columns(l=lambda o: o["l"] / 2, w=lambda o: o["w"] / 2, h=lambda o: o["h"] / 2),
+        "half of the half extents",
+    ),
     (columns(l=lambda o: o["w"], w=lambda o: o["l"]), "length and width swapped"),
-    (columns(x=lambda o: o["y"], y=lambda o: o["x"], yaw=lambda o: 90 - o["yaw"]), "x and y swapped"),
+    (
+        columns(x=lambda o: o["y"], y=lambda o: o["x"], yaw=lambda o: 90 - o["yaw"]),
+        "x and y swapped",
+    ),
     (columns(z=lambda o: o["z"] - o["h"]), "the centre of the floor"),
     (columns(z=lambda o: o["z"] + 0.6), "the boxes float above the ground"),
     (columns(z=lambda o: o["z"] - 0.4), "the boxes are sunk into the ground"),
@@ -58,12 +67,16 @@ MISTAKES = (
     (depths(lambda depth, k: 1000 * depth), "depth in millimetres"),
     (depths(lambda depth, k: np.where(depth < 999, 100 * depth, 0)), "depth in centimetres"),
     (depths(lambda depth, k: depth / 1000), "depth in parts of the far plane"),
-    (depths(lambda depth, k: depth * np.sqrt(1 + U**2 + V**2)), "its depth is the distance along the ray"),
+    (
+        depths(lambda depth, k: depth * np.sqrt(1 + U**2 + V**2)),
+        "its depth is the distance along the ray",
+    ),
 )
 
 
 @pytest.mark.parametrize(
-    ("change", "suspected", "published"), [*((*m, False) for m in MISTAKES), *((*m, True) for m in MISTAKES[::4])]
+    ("change", "suspected", "published"),
+    [*((*m, False) for m in MISTAKES), *((*m, True) for m in MISTAKES[::4])],
 )
 def test_classic_mistakes(spoil, change, suspected, published):
     findings = spoil(change, published)
@@ -83,7 +96,9 @@ def shifted(file, off):
     file.create_group("objects").attrs.update(file["others"].attrs)
     for k in range(14):
         source = k - off
-        file[f"objects/{k}"] = file[f"others/{source}"][()] if 0 <= source < 14 else np.zeros((0, 10))
+        file[f"objects/{k}"] = (
+            file[f"others/{source}"][()] if 0 <= source < 14 else np.zeros((0, 10))
+        )
     del file["others"]
 
 
@@ -96,7 +111,11 @@ def shifted(file, off):
     ],
 )
 def test_objects_of_frames_before_or_after(spoil, off, said):
-    found = [finding for finding in spoil(lambda file: shifted(file, off), True) if finding.severity == "error"]
+    found = [
+        finding
+        for finding in spoil(lambda file: shifted(file, off), True)
+        if finding.severity == "error"
+    ]
     assert [finding.suspected for finding in found] == [said]
     assert found[0].remedy == f"store objects/K as objects/K{'-' if off > 0 else '+'}{abs(off)}"
 
@@ -106,12 +125,16 @@ def rows(x):
 
 
 def side(x, count=100):
-    return np.column_stack([np.linspace(x - 1.9, x + 1.9, count), np.full(count, -1.0), np.full(count, 1.0)])
+    return np.column_stack(
+        [np.linspace(x - 1.9, x + 1.9, count), np.full(count, -1.0), np.full(count, 1.0)]
+    )
 
 
 def test_rows_that_belong_to_the_frames_are_given_back():
     tables = [rows(10.0 * k) for k in range(6)]
-    suspicion, own = suspect_frames([side(10.0 * (k + 2)) for k in (0, 2, 4)], tables, [0, 2, 4], LEVEL)
+    suspicion, own = suspect_frames(
+        [side(10.0 * (k + 2)) for k in (0, 2, 4)], tables, [0, 2, 4], LEVEL
+    )
     assert (suspicion.before, suspicion.after) == (0.0, 1.0)
     assert [table[0, 0] if len(table) else None for table in own] == [20.0, 40.0, None]
     sound, own = suspect_frames([side(10.0 * k) for k in (0, 2, 4)], tables, [0, 2, 4], LEVEL)
@@ -119,14 +142,22 @@ def test_rows_that_belong_to_the_frames_are_given_back():
     assert [table[0, 0] for table in own] == [0.0, 20.0, 40.0]
     tables = [rows(10.0 * k) for k in range(6)]
     assert suspect_frames([side(20.0, 99)] * 2, tables, [0, 1], LEVEL)[0] is None
-    assert suspect_frames([side(20.0)] * 2, [table[:0] for table in tables], [0, 1], LEVEL)[0] is None
+    assert (
+        suspect_frames([side(20.0)] * 2, [table[:0] for table in tables], [0, 1], LEVEL)[0] is None
+    )
 
 
 def test_each_sensor_of_one_mistake_has_its_evidence(spoil):
-    (finding,) = [each for each in spoil(extrinsics(np.linalg.inv)) if each.where.startswith("sensor")]
+    (finding,) = [
+        each for each in spoil(extrinsics(np.linalg.inv)) if each.where.startswith("sensor")
+    ]
     assert finding.where == "sensors north, west"
     north, west = finding.evidence.split("; ")
     assert north.startswith("north: ")
     assert west.startswith("west: ")
-    (alone,) = [each for each in spoil(extrinsics(np.linalg.inv, ["d01"])) if each.where.startswith("sensor")]
+    (alone,) = [
+        each
+        for each in spoil(extrinsics(np.linalg.inv, ["d01"]))
+        if each.where.startswith("sensor")
+    ]
     assert west == f"west: {alone.evidence}"

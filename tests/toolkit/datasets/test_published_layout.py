@@ -25,7 +25,9 @@ def test_extrinsic_and_back(map_SE3_site, heading, tilt, position):
 def test_objects_and_back(map_SE3_site, places):
     boxes = np.array([[x, y, z, 4.0, 2.0, 1.5, yaw] for x, y, z, yaw in places]).reshape(-1, 7)
     objects = Objects(boxes, np.arange(len(boxes)), np.arange(len(boxes)) + 7)
-    back = published.parse_rows(published.format_objects(objects, map_SE3_site), map_SE3_site, objects.ids)
+    back = published.parse_rows(
+        published.format_objects(objects, map_SE3_site), map_SE3_site, objects.ids
+    )
     assert np.allclose(back.boxes[:, :6], boxes[:, :6], atol=1e-9)
     assert np.allclose(np.exp(1j * back.boxes[:, 6]), np.exp(1j * boxes[:, 6]))
     assert back.labels.tolist() == objects.labels.tolist()
@@ -33,9 +35,12 @@ def test_objects_and_back(map_SE3_site, places):
 
 
 def test_cameras_boxes_and_empty_pixels_in_carla_coordinates():
-    """On an unturned map a camera at (1, 2, 5) that looks north (+y) looks along -y in CARLA, its right is +x."""
+    """On an unturned map a camera at (1, 2, 5) that looks north (+y) looks along -y in CARLA, its
+    right is +x."""
     matrix = published.extrinsic(look((1.0, 2.0, 5.0), np.pi / 2), np.eye(4))
-    ahead, right, above = np.array([[1, -2 - 7, 5, 1], [1 + 3, -2 - 7, 5, 1], [1, -2 - 7, 5 + 2, 1]]).T.T
+    ahead, right, above = np.array(
+        [[1, -2 - 7, 5, 1], [1 + 3, -2 - 7, 5, 1], [1, -2 - 7, 5 + 2, 1]]
+    ).T.T
     assert np.allclose(matrix @ ahead, [7, 0, 0, 1])
     assert np.allclose(matrix @ right, [7, 3, 0, 1])
     assert np.allclose(matrix @ above, [7, 0, 2, 1])
@@ -61,7 +66,11 @@ def test_cameras_boxes_and_empty_pixels_in_carla_coordinates():
 @pytest.mark.parametrize(
     ("matrix", "says"),
     [
-        *((np.full((4, 4), np.nan), "NaN"), (np.zeros((4, 4)), "singular"), (np.eye(3), r"shape \(4, 4\)")),
+        *(
+            (np.full((4, 4), np.nan), "NaN"),
+            (np.zeros((4, 4)), "singular"),
+            (np.eye(3), r"shape \(4, 4\)"),
+        ),
         *((np.diag([1.0, -1, 1, 1]), "mirrors"), (2 * np.eye(4), "row 0 0 0 1")),
     ],
 )
@@ -71,7 +80,8 @@ def test_extrinsics_refused(matrix, says):
 
 
 @pytest.mark.parametrize(
-    "matrix", [np.eye(4), DepthCamera().intrinsic, np.full((3, 3), np.nan), np.zeros((3, 3)), -np.eye(3)]
+    "matrix",
+    [np.eye(4), DepthCamera().intrinsic, np.full((3, 3), np.nan), np.zeros((3, 3)), -np.eye(3)],
 )
 def test_intrinsics_refused(matrix):
     with pytest.raises(ValueError, match=r"cameras/d0/intrinsic must be"):
@@ -82,7 +92,10 @@ def test_intrinsics_refused(matrix):
     ("rows", "says"),
     [
         *((np.zeros((2, 9)), "10 columns"), (np.zeros(10), "10 columns")),
-        *((np.full((1, 10), np.nan), "row 0 holds NaN"), ([[0, 0, 0, 0, 0, 0, 1, 1, 1, 7.0]], r"classes 0\.\.3")),
+        *(
+            (np.full((1, 10), np.nan), "row 0 holds NaN"),
+            ([[0, 0, 0, 0, 0, 0, 1, 1, 1, 7.0]], r"classes 0\.\.3"),
+        ),
         ([[0, 0, 0, 0, 0, 0, 1, 1, 1, 0.5]], r"classes 0\.\.3"),
     ],
 )

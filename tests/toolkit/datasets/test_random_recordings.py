@@ -1,4 +1,5 @@
-"""Recordings of random sites: what they promise, and that a site that fails is left out with a note."""
+"""Recordings of random sites: what they promise, and that a site that fails is left out with a
+note."""
 
 from dataclasses import replace
 
@@ -35,7 +36,9 @@ def test_a_recording_is_whole_by_seed_and_number(recording):
         assert frame.sensors == sensors
         for image, empty in zip(frame.measurements, recording.empty, strict=True):
             assert image.shape == empty.shape
-            assert (image[image != empty] > 0).all()  # what comes in front of the site returns something
+            assert (
+                image[image != empty] > 0
+            ).all()  # what comes in front of the site returns something
             hidden = (image > 0) & (empty > 0)
             assert (image[hidden] <= empty[hidden]).all()
     assert any(len(frame.objects) for frame in recording.frames)
@@ -50,14 +53,20 @@ def test_site_files_are_recorded_in_turn_instead_of_drawn_junctions(tmp_path):
     made = [random_recording(seed=4, number=number, frames=1, sites=paths) for number in range(3)]
     assert [each.site.name for each in made] == [load_site(paths[k]).name for k in (0, 1, 0)]
     assert digest(made[0]) != digest(made[2])  # other sensors and traffic there
-    out, run, settings = tmp_path / "x.packed", Run(frames=1, seed=4, workers=1), {"encode": as_text, "join": as_lines}
+    out, run, settings = (
+        tmp_path / "x.packed",
+        Run(frames=1, seed=4, workers=1),
+        {"encode": as_text, "join": as_lines},
+    )
     random_recordings_file(2, out, run=run, **settings, sites=paths)
     assert out.read_text() == "\n".join(repr(digest(each)) for each in made[:2])
 
 
 def test_everyone_is_drawn_afresh_or_stretched():
     recording = random_recording(seed=4, number=1, frames=3, fleet=fleet_named("catalogue"))
-    sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in recording.frames])
+    sizes = np.concatenate(
+        [f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in recording.frames]
+    )
     training = np.array([body.size for body in catalogue() if body.label == VEHICLE])
     assert not {body.name for body in catalogue()} & set(HELD_OUT)
     stretch = sizes[:, None] / training
@@ -65,9 +74,13 @@ def test_everyone_is_drawn_afresh_or_stretched():
     assert (nearest < 0.07).all()
     assert (nearest > 1e-4).any()
     own = fleet_named("own")
-    first, again = (random_recording(seed=4, number=1, frames=2, fleet=fleet) for fleet in (None, own))
+    first, again = (
+        random_recording(seed=4, number=1, frames=2, fleet=fleet) for fleet in (None, own)
+    )
     assert digest(first) == digest(again)
-    sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in first.frames])
+    sizes = np.concatenate(
+        [f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in first.frames]
+    )
     assert len({tuple(size) for size in sizes.round(4).tolist()}) > 5
 
 
@@ -104,7 +117,12 @@ def as_text(recording):
 def test_the_number_of_workers_changes_nothing(tmp_path):
     for workers in (1, 2):
         run = Run(frames=2, seed=5, workers=workers)
-        assert random_recordings_file(3, tmp_path / str(workers), run=run, encode=as_text, join=as_lines) == 3
+        assert (
+            random_recordings_file(
+                3, tmp_path / str(workers), run=run, encode=as_text, join=as_lines
+            )
+            == 3
+        )
     assert (tmp_path / "1").read_text() == (tmp_path / "2").read_text()
 
 
@@ -135,7 +153,9 @@ def test_another_run_is_dropped_when_told_to(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         random_recordings_file(2, out, run=Run(frames=4, seed=7), encode=as_bytes, join=as_lines)
     monkeypatch.setattr(module, "random_recording", Noted())
-    random_recordings_file(2, out, run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, overwrite=True)
+    random_recordings_file(
+        2, out, run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, overwrite=True
+    )
     assert out.read_text() == "8 0 4\n8 1 4"
 
 
@@ -148,7 +168,9 @@ def test_a_file_is_of_the_fleet_that_is_asked_for(tmp_path, monkeypatch):
 
     monkeypatch.setattr(module, "random_recording", drawn)
     fleet = fleet_named("own")
-    random_recordings_file(2, tmp_path / "x", run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, fleet=fleet)
+    random_recordings_file(
+        2, tmp_path / "x", run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, fleet=fleet
+    )
     assert asked == [fleet, fleet]
 
 
@@ -160,7 +182,8 @@ def test_no_sites_are_refused_before_anything_is_written(tmp_path):
 
 @pytest.mark.parametrize("number", range(3))
 def test_what_moves_touches_nothing_that_stands(number):
-    """A minute and more of traffic at sites with works, crowns and bays: every body is clear of every solid."""
+    """A minute and more of traffic at sites with works, crowns and bays: every body is clear of
+    every solid."""
     recording = random_recording(seed=12, number=number, frames=14)
     solids = [solid for solid in recording.site.solids if solid.kind not in ("kerb", "island")]
     tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])

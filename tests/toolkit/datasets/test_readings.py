@@ -28,7 +28,8 @@ def frame_at(k, apart=0.1):
     for sensor in SENSORS:
         down = sensor.world_rays[2].reshape(sensor.model.shape)
         with np.errstate(divide="ignore"):
-            depth = np.where(down < -0.05, -(sensor.position[2] - 0.5) / down, 0)  # half a metre above the ground
+            # half a metre above the ground
+            depth = np.where(down < -0.05, -(sensor.position[2] - 0.5) / down, 0)
         depths.append(depth.astype(np.float32))
     boxes = BOXES + np.array([10.0 * apart * k, 0, 0, 0, 0, 0, 0])
     return Frame(SENSORS, tuple(depths), Objects(boxes, ids=np.array([3, 5])), apart * k, k)
@@ -48,7 +49,9 @@ class Frames:
 def same(one, other):
     return all(
         a.pose.tobytes() == b.pose.tobytes() and m.tobytes() == n.tobytes()
-        for a, b, m, n in zip(one.sensors, other.sensors, one.images, other.measurements, strict=True)
+        for a, b, m, n in zip(
+            one.sensors, other.sensors, one.images, other.measurements, strict=True
+        )
     )
 
 
@@ -56,8 +59,13 @@ def same(one, other):
 def test_paper_is_the_noise_there_was_to_the_bit(seed):
     for k in (0, 3):
         frame, now = frame_at(k), with_errors(frame_at(k), "paper", seed)
-        own = [np.random.default_rng([seed, k, zlib.crc32(sensor.name.encode())]) for sensor in SENSORS]
-        noisy = [s.model.noisy(image, rng) for s, image, rng in zip(SENSORS, frame.images, own, strict=True)]
+        own = [
+            np.random.default_rng([seed, k, zlib.crc32(sensor.name.encode())]) for sensor in SENSORS
+        ]
+        noisy = [
+            s.model.noisy(image, rng)
+            for s, image, rng in zip(SENSORS, frame.images, own, strict=True)
+        ]
         before = replace(frame, measurements=tuple(noisy))
         assert same(now, before)
         assert now.sensors == SENSORS
@@ -68,7 +76,9 @@ def test_paper_is_the_noise_there_was_to_the_bit(seed):
 
 def test_models_have_the_errors_of_a_profile_in_any_company():
     said, true = with_errors(frame_at(1), POOR, 0), frame_at(1)
-    for sensor, before, image, seen in zip(said.sensors, SENSORS, said.images, true.measurements, strict=True):
+    for sensor, before, image, seen in zip(
+        said.sensors, SENSORS, said.images, true.measurements, strict=True
+    ):
         assert sensor.name == before.name
         assert sensor.model == before.model
         assert 0 < np.linalg.norm(sensor.position - before.position) < 0.3
@@ -89,7 +99,10 @@ def test_models_have_the_errors_of_a_profile_in_any_company():
 
 
 def test_calibration_and_clocks_move_clouds_and_cars():
-    poses = [[sensor.pose.tolist() for sensor in read_frame(Frames(), k, errors=TYPICAL).sensors] for k in range(4)]
+    poses = [
+        [sensor.pose.tolist() for sensor in read_frame(Frames(), k, errors=TYPICAL).sensors]
+        for k in range(4)
+    ]
     assert poses[0] == poses[1] == poses[3]
     still = replace(frame_at(0), index=1)
     one, two = with_errors(frame_at(0), TYPICAL, 0), with_errors(still, TYPICAL, 0)
@@ -102,7 +115,10 @@ def test_calibration_and_clocks_move_clouds_and_cars():
         assert np.array_equal(said.images[c], frame.measurements[c])
         assert np.allclose(placed - true, said.sensors[c].position - SENSORS[c].position, atol=1e-4)
     late = ErrorProfile("late", (ClockOffset(0.05),))
-    pair = [frame_points(each, area=AREA) for each in (frame_at(1), read_frame(Frames(), 1, errors=late))]
+    pair = [
+        frame_points(each, area=AREA)
+        for each in (frame_at(1), read_frame(Frames(), 1, errors=late))
+    ]
     count = 0
     for true, shifted in zip(*pair, strict=True):
         step = shifted - true
@@ -125,7 +141,9 @@ def test_no_terms_numbers_for_names_and_what_is_refused():
     with_errors(frame, POOR, 0)
     assert all(np.array_equal(*pair) for pair in zip(before, frame.images, strict=True))
     frame = frame_at(1)
-    one, two = (with_errors(frame, TYPICAL, 0, numbers=numbers) for numbers in ([9, 8, 7], [9, 1, 2]))
+    one, two = (
+        with_errors(frame, TYPICAL, 0, numbers=numbers) for numbers in ([9, 8, 7], [9, 1, 2])
+    )
     assert np.array_equal(one.images[0], two.measurements[0])
     assert not np.array_equal(one.images[1], two.measurements[1])
     with pytest.raises(ValueError, match="seed must not be negative, got -1"):

@@ -23,8 +23,12 @@ def scenes(sensors, frames):
     rng = np.random.default_rng(2)
     made = []
     for k in range(frames):
-        boxes = np.column_stack([rng.uniform(-9, 9, (k, 3)), np.tile([4.0, 2.0, 1.5], (k, 1)), rng.uniform(-3, 3, k)])
-        images = tuple(rng.uniform(1, 50, sensor.model.shape).astype(np.float32) for sensor in sensors)
+        boxes = np.column_stack(
+            [rng.uniform(-9, 9, (k, 3)), np.tile([4.0, 2.0, 1.5], (k, 1)), rng.uniform(-3, 3, k)]
+        )
+        images = tuple(
+            rng.uniform(1, 50, sensor.model.shape).astype(np.float32) for sensor in sensors
+        )
         made.append(Scene(Frame(sensors, images, Objects(boxes), 0.5 * k, k), np.arange(k)))
     return made
 
@@ -33,7 +37,9 @@ def content(source):
     found = {}
 
     def visit(name, node):
-        found.update({f"{name}@{key}": np.asarray(value).tolist() for key, value in node.attrs.items()})
+        found.update(
+            {f"{name}@{key}": np.asarray(value).tolist() for key, value in node.attrs.items()}
+        )
         if isinstance(node, h5py.Dataset):
             found[name] = node[()].tolist() if node.shape else node[()]
 
@@ -45,14 +51,22 @@ def content(source):
 @pytest.mark.parametrize(
     ("sensors", "images"),
     [
-        *(((CAMERA, TWIN), ("dslices", "dslices")), ((LIDAR, CAMERA), ("coview/ranges/lidar", "dslices"))),
-        *(((CAMERA, SMALL), ("coview/depth/north", "coview/depth/small")), ((LIDAR,), ("coview/ranges/lidar",))),
+        *(
+            ((CAMERA, TWIN), ("dslices", "dslices")),
+            ((LIDAR, CAMERA), ("coview/ranges/lidar", "dslices")),
+        ),
+        *(
+            ((CAMERA, SMALL), ("coview/depth/north", "coview/depth/small")),
+            ((LIDAR,), ("coview/ranges/lidar",)),
+        ),
     ],
 )
 def test_cameras_of_one_size_share_their_images(sensors, images):
     header = Header(SITE, sensors)
     assert header.images == images
-    assert header.pinholes.keys() == {sensor.name for sensor in sensors if sensor.model.measures == "depth"}
+    assert header.pinholes.keys() == {
+        sensor.name for sensor in sensors if sensor.model.measures == "depth"
+    }
     assert OWN_IMAGES.keys() == {"depth", "range"}
 
 

@@ -1,4 +1,5 @@
-"""Every layout that is written gives back what was written, and none shows a traceback for damage."""
+"""Every layout that is written gives back what was written, and none shows a traceback for
+damage."""
 
 import os
 import random
@@ -54,7 +55,9 @@ def scene(count=2, sensors=2):
         )
         objects = Objects(boxes, np.array([0, 1, 2, 3, 0]), np.array([11, 12, 13, 14, 15]))
         place = pose(500.0, -200.0, 3.0, yaw=1.2)
-        samples.append(Frame.of_clouds(f"{k}", clouds, objects, time=1e9 + 0.1 * k, map_SE3_world=place))
+        samples.append(
+            Frame.of_clouds(f"{k}", clouds, objects, time=1e9 + 0.1 * k, map_SE3_world=place)
+        )
     return samples
 
 
@@ -66,12 +69,16 @@ def place_of(folder, layout):
 
 def in_map(sample, boxes):
     turn = np.arctan2(sample.map_SE3_world[1, 0], sample.map_SE3_world[0, 0])
-    return np.column_stack([transform(sample.map_SE3_world, boxes[:, :3]), boxes[:, 3:6], boxes[:, 6] + turn])
+    return np.column_stack(
+        [transform(sample.map_SE3_world, boxes[:, :3]), boxes[:, 3:6], boxes[:, 6] + turn]
+    )
 
 
 def where(sample, layout):
     """The map where the layout keeps one, else the world frame."""
-    return sample.map_SE3_world if layout in ("nuscenes", "opv2v", "v2xset", "v2xreal") else np.eye(4)
+    return (
+        sample.map_SE3_world if layout in ("nuscenes", "opv2v", "v2xset", "v2xreal") else np.eye(4)
+    )
 
 
 @pytest.mark.parametrize("layout", LABELLED)
@@ -102,9 +109,13 @@ def test_points_come_back_where_they_were(tmp_path, layout):
     for before, after in zip(written, find_layout(layout).open(opened), strict=True):
         assert len(after.clouds) == (1 if layout in ONE_CLOUD else 2)
         a, b = (transform(where(s, layout), s.points()) for s in (before, after))
-        np.testing.assert_allclose(a, b, atol=2e-4 if layout in ("opv2v", "v2xset", "v2xreal") else 2e-5)
+        np.testing.assert_allclose(
+            a, b, atol=2e-4 if layout in ("opv2v", "v2xset", "v2xreal") else 2e-5
+        )
         intensity = np.concatenate([cloud.intensity for cloud in after.clouds])
-        np.testing.assert_array_equal(intensity, np.concatenate([cloud.intensity for cloud in before.clouds]))
+        np.testing.assert_array_equal(
+            intensity, np.concatenate([cloud.intensity for cloud in before.clouds])
+        )
 
 
 @pytest.mark.parametrize("layout", sorted({*WRITTEN} - {"rosbag"}))
@@ -126,7 +137,8 @@ def test_an_empty_folder_is_refused_in_one_line(tmp_path, layout):
 
 
 def damaged(content, rng):
-    """One change of a file: cut, zeroed, flipped, an exchanged character or a number that none should be."""
+    """One change of a file: cut, zeroed, flipped, an exchanged character or a number that none
+    should be."""
     kind = rng.randrange(5)
     at = rng.randrange(max(1, len(content)))
     if kind == 0:
@@ -134,7 +146,11 @@ def damaged(content, rng):
     if kind == 1:
         return content[:at] + bytes(min(16, len(content) - at)) + content[at + 16 :]
     if kind == 2:
-        return content[:at] + bytes([content[at] ^ (1 << rng.randrange(8))] if content else b"") + content[at + 1 :]
+        return (
+            content[:at]
+            + bytes([content[at] ^ (1 << rng.randrange(8))] if content else b"")
+            + content[at + 1 :]
+        )
     if kind == 3:
         return (
             content[:at]
@@ -199,7 +215,9 @@ def test_parts_and_options_are_those_of_the_reader(tmp_path):
 def folder(tmp_path):
     boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5], [9.0, 2, 3, 2, 1, 1.5, 0.5]])
     cloud = SensorCloud("s", np.array([[1, 1, 1], [0, 0, 0]], np.float32), np.eye(4))
-    samples = [Frame.of_clouds(str(k), (cloud,), Objects(boxes, np.array([0, 1]))) for k in range(3)]
+    samples = [
+        Frame.of_clouds(str(k), (cloud,), Objects(boxes, np.array([0, 1]))) for k in range(3)
+    ]
     assert write_recording(samples, tmp_path, "folder") == 3
     return tmp_path
 
@@ -210,8 +228,12 @@ def test_a_recording_is_read_one_by_one_with_its_problems_or_missed(folder):
     assert [sample.name for sample in samples] == ["000000", "000001", "000002"]
     assert len(open_recording(str(folder), "folder")) == 3
     assert toolkit.datasets.read is read
-    assert [sample.objects.labels.tolist() for sample in read(folder, "folder", classes=["cyclist"])] == [[1]] * 3
-    assert [sample.objects.labels.tolist() for sample in read(folder, "folder", classes=[0, 1])] == [[0, 1]] * 3
+    assert [
+        sample.objects.labels.tolist() for sample in read(folder, "folder", classes=["cyclist"])
+    ] == [[1]] * 3
+    assert [
+        sample.objects.labels.tolist() for sample in read(folder, "folder", classes=[0, 1])
+    ] == [[0, 1]] * 3
     with pytest.raises(ValueError, match="label must be one of"):
         read(folder, "folder", classes=["dog"])
     total: dict[str, int] = {}
@@ -231,7 +253,9 @@ class Read(list):
     site = None
 
 
-@pytest.mark.parametrize(("options", "message"), [({"every": 0}, "every must"), ({"frames": 0}, "frames must")])
+@pytest.mark.parametrize(
+    ("options", "message"), [({"every": 0}, "every must"), ({"frames": 0}, "frames must")]
+)
 def test_no_part_is_empty(options, message):
     with pytest.raises(ValueError, match=message):
         Part(Read(range(3)), **options)
@@ -246,7 +270,9 @@ def test_layouts_plug_in(monkeypatch):
         def load(self):
             return Layout("mine", "tests_own_layout", "mine")
 
-    monkeypatch.setattr(recordings, "entry_points", lambda group: [Point()] if group == "coview.layouts" else [])
+    monkeypatch.setattr(
+        recordings, "entry_points", lambda group: [Point()] if group == "coview.layouts" else []
+    )
     load_plugins.cache_clear()
     assert find_layout("mine").reader == "mine"
     monkeypatch.undo()
@@ -257,17 +283,26 @@ def test_layouts_plug_in(monkeypatch):
 
 OWN_FILES = {
     "folder": ("labels.json", "poses.txt", "S0/000000.pcd"),
-    "kitti": tuple(f"training/{name}" for name in ("label_2/000000.txt", "calib/000000.txt", "velodyne/000000.bin")),
+    "kitti": tuple(
+        f"training/{name}"
+        for name in ("label_2/000000.txt", "calib/000000.txt", "velodyne/000000.bin")
+    ),
     "dair": ("label/virtuallidar/000000.json", "velodyne/000000.pcd"),
     "openlabel": ("labels_point_clouds/000000.json", "point_clouds/S0/000000_S0.pcd"),
     "sustech": ("label/000000.json", "lidar/000000.pcd"),
-    "argoverse": ("annotations.feather", "city_SE3_egovehicle.feather", "calibration/egovehicle_SE3_sensor.feather"),
+    "argoverse": (
+        "annotations.feather",
+        "city_SE3_egovehicle.feather",
+        "calibration/egovehicle_SE3_sensor.feather",
+    ),
     "nuscenes": ("v1.0-coview/sample_annotation.json", "samples/LIDAR_S0/000000.pcd.bin"),
 }
 
 
 @pytest.mark.parametrize("layout", OWN_FILES)
-def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(tmp_path, layout, monkeypatch):
+def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(
+    tmp_path, layout, monkeypatch
+):
     monkeypatch.setattr("toolkit.runtime.files._PATIENCE", 0.01)
     write_recording(scene(), tmp_path, layout)
     for name in OWN_FILES[layout]:
@@ -291,7 +326,9 @@ def test_times_that_no_clock_shows_or_that_two_sweeps_share_are_refused(tmp_path
     if layout == "rosbag":
         pytest.importorskip("rosbags")
     for k, time in enumerate((-1.0, 2.0**31, 1e300)):
-        with pytest.raises(ValueError, match=r"frame '0' must have seconds since 1970, below 2\^31, got"):
+        with pytest.raises(
+            ValueError, match=r"frame '0' must have seconds since 1970, below 2\^31, got"
+        ):
             write_recording([replace(scene()[0], time=time)], tmp_path / str(k), layout)
     twice = [replace(frame, time=1e9) for frame in scene()]
     if layout == "argoverse":
@@ -306,7 +343,11 @@ def test_poses_of_sensors_come_back_whatever_their_names(tmp_path, name):
     (frame,) = scene(1, 1)
     (cloud,) = frame.clouds
     placed = pose(1.5, -2.0, 6.25, yaw=0.3, pitch=0.2)
-    write_recording([frame.with_clouds((replace(cloud, name=name, world_SE3_sensor=placed),))], tmp_path, "folder")
+    write_recording(
+        [frame.with_clouds((replace(cloud, name=name, world_SE3_sensor=placed),))],
+        tmp_path,
+        "folder",
+    )
     (read,) = open_recording(tmp_path, "folder")
     assert [each.name for each in read.clouds] == [name]
     np.testing.assert_array_equal(read.clouds[0].world_SE3_sensor, placed)

@@ -28,7 +28,12 @@ def test_listings_read_when_asked_with_rotations_and_poses():
     matrix = records.rigid(off, [1, 2, 3])
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.abs(matrix[:3, :3] - off).max() < 0.01
-    for wrong in (np.diag([1.0, 1, -1]), 1.2 * np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)):
+    for wrong in (
+        np.diag([1.0, 1, -1]),
+        1.2 * np.eye(3),
+        np.zeros((3, 3)),
+        np.full((3, 3), np.nan),
+    ):
         with pytest.raises(ValueError, match="must turn by a rotation"):
             records.rigid(wrong, [0, 0, 0])
     with pytest.raises(ValueError, match="NaN"):
@@ -48,11 +53,17 @@ def test_listings_read_when_asked_with_rotations_and_poses():
         (lambda: records.as_number(None, "size"), "size must be a number, got 'None'"),
         (lambda: records.numbers([1, [2]], 3, "size"), "size must be 3 numbers"),
         (lambda: records.numbers([1, "b", 2], 3, "size"), "size must be 3 numbers"),
-        *((lambda: json.loads("{}")["key"], "'key'"), (lambda: b"\xff".decode(), "byte 0 is not UTF-8")),
+        *(
+            (lambda: json.loads("{}")["key"], "'key'"),
+            (lambda: b"\xff".decode(), "byte 0 is not UTF-8"),
+        ),
     ],
 )
 def test_damage_is_one_line_with_the_file(damage, names):
-    with pytest.raises(ValueError, match=f"f.json .*{names}"), records.named_damage("f.json", "list"):
+    with (
+        pytest.raises(ValueError, match=f"f.json .*{names}"),
+        records.named_damage("f.json", "list"),
+    ):
         damage()
 
 
@@ -61,15 +72,23 @@ BOX = [1.0, 2, 3, 4, 2, 1.5, 0.5]
 
 def made(*rows, names=None, **more):
     problems = {}
-    found = records.labelled(np.array(rows, np.float64), names or ["car"] * len(rows), None, problems, **more)
+    found = records.labelled(
+        np.array(rows, np.float64), names or ["car"] * len(rows), None, problems, **more
+    )
     return found, problems
 
 
 def test_labels_doubled_impossible_or_without_counts():
     for column, value, problem in (
-        *((0, np.nan, "labels with NaN or infinite numbers"), (6, np.inf, "labels with NaN or infinite numbers")),
+        *(
+            (0, np.nan, "labels with NaN or infinite numbers"),
+            (6, np.inf, "labels with NaN or infinite numbers"),
+        ),
         *((4, 0.0018, "boxes of no size"), (5, -1.0, "boxes of no size")),
-        *((3, 101.0, "boxes too large or too far away to be"), (1, 1.1e8, "boxes too large or too far away to be")),
+        *(
+            (3, 101.0, "boxes too large or too far away to be"),
+            (1, 1.1e8, "boxes too large or too far away to be"),
+        ),
     ):
         found, problems = made(BOX, [*BOX[:column], value, *BOX[column + 1 :]])
         assert len(found.objects) == 1
@@ -93,18 +112,33 @@ def test_labels_doubled_impossible_or_without_counts():
 
 
 def test_kinds_points_and_times_are_the_same_everywhere():
-    assert [CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [0, 0, 3, 1, 2]
+    assert [CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [
+        0,
+        0,
+        3,
+        1,
+        2,
+    ]
     assert [records.track_number(" 17 "), records.track_number("-3")] == [17, -3]
-    assert records.track_number("b1d0-44") == records.track_number("b1d0-44") != records.track_number("b1d0-45")
+    assert (
+        records.track_number("b1d0-44")
+        == records.track_number("b1d0-44")
+        != records.track_number("b1d0-45")
+    )
     assert records.track_number("9" * 30) >= 0
     assert records.track_number("²") > 3
-    made, problems = cloud([[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None])
+    made, problems = cloud(
+        [[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None]
+    )
     assert (made.points.tolist(), made.intensity.tolist()) == ([[1, 2, 3]], [0])
     assert problems == {"points with NaN or infinite numbers": 2, "points of no return": 1}
     problems = {}
-    made = records.build_cloud({"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world")
+    made = records.build_cloud(
+        {"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world"
+    )
     assert (len(made.points), problems) == (1, {})
-    made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))  # colours hold intensity in the red
+    # colours hold intensity in the red
+    made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))
     assert made.intensity.tolist() == [7]
     times = cloud([[1, 0, 0], [2, 0, 0]], t=np.array([500, 300], np.uint32))[0].time
     np.testing.assert_allclose(times, [2e-7, 0], atol=1e-15)
@@ -123,7 +157,9 @@ def cloud(points, **columns):
 
 def test_clouds_there_and_back_as_one_with_rings(tmp_path):
     placed = pose(1.0, 2.0, 3.0, yaw=1.0)
-    sensor = SensorCloud("s", np.array([[4.0, 5, 6]], np.float32), placed, intensity=np.array([0.5], np.float32))
+    sensor = SensorCloud(
+        "s", np.array([[4.0, 5, 6]], np.float32), placed, intensity=np.array([0.5], np.float32)
+    )
     records.write_cloud(tmp_path / "a.pcd", sensor)
     problems = {}
     back = records.read_cloud(tmp_path / "a.pcd", "s", placed, problems)
@@ -135,13 +171,17 @@ def test_clouds_there_and_back_as_one_with_rings(tmp_path):
     together = records.one_cloud(Frame.of_clouds("0", (some, other), Objects.empty()))
     assert together.points[:, 0].tolist() == [11, 1, 1]
     assert together.intensity is None
-    assert records.one_cloud(Frame.of_clouds("0", (some,), Objects.empty())).intensity.tolist() == [1]
+    assert records.one_cloud(Frame.of_clouds("0", (some,), Objects.empty())).intensity.tolist() == [
+        1
+    ]
     assert cloud([[1, 0, 0]])[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([2.5]))[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([np.nan]))[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([1e6]))[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([31.0], np.float32))[0].ring.tolist() == [31]
-    made, _ = cloud([[1, 0, 0], [0, 0, 0], [2, 0, 0]], laser_number=np.array([[31], [4], [7]], np.uint8))
+    made, _ = cloud(
+        [[1, 0, 0], [0, 0, 0], [2, 0, 0]], laser_number=np.array([[31], [4], [7]], np.uint8)
+    )
     assert made.ring.tolist() == [31, 7]
     records.write_cloud(tmp_path / "a.pcd", made)
     assert records.read_cloud(tmp_path / "a.pcd", "s", np.eye(4), {}).ring.tolist() == [31, 7]
@@ -161,7 +201,9 @@ def test_boxes_there_and_back(tmp_path):
     assert found.objects.ids.tolist() == [7]
     assert found.counts.tolist() == [9]
     sure = Detections(BOX_BOXES_FILE, np.array([0.75]), np.array([3]))
-    records.write_boxes(tmp_path / "a.json", [records.boxes_record("x", float("nan"), sure)], detector="general")
+    records.write_boxes(
+        tmp_path / "a.json", [records.boxes_record("x", float("nan"), sure)], detector="general"
+    )
     content = json.loads((tmp_path / "a.json").read_text())
     assert content["detector"] == "general"
     assert content["samples"][0]["time"] is None
@@ -194,15 +236,23 @@ def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
 
     car = Objects(np.array([[0.0, 0.0, 0.75, 4.2, 1.8, 1.5, 0.0]]))
     some = records.Listing(("a", "b"), load, labelled=("a", "c", "c", "d"))
-    assert [frame.problems for frame in some] == [{"doubled labels": 2, records.STRAY: 2}, {"doubled labels": 2}]
+    assert [frame.problems for frame in some] == [
+        {"doubled labels": 2, records.STRAY: 2},
+        {"doubled labels": 2},
+    ]
     assert some[-2].problems[records.STRAY] == 2
     assert some.describe_strays().startswith("2 of the 3 names")
     assert "'c', where clouds have 'a'" in some.describe_strays()
     records.check_labels(some)
-    for sound in (records.Listing(("a",), load), records.Listing(("a",), load, labelled=["7"], known=["7"])):
+    for sound in (
+        records.Listing(("a",), load),
+        records.Listing(("a",), load, labelled=["7"], known=["7"]),
+    ):
         assert not sound.describe_strays()
         records.check_labels(sound)
-    with pytest.raises(ValueError, match=r"no label can be used: 1 of the 1 names.*'1646667310044', where .* 'a'"):
+    with pytest.raises(
+        ValueError, match=r"no label can be used: 1 of the 1 names.*'1646667310044', where .* 'a'"
+    ):
         records.check_labels(Part(records.Listing(("a",), load, labelled=["1646667310044"])))
     car = Objects.empty()
     with pytest.raises(ValueError, match="no label, so nothing can be scored: take coview detect"):
@@ -210,7 +260,8 @@ def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
 
 
 def test_labels_are_looked_for_in_the_frames_that_a_view_shows():
-    """Every third frame is labelled: a view of these has labels from its first frame on, one of the others none."""
+    """Every third frame is labelled: a view of these has labels from its first frame on, one of the
+    others none."""
     car = Objects(np.array([BOX]), np.zeros(1, np.int64))
 
     def load(name):
@@ -225,7 +276,9 @@ def test_labels_are_looked_for_in_the_frames_that_a_view_shows():
         records.check_labels(Part(unlabelled, every=3), 2)  # frames 1 and 4
 
 
-@pytest.mark.parametrize(("place", "away"), [([900.0, 0.0, 0.0], 0), ([4500.0, 0.0, 0.0], 1), ([0.0, 0.0, 2000.0], 1)])
+@pytest.mark.parametrize(
+    ("place", "away"), [([900.0, 0.0, 0.0], 0), ([4500.0, 0.0, 0.0], 1), ([0.0, 0.0, 2000.0], 1)]
+)
 def test_boxes_far_from_every_sensor_and_point_are_counted(place, away):
     points, box = (
         np.zeros((2, 3), np.float32),
@@ -234,7 +287,8 @@ def test_boxes_far_from_every_sensor_and_point_are_counted(place, away):
     seen = SensorCloud("a", points, np.eye(4))
     expected = {AWAY: away} if away else {}
     assert Frame.of_clouds("f", (seen,), box).problems == expected
-    in_map = SensorCloud("b", points + np.float32(max(place)), np.eye(4), "world")  # without its sensor's place
+    # without its sensor's place
+    in_map = SensorCloud("b", points + np.float32(max(place)), np.eye(4), "world")
     assert Frame.of_clouds("f", (seen, in_map), box[:0]).problems == {}
     around = SensorCloud("b", np.array([place], np.float32), np.eye(4), "world")
     assert Frame.of_clouds("f", (seen, around), box).problems == {}
@@ -257,5 +311,8 @@ def test_points_that_are_no_metres_none_or_at_the_sensor_are_counted_or_refused(
     assert problems(deep) == {records.FAR_POINTS: (away > 1000).sum()}
     assert problems(0 * points) == {records.NO_RETURN_POINTS: 500, records.EMPTY: 1}
     for axis in range(3):
-        with pytest.raises(ValueError, match=r"half of its points are more than .* km from their middle: give metres"):
+        with pytest.raises(
+            ValueError,
+            match=r"half of its points are more than .* km from their middle: give metres",
+        ):
             problems(points * np.where(np.arange(3) == axis, 1000, 1))

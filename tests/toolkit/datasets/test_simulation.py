@@ -53,8 +53,20 @@ def small_job(**changes):
     sensors = (Sensor("a", small, first.pose), Sensor("b", small, second.pose))
     bodies = [body for body in catalogue() if body.label in (VEHICLE, HEAVY)][::5]
     numbers = {"frames": FRAMES, "seed": 3, "workers": 1, **changes}
-    asked = Run(**{name: numbers.pop(name) for name in ("frames", "seed", "workers", "progress") if name in numbers})
-    return {"site": site, "run": asked, "sensors": sensors, "fleet": Fleet(tuple(bodies)), **numbers}
+    asked = Run(
+        **{
+            name: numbers.pop(name)
+            for name in ("frames", "seed", "workers", "progress")
+            if name in numbers
+        }
+    )
+    return {
+        "site": site,
+        "run": asked,
+        "sensors": sensors,
+        "fleet": Fleet(tuple(bodies)),
+        **numbers,
+    }
 
 
 def run(tmp_path: Path, out: Path, workers: int = 1, limit: int = 0) -> subprocess.Popen:
@@ -62,7 +74,10 @@ def run(tmp_path: Path, out: Path, workers: int = 1, limit: int = 0) -> subproce
     script.write_text(SCRIPT)
     return subprocess.Popen(
         [sys.executable, "-B", str(script), str(out), str(workers), str(limit)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")])},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]),
+        },
         stderr=subprocess.PIPE,
         text=True,
     )
@@ -73,7 +88,10 @@ def undisturbed(tmp_path_factory):
     """The small job, done in this process without a break."""
     out = tmp_path_factory.mktemp("undisturbed") / "recording.hdf5"
     told: list[int] = []
-    assert simulate_dataset(out=out, **small_job(progress=lambda _, done, total: told.append(done))) == FRAMES
+    assert (
+        simulate_dataset(out=out, **small_job(progress=lambda _, done, total: told.append(done)))
+        == FRAMES
+    )
     assert told == list(range(1, FRAMES + 1))
     assert [path.name for path in out.parent.iterdir()] == [out.name]
     return out
@@ -110,7 +128,9 @@ def test_points_lie_in_boxes_and_what_is_complete_stays(undisturbed):
         for sensor, measurement, background in zip(frame.sensors, frame.images, empty, strict=True):
             moving = (measurement > 0) & (measurement < background - 0.5)
             rays = sensor.model.rays()[moving]
-            points = transform(sensor.pose, (rays * measurement[moving][:, None]).astype(np.float64))
+            points = transform(
+                sensor.pose, (rays * measurement[moving][:, None]).astype(np.float64)
+            )
             seen += len(points)
             inside += int(points_in_boxes(points, boxes).any(axis=1).sum())
     assert seen > 200
@@ -148,7 +168,8 @@ def test_killed_and_started_again_it_writes_the_same_bytes(tmp_path, undisturbed
 
 @pytest.mark.parametrize("share", [0.1, 0.8])
 def test_no_room_on_the_disk(tmp_path, undisturbed, share):
-    """A file may not grow beyond a share of what is needed: too little for a part, and enough for parts alone."""
+    """A file may not grow beyond a share of what is needed: too little for a part, and enough for
+    parts alone."""
     out = tmp_path / "out.hdf5"
     process = run(tmp_path, out, limit=int(undisturbed.stat().st_size * share))
     says = process.communicate()[1].strip()
@@ -173,7 +194,9 @@ def test_no_room_on_the_disk(tmp_path, undisturbed, share):
 )
 def test_what_was_made_from_something_else_is_not_touched(undisturbed, changes, says):
     before = undisturbed.read_bytes()
-    with pytest.raises(FileExistsError, match=f"exists, made from {says}.*: write to another file, or --overwrite"):
+    with pytest.raises(
+        FileExistsError, match=f"exists, made from {says}.*: write to another file, or --overwrite"
+    ):
         simulate_dataset(out=undisturbed, **small_job(**changes))
     assert undisturbed.read_bytes() == before
     assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
@@ -188,7 +211,10 @@ def test_what_is_there_is_overwritten_when_told_and_links_followed(tmp_path):
     out = tmp_path / "new" / "out.hdf5"
     site = load_site("tjunction")
     lidar = Sensor("lidar", SpinningLidar(channels=4, azimuth_step=0.1), site.sensors[0].pose)
-    job, other = small_job(frames=2, sensors=(lidar,)), small_job(frames=2, sensors=(lidar,), seed=4)
+    job, other = (
+        small_job(frames=2, sensors=(lidar,)),
+        small_job(frames=2, sensors=(lidar,), seed=4),
+    )
     assert simulate_dataset(out=out, **job) == 2
     assert simulate_dataset(out=out, overwrite=True, **other) == 2
     assert CoopDataset(out).sensors == (lidar,)
@@ -214,7 +240,9 @@ a, b = small_job()["sensors"]
     ],
 )
 def test_arguments_that_do_not_fit_leave_nothing(tmp_path, changes, says):
-    with pytest.raises((ValueError, TypeError), match=f"{says}|Type-check error"):  # the shape checker may come first
+    with pytest.raises(
+        (ValueError, TypeError), match=f"{says}|Type-check error"
+    ):  # the shape checker may come first
         simulate_dataset(out=tmp_path / "new" / "out.hdf5", **small_job(**changes))
     assert not list(tmp_path.iterdir())
 
@@ -238,7 +266,9 @@ def test_progress_is_told_while_processes_work(tmp_path):
     assert told[-1] == FRAMES
 
 
-def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after_a_break(tmp_path, monkeypatch):
+def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after_a_break(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(simulation, "BLOCK", 5)
     job = small_job(frames=8, fleet=fleet_named("own"))
     whole, resumed = tmp_path / "whole.hdf5", tmp_path / "resumed.hdf5"
@@ -254,11 +284,18 @@ def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after
     assert resumed.read_bytes() == whole.read_bytes()
     with h5py.File(whole) as file:
         names, numbers = json.loads(file["coview/bodies"][()]), file["coview/object_bodies"][:]
-        ids, halves = file["coview/object_ids"][:], np.concatenate([file[f"objects/{k}"][:, 6:9] for k in range(8)])
+        ids, halves = (
+            file["coview/object_ids"][:],
+            np.concatenate([file[f"objects/{k}"][:, 6:9] for k in range(8)]),
+        )
         plan = json.loads(file["coview"].attrs["plan"])
     labels = np.concatenate([frame.objects.labels for frame in CoopDataset(whole)])
-    assert [names[number].split("/")[0] for number in numbers] == [LABELS[label] for label in labels]
-    sizes = {name: {tuple(size) for size in halves[ids == name].round(6)} for name in set(ids.tolist())}
+    assert [names[number].split("/")[0] for number in numbers] == [
+        LABELS[label] for label in labels
+    ]
+    sizes = {
+        name: {tuple(size) for size in halves[ids == name].round(6)} for name in set(ids.tolist())
+    }
     assert all(len(each) == 1 for each in sizes.values())
     assert len(set.union(*sizes.values())) == len(sizes) > 60
     assert "drawn vehicle cyclist pedestrian heavy without mirrors" in plan["bodies"]
@@ -276,4 +313,9 @@ def test_frames_a_tenth_of_a_second_apart(tmp_path):
         assert not np.isin(anew.ids, two.ids).any()
     with pytest.raises(FileExistsError, match="interval"):
         simulate_dataset(out=tmp_path / "close.hdf5", **small_job(frames=BLOCK + 2))
-    assert "interval" not in simulation.Job(job["site"], job["sensors"], fleet_named("catalogue", None), 5, 0).plan
+    assert (
+        "interval"
+        not in simulation.Job(
+            job["site"], job["sensors"], fleet_named("catalogue", None), 5, 0
+        ).plan
+    )

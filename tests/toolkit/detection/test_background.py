@@ -26,7 +26,11 @@ def test_a_background_holds_what_lies_in_or_beside_its_voxels():
     assert background.holds(np.array([[0.0, 0, 0.14], [4.87, 0, 1.0]])).all()
     background = Background.learn(slab())
     assert background.digest == Background.learn(slab()).digest
-    others = [Background.learn(slab()[:-600]), Background.learn(slab(), voxel=0.2), Background.learn(slab(), cell=2.0)]
+    others = [
+        Background.learn(slab()[:-600]),
+        Background.learn(slab(), voxel=0.2),
+        Background.learn(slab(), cell=2.0),
+    ]
     moved = slab()
     moved[:, 0] += 0.01
     others.append(Background.learn(moved))
@@ -64,7 +68,11 @@ class Fixed:
     digest, labels = "fixed", ("vehicle", "heavy")
 
     def __call__(self, points):
-        return Detections(np.array([WALL, CAR, BEHIND]), np.array([0.9, 0.8, 0.7]), np.array([HEAVY, VEHICLE, VEHICLE]))
+        return Detections(
+            np.array([WALL, CAR, BEHIND]),
+            np.array([0.9, 0.8, 0.7]),
+            np.array([HEAVY, VEHICLE, VEHICLE]),
+        )
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +139,13 @@ class FixedAtOnce(Fixed):
 @pytest.mark.parametrize("detector", [Fixed(), FixedAtOnce()])
 def test_of_many_unions_it_says_what_it_says_of_each(background, detector):
     lost = np.full((10, 3), np.nan, np.float32)
-    clouds = [seen(0), seen(49), seen(60, old=0), np.concatenate([on(BEHIND, 9).astype(np.float32), lost]), lost[:0]]
+    clouds = [
+        seen(0),
+        seen(49),
+        seen(60, old=0),
+        np.concatenate([on(BEHIND, 9).astype(np.float32), lost]),
+        lost[:0],
+    ]
     unions = np.array(list(np.ndindex(*(2,) * 5)), bool)
     found = KnownBackground(detector, background).unions(clouds, unions)
     for row, each in zip(unions, found, strict=True):

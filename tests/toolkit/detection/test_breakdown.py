@@ -9,7 +9,9 @@ from toolkit.objects import Detections, Objects
 
 
 def curve(hits, truths):
-    return metrics.precision_recall(np.linspace(0.9, 0.1, len(hits)), np.array(hits, bool), truths=truths)
+    return metrics.precision_recall(
+        np.linspace(0.9, 0.1, len(hits)), np.array(hits, bool), truths=truths
+    )
 
 
 def test_ap_of_kitti_and_of_nuscenes_by_range():
@@ -30,7 +32,9 @@ def test_ap_of_kitti_and_of_nuscenes_by_range():
     assert each.truth_range[-1] == 2
     assert len(each.found) == 1
     three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
-    text = breakdown.format_rows([*breakdown.group_rows(three, "vehicle"), *breakdown.group_rows(three, "cyclist")])
+    text = breakdown.format_rows(
+        [*breakdown.group_rows(three, "vehicle"), *breakdown.group_rows(three, "cyclist")]
+    )
     assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")
     assert "all                        3     1.00" in text
     assert "cyclist, nuScenes" in text
@@ -55,12 +59,21 @@ def match_centres(found, truths, counted, within, label=0):
 def test_centres_are_matched_by_range_and_points():
     found, truths = found_at([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), found_at([0.0, 20.0])
     matched = match_centres(found, truths, [True, True], 1.0)
-    assert matched.hits.tolist() == [True, False, False]  # the surer one takes it, though the other is nearer
+    assert matched.hits.tolist() == [
+        True,
+        False,
+        False,
+    ]  # the surer one takes it, though the other is nearer
     assert matched.truths == 2
     assert match_centres(found, truths, [True, True], 0.5).hits.tolist() == [False, True, False]
-    matched = match_centres(found_at([0.1, 20.1], [0.9, 0.8]), found_at([0.0, 20.0]), [True, False], 1.0)
+    matched = match_centres(
+        found_at([0.1, 20.1], [0.9, 0.8]), found_at([0.0, 20.0]), [True, False], 1.0
+    )
     assert (matched.hits.tolist(), matched.truths) == ([True], 1)
-    found, truths = found_at([0.0, 0.0], [0.9, 0.8], np.array([0, 1])), found_at([0.0], labels=np.array([1]))
+    found, truths = (
+        found_at([0.0, 0.0], [0.9, 0.8], np.array([0, 1])),
+        found_at([0.0], labels=np.array([1])),
+    )
     matched = match_centres(found, truths, [True], 1.0, 1)
     assert (matched.scores.tolist(), matched.hits.tolist(), matched.truths) == ([0.8], [True], 1)
     empty = match_centres(Detections.empty(), Objects.empty(), [], 1.0)
@@ -76,7 +89,9 @@ def test_centres_are_matched_by_range_and_points():
     assert row(rows, "ours", "BEV 0.5", "35-50 m").ap == 0
     assert np.isnan(row(rows, "ours", "BEV 0.5", "50 and more m").ap)
     assert row(rows, "ours", "BEV 0.5", "1-4 points").ap == 1
-    assert row(rows, "ours", "BEV 0.5", "5-19 points").ap == pytest.approx(1 / 2)  # the false alarm counts in all
+    assert row(rows, "ours", "BEV 0.5", "5-19 points").ap == pytest.approx(
+        1 / 2
+    )  # the false alarm counts in all
     assert row(rows, "ours", "3D 0.5", "100 and more points").truths == 1
     assert row(rows, "KITTI R40", "BEV 0.7").ap == pytest.approx((13 + 13 * 2 / 3) / 40)
     assert row(rows, "nuScenes", "centre 0.5 m").truths == 3
@@ -94,7 +109,9 @@ def boxes(places):
 
 
 def frame(places=PLACES, complete=None):
-    points = np.concatenate([np.tile([x, 0, 0.75], (n, 1)) for x, n in zip(PLACES, POINTS, strict=True)])
+    points = np.concatenate(
+        [np.tile([x, 0, 0.75], (n, 1)) for x, n in zip(PLACES, POINTS, strict=True)]
+    )
     cloud = SensorCloud("s", points.astype(np.float32), np.eye(4))
     more = {} if complete is None else {"complete": complete}
     return Frame.of_clouds("0", (cloud,), Objects(boxes(places)), **more)
@@ -114,7 +131,8 @@ def test_rows_count_once_what_overlaps_where_labels_are_complete():
     assert each.counted.tolist() == [True, True, True, False, False]
     assert each.points.tolist() == list(POINTS)
     assert len(each.found) == 4  # that out of the area is left out
-    # As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is somebody else.
+    # As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is
+    # somebody else.
     again = boxes((5.002, 25.0))
     again[0, 3] -= 0.003
     objects = Objects(np.concatenate([boxes((5.0, 25.0)), again]), np.array([0, 0, 0, 2]))
@@ -126,11 +144,15 @@ def test_rows_count_once_what_overlaps_where_labels_are_complete():
     assert not breakdown.repeated(Objects(near)).any()
     assert breakdown.repeated(Objects(np.zeros((0, 7)))).shape == (0,)
     # Found 1.2 m short of a car at 20.5 m, which lies in the next ring.
-    sample = Frame.of_clouds("0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5])))
+    sample = Frame.of_clouds(
+        "0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5]))
+    )
     rows = breakdown.group_rows([judged(sample, [19.3], [0.9])], "vehicle", [0.3])
     assert row(rows, "ours", "BEV 0.3", "20-35 m").ap == 1
     assert np.isnan(row(rows, "ours", "BEV 0.3", "0-20 m").ap)
     seen = frame(complete=Rectangle((0.0, -5.0, 8.0, 5.0)))
     rows = breakdown.group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 1
-    assert row(rows, "ours", "BEV 0.5").ap == 1  # the false alarm at 12 m lies where nobody labelled
+    assert (
+        row(rows, "ours", "BEV 0.5").ap == 1
+    )  # the false alarm at 12 m lies where nobody labelled

@@ -14,7 +14,13 @@ CAR = [8.0, -3.0, 0.75, 4.4, 1.9, 1.5, 0.4]
 
 
 def faces(box, sides=("front", "rear", "left", "right", "top"), step=0.1, rng=None):
-    quads = {"front": (0, 3, 4), "rear": (1, 2, 5), "left": (0, 1, 4), "right": (3, 2, 7), "top": (4, 5, 7)}
+    quads = {
+        "front": (0, 3, 4),
+        "rear": (1, 2, 5),
+        "left": (0, 1, 4),
+        "right": (3, 2, 7),
+        "top": (4, 5, 7),
+    }
     corner = corners([box])[0]
     points = []
     for side in sides:
@@ -49,7 +55,10 @@ def detector():
 
 def scene(boxes, sides=None, seed=9, **options):
     rng = np.random.default_rng(seed)
-    seen = [faces(box, **({} if sides is None else {"sides": sides}), rng=rng, **options) for box in boxes]
+    seen = [
+        faces(box, **({} if sides is None else {"sides": sides}), rng=rng, **options)
+        for box in boxes
+    ]
     return np.concatenate([street(rng, boxes), *seen])
 
 
@@ -68,13 +77,18 @@ def test_empty_streets_are_empty_and_the_better_seen_scores_higher(detector):
     np.testing.assert_allclose(height, 0.01, atol=0.02)
     other = [-8.0, 0.0, 0.75, 4.4, 1.9, 1.5, 0.0]
     rng = np.random.default_rng(1)
-    cloud = np.concatenate([street(rng, [CAR, other]), faces(CAR, rng=rng), faces(other, ("rear",), 0.3, rng)])
+    cloud = np.concatenate(
+        [street(rng, [CAR, other]), faces(CAR, rng=rng), faces(other, ("rear",), 0.3, rng)]
+    )
     found = detector(cloud)
     best = iou_3d(found.boxes, [CAR, other]).argmax(axis=0)
     assert found.scores[best[0]] > 2 * found.scores[best[1]]
     assert ((found.scores > 0) & (found.scores <= 1)).all()
     others = [
-        *(ClusterDetector.learn([street(np.random.default_rng(9))]), ClusterDetector(detector.background, fewest=6)),
+        *(
+            ClusterDetector.learn([street(np.random.default_rng(9))]),
+            ClusterDetector(detector.background, fewest=6),
+        ),
         ClusterDetector(detector.background, cell=0.25),
     ]
     assert len({detector.digest, *(other.digest for other in others)}) == 4
@@ -89,7 +103,9 @@ def test_a_car_seen_all_round(detector, yaw):
     assert iou_3d(found.boxes, [box])[0, 0] > 0.85
 
 
-@pytest.mark.parametrize("sides", [("left", "front"), ("rear", "right"), ("left", "top"), ("rear", "top", "left")])
+@pytest.mark.parametrize(
+    "sides", [("left", "front"), ("rear", "right"), ("left", "top"), ("rear", "top", "left")]
+)
 def test_a_car_seen_from_a_corner(detector, sides):
     found = detector(scene([CAR], sides))
     assert found.labels.tolist() == [VEHICLE]
@@ -97,7 +113,9 @@ def test_a_car_seen_from_a_corner(detector, sides):
 
 
 @pytest.mark.parametrize("sides", [("left",), ("right",)])
-def test_a_car_of_which_one_side_is_seen_is_completed_to_where_the_ground_is_hidden(detector, sides):
+def test_a_car_of_which_one_side_is_seen_is_completed_to_where_the_ground_is_hidden(
+    detector, sides
+):
     found = detector(scene([CAR], sides))
     assert found.labels.tolist() == [VEHICLE]
     assert iou_3d(found.boxes, [CAR])[0, 0] > 0.6
@@ -128,7 +146,9 @@ def test_neighbours_are_told_apart_quickly(detector):
     assert (iou_3d(shuffled.boxes, found.boxes).max(axis=1) > 0.9).all()
 
     offset = np.array([512.0, -256, 0], np.float32)
-    elsewhere = ClusterDetector.learn([street(np.random.default_rng(seed)) + offset for seed in range(3)])
+    elsewhere = ClusterDetector.learn(
+        [street(np.random.default_rng(seed)) + offset for seed in range(3)]
+    )
     moved = elsewhere(cloud + offset)
     assert len(moved) == len(found)
     back = moved.boxes - [*offset, 0, 0, 0, 0]
@@ -148,7 +168,8 @@ def test_neighbours_are_told_apart_quickly(detector):
 
 @pytest.mark.parametrize("reach", [0.2, 0.4, 0.6])
 def test_cells_at_just_the_reach_are_neighbours(reach):
-    """Wherever they are: 3 x 0.2 is above 0.6 in float64, and differences of such places on either side of it."""
+    """Wherever they are: 3 x 0.2 is above 0.6 in float64, and differences of such places on either
+    side of it."""
     detector = replace(ClusterDetector.learn(np.zeros((1, 3))), reach=(reach,))
     for start in range(100):
         far = 50.15 + 0.2 * start

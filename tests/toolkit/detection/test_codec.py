@@ -16,12 +16,17 @@ def test_the_papers_counting_and_digest():
     assert PAPER.bits(points=5, boxes=2) == 5 * 96 + 2 * 256
     assert PAPER.bits(points=np.array([1.5, 0]), messages=3).tolist() == [144, 0]
     assert isinstance(PAPER, Codec)
-    points, boxes = np.ones((5, 3), np.float32), Detections(BOXES, np.array([0.5, 0.4]), np.array([3, 1]))
+    points, boxes = (
+        np.ones((5, 3), np.float32),
+        Detections(BOXES, np.array([0.5, 0.4]), np.array([3, 1])),
+    )
     assert PAPER.decode_points(PAPER.encode_points(points)) is points
     assert PAPER.decode_boxes(PAPER.encode_boxes(boxes)) is boxes
     codec = PaperCodec(bits_per_point=12.5, bits_per_box=40)
     for n in (0, 1, 10):
-        assert codec.encode_points(np.zeros((n, 3), np.float32)).bits == round(float(codec.bits(points=n)))
+        assert codec.encode_points(np.zeros((n, 3), np.float32)).bits == round(
+            float(codec.bits(points=n))
+        )
     assert PaperCodec().digest == PAPER.digest != PaperCodec(48).digest
     assert check_codec(PAPER) is PAPER
     with pytest.raises((ValueError, TypeError), match="codec"):

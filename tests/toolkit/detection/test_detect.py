@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.records import parse_objects, read_entries
-from toolkit.detection.detect import Detected, describe_summary, detect_frames, file_name, summarise, write_detections
+from toolkit.detection.detect import (
+    Detected,
+    describe_summary,
+    detect_frames,
+    file_name,
+    summarise,
+    write_detections,
+)
 from toolkit.detection.place import Place, Stand, level_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.geometry import pose, tilt_rows, transform
@@ -19,7 +26,9 @@ from toolkit.sites.site import Site
 def street(rng, count=6000):
     """Ground, and a block of 4 × 2 × 1.5 m that stands on it at (10, 5)."""
     ground = np.column_stack([rng.uniform(-30, 30, (count, 2)), rng.normal(0, 0.01, count)])
-    block = np.column_stack([rng.uniform(8, 12, 400), rng.uniform(4, 6, 400), rng.uniform(0, 1.5, 400)])
+    block = np.column_stack(
+        [rng.uniform(8, 12, 400), rng.uniform(4, 6, 400), rng.uniform(0, 1.5, 400)]
+    )
     return np.concatenate([ground, block])
 
 
@@ -39,12 +48,17 @@ class Blocks:
 
 
 def samples(world, count=1):
-    """Clouds of the street as a lidar 3 m above its middle measured it, in a world where the street lies at `world`."""
+    """Clouds of the street as a lidar 3 m above its middle measured it, in a world where the street
+    lies at `world`."""
     made = []
     for k in range(count):
         place = world @ pose(0.0, 0.0, 3.0)
         points = transform(pose(0.0, 0.0, -3.0), street(np.random.default_rng(k)))
-        made.append(Frame.of_clouds(str(k), (SensorCloud("s", points.astype(np.float32), place),), Objects.empty()))
+        made.append(
+            Frame.of_clouds(
+                str(k), (SensorCloud("s", points.astype(np.float32), place),), Objects.empty()
+            )
+        )
     return made
 
 
@@ -67,14 +81,18 @@ def test_a_known_site_that_slopes_is_detected_in_on_level_ground():
 
 @pytest.mark.parametrize("levelling", ["map", "plane"])
 def test_a_street_that_leans_far_from_the_origin_is_detected_in(levelling):
-    """A kilometre away, 120 m up, and leaning by 3 degrees: boxes are where they stand in that world."""
+    """A kilometre away, 120 m up, and leaning by 3 degrees: boxes are where they stand in that
+    world."""
     world = pose(1000.0, 2000.0, 120.0, yaw=0.5, pitch=np.deg2rad(3))
     (found,) = detect_frames(samples(world), Blocks(), Place(levelling))
     expected = transform(world, np.array([[10.0, 5.0, 0.75]]))[0]
     np.testing.assert_allclose(found.detections.boxes[0, :3], expected, atol=0.15)
     assert found.stand.warning is None
     assert found.stand.ground.tilt == pytest.approx(np.deg2rad(3), abs=0.003)
-    assert found.stand.middle.tolist() == np.round(transform(world, np.array([[0.0, 0, 3]]))[0, :2]).tolist()
+    assert (
+        found.stand.middle.tolist()
+        == np.round(transform(world, np.array([[0.0, 0, 3]]))[0, :2]).tolist()
+    )
     assert found.stand.ms > 0
     assert found.detect_ms > 0
 
@@ -84,7 +102,9 @@ def test_clouds_are_counted_warned_of_or_empty():
     assert "ground seems to lie at z = -1.70 m" in str(found.stand.warning)
     assert found.stand.ground is None
     detector = Blocks()
-    (found,) = detect_frames(samples(pose(5000.0)), detector, Place("none", area=(4995.0, -8.0, 5015.0, 12.0)))
+    (found,) = detect_frames(
+        samples(pose(5000.0)), detector, Place("none", area=(4995.0, -8.0, 5015.0, 12.0))
+    )
     assert detector.seen[0].dtype == np.float32
     assert detector.seen[0][:, 0].min() == pytest.approx(-35, abs=0.1)
     np.testing.assert_allclose(found.detections.boxes[0, :2], [5010, 5], atol=0.1)
@@ -94,29 +114,45 @@ def test_clouds_are_counted_warned_of_or_empty():
     assert other[0].stand.ground is not other[1].stand.ground
     with pytest.raises((ValueError, TypeError), match=r"one of map, plane, none|Type-check"):
         Place("flat")
-    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    few = Frame.of_clouds("1", (SensorCloud("s", np.array([[1, 1, 1.0]], np.float32), np.eye(4)),), Objects.empty())
+    nothing = Frame.of_clouds(
+        "0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty()
+    )
+    few = Frame.of_clouds(
+        "1", (SensorCloud("s", np.array([[1, 1, 1.0]], np.float32), np.eye(4)),), Objects.empty()
+    )
     first, second = detect_frames([nothing, few], Blocks())
     assert len(first.detections) == 0
     assert first.stand.warning is None
     assert str(second.stand.warning).startswith("not levelled: no ground found in 1 points")
     assert len(second.detections) == 1
-    clouds = tuple(SensorCloud(name, np.ones((2, 3), np.float32), pose(k)) for k, name in ((0.0, "a"), (9.0, "b")))
+    clouds = tuple(
+        SensorCloud(name, np.ones((2, 3), np.float32), pose(k))
+        for k, name in ((0.0, "a"), (9.0, "b"))
+    )
     detector = Blocks()
     sample = Frame.of_clouds("0", clouds, Objects.empty())
-    list(detect_frames([sample.seen_by(["b"])], detector, Place("none", area=(-1.0, -1.0, 1.0, 1.0))))
+    list(
+        detect_frames([sample.seen_by(["b"])], detector, Place("none", area=(-1.0, -1.0, 1.0, 1.0)))
+    )
     assert detector.seen[0].tolist() == [[10, 1, 1]] * 2
     assert Place().find_middle(sample).tolist() == [4, 0]
 
 
 def sample(complete=None, lift=20.0):
-    """Ground `lift` m up, sensors at (100, 0), a car 10 m ahead, one 53 m away and one 80 m away."""
+    """Ground `lift` m up, sensors at (100, 0), a car 10 m ahead, one 53 m away and one 80 m
+    away."""
     rng = np.random.default_rng(0)
-    street = np.column_stack([rng.uniform(60, 140, 6000), rng.uniform(-40, 40, 6000), rng.normal(lift, 0.005, 6000)])
+    street = np.column_stack(
+        [rng.uniform(60, 140, 6000), rng.uniform(-40, 40, 6000), rng.normal(lift, 0.005, 6000)]
+    )
     post = np.tile([110.0, 0.0, lift + 1.0], (30, 1))
-    cloud = SensorCloud("s", np.concatenate([street, post]).astype(np.float32), pose(100.0, 0.0, lift + 5), "world")
+    cloud = SensorCloud(
+        "s", np.concatenate([street, post]).astype(np.float32), pose(100.0, 0.0, lift + 5), "world"
+    )
     boxes = np.array([[x, 0, lift + 0.75, 4, 2, 1.5, 0.3] for x in (110.0, 153.0, 180.0)])
-    return Frame.of_clouds("0", (cloud,), Objects(boxes), **({} if complete is None else {"complete": complete}))
+    return Frame.of_clouds(
+        "0", (cloud,), Objects(boxes), **({} if complete is None else {"complete": complete})
+    )
 
 
 @pytest.mark.parametrize("levelling", ["map", "plane"])
@@ -126,7 +162,9 @@ def test_points_and_boxes_stand_on_the_ground(levelling):
     assert made.sensors == ("s",)
     np.testing.assert_allclose(made.objects.boxes[0], [10, 0, 0.75, 4, 2, 1.5, 0.3], atol=0.03)
     assert len(made.objects) == 2  # the one on the edge is kept, the far one is not
-    np.testing.assert_allclose(made.clouds[0][made.clouds[0][:, 2] > 0.5].mean(axis=0), [10, 0, 1], atol=0.03)
+    np.testing.assert_allclose(
+        made.clouds[0][made.clouds[0][:, 2] > 0.5].mean(axis=0), [10, 0, 1], atol=0.03
+    )
     assert made.clouds[0].dtype == np.float32
     assert made.clouds[0][:, 2].min() > 0
 
@@ -135,12 +173,18 @@ def test_samples_for_training_have_area_and_ground():
     (made,) = level_frames([sample(Rectangle((100.0, -5.0, 120.0, 5.0)))], Place("plane"))
     assert (made.clouds[0][:, 0] >= 0).all()
     assert (np.abs(made.clouds[0][:, 1]) <= 5).all()
-    first, second = level_frames([sample(), sample(lift=20.4)], Place(still=True, area=(102.0, -6.0, 118.0, 6.0)))
+    first, second = level_frames(
+        [sample(), sample(lift=20.4)], Place(still=True, area=(102.0, -6.0, 118.0, 6.0))
+    )
     assert first.area == (-8, -6, 8, 6)
     assert first.objects.boxes[0, 0] == pytest.approx(0, abs=0.01)
     assert second.objects.boxes[0, 2] == pytest.approx(1.15, abs=0.03)
-    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    one = Frame.of_clouds("0", (SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4)),), Objects.empty())
+    nothing = Frame.of_clouds(
+        "0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty()
+    )
+    one = Frame.of_clouds(
+        "0", (SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4)),), Objects.empty()
+    )
     assert list(level_frames([nothing, one], Place())) == []
     assert len(list(level_frames([one], Place("none")))) == 1
 
@@ -167,7 +211,9 @@ def test_boxes_in_files_and_a_summary(found, tmp_path):
     assert list(write_detections(iter(found), tmp_path / "b.json", weights="general")) == found
     entries = read_entries(tmp_path / "b.json")
     assert list(entries) == ["a/0", "a/1"]
-    np.testing.assert_allclose(parse_objects("b.json", entries["a/0"], {}).objects.boxes, BOX, atol=1e-12)
+    np.testing.assert_allclose(
+        parse_objects("b.json", entries["a/0"], {}).objects.boxes, BOX, atol=1e-12
+    )
     assert json.loads((tmp_path / "b.json").read_text())["weights"] == "general"
     list(write_detections(iter(found), tmp_path / "o", "openlabel"))
     list(write_detections(iter(found), tmp_path / "k", "kitti"))
@@ -185,5 +231,8 @@ def test_boxes_in_files_and_a_summary(found, tmp_path):
         "level_ms": 10.5,
         "detect_ms": 20.5,
     }
-    assert describe_summary(figures) == "2 detections in 2 clouds; 10 ms to level, 20 ms to detect; 3 doubled labels"
+    assert (
+        describe_summary(figures)
+        == "2 detections in 2 clouds; 10 ms to level, 20 ms to detect; 3 doubled labels"
+    )
     assert describe_summary(summarise([])) == "0 detections in 0 clouds"

@@ -25,7 +25,9 @@ CAR = np.array([[10.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 def samples():
     for k in range(2):
         clouds = tuple(
-            SensorCloud(name, np.tile([10.0 - x, 0.0, -2.0], (8, 1)).astype(np.float32), pose(x, 0.0, 3.0))
+            SensorCloud(
+                name, np.tile([10.0 - x, 0.0, -2.0], (8, 1)).astype(np.float32), pose(x, 0.0, 3.0)
+            )
             for name, x in (("a", -1.0), ("b", 1.0))
         )
         yield Frame.of_clouds(str(k), clouds, Objects(CAR), problems={"doubled labels": 1})
@@ -38,8 +40,12 @@ class Recorded(list):
 
 
 def evaluate(frames, *schemes, scenes=None, **options):
-    asked = Comparison(schemes=[None if name is None else SCHEMES[name] for name in schemes], **options)
-    return evaluate_recording(Recorded(frames), Everything(), asked, place=Place("none"), scenes=scenes)
+    asked = Comparison(
+        schemes=[None if name is None else SCHEMES[name] for name in schemes], **options
+    )
+    return evaluate_recording(
+        Recorded(frames), Everything(), asked, place=Place("none"), scenes=scenes
+    )
 
 
 class Everything:
@@ -86,7 +92,13 @@ def test_scenes_and_sensor_sets_are_given_or_refused():
     assert list(made.schemes) == ["early 1", "early 0,1"]
     asked = Comparison(schemes=["early"], breakdown=False)
     one, two = (
-        evaluate_recording(Recorded(samples()), Everything(), asked, place=Place("none"), run=Processes(workers=count))
+        evaluate_recording(
+            Recorded(samples()),
+            Everything(),
+            asked,
+            place=Place("none"),
+            run=Processes(workers=count),
+        )
         for count in (1, 2)
     )
     assert one.rows[0].ap == two.rows[0].ap == 1
@@ -115,15 +127,21 @@ def still(count=6):
 def test_schemes_of_images_learn_scenes_and_refer_to_frames_before():
     made = evaluate(still(), "early", "foreground", "late")
     figures = made.schemes["foreground"]
-    assert figures["images"] == {"a": {"points": 6 * 3604, "points in a cell with a nearer one": 24}}
+    assert figures["images"] == {
+        "a": {"points": 6 * 3604, "points in a cell with a nearer one": 24}
+    }
     assert 0 < figures["kbit_per_sensor"] < 1 < 100 < made.schemes["early"]["kbit_per_sensor"]
     assert "images" not in made.schemes["early"]
-    assert "a: of 21624 points its images leave out 24 points in a cell with a nearer one" in made.text()
+    assert (
+        "a: of 21624 points its images leave out 24 points in a cell with a nearer one"
+        in made.text()
+    )
     coded = evaluate(still(), "early", "late", codec=RangeImages())
     assert figures["kbit_per_sensor"] < coded.schemes["early"]["kbit_per_sensor"] < 20
     assert "images" in coded.schemes["early"]
     assert "images" not in coded.schemes["late"]
-    # Somebody stands still in the last frames: what the first of them brings costs nothing in the next.
+    # Somebody stands still in the last frames: what the first of them brings costs nothing in the
+    # next.
     last, before = list(still())[-1], next(iter(still()))
     scenes, memory, bits = Scenes(list(still(6))), LinkMemory(), []
     for k in range(9):

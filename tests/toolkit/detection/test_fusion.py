@@ -26,8 +26,11 @@ SENSORS = tuple(
 
 
 def grid_detector(points):
-    """A box in each 8 m cell with points, at their mean, the surer the more points: depends on all of them."""
-    cells, place, count = np.unique(np.floor(points[:, :2] / 8), axis=0, return_inverse=True, return_counts=True)
+    """A box in each 8 m cell with points, at their mean, the surer the more points: depends on all
+    of them."""
+    cells, place, count = np.unique(
+        np.floor(points[:, :2] / 8), axis=0, return_inverse=True, return_counts=True
+    )
     sums = np.zeros((len(cells), 2))
     np.add.at(sums, place.ravel(), points[:, :2].astype(np.float64))
     boxes = np.tile([0.0, 0, 1, 4, 2, 1.5, 0], (len(cells), 1))
@@ -73,18 +76,29 @@ def test_early_late_and_hybrid_send_and_detect_as_they_should():
     local = [grid_detector(points) for points in frame_points(frame(), area=AREA)]
     assert fused.bits.tolist() == [256 * len(boxes) for boxes in local]
     assert 0 < len(fused.detections) < sum(map(len, local))
-    overlap = iou_bev(fused.detections.boxes, fused.detections.boxes) - np.eye(len(fused.detections))
+    overlap = iou_bev(fused.detections.boxes, fused.detections.boxes) - np.eye(
+        len(fused.detections)
+    )
     assert overlap.max() <= 0.1
     assert (np.diff(fused.detections.scores) <= 0).all()
     scene, clouds = frame(), frame_points(frame(), area=AREA)
     fused = hybrid(scene, grid_detector, site=AREA, radius=12.0)
-    far = [points[is_beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
+    far = [
+        points[is_beyond(points, sensor, 12.0)]
+        for points, sensor in zip(clouds, SENSORS, strict=True)
+    ]
     local = [grid_detector(points) for points in clouds]
-    assert fused.bits.tolist() == [96 * len(f) + 256 * len(b) for f, b in zip(far, local, strict=True)]
+    assert fused.bits.tolist() == [
+        96 * len(f) + 256 * len(b) for f, b in zip(far, local, strict=True)
+    ]
     everything = Detections.merge([*local, suppress(grid_detector(np.concatenate(far)))])
     same(fused, Fused(suppress(everything), fused.bits))
-    # Radius 0 sends every point, and the surest boxes come from all of them; an endless radius is late fusion.
-    same(hybrid(frame(), grid_detector, site=AREA, radius=1e6), late(frame(), grid_detector, site=AREA))
+    # Radius 0 sends every point, and the surest boxes come from all of them; an endless radius is
+    # late fusion.
+    same(
+        hybrid(frame(), grid_detector, site=AREA, radius=1e6),
+        late(frame(), grid_detector, site=AREA),
+    )
     none = hybrid(frame(), grid_detector, site=AREA, radius=0.0)
     best = early(frame(), grid_detector, site=AREA).detections
     assert none.bits.sum() > early(frame(), grid_detector, site=AREA).bits.sum()
@@ -92,7 +106,10 @@ def test_early_late_and_hybrid_send_and_detect_as_they_should():
     scene = frame()
     twins = (*scene.sensors, replace(scene.sensors[0], name="twin of s0"))
     doubled = Frame(twins, (*scene.measurements, scene.measurements[0]), scene.objects)
-    same(late(doubled, grid_detector, [0, "twin of s0", 1], site=AREA), late(scene, grid_detector, [0, 1], site=AREA))
+    same(
+        late(doubled, grid_detector, [0, "twin of s0", 1], site=AREA),
+        late(scene, grid_detector, [0, 1], site=AREA),
+    )
 
 
 @pytest.mark.parametrize("scheme", [late, hybrid])
@@ -112,7 +129,9 @@ def test_order_of_the_sensors_does_not_matter(scheme):
     np.testing.assert_array_equal(straight.detections.boxes, shuffled.detections.boxes)
     np.testing.assert_array_equal(straight.bits[[2, 0, 1]], shuffled.bits)
     scene, order = frame(), [2, 0, 3, 1]
-    turned = Frame(tuple(SENSORS[k] for k in order), tuple(scene.measurements[k] for k in order), scene.objects)
+    turned = Frame(
+        tuple(SENSORS[k] for k in order), tuple(scene.measurements[k] for k in order), scene.objects
+    )
     straight, shuffled = (scheme(s, grid_detector, site=AREA) for s in (scene, turned))
     same(straight, shuffled)
     np.testing.assert_array_equal(straight.bits[order], shuffled.bits)
@@ -124,7 +143,9 @@ def test_sensors_unknown_twice_or_that_see_nothing(scheme):
         scheme(frame(), grid_detector, [0, 0], site=AREA)
     fused = scheme(frame(), grid_detector, [], site=AREA)
     assert len(fused.detections) == len(fused.bits) == fused.kbit_per_sensor == 0
-    blind = Frame(SENSORS, tuple(np.zeros(s.model.shape, np.float32) for s in SENSORS), Objects.empty())
+    blind = Frame(
+        SENSORS, tuple(np.zeros(s.model.shape, np.float32) for s in SENSORS), Objects.empty()
+    )
     fused = scheme(blind, grid_detector, site=AREA)
     assert len(fused.detections) == 0
     assert fused.bits.tolist() == [0, 0, 0, 0]
@@ -135,13 +156,22 @@ def test_sensors_unknown_twice_or_that_see_nothing(scheme):
 def test_codecs_scores_and_radii_of_sites():
     clouds = frame_points(frame(), area=AREA)
     cost = PaperCodec(bits_per_point=48, bits_per_box=100)
-    assert early(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [48 * len(c) for c in clouds]
+    assert early(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [
+        48 * len(c) for c in clouds
+    ]
     boxes = [grid_detector(points) for points in clouds]
-    assert late(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [100 * len(b) for b in boxes]
-    far = [points[is_beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
+    assert late(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [
+        100 * len(b) for b in boxes
+    ]
+    far = [
+        points[is_beyond(points, sensor, 12.0)]
+        for points, sensor in zip(clouds, SENSORS, strict=True)
+    ]
     sent = hybrid(frame(), grid_detector, site=AREA, radius=12.0, codec=cost).bits
     assert sent.tolist() == [48 * len(f) + 100 * len(b) for f, b in zip(far, boxes, strict=True)]
-    three = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
+    three = np.array(
+        [[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]]
+    )
     forward, backward = (suppress(Detections(b, np.full(3, 0.5))) for b in (three, three[::-1]))
     np.testing.assert_array_equal(forward.boxes, backward.boxes)
     site = Site("here", np.array(AREA, float), hybrid_radius=12.0)

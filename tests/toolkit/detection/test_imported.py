@@ -42,7 +42,9 @@ def site(tmp_path, monkeypatch):
     sys.modules.pop("their_module", None)
 
 
-@pytest.mark.parametrize(("name", "has_digest"), [("detect", True), ("of_area", False), ("Bare", False)])
+@pytest.mark.parametrize(
+    ("name", "has_digest"), [("detect", True), ("of_area", False), ("Bare", False)]
+)
 def test_what_a_name_may_mean(name, has_digest, site):
     detector = ImportedDetector(f"their_module:{name}", site)
     assert isinstance(detector(np.zeros((3, 3), np.float32)), Detections)
@@ -55,5 +57,7 @@ def test_what_it_returns_and_where_it_fails_is_said(site):
     with pytest.raises(ValueError, match=r"must return .* got NoneType"):
         detector(np.zeros((3, 3), np.float32))
     detector = ImportedDetector("their_module:breaking", site)
-    with pytest.raises(ValueError, match=r"their_module:breaking fails with a cloud of 3 points \(IndexError"):
+    with pytest.raises(
+        ValueError, match=r"their_module:breaking fails with a cloud of 3 points \(IndexError"
+    ):
         detector(np.zeros((3, 3), np.float32))

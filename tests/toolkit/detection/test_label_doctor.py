@@ -1,4 +1,5 @@
-"""The doctor reads each layout and names what is wrong in its files; the whole table is that of bench_doctor."""
+"""The doctor reads each layout and names what is wrong in its files; the whole table is that of
+bench_doctor."""
 
 import importlib.util
 import sys
@@ -33,7 +34,9 @@ BOX = np.array([[10.0, 0, 1.0, 4, 2, 2, 0.0]])
 
 def face(x, count=40, z=(0.5, 1.5)):
     """Points on a wall across x."""
-    return np.column_stack([np.full(count, x), np.linspace(-0.9, 0.9, count), np.linspace(*z, count)])
+    return np.column_stack(
+        [np.full(count, x), np.linspace(-0.9, 0.9, count), np.linspace(*z, count)]
+    )
 
 
 def test_points_fit_faces_better_than_chance():
@@ -61,19 +64,31 @@ def test_points_fit_faces_better_than_chance():
     ):
         assert better(before, after) is said
     assert not better(np.full(9, 0.5), np.full(9, 0.6), 0.15)
-    ground = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (3000, 2)), np.full(3000, 2.0)])
+    ground = np.column_stack(
+        [np.random.default_rng(0).uniform(-20, 20, (3000, 2)), np.full(3000, 2.0)]
+    )
     points = np.concatenate([ground, face(8.0, z=(2.5, 3.5))]).astype(np.float32)
     cloud = SensorCloud("s", points, np.eye(4))
     seen = Seen.of(Frame.of_clouds("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]))))
     assert len(seen.points) == 40
     np.testing.assert_allclose(seen.ground.height(BOX[:, :2]), [2.0], atol=0.02)
-    assert fits([seen, seen], [BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]), np.zeros((0, 7))]).tolist() == [1.0]
-    nothing = Seen.of(Frame.of_clouds("0", (SensorCloud("s", points[:2], np.eye(4)),), Objects(BOX)))
+    assert fits(
+        [seen, seen], [BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]), np.zeros((0, 7))]
+    ).tolist() == [1.0]
+    nothing = Seen.of(
+        Frame.of_clouds("0", (SensorCloud("s", points[:2], np.eye(4)),), Objects(BOX))
+    )
     assert (len(nothing.points), nothing.ground) == (2, None)
 
 
 BOX_LABEL_MISTAKES = np.array([[3.0, 5.0, 1.0, 4.0, 2.0, 1.5, 0.4]])
-OWN_INVERSE = ("mirrored", "y of the positions", "x and y swapped", "length and width", "yaw counted")
+OWN_INVERSE = (
+    "mirrored",
+    "y of the positions",
+    "x and y swapped",
+    "length and width",
+    "yaw counted",
+)
 
 
 @pytest.mark.parametrize("mistake", LABEL_MISTAKES, ids=lambda mistake: mistake.name[:12])
@@ -82,21 +97,39 @@ def test_a_mistake_changes_boxes_and_some_undo_themselves(mistake):
     again = mistake.undo(mistake.undo(BOX_LABEL_MISTAKES))
     again[:, 6] = np.angle(np.exp(1j * again[:, 6]))
     assert np.allclose(again, BOX_LABEL_MISTAKES) is mistake.name.startswith(OWN_INVERSE)
-    assert mistake.axes is (mistake.name.startswith(("mirrored", "y of", "x and y", "yaw counted", "yaw in radians")))
+    assert mistake.axes is (
+        mistake.name.startswith(("mirrored", "y of", "x and y", "yaw counted", "yaw in radians"))
+    )
 
 
 def test_mistakes_are_undone_also_in_a_map_and_of_degrees():
     undone = [
-        *([3, -5, 1, 4, 2, 1.5, -0.4], [-3, 5, 1, 4, 2, 1.5, np.pi - 0.4], [3, -5, 1, 4, 2, 1.5, 0.4]),
-        *([5, 3, 1, 4, 2, 1.5, np.pi / 2 - 0.4], [3, 5, 1, 8, 4, 3, 0.4], [3, 5, 1, 2, 1, 0.75, 0.4]),
-        *([3, 5, 1, 2, 4, 1.5, 0.4], [3, 5, 1, 4, 2, 1.5, -0.4], [3, 5, 1, 4, 2, 1.5, np.rad2deg(0.4)]),
+        *(
+            [3, -5, 1, 4, 2, 1.5, -0.4],
+            [-3, 5, 1, 4, 2, 1.5, np.pi - 0.4],
+            [3, -5, 1, 4, 2, 1.5, 0.4],
+        ),
+        *(
+            [5, 3, 1, 4, 2, 1.5, np.pi / 2 - 0.4],
+            [3, 5, 1, 8, 4, 3, 0.4],
+            [3, 5, 1, 2, 1, 0.75, 0.4],
+        ),
+        *(
+            [3, 5, 1, 2, 4, 1.5, 0.4],
+            [3, 5, 1, 4, 2, 1.5, -0.4],
+            [3, 5, 1, 4, 2, 1.5, np.rad2deg(0.4)],
+        ),
     ]
-    np.testing.assert_allclose([each.undo(BOX_LABEL_MISTAKES)[0] for each in LABEL_MISTAKES[:9]], undone)
+    np.testing.assert_allclose(
+        [each.undo(BOX_LABEL_MISTAKES)[0] for each in LABEL_MISTAKES[:9]], undone
+    )
     world_SE3_map = invert(pose(600.0, 1600.0, 30.0, yaw=0.7))
     in_map = move_boxes(invert(world_SE3_map), BOX_LABEL_MISTAKES)
     mirrored = LABEL_MISTAKES[0].undo(in_map)
     assert np.abs(move_boxes(world_SE3_map, mirrored)[0, :2]).max() > 1000
-    back = undo_mistake(LABEL_MISTAKES[0], move_boxes(world_SE3_map, mirrored), invert(world_SE3_map))
+    back = undo_mistake(
+        LABEL_MISTAKES[0], move_boxes(world_SE3_map, mirrored), invert(world_SE3_map)
+    )
     np.testing.assert_allclose(back, BOX_LABEL_MISTAKES, atol=1e-9)
     np.testing.assert_array_equal(
         undo_mistake(YAW_SIGN, BOX_LABEL_MISTAKES, np.eye(4)), YAW_SIGN.undo(BOX_LABEL_MISTAKES)
@@ -112,9 +145,16 @@ HEADINGS = np.array([0.0, 0.0, np.pi / 2, np.pi / 2, np.pi / 2, -np.pi / 2])
 
 
 def driving(count=4, late=0, *, seconds=0.1, ids=True, place=None):
-    """Cars that drive along the axes, fronts and backs seen; late: samples that their labels lag behind."""
+    """Cars that drive along the axes, fronts and backs seen; late: samples that their labels lag
+    behind."""
     start = np.column_stack(
-        [[-20, -15, 0, 5, 10, 15], np.zeros(6), np.full(6, 1.0), np.tile([4, 2, 1.6], (6, 1)), HEADINGS]
+        [
+            [-20, -15, 0, 5, 10, 15],
+            np.zeros(6),
+            np.full(6, 1.0),
+            np.tile([4, 2, 1.6], (6, 1)),
+            HEADINGS,
+        ]
     )
     ahead = np.column_stack([np.cos(HEADINGS), np.sin(HEADINGS)])
     made = []
@@ -123,13 +163,24 @@ def driving(count=4, late=0, *, seconds=0.1, ids=True, place=None):
         now[:, :2] += SPEED * seconds * k * ahead
         labelled[:, :2] += SPEED * seconds * (k - late) * ahead
         aside = np.linspace(-0.9, 0.9, 30)
-        faces = [np.column_stack([box[0] + end * np.cos(box[6]) - aside * np.sin(box[6]),
-                                  box[1] + end * np.sin(box[6]) + aside * np.cos(box[6]),
-                                  np.linspace(0.6, 1.6, 30)]) for box in now for end in (2.0, -2.0)]  # fmt: skip
+        faces = [
+            np.column_stack(
+                [
+                    box[0] + end * np.cos(box[6]) - aside * np.sin(box[6]),
+                    box[1] + end * np.sin(box[6]) + aside * np.cos(box[6]),
+                    np.linspace(0.6, 1.6, 30),
+                ]
+            )
+            for box in now
+            for end in (2.0, -2.0)
+        ]
         numbers = np.arange(6) if ids else np.arange(6) + 100 * k
         cloud = SensorCloud("s", np.concatenate(faces).astype(np.float32), np.eye(4))
         sample = Frame.of_clouds(
-            str(k), (cloud,), Objects(labelled, ids=numbers), time=5 + seconds * k if ids else np.nan
+            str(k),
+            (cloud,),
+            Objects(labelled, ids=numbers),
+            time=5 + seconds * k if ids else np.nan,
         )
         made.append(sample if place is None else replace(sample, map_SE3_world=place))
     return made
@@ -142,17 +193,22 @@ def seen(samples):
 def test_velocities_and_fronts_that_point_backwards():
     boxes, velocities, ids = find_movers(driving(), 1)
     assert ids.tolist() == [0, 1, 2, 3, 4, 5]
-    np.testing.assert_allclose(velocities, SPEED * np.column_stack([np.cos(HEADINGS), np.sin(HEADINGS)]), atol=1e-9)
+    np.testing.assert_allclose(
+        velocities, SPEED * np.column_stack([np.cos(HEADINGS), np.sin(HEADINGS)]), atol=1e-9
+    )
     assert len(boxes) == 6
     assert len(find_movers(driving(ids=False), 1).boxes) == 0
     assert len(find_movers(driving(1), 0).boxes) == 0
     assert len(find_movers(driving(seconds=1e-6), 0).boxes) == 6
     still = [replace(each, time=time) for each, time in zip(driving(2), (0.0, 100.0), strict=True)]
     assert len(find_movers(still, 0).boxes) == 0
-    # A vehicle that drives as fast as what it looks at: in its frame nothing moves, in the map everything does.
+    # A vehicle that drives as fast as what it looks at: in its frame nothing moves, in the map
+    # everything does.
     one, two = driving(2)
     moved = replace(two, objects=one.objects, map_SE3_world=pose(1.0, 0.0, 0.0))
-    np.testing.assert_allclose(find_movers([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        find_movers([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9
+    )
 
     def undo(sample, boxes):
         return YAW_SIGN.undo(boxes)
@@ -161,9 +217,14 @@ def test_velocities_and_fronts_that_point_backwards():
     assert against_their_way(driving(), undo) is None
     assert against_their_way(wrong(driving(ids=False)), undo) is None
     alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
-    assert against_their_way(alone, undo) is None  # one car that drives backwards is no mistake of all
+    assert (
+        against_their_way(alone, undo) is None
+    )  # one car that drives backwards is no mistake of all
     # a mistake that spoils as many is none
-    assert against_their_way(wrong(driving()), lambda sample, boxes: boxes + np.eye(7)[6] * np.pi) is None
+    assert (
+        against_their_way(wrong(driving()), lambda sample, boxes: boxes + np.eye(7)[6] * np.pi)
+        is None
+    )
 
 
 @pytest.mark.parametrize(("late", "behind"), [(1, True), (-1, False), (2, True)])
@@ -176,7 +237,8 @@ def test_labels_of_another_time_along_their_tracks(late, behind):
 
 
 @pytest.mark.parametrize(
-    ("late", "amount", "behind"), [(1, "1 sample", True), (-1, "1 sample", False), (2, "2 samples", True)]
+    ("late", "amount", "behind"),
+    [(1, "1 sample", True), (-1, "1 sample", False), (2, "2 samples", True)],
 )
 @pytest.mark.parametrize("place", [None, pose(600.0, 1600.0, 0.0, yaw=0.7)])
 def test_labels_of_another_time_without_times_and_tracks(late, amount, behind, place):
@@ -193,7 +255,10 @@ def test_nothing_is_said_of_labels_of_the_same_time(ids):
 
 
 def wrong(samples):
-    return [replace(each, objects=Objects(YAW_SIGN.undo(each.objects.boxes), ids=each.objects.ids)) for each in samples]
+    return [
+        replace(each, objects=Objects(YAW_SIGN.undo(each.objects.boxes), ids=each.objects.ids))
+        for each in samples
+    ]
 
 
 SPEED_DIAGNOSIS = 8.0  # m/s
@@ -210,18 +275,28 @@ def hull(box, rng, count=150):
     local = local + np.where(local[:, :1] != 0, ends[1], ends[0])
     up = z + rng.uniform(-0.5, 0.5, count) * height
     ahead, aside = local.T
-    turned = np.column_stack([ahead * np.cos(yaw) - aside * np.sin(yaw), ahead * np.sin(yaw) + aside * np.cos(yaw)])
+    turned = np.column_stack(
+        [ahead * np.cos(yaw) - aside * np.sin(yaw), ahead * np.sin(yaw) + aside * np.cos(yaw)]
+    )
     return np.column_stack([turned + np.array([x, y]), up])
 
 
 def recording(count=2, seconds=0.1, late=0.0, *, ground_points=8000, yaws=None):
-    """Cars that drive along their headings on flat ground; late: by how much their labels lag behind (s)."""
+    """Cars that drive along their headings on flat ground; late: by how much their labels lag
+    behind (s)."""
     rng = np.random.default_rng(1)
     angle, away = np.linspace(0, 2 * np.pi, 14, endpoint=False), rng.uniform(8, 30, 14)
     start = np.column_stack(
-        [away * np.cos(angle), away * np.sin(angle) + 2, np.full(14, 0.8), rng.uniform(3.8, 5, 14),
-         rng.uniform(1.7, 2, 14), np.full(14, 1.6), rng.uniform(-3, 3, 14)]
-    )  # fmt: skip
+        [
+            away * np.cos(angle),
+            away * np.sin(angle) + 2,
+            np.full(14, 0.8),
+            rng.uniform(3.8, 5, 14),
+            rng.uniform(1.7, 2, 14),
+            np.full(14, 1.6),
+            rng.uniform(-3, 3, 14),
+        ]
+    )
     start[:, 6] = start[:, 6] if yaws is None else yaws
     velocity = SPEED_DIAGNOSIS * np.column_stack([np.cos(start[:, 6]), np.sin(start[:, 6])])
     made = []
@@ -229,17 +304,25 @@ def recording(count=2, seconds=0.1, late=0.0, *, ground_points=8000, yaws=None):
         now, labelled = start.copy(), start.copy()
         now[:, :2] += velocity * seconds * k
         labelled[:, :2] += velocity * (seconds * k - late)
-        ground = np.column_stack([rng.uniform(-45, 45, (ground_points, 2)), rng.normal(0, 0.01, ground_points)])
+        ground = np.column_stack(
+            [rng.uniform(-45, 45, (ground_points, 2)), rng.normal(0, 0.01, ground_points)]
+        )
         points = np.concatenate([ground, *(hull(box, rng) for box in now)]).astype(np.float32)
         objects = Objects(labelled, ids=np.arange(14))
-        made.append(Frame.of_clouds(str(k), (SensorCloud("s", points, np.eye(4)),), objects, time=100 + seconds * k))
+        made.append(
+            Frame.of_clouds(
+                str(k), (SensorCloud("s", points, np.eye(4)),), objects, time=100 + seconds * k
+            )
+        )
     return made
 
 
 def with_boxes(samples, change):
     """The samples with other boxes, as a reader that made the mistake would give them."""
     return [
-        replace(each, objects=Objects(change(each.objects.boxes), each.objects.labels, each.objects.ids))
+        replace(
+            each, objects=Objects(change(each.objects.boxes), each.objects.labels, each.objects.ids)
+        )
         for each in samples
     ]
 
@@ -252,11 +335,17 @@ def sound():
 MISTAKES = {
     "mirrored: y": lambda b: b * [1, -1, 1, 1, 1, 1, -1],
     "mirrored: x": lambda b: np.column_stack([-b[:, 0], b[:, 1:6], np.pi - b[:, 6]]),
-    "x and y swapped": lambda b: np.column_stack([b[:, 1], b[:, 0], b[:, 2:6], np.pi / 2 - b[:, 6]]),
+    "x and y swapped": lambda b: np.column_stack(
+        [b[:, 1], b[:, 0], b[:, 2:6], np.pi / 2 - b[:, 6]]
+    ),
     "half extents": lambda b: b * [1, 1, 1, 0.5, 0.5, 0.5, 1],
     "doubled extents": lambda b: b * [1, 1, 1, 2, 2, 2, 1],
-    "the centre of the floor": lambda b: np.column_stack([b[:, :2], b[:, 2] - b[:, 5] / 2, b[:, 3:]]),
-    "the centre of the roof": lambda b: np.column_stack([b[:, :2], b[:, 2] + b[:, 5] / 2, b[:, 3:]]),
+    "the centre of the floor": lambda b: np.column_stack(
+        [b[:, :2], b[:, 2] - b[:, 5] / 2, b[:, 3:]]
+    ),
+    "the centre of the roof": lambda b: np.column_stack(
+        [b[:, :2], b[:, 2] + b[:, 5] / 2, b[:, 3:]]
+    ),
     "length and width swapped": lambda b: b[:, [0, 1, 2, 4, 3, 5, 6]],
     "yaw counted the other way": lambda b: b * [1, 1, 1, 1, 1, 1, -1],
     "yaw in radians where degrees": lambda b: np.column_stack([b[:, :6], np.deg2rad(b[:, 6])]),
@@ -264,16 +353,23 @@ MISTAKES = {
 
 
 def test_degrees_are_told_from_sound_radians(sound):
-    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    nothing = Frame.of_clouds(
+        "0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty()
+    )
     for samples in (sound, [], [nothing]):
         assert diagnose_labels(samples) == []
     (finding,) = diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 12})])
     assert finding.suspected == "yaw in degrees where radians belong"
     assert "12 of 14 yaws" in finding.evidence
     assert diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
-    lost = with_boxes(sound, lambda b: np.column_stack([b[:, :6], np.angle(np.exp(1j * np.rad2deg(b[:, 6])))]))
+    lost = with_boxes(
+        sound, lambda b: np.column_stack([b[:, :6], np.angle(np.exp(1j * np.rad2deg(b[:, 6])))])
+    )
     (finding,) = diagnose_labels(lost)
-    assert finding.suspected == "yaw in degrees where radians belong, of which only sine and cosine are left"
+    assert (
+        finding.suspected
+        == "yaw in degrees where radians belong, of which only sine and cosine are left"
+    )
     assert finding.remedy == "multiply yaw by pi / 180 before its sine and cosine are taken"
 
 
@@ -296,14 +392,19 @@ def test_signs_of_yaw_and_heights_are_seen_where_boxes_belong():
     (finding,) = diagnose_labels(with_boxes(along, MISTAKES["yaw counted the other way"]))
     assert finding.suspected == "yaw counted the other way round"
     assert finding.evidence == (
-        "28 of 28 boxes that move, of 14 objects, head against their way, and along it with that undone"
+        "28 of 28 boxes that move, of 14 objects, head against their way, and along it with that "
+        "undone"
     )
     # On a slope, mirrored boxes lie elsewhere, above or below the ground there.
     (flat,) = recording(count=1)
     cloud = flat.clouds[0].points + np.float32(0)
     cloud[:, 2] += 0.1 * cloud[:, 1]
-    boxes = flat.objects.boxes + np.column_stack([np.zeros((14, 2)), 0.1 * flat.objects.boxes[:, 1], np.zeros((14, 4))])
-    sloped = replace(flat.with_clouds((replace(flat.clouds[0], points=cloud),)), objects=Objects(boxes))
+    boxes = flat.objects.boxes + np.column_stack(
+        [np.zeros((14, 2)), 0.1 * flat.objects.boxes[:, 1], np.zeros((14, 4))]
+    )
+    sloped = replace(
+        flat.with_clouds((replace(flat.clouds[0], points=cloud),)), objects=Objects(boxes)
+    )
     assert diagnose_labels([sloped]) == []
     (finding,) = diagnose_labels(with_boxes([sloped], MISTAKES["mirrored: y"]))
     assert finding.suspected.startswith("mirrored: y")
@@ -312,7 +413,9 @@ def test_signs_of_yaw_and_heights_are_seen_where_boxes_belong():
 PLACE = pose(600.0, 1600.0, 30.0, yaw=0.7)
 
 
-@pytest.mark.parametrize(("mistake", "place"), [(0, "mirrored: y"), (7, "yaw counted the other way")])
+@pytest.mark.parametrize(
+    ("mistake", "place"), [(0, "mirrored: y"), (7, "yaw counted the other way")]
+)
 def test_mistakes_made_in_a_map(sound, mistake, place):
     undo = LABEL_MISTAKES[mistake].undo
     mapped = [replace(each, map_SE3_world=PLACE) for each in sound]
@@ -328,12 +431,18 @@ def test_mistakes_made_in_the_frames_of_sensors(sound):
     (cloud,) = sound[0].clouds
     parts = np.array_split(cloud.points, 2)
     clouds = tuple(
-        SensorCloud(str(k), part, pole, "world") for k, (part, pole) in enumerate(zip(parts, poles, strict=True))
+        SensorCloud(str(k), part, pole, "world")
+        for k, (part, pole) in enumerate(zip(parts, poles, strict=True))
     )
-    boxes = [move_boxes(p, LABEL_MISTAKES[0].undo(move_boxes(invert(p), sound[0].objects.boxes))) for p in poles]
+    boxes = [
+        move_boxes(p, LABEL_MISTAKES[0].undo(move_boxes(invert(p), sound[0].objects.boxes)))
+        for p in poles
+    ]
     mixed = np.where(np.arange(14)[:, None] % 2 == 0, *boxes)
     assert diagnose_labels([sound[0].with_clouds(clouds)]) == []
-    (finding,) = diagnose_labels([replace(sound[0].with_clouds(clouds), objects=Objects(mixed, ids=np.arange(14)))])
+    (finding,) = diagnose_labels(
+        [replace(sound[0].with_clouds(clouds), objects=Objects(mixed, ids=np.arange(14)))]
+    )
     assert finding.suspected == "mirrored: y points the other way"
 
 
@@ -352,7 +461,8 @@ mistakes = load(BENCHES / "written_mistakes.py")
 bench = load(BENCHES / "bench_doctor.py")
 LABELLED = [name for name in LAYOUTS if mistakes.TERMS.get(name) and name != "hdf5"]
 ALL = list(mistakes.MISTAKES)
-SOME = [(layout, ALL[k % len(ALL)]) for k, layout in enumerate(LABELLED)]  # one of each layout, such that all are there
+# one of each layout, such that all are there
+SOME = [(layout, ALL[k % len(ALL)]) for k, layout in enumerate(LABELLED)]
 
 
 @pytest.fixture(scope="module")
@@ -365,7 +475,9 @@ def samples():
         points = transform(invert(pole), cloud.points).astype(np.float32)
         halves = zip(("106", "105"), np.array_split(points, 2), strict=True)
         clouds = tuple(SensorCloud(name, half, pole) for name, half in halves)
-        put.append(replace(sample.with_clouds(clouds), time=1.7e9 + sample.time, map_SE3_world=bench.PLACE))
+        put.append(
+            replace(sample.with_clouds(clouds), time=1.7e9 + sample.time, map_SE3_world=bench.PLACE)
+        )
     return put
 
 
@@ -392,7 +504,9 @@ def written(samples, tmp_path_factory):
 
 
 def said_of(path, layout):
-    return [finding.suspected for finding in diagnose_labels(islice(open_recording(path, layout), 10))]
+    return [
+        finding.suspected for finding in diagnose_labels(islice(open_recording(path, layout), 10))
+    ]
 
 
 def check(written, layout, mistake):
@@ -417,7 +531,9 @@ def test_nothing_is_suspected_of_untouched_files(written, layout):
 def test_boxes_are_read_within_a_millimetre_and_a_hundredth_of_a_degree(samples, written, layout):
     """Also of the layout that only the bench writes, whose labels are each sensor's own."""
     for before, after in zip(samples, open_recording(written(layout), layout), strict=True):
-        a, b = (move_boxes(sample.map_SE3_world, sample.objects.boxes) for sample in (before, after))
+        a, b = (
+            move_boxes(sample.map_SE3_world, sample.objects.boxes) for sample in (before, after)
+        )
         if np.allclose(after.map_SE3_world, np.eye(4)):  # a layout that has no place for a map
             a = before.objects.boxes
         order = [np.lexsort(boxes[:, :2].round(2).T) for boxes in (a, b)]
@@ -444,21 +560,39 @@ def test_verdicts_on_every_layout():
     assert bench.verdict(None, []) == "nothing"
     assert bench.verdict("late", []) == "not found"
     assert bench.verdict("late", ["labels lie about 0.2 s behind the clouds"]) == "found"
-    assert bench.verdict("late", ["mirrored: y", "labels lie about"]) == "mirrored: y; labels lie about"
+    assert (
+        bench.verdict("late", ["mirrored: y", "labels lie about"])
+        == "mirrored: y; labels lie about"
+    )
 
 
 def test_what_cannot_be_is_named_with_its_number():
     def listed(times, **problems):
-        return [Frame.of_clouds(str(k), (), Objects.empty(), time=t, problems=problems) for k, t in enumerate(times)]
+        return [
+            Frame.of_clouds(str(k), (), Objects.empty(), time=t, problems=problems)
+            for k, t in enumerate(times)
+        ]
 
-    empty = [*label_doctor.find_impossible(listed([0.0, 0.1], **{records.EMPTY: 1, records.FAR_POINTS: 9}))]
-    assert [each.evidence for each in empty if each.where == "clouds"] == ["2, in 2 frames", "18, in 2 frames"]
+    empty = [
+        *label_doctor.find_impossible(
+            listed([0.0, 0.1], **{records.EMPTY: 1, records.FAR_POINTS: 9})
+        )
+    ]
+    assert [each.evidence for each in empty if each.where == "clouds"] == [
+        "2, in 2 frames",
+        "18, in 2 frames",
+    ]
     counted = {records.STRAY: 2, records.TOO_LARGE: 1, "doubled labels": 3}
     found = [*label_doctor.find_impossible(listed([0.0], **counted))]
     assert [each.suspected for each in found] == [records.STRAY, records.TOO_LARGE]
     assert found[0].evidence == "2, beside 0 labels that are read"
     for times, says in (
-        *(([3.0, 2.0, 1.0], "times that repeat or go back"), ([0.0, 1e5, 2e5], "times in another unit than seconds")),
+        *(
+            ([3.0, 2.0, 1.0], "times that repeat or go back"),
+            ([0.0, 1e5, 2e5], "times in another unit than seconds"),
+        ),
         *(([0.0, 0.1, 0.2, 0.0, 0.1, 0.2], None), ([np.nan, np.nan], None)),
     ):
-        assert [each.suspected for each in label_doctor.find_impossible(listed(times))] == [says] * bool(says)
+        assert [each.suspected for each in label_doctor.find_impossible(listed(times))] == [
+            says
+        ] * bool(says)

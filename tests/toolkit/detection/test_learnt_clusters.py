@@ -43,7 +43,9 @@ def samples(count=6):
         for name, place in PLACES.items():
             image = measured(place, boxes)
             image += rng.normal(0, 0.01, image.shape).astype(np.float32)
-            clouds.append(SensorCloud(name, (MODEL.rays() * image[..., None]).reshape(-1, 3), place))
+            clouds.append(
+                SensorCloud(name, (MODEL.rays() * image[..., None]).reshape(-1, 3), place)
+            )
         yield Frame.of_clouds(str(k), tuple(clouds), Objects(boxes))
 
 
@@ -58,7 +60,9 @@ def test_sweeps_of_an_empty_scene_by_hand():
     def full(value):
         return np.full(shape, value, np.float32)
 
-    scene = EmptyScene("a", model, full(20.0), full(0.1), full(0.75), full(10.0), full(0.01), full(0.25), 8)
+    scene = EmptyScene(
+        "a", model, full(20.0), full(0.1), full(0.75), full(10.0), full(0.01), full(0.25), 8
+    )
     points = clusters._sweep(Scenes([], [scene]), "a", np.random.default_rng(0))
     ranges = np.linalg.norm(points, axis=1)
     near = ranges < 15

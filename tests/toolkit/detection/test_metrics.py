@@ -23,7 +23,8 @@ def random_cars(rng, n):
 
 
 def random_frames(seed, frames=6, most=8, noise=0.15):
-    """Truths of all labels, some frames without any; detections near some of them, and false alarms."""
+    """Truths of all labels, some frames without any; detections near some of them, and false
+    alarms."""
     rng = np.random.default_rng(seed)
     truths, detections = [], []
     for number in range(frames):
@@ -89,7 +90,8 @@ def test_exact_agrees_with_brute_force(seed, metric):
 
 
 def test_a_case_worked_by_hand_as_the_published_protocol_counts():
-    """Scores 9 hit, 8 miss, 7 hit, 6 second hit of a truth already taken; 3 truths in two frames."""
+    """Scores 9 hit, 8 miss, 7 hit, 6 second hit of a truth already taken; 3 truths in two
+    frames."""
     detections = [
         Detections(np.concatenate([CAR, moved(CAR, 30)]), np.array([9.0, 8.0])),
         Detections(np.concatenate([CAR, moved(CAR, 0.1)]), np.array([7.0, 6.0])),
@@ -106,14 +108,26 @@ def test_a_case_worked_by_hand_as_the_published_protocol_counts():
     detections = [Detections(CAR, np.array([0.9])), Detections(CAR, np.array([0.8]))]
     truths = [Objects.empty(), Objects(CAR)]
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
-    assert metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
+    assert (
+        metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap
+        == 1.0
+    )
     # Of two overlapping truths the published protocol asks for the greater overlap.
-    assert metrics.claim_then_test(np.array([[0.8, 0.1], [0.6, 0.3], [0.1, 0.7]]), 0.5).tolist() == [0, -1, 1]
-    assert metrics.claim_then_test(np.array([[0.5, 0.0]]), 0.5).tolist() == [-1]  # it must exceed the threshold
+    assert metrics.claim_then_test(
+        np.array([[0.8, 0.1], [0.6, 0.3], [0.1, 0.7]]), 0.5
+    ).tolist() == [0, -1, 1]
+    assert metrics.claim_then_test(np.array([[0.5, 0.0]]), 0.5).tolist() == [
+        -1
+    ]  # it must exceed the threshold
     # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
     detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
     assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
-    assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[0.5].ap == 0.0
+    assert (
+        metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[
+            0.5
+        ].ap
+        == 0.0
+    )
 
 
 def test_thresholds_met_by_equality_and_frames_without_objects():
@@ -125,7 +139,9 @@ def test_thresholds_met_by_equality_and_frames_without_objects():
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.9], metric="bev")[0.9].tp == 1
     boxes = np.concatenate([CAR, moved(CAR, 10)])
     detections, truths = [Detections(boxes, np.ones(2))], [Objects(boxes)]
-    result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[0.5]
+    result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[
+        0.5
+    ]
     assert (result.tp, result.fp, result.truths) == (1, 0, 1)
     found = match_one(detections[0], truths[0], 0.5, counted=[True, False])
     assert found.ignored.tolist() == [False, True]
@@ -144,13 +160,16 @@ def test_thresholds_met_by_equality_and_frames_without_objects():
 
 
 def test_the_second_label_of_a_heavy_vehicle_is_a_false_alarm_of_vehicles():
-    """A truck found as heavy and, on half its length, as vehicle; one found as vehicle alone; a car next to them."""
+    """A truck found as heavy and, on half its length, as vehicle; one found as vehicle alone; a car
+    next to them."""
     trucks = np.array([[0, 0, 1.5, 8, 2.5, 3, 0], [20, 0, 1.5, 8, 2.5, 3, 0]])
     car = np.array([[40, 0, 0.8, 4, 2, 1.6, 0]])
     parts = trucks + np.array([-2, 0, -0.5, -4, -0.5, -1, 0])
     truths = Objects(np.concatenate([trucks, car]), np.array(["heavy", "heavy", "vehicle"]))
     labels = np.array(["heavy", "vehicle", "vehicle", "vehicle"])
-    found = Detections(np.concatenate([trucks[:1], parts, car]), np.array([0.9, 0.5, 0.5, 0.9]), labels)
+    found = Detections(
+        np.concatenate([trucks[:1], parts, car]), np.array([0.9, 0.5, 0.5, 0.9]), labels
+    )
     assert metrics.second_labels(found, truths).tolist() == [False, True, False, False]
     assert metrics.second_labels(found, truths, outside=[False, True, False, False]).sum() == 0
     assert metrics.second_labels(found[1:], truths).sum() == 0
@@ -159,14 +178,19 @@ def test_the_second_label_of_a_heavy_vehicle_is_a_false_alarm_of_vehicles():
 
 def test_labels_are_scored_alone_and_heavy_ones_excuse():
     boxes = np.concatenate([CAR, moved(CAR, 10)])
-    detections, truths = [Detections(boxes, np.ones(2), np.array([0, 1]))], [Objects(boxes, np.array([0, 0]))]
+    detections, truths = (
+        [Detections(boxes, np.ones(2), np.array([0, 1]))],
+        [Objects(boxes, np.array([0, 0]))],
+    )
     vehicles = metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
     assert (vehicles.tp, vehicles.fp, vehicles.truths) == (1, 0, 2)
     cyclists = metrics.evaluate(detections, truths, iou_thresholds=[0.5], label="cyclist")[0.5]
     assert (cyclists.tp, cyclists.fp, cyclists.truths) == (0, 1, 0)
     partly = moved(CAR, 25.5)  # a car seen at the back of the bus, 2.5 of its 4 m on it
     beside = moved(CAR, 20, 2.0)
-    detections = [Detections(np.concatenate([CAR, BUS, partly, beside]), np.array([0.9, 0.8, 0.7, 0.6]))]
+    detections = [
+        Detections(np.concatenate([CAR, BUS, partly, beside]), np.array([0.9, 0.8, 0.7, 0.6]))
+    ]
     truths = [Objects(np.concatenate([CAR, BUS]), np.array([0, 3]))]
     for protocol in ("exact", "published"):
         result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
@@ -175,7 +199,10 @@ def test_labels_are_scored_alone_and_heavy_ones_excuse():
     assert (heavy.tp, heavy.fp, heavy.truths) == (0, 0, 1)
     inside = moved(CAR, 20)
     truths = [Objects(np.concatenate([inside, BUS]), np.array([0, 3]))]
-    assert metrics.evaluate([Detections(inside, np.ones(1))], truths, iou_thresholds=[0.5])[0.5].tp == 1
+    assert (
+        metrics.evaluate([Detections(inside, np.ones(1))], truths, iou_thresholds=[0.5])[0.5].tp
+        == 1
+    )
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["exact", "published"]))
@@ -186,7 +213,9 @@ def test_the_order_of_frames_and_detections_changes_nothing(seed, protocol):
     ap = metrics.evaluate(detections, truths, iou_thresholds=AT, protocol=protocol)
     frames = rng.permutation(len(truths))
     shuffled = [detections[f][rng.permutation(len(detections[f]))] for f in frames]
-    again = metrics.evaluate(shuffled, [truths[f] for f in frames], iou_thresholds=AT, protocol=protocol)
+    again = metrics.evaluate(
+        shuffled, [truths[f] for f in frames], iou_thresholds=AT, protocol=protocol
+    )
     assert [again[t].ap for t in AT] == pytest.approx([ap[t].ap for t in AT])
 
 
@@ -198,7 +227,9 @@ def test_the_order_of_truths_and_of_equal_scores_changes_nothing(seed):
     rng = np.random.default_rng(seed)
     ap = metrics.evaluate(coarse, truths, iou_thresholds=AT)
     shuffled = [d[rng.permutation(len(d))] for d in coarse]
-    again = metrics.evaluate(shuffled, [t[rng.permutation(len(t))] for t in truths], iou_thresholds=AT)
+    again = metrics.evaluate(
+        shuffled, [t[rng.permutation(len(t))] for t in truths], iou_thresholds=AT
+    )
     assert [again[t].ap for t in AT] == pytest.approx([ap[t].ap for t in AT])
 
 
@@ -208,7 +239,9 @@ def test_a_false_alarm_that_touches_nothing_never_raises_ap(seed):
     before = metrics.evaluate(detections, truths, iou_thresholds=AT)
     for score in (-1.0, 3.5, 1e9):
         stray = Detections(moved(CAR, 500), np.array([score]))
-        after = metrics.evaluate([Detections.merge([d, stray]) for d in detections], truths, iou_thresholds=AT)
+        after = metrics.evaluate(
+            [Detections.merge([d, stray]) for d in detections], truths, iou_thresholds=AT
+        )
         assert all(after[t].ap <= before[t].ap for t in AT)
 
 
@@ -218,12 +251,18 @@ def test_sampled_iou_is_near_the_footprints_iou_times_the_heights_overlap(seed):
     rng = np.random.default_rng(seed)
     a = random_cars(rng, 4) * [0.05, 0.05, 1, 1, 1, 1, 1]
     b = random_cars(rng, 3) * [0.05, 0.05, 1, 1, 1, 1, 1]
-    off = 2 * 2 / 49  # one of 49 steps in either direction, and IoU moves up to twice as much as the share that is in
+    off = (
+        2 * 2 / 49
+        # one of 49 steps in either direction, and IoU moves up to twice as much as the share that
+        # is in
+    )
     np.testing.assert_allclose(metrics.sample_iou(a, b, "bev"), iou_bev(a, b), atol=off)
     top = np.minimum((a[:, 2] + a[:, 5] / 2)[:, None], b[:, 2] + b[:, 5] / 2)
     bottom = np.maximum((a[:, 2] - a[:, 5] / 2)[:, None], b[:, 2] - b[:, 5] / 2)
     factor = (top - bottom).clip(0) / np.maximum(a[:, 5:6], b[:, 5])
-    np.testing.assert_allclose(metrics.sample_iou(a, b, "3d"), metrics.sample_iou(a, b, "bev") * factor)
+    np.testing.assert_allclose(
+        metrics.sample_iou(a, b, "3d"), metrics.sample_iou(a, b, "bev") * factor
+    )
 
 
 def test_sampled_iou_and_matches_name_their_truth():
@@ -231,15 +270,25 @@ def test_sampled_iou_and_matches_name_their_truth():
     held = 0
     for u in np.linspace(-2.2, 2.2, 50):
         for v in np.linspace(-0.9, 0.9, 50):
-            x, y = u * np.cos(-0.3) - v * np.sin(-0.3) - 1, u * np.sin(-0.3) + v * np.cos(-0.3) - 0.5
-            held += abs(x * np.cos(0.4) + y * np.sin(0.4)) <= 2 and abs(y * np.cos(0.4) - x * np.sin(0.4)) <= 1
+            x, y = (
+                u * np.cos(-0.3) - v * np.sin(-0.3) - 1,
+                u * np.sin(-0.3) + v * np.cos(-0.3) - 0.5,
+            )
+            held += (
+                abs(x * np.cos(0.4) + y * np.sin(0.4)) <= 2
+                and abs(y * np.cos(0.4) - x * np.sin(0.4)) <= 1
+            )
     overlap = held / 2500 * 4.4 * 1.8
-    assert metrics.sample_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
+    assert metrics.sample_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(
+        overlap / (8 + 4.4 * 1.8 - overlap)
+    )
     assert metrics.sample_iou(b[None], b[None])[0, 0] == 1
     boxes = np.concatenate([moved(CAR, 10.1), CAR, moved(CAR, 0.2), moved(CAR, 60), BUS])
     found = match_one(
         Detections(boxes, np.array([0.1, 0.8, 0.9, 0.5, 0.4]), np.array([0, 0, 0, 1, 0])),
-        Objects(np.concatenate([BUS, CAR, moved(CAR, 10), moved(CAR, -10)]), np.array([3, 0, 0, 0])),
+        Objects(
+            np.concatenate([BUS, CAR, moved(CAR, 10), moved(CAR, -10)]), np.array([3, 0, 0, 0])
+        ),
         0.5,
     )
     assert found.truth.tolist() == [2, -1, 1, -1, -1]
@@ -253,28 +302,44 @@ def test_sampled_iou_and_matches_name_their_truth():
 def test_match_and_evaluate_agree(protocol):
     detections, truths = random_frames(3, frames=8)
     result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
-    pairs = [p for p in zip(detections, truths, strict=True) if protocol == "exact" or (p[1].labels == 0).any()]
+    pairs = [
+        p
+        for p in zip(detections, truths, strict=True)
+        if protocol == "exact" or (p[1].labels == 0).any()
+    ]
     found = [match_one(d, t, 0.5, protocol=protocol) for d, t in pairs]
     assert sum(int(m.hit.sum()) for m in found) == result.tp
     assert sum(int((~m.ignored & (m.truth < 0)).sum()) for m in found) == result.fp
     for pair, alone in zip(pairs, found, strict=True):
-        np.testing.assert_equal(vars(list(metrics.matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone))
+        np.testing.assert_equal(
+            vars(list(metrics.matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone)
+        )
 
 
 def test_curves_and_options_that_are_unusable():
-    curve = metrics.precision_recall(np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2)
+    curve = metrics.precision_recall(
+        np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2
+    )
     assert curve.score.tolist() == [0.9, 0.5]
     assert curve.recall.tolist() == [0, 1]
     assert metrics.average_precision(curve) == 0.5
     two = [scored([CAR, moved(CAR, 50)], [0.9, 0.4]), scored([CAR], [0.7])]
     at = metrics.evaluate(two, [Objects(CAR), Objects(CAR)], iou_thresholds=[0.5])[0.5]
-    assert sorted(zip(at.scores.tolist(), at.hits.tolist(), strict=True)) == [(0.4, False), (0.7, True), (0.9, True)]
-    diagram = metrics.reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
+    assert sorted(zip(at.scores.tolist(), at.hits.tolist(), strict=True)) == [
+        (0.4, False),
+        (0.7, True),
+        (0.9, True),
+    ]
+    diagram = metrics.reliability(
+        np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True])
+    )
     assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
     np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
     np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
     assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
-    assert metrics.reliability(np.array([-0.5, 1.5]), np.array([False, True]), bins=2).count.tolist() == [1, 1]
+    assert metrics.reliability(
+        np.array([-0.5, 1.5]), np.array([False, True]), bins=2
+    ).count.tolist() == [1, 1]
     assert metrics.reliability(np.zeros(0), np.zeros(0, bool)).error == 0
     assert metrics.TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
     assert metrics.USUAL_IOUS[VEHICLE] == metrics.USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
@@ -322,17 +387,27 @@ def test_frames_come_one_at_a_time_and_heavy_overlaps_are_ignored():
         found, there, iou_thresholds=[0.7, 0.5]
     )
     bus = Objects(BUS, np.array(["heavy"]))
-    for forward, ignored in ((4.0, True), (5.9, True), (6.0, False), (7.0, False)):  # its front is at 6 m
+    for forward, ignored in (
+        (4.0, True),
+        (5.9, True),
+        (6.0, False),
+        (7.0, False),
+    ):  # its front is at 6 m
         match = match_one(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
         assert match.ignored.tolist() == [ignored], forward
-        result = metrics.evaluate([scored([moved(CAR, 20 + forward)], [0.9])], [bus], iou_thresholds=[0.5])[0.5]
+        result = metrics.evaluate(
+            [scored([moved(CAR, 20 + forward)], [0.9])], [bus], iou_thresholds=[0.5]
+        )[0.5]
         assert result.fp == (not ignored)
     giant = BUS * [1, 1, 1, 1.0, 3.0, 1, 1]  # a third of its footprint on the bus
     assert match_one(scored([giant], [0.9]), bus, 0.3, metric="bev").ignored.tolist() == [True]
     assert match_one(scored([giant], [0.9]), bus, 0.4, metric="bev").ignored.tolist() == [False]
     for label, alarms in (("cyclist", 1), ("vehicle", 0)):  # heavy vehicles excuse vehicles only
         assert (
-            metrics.evaluate([scored([BUS], [0.9], label)], [bus], iou_thresholds=[0.5], label=label)[0.5].fp == alarms
+            metrics.evaluate(
+                [scored([BUS], [0.9], label)], [bus], iou_thresholds=[0.5], label=label
+            )[0.5].fp
+            == alarms
         )
 
 

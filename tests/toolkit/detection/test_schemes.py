@@ -9,7 +9,15 @@ import pytest
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, Early, Hybrid, Late, find_scheme, schemes_in_steps
+from toolkit.detection.schemes import (
+    PAPER_SCHEMES,
+    SCHEMES,
+    Early,
+    Hybrid,
+    Late,
+    find_scheme,
+    schemes_in_steps,
+)
 from toolkit.detection.view import View, together
 from toolkit.geometry import look
 from toolkit.objects import Detections
@@ -22,14 +30,20 @@ from toolkit.sites.site import Site
 AREA = (-40.0, -20.0, 40.0, 20.0)
 TEN, FOUR = (np.full((2, 3), number, np.float32) for number in (10, 4))
 COUNTS = SimpleNamespace(sent=TEN, on_objects=FOUR, far=FOUR)
-SENSORS = tuple(Sensor(name, DepthCamera(), look((x, 0.0, 5.0), 0.0)) for name, x in (("a", -10.0), ("b", 10.0)))
+SENSORS = tuple(
+    Sensor(name, DepthCamera(), look((x, 0.0, 5.0), 0.0)) for name, x in (("a", -10.0), ("b", 10.0))
+)
 POINTS = [np.array([[x, y, 1.0] for y in (0.0, 3.0, 15.0)], np.float32) for x in (-9.0, 9.0)]
 
 
 def one_box(clouds):
     """A box at the mean of all points, the surer the more there are; none without points."""
     points = together(clouds)
-    boxes = np.array([[*points.mean(axis=0), 4, 2, 1.5, 0]], np.float64) if len(points) else np.zeros((0, 7))
+    boxes = (
+        np.array([[*points.mean(axis=0), 4, 2, 1.5, 0]], np.float64)
+        if len(points)
+        else np.zeros((0, 7))
+    )
     return Detections(boxes, np.full(len(boxes), len(points) / 10))
 
 
@@ -55,7 +69,10 @@ def test_hybrid_sends_boxes_and_far_points_by_the_radius_of_the_site():
 @pytest.mark.parametrize("radius", [0.0, 2.0, 10.0, 1e6])
 def test_what_is_sent_is_what_lies_beyond(radius):
     bits = Hybrid(radius).fuse(view(), [0, 1]).bits
-    far = [int(is_beyond(points, sensor, radius).sum()) for points, sensor in zip(POINTS, SENSORS, strict=True)]
+    far = [
+        int(is_beyond(points, sensor, radius).sum())
+        for points, sensor in zip(POINTS, SENSORS, strict=True)
+    ]
     assert bits.tolist() == [256 + 96 * count for count in far]
 
 
@@ -68,9 +85,15 @@ def test_nonsense_radii_are_refused(radius):
 @pytest.mark.parametrize(("name", "radius"), [("tjunction", 20.0), ("roundabout", 12.0)])
 def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius):
     site = load_site(name)
-    assert Hybrid().find_radius(site) == Hybrid().find_radius(replace(site, name="renamed")) == radius
+    assert (
+        Hybrid().find_radius(site) == Hybrid().find_radius(replace(site, name="renamed")) == radius
+    )
     assert Hybrid(5.0).find_radius(site) == 5.0
-    assert Hybrid().find_radius(AREA) == Hybrid().find_radius(Site("any", np.array(AREA, float))) == 20.0
+    assert (
+        Hybrid().find_radius(AREA)
+        == Hybrid().find_radius(Site("any", np.array(AREA, float)))
+        == 20.0
+    )
 
 
 def test_schemes_by_name_send_points_and_boxes():
@@ -100,7 +123,12 @@ def test_schemes_by_name_send_points_and_boxes():
     assert named["differences"] == ForegroundDifferences(0.08, "key", 5)
     assert named["foreground"] == Foreground(0.08)
     assert PAPER_SCHEMES == tuple(SCHEMES)[:3] == ("early", "late", "hybrid")
-    assert len({Hybrid().digest, Hybrid(5.0).digest, Hybrid(metric="published").digest, Early().digest}) == 4
+    assert (
+        len(
+            {Hybrid().digest, Hybrid(5.0).digest, Hybrid(metric="published").digest, Early().digest}
+        )
+        == 4
+    )
 
 
 @pytest.mark.parametrize("name", SCHEMES)

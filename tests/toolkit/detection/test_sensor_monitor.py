@@ -32,7 +32,11 @@ def whole(time, image):
 
 def foreground(time, image):
     sent = ~SCENE.shows(image) & (image > 0)
-    return Shown(time, np.where(sent, np.round(image / 0.02).astype(np.float32) * np.float32(0.02), EMPTY), sent)
+    return Shown(
+        time,
+        np.where(sent, np.round(image / 0.02).astype(np.float32) * np.float32(0.02), EMPTY),
+        sent,
+    )
 
 
 def watched(messages, covered=None, **settings):
@@ -48,8 +52,12 @@ def all_covered():
 def test_silence_is_noticed_and_work_is_not_accused():
     for image in (measured, with_car):
         assert watched([whole(0.1 * k, image(k)) for k in range(20)], all_covered) == [None] * 20
-    assert watched([foreground(0.1 * k, with_car(k)) for k in range(20)], all_covered) == [None] * 20
-    assert watched([foreground(0.1 * k, measured(k)) for k in range(20)]) == [None] * 20  # nobody there
+    assert (
+        watched([foreground(0.1 * k, with_car(k)) for k in range(20)], all_covered) == [None] * 20
+    )
+    assert (
+        watched([foreground(0.1 * k, measured(k)) for k in range(20)]) == [None] * 20
+    )  # nobody there
     last = whole(0.3, measured(0))
     found = watched([whole(0.1 * min(k, 3), measured(min(k, 3))) for k in range(12)])
     assert found == [None] * 9 + [Fault.SILENT] * 3  # more than half a second after 0.3 s
@@ -64,17 +72,25 @@ def test_silence_is_noticed_and_work_is_not_accused():
         assert monitor.look(0.5, whole(wrong, measured(1))) is None
         assert monitor.look(1.0, None) is Fault.SILENT
         assert monitor.look(1.1, whole(1.2, measured(2))) is None  # a clock may be a little ahead
-        assert SensorMonitor(SCENE, silent_after=0.4).look(0.5, whole(wrong, measured(1))) is Fault.SILENT
+        assert (
+            SensorMonitor(SCENE, silent_after=0.4).look(0.5, whole(wrong, measured(1)))
+            is Fault.SILENT
+        )
     with pytest.raises(ValueError, match="above 0"):
         SensorMonitor(SCENE, silent_after=0.0)
-    with pytest.raises(ValueError, match=r"sensor 'a' measures \(60, 80\) pixels, got an image of \(30, 40\)"):
+    with pytest.raises(
+        ValueError, match=r"sensor 'a' measures \(60, 80\) pixels, got an image of \(30, 40\)"
+    ):
         SensorMonitor(SCENE).look(0.0, whole(0.0, EMPTY[::2, ::2]))
 
 
 @pytest.mark.parametrize("sent", [whole, foreground])
 def test_frozen_is_noticed_at_the_second_repetition(sent):
     images = [with_car(min(k, 4)) for k in range(9)]
-    assert watched([sent(0.1 * k, image) for k, image in enumerate(images)]) == [None] * 6 + [Fault.FROZEN] * 3
+    assert (
+        watched([sent(0.1 * k, image) for k, image in enumerate(images)])
+        == [None] * 6 + [Fault.FROZEN] * 3
+    )
     again = [*images, with_car(99)]
     assert watched([sent(0.1 * k, image) for k, image in enumerate(again)])[-1] is None
 
@@ -153,7 +169,13 @@ def test_where_an_object_must_be_seen():
     assert columns.mean() < 39.5  # y to the left
     centre = (SENSOR.pose[:3, :3].T @ (box[0, :3] - SENSOR.position)) / 1.0
     assert abs(columns.mean() - (40 + 40 * centre[0] / centre[2])) < 3
-    assert not standing_before(scene, SENSOR, box + np.array([0, 0, -2.0, 0, 0, 0, 0])).any()  # below the ground
-    assert not standing_before(scene, SENSOR, box - np.array([20.0, 0, 0, 0, 0, 0, 0])).any()  # behind the sensor
-    assert not standing_before(EmptyScene.of(SENSOR, np.minimum(depth, np.float32(9))), SENSOR, box).any()
+    assert not standing_before(
+        scene, SENSOR, box + np.array([0, 0, -2.0, 0, 0, 0, 0])
+    ).any()  # below the ground
+    assert not standing_before(
+        scene, SENSOR, box - np.array([20.0, 0, 0, 0, 0, 0, 0])
+    ).any()  # behind the sensor
+    assert not standing_before(
+        EmptyScene.of(SENSOR, np.minimum(depth, np.float32(9))), SENSOR, box
+    ).any()
     assert not standing_before(scene, SENSOR, np.zeros((0, 7))).any()

@@ -29,7 +29,11 @@ def place(request):
     site = random_site(request.param)
     sensors = random_sensors(site, request.param, 4)
     background = Renderer(site, (), sensors, threads=1).background
-    return site, [Frame(sensors, background, Objects.empty(), float(k), k) for k in range(2)], site_background(site)
+    return (
+        site,
+        [Frame(sensors, background, Objects.empty(), float(k), k) for k in range(2)],
+        site_background(site),
+    )
 
 
 def test_the_site_is_background_or_else_what_is_behind_all_that_moves(place):

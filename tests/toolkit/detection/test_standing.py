@@ -1,4 +1,5 @@
-"""What stands in most frames is left out; what moves, waits or is seen by a moving sensor is not."""
+"""What stands in most frames is left out; what moves, waits or is seen by a moving sensor is
+not."""
 
 import numpy as np
 import pytest
@@ -21,7 +22,9 @@ def world_points(k, rng, *, waits=False):
     """Ground, a wall, a post at (8, 6), and a car that drives along y = 0, or waits."""
     still = np.random.default_rng(99)
     ground = np.column_stack([still.uniform(-30, 30, (6000, 2)), np.zeros(6000)])
-    wall = np.column_stack([still.uniform(-30, 30, 3000), np.full(3000, 12.0), still.uniform(0, 4, 3000)])
+    wall = np.column_stack(
+        [still.uniform(-30, 30, 3000), np.full(3000, 12.0), still.uniform(0, 4, 3000)]
+    )
     hut = block(still, [-22, -20, 0], [-12, -12, 3], 2000)
     post = block(still, [POST[0] - 0.1, POST[1] - 0.1, 0], [POST[0] + 0.1, POST[1] + 0.1, 1.8], 60)
     still_points = np.concatenate([ground, wall, hut, post])
@@ -31,7 +34,14 @@ def world_points(k, rng, *, waits=False):
     return np.concatenate([still_points, car]), x
 
 
-def frames(world_SE3_lidar=lambda k: pose(0.0, 0.0, 4.0), *, seen_from=None, count=12, step_s=0.5, waits=False):
+def frames(
+    world_SE3_lidar=lambda k: pose(0.0, 0.0, 4.0),
+    *,
+    seen_from=None,
+    count=12,
+    step_s=0.5,
+    waits=False,
+):
     made = []
     for k in range(count):
         rng = np.random.default_rng(k)
@@ -68,7 +78,9 @@ def test_a_post_is_left_out_and_a_car_that_drives_is_not():
     assert [len(each.detections) for each in bare] == [2] * len(seen)
 
 
-@pytest.mark.parametrize(("score", "step_s", "kept"), [(0.9, 0.5, 1), (0.3, 0.5, 0), (0.9, 10.0, 0)])
+@pytest.mark.parametrize(
+    ("score", "step_s", "kept"), [(0.9, 0.5, 1), (0.3, 0.5, 0), (0.9, 10.0, 0)]
+)
 def test_a_sure_vehicle_may_wait_in_a_short_recording(score, step_s, kept):
     seen = frames(waits=True, step_s=step_s)
     scene = learn_standing_scene(seen)
@@ -80,7 +92,8 @@ def test_moving_and_turning_sensors_and_few_frames_have_no_scene():
     assert learn_standing_scene(frames(count=9)) is None
     assert learn_standing_scene(frames(lambda k: pose(0.7 * k, 0.0, 4.0))) is None
     assert learn_standing_scene(frames(lambda k: pose(0.0, 0.0, 4.0, yaw=0.1 * k))) is None
-    driven = frames(seen_from=lambda k: pose(3.0 * k, 0.8 * k, 4.0))  # in the sensor's own frame, its pose unknown
+    # in the sensor's own frame, its pose unknown
+    driven = frames(seen_from=lambda k: pose(3.0 * k, 0.8 * k, 4.0))
     assert learn_standing_scene(driven) is None
     turned = frames(seen_from=lambda k: pose(0.0, 0.0, 4.0, yaw=0.5 * k))
     assert learn_standing_scene(turned) is None

@@ -19,13 +19,16 @@ from toolkit.sites.site import Site
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
 SENSORS = tuple(
-    Sensor(f"s{k}", DepthCamera(width=80, height=60, stride=1), look((x, 0.0, 5.2), heading, tilt=0.2))
+    Sensor(
+        f"s{k}", DepthCamera(width=80, height=60, stride=1), look((x, 0.0, 5.2), heading, tilt=0.2)
+    )
     for k, (x, heading) in enumerate([(-30.0, 0.0), (30.0, np.pi), (0.0, 1.5)])
 )
 
 
 class Recording:
-    """Cars in a row, one of them outside the area; every sensor sees ground, and has its own depth for each frame."""
+    """Cars in a row, one of them outside the area; every sensor sees ground, and has its own depth
+    for each frame."""
 
     site = Site("somewhere", AREA)
     sensors = SENSORS
@@ -49,11 +52,15 @@ def test_surveys_count_what_stands_in_the_area_if_anything():
     assert found.unseen([]) == 1
     assert found.unseen([0, 1, 2]) <= found.unseen([0])
     compared = Comparison(schemes=["early"], iou_thresholds=[0.7])
-    rows = evaluate_recording(Recording(), lambda points: Detections.empty(), compared, reads=Reads(noise_seed=3))
+    rows = evaluate_recording(
+        Recording(), lambda points: Detections.empty(), compared, reads=Reads(noise_seed=3)
+    )
     assert found.kbit_per_sensor.mean() == pytest.approx(rows[0].kbit_per_sensor)
     assert found.as_dict([[0, 2]])["unseen"].keys() == {"0,2"}
     json.dumps(found.as_dict([[0]]))
-    assert {"dataset", "frames", "noise_seed", "codec", "coview", "site"} <= found.as_dict([[0]])["provenance"].keys()
+    assert {"dataset", "frames", "noise_seed", "codec", "coview", "site"} <= found.as_dict([[0]])[
+        "provenance"
+    ].keys()
     empty = survey(Recording(), reads=Reads(frames=1))
     nobody = replace(empty, counts=empty.counts[:0])
     assert np.isnan(nobody.unseen([0]))
@@ -68,7 +75,8 @@ def test_surveys_count_what_stands_in_the_area_if_anything():
 
 
 @pytest.mark.parametrize(
-    ("options", "message"), [({"reads": Reads(frames=0)}, "need one frame"), ({"codec": "paper"}, "codec")]
+    ("options", "message"),
+    [({"reads": Reads(frames=0)}, "need one frame"), ({"codec": "paper"}, "codec")],
 )
 def test_bad_requests_are_refused(options, message):
     with pytest.raises((ValueError, TypeError), match=message):
@@ -91,7 +99,11 @@ def test_points_are_counted_by_class_and_without_a_site():
         "median_points": np.median(points),
         "unseen": (points == 0).mean(),
     }
-    assert written["cyclist"]["sets"]["1"] == {"mean_points": None, "median_points": None, "unseen": None}
+    assert written["cyclist"]["sets"]["1"] == {
+        "mean_points": None,
+        "median_points": None,
+        "unseen": None,
+    }
     assert np.isnan(found.unseen([0], "pedestrian"))
     assert found.unseen([0], "vehicle") == found.unseen([0])
     found = survey(Recording(), reads=Reads(frames=2), classes=["heavy"])
@@ -101,13 +113,19 @@ def test_points_are_counted_by_class_and_without_a_site():
         found.points_on_objects("vehicle", [0])
     with pytest.raises(ValueError, match="label must be one of"):
         survey(Recording(), classes=["tram"])
-    found = survey(Labelled([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))]), classes=["vehicle"])
+    found = survey(
+        Labelled([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))]), classes=["vehicle"]
+    )
     figures = found.as_dict([[0]])
     assert figures["frames"] == 2
     assert figures["points_per_cloud"] == {"s": 4}
     assert figures["objects_per_frame"] == {"vehicle": 2, "cyclist": 0, "pedestrian": 1, "heavy": 0}
     assert figures["classes"]["vehicle"]["objects"] == 4
-    assert figures["classes"]["vehicle"]["sets"]["0"] == {"mean_points": 1.5, "median_points": 1.5, "unseen": 0}
+    assert figures["classes"]["vehicle"]["sets"]["0"] == {
+        "mean_points": 1.5,
+        "median_points": 1.5,
+        "unseen": 0,
+    }
     assert figures["counts_that_agree"] == [7, 8]
     assert figures["problems"] == {"doubled labels": 2}
     text = found.text([[0]])
@@ -126,7 +144,13 @@ def sample(counts):
     cloud = SensorCloud("s", points, np.eye(4))
     others = OtherObjects(boxes[:1], ("cone",), np.array([2]))
     return Frame.of_clouds(
-        "0", (cloud,), Objects(boxes, np.array([0, 0, 2])), (), counts, others, problems={"doubled labels": 1}
+        "0",
+        (cloud,),
+        Objects(boxes, np.array([0, 0, 2])),
+        (),
+        counts,
+        others,
+        problems={"doubled labels": 1},
     )
 
 

@@ -1,4 +1,5 @@
-"""Clouds as images send what the images they were made of send, and the centre has the same points of them."""
+"""Clouds as images send what the images they were made of send, and the centre has the same points
+of them."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -64,7 +65,10 @@ def watched():
 def test_each_step_is_done_once_and_ready_after_its_inputs(watched):
     view, calls = watched()
     for _ in range(2):
-        clouds = [view.part(view.cloud(s), "first", lambda points, _: np.arange(len(points)) == 0) for s in (0, 1)]
+        clouds = [
+            view.part(view.cloud(s), "first", lambda points, _: np.arange(len(points)) == 0)
+            for s in (0, 1)
+        ]
         view.detect([view.send_points(clouds[0]).arrived])
         view.send_boxes(view.detect([view.cloud(1)]))
     assert calls.measured == [0, 1]
@@ -98,10 +102,14 @@ def test_a_cloud_that_lost_points_on_the_way_is_another_and_else_the_same(watche
 
 
 def test_points_share_pixels_and_are_counted_from_the_middle():
-    boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
+    boxes = np.array(
+        [[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]]
+    )
     kept = suppress(Detections(boxes, np.array([0.4, 0.6, 0.5])))
     assert kept.boxes[:, 0].tolist() == [0.5, 9]
-    kept = suppress(Detections(boxes[[0] * 4], np.array([0.5, 0.9, 0.7, 0.6]), np.array([0, 3, 0, 2])))
+    kept = suppress(
+        Detections(boxes[[0] * 4], np.array([0.5, 0.9, 0.7, 0.6]), np.array([0, 3, 0, 2]))
+    )
     assert (kept.labels.tolist(), kept.scores.tolist()) == ([3, 0, 2], [0.9, 0.7, 0.6])
     for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
         found = Detections(boxes[[0] * 3], np.full(3, 0.5), np.array([2, 0, 3]))[order]
@@ -109,15 +117,21 @@ def test_points_share_pixels_and_are_counted_from_the_middle():
     behind = sample()
     cloud = behind.clouds[0]
     doubled = np.concatenate([cloud.points, 1.01 * cloud.points[:7]]).astype(np.float32)
-    behind = Frame.of_clouds("3", (SensorCloud("a", doubled, cloud.world_SE3_sensor),), Objects.empty())
-    imaged = stand_view(replace(behind, index=9), Seen(), Stand(AREA_IMAGED, np.zeros(2)), scenes=given())
+    behind = Frame.of_clouds(
+        "3", (SensorCloud("a", doubled, cloud.world_SE3_sensor),), Objects.empty()
+    )
+    imaged = stand_view(
+        replace(behind, index=9), Seen(), Stand(AREA_IMAGED, np.zeros(2)), scenes=given()
+    )
     points, captured = imaged.cloud(0).points, imaged.captured(0)
     assert len(points) == len(captured.pixels) == len(np.unique(captured.pixels))
     assert (captured.frame.time, captured.frame.index) == (0.0, 9)
     assert imaged.scene(0) is SCENES[0]
     assert imaged.sensors[0].model == MODEL
     np.testing.assert_allclose(
-        captured.points(captured.sending(captured.pixels).measurement), points[np.argsort(captured.pixels)], atol=1e-4
+        captured.points(captured.sending(captured.pixels).measurement),
+        points[np.argsort(captured.pixels)],
+        atol=1e-4,
     )
     made = view(Counts())
     assert made.cloud(0).points.tolist() == [[1, 0, 1]] * 30
@@ -128,9 +142,8 @@ def test_points_share_pixels_and_are_counted_from_the_middle():
     assert Hybrid(radius=15.0).fuse(view(detector), [0, 1]).bits.tolist() == [256, 256 + 20 * 96]
     assert [len(points) for points in detector.seen] == [20, 30, 20]
     detector = Counts()
-    nothing = stand_view(
-        far_sample(), detector, Stand(AREA_VIEWS, np.zeros(2))
-    )  # points are at x = 101 and 110, z = 11
+    # points are at x = 101 and 110, z = 11
+    nothing = stand_view(far_sample(), detector, Stand(AREA_VIEWS, np.zeros(2)))
     assert SCHEMES["late"].fuse(nothing, [0, 1]).kbit_per_sensor == 0
     assert detector.seen == []
 
@@ -166,10 +179,14 @@ def test_a_codec_of_images_gets_the_pixels_of_the_points(shifted):
     frame, codec = seen((shift,) if shifted else ()), Dimmed()
     view = frame_view(frame, lambda points: None, (0.0, -10.0, 10.0, 10.0), codec=codec)
     cloud = view.cloud(0)
-    part = view.part(view.part(cloud, "far", far), "second", lambda points, _: np.arange(len(points)) == 1)
+    part = view.part(
+        view.part(cloud, "far", far), "second", lambda points, _: np.arange(len(points)) == 1
+    )
     for each, rows in ((cloud, None), (part, [1])):
         sent = view.send_points(each)
-        half = (each.points + frame.sensors[0].position - (shifted and [0, 0.5, 0])) / 2 + (shifted and [0, 0.5, 0])
+        half = (each.points + frame.sensors[0].position - (shifted and [0, 0.5, 0])) / 2 + (
+            shifted and [0, 0.5, 0]
+        )
         np.testing.assert_allclose(sent.arrived.points, half, atol=1e-5)
         assert sent.bits == 5
         assert (each.rows is None) == (rows is None)
@@ -204,7 +221,10 @@ def test_links_remember_and_transmit_once(watched):
 
 AREA_IMAGED = np.array([-30.0, -30, 30, 30])
 MODEL = RowLidar(tuple(np.deg2rad(np.linspace(-5, -40, 20))), columns=180)
-SENSORS_IMAGED = (Sensor("a", MODEL, pose(-8.0, 0.0, 5.0, yaw=0.3)), Sensor("b", MODEL, pose(8.0, 1.0, 4.0, yaw=2.0)))
+SENSORS_IMAGED = (
+    Sensor("a", MODEL, pose(-8.0, 0.0, 5.0, yaw=0.3)),
+    Sensor("b", MODEL, pose(8.0, 1.0, 4.0, yaw=2.0)),
+)
 FLOOR = 0.05  # m that the ground lies above zero, so that the crop keeps it
 
 
@@ -222,7 +242,9 @@ def occupied(sensor):
     return image
 
 
-FRAME = Frame(SENSORS_IMAGED, tuple(occupied(sensor) for sensor in SENSORS_IMAGED), Objects.empty(), 2.5, 3)
+FRAME = Frame(
+    SENSORS_IMAGED, tuple(occupied(sensor) for sensor in SENSORS_IMAGED), Objects.empty(), 2.5, 3
+)
 SCENES = tuple(EmptyScene.of(sensor, empty(sensor)) for sensor in SENSORS_IMAGED)
 
 
@@ -259,10 +281,16 @@ def by_place(points):
 @pytest.mark.parametrize("name", ["foreground", "early", "late"])
 def test_schemes_send_and_detect_as_on_a_frame_of_images(name):
     scheme, codec, ours, theirs = SCHEMES[name], RangeImages(), Seen(), Seen()
-    view = stand_view(sample(), ours, Stand(AREA_IMAGED, np.zeros(2), None), codec=codec, scenes=given())
-    of_frame = frame_view(FRAME, theirs, AREA_IMAGED, height=4.0, codec=codec, scene=lambda k: SCENES[k])
+    view = stand_view(
+        sample(), ours, Stand(AREA_IMAGED, np.zeros(2), None), codec=codec, scenes=given()
+    )
+    of_frame = frame_view(
+        FRAME, theirs, AREA_IMAGED, height=4.0, codec=codec, scene=lambda k: SCENES[k]
+    )
     mine, theirs_fused = scheme.fuse(view, [0, 1]), scheme.fuse(of_frame, [0, 1])
-    np.testing.assert_allclose(mine.bits, theirs_fused.bits, atol=16 if name in ("early", "foreground") else 400)
+    np.testing.assert_allclose(
+        mine.bits, theirs_fused.bits, atol=16 if name in ("early", "foreground") else 400
+    )
     assert len(ours.points) == len(theirs.points)
     for own, other in zip(ours.points, theirs.points, strict=True):
         assert own.dtype == np.float32
@@ -274,7 +302,14 @@ def test_foreground_is_a_fraction_of_the_image_above_level_ground():
     view = stand_view(sample(), seen, Stand(AREA_IMAGED, np.zeros(2), None), scenes=given())
     fused = Foreground().fuse(view, [0, 1])
     whole = SCHEMES["early"].fuse(
-        stand_view(sample(), Seen(), Stand(AREA_IMAGED, np.zeros(2), None), codec=RangeImages(), scenes=given()), [0, 1]
+        stand_view(
+            sample(),
+            Seen(),
+            Stand(AREA_IMAGED, np.zeros(2), None),
+            codec=RangeImages(),
+            scenes=given(),
+        ),
+        [0, 1],
     )
     assert (fused.bits < whole.bits / 2).all()
     pixels = sum(int((view.captured(k).measurement > 0).sum()) for k in (0, 1))
@@ -282,10 +317,14 @@ def test_foreground_is_a_fraction_of_the_image_above_level_ground():
     assert inside <= pixels
     assert len(seen.points[0]) >= inside
     ground, seen = Ground(np.array([0.0, 0.0, 100.0])), Seen()
-    view = stand_view(sample(height=100.0), seen, Stand(AREA_IMAGED, np.zeros(2), ground), scenes=given())
+    view = stand_view(
+        sample(height=100.0), seen, Stand(AREA_IMAGED, np.zeros(2), ground), scenes=given()
+    )
     Foreground().fuse(view, [0, 1])
     upright = Seen()
-    Foreground().fuse(stand_view(sample(), upright, Stand(AREA_IMAGED, np.zeros(2), None), scenes=given()), [0, 1])
+    Foreground().fuse(
+        stand_view(sample(), upright, Stand(AREA_IMAGED, np.zeros(2), None), scenes=given()), [0, 1]
+    )
     assert len(seen.points[0]) == pytest.approx(len(upright.points[0]), abs=3)
     heights = seen.points[0][:, 2]
     assert np.median(heights) == pytest.approx(FLOOR, abs=0.005)
@@ -301,11 +340,14 @@ class Counts:
 
     def __call__(self, points):
         self.seen.append(points)
-        return Detections(np.array([[*points.mean(axis=0), 4, 2, 1.5, 0.0]]), np.array([len(points) / 100]))
+        return Detections(
+            np.array([[*points.mean(axis=0), 4, 2, 1.5, 0.0]]), np.array([len(points) / 100])
+        )
 
 
 def far_sample():
-    """Two sensors in a world whose ground lies 10 m up; 30 points beside the first, 20 points 40 m from both."""
+    """Two sensors in a world whose ground lies 10 m up; 30 points beside the first, 20 points 40 m
+    from both."""
     near, far = np.tile([1.0, 0, -3.0], (30, 1)), np.tile([0.0, 40, -3.0], (20, 1))
     clouds = (
         SensorCloud("a", near.astype(np.float32), pose(100.0, 0.0, 14.0)),
@@ -315,7 +357,11 @@ def far_sample():
 
 
 def view(detector):
-    return stand_view(far_sample(), detector, Stand(AREA_VIEWS, np.array([100.0, 0]), Ground(np.array([0.0, 0, 10.0]))))
+    return stand_view(
+        far_sample(),
+        detector,
+        Stand(AREA_VIEWS, np.array([100.0, 0]), Ground(np.array([0.0, 0, 10.0]))),
+    )
 
 
 @pytest.mark.parametrize(("scheme", "kbit"), [("early", 96 * 25 / 1000), ("late", 0.256)])

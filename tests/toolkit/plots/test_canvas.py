@@ -31,7 +31,9 @@ def test_the_same_figure_is_the_same_file(tmp_path, ending):
 def test_pictures_heed_no_user_and_stand_in_pages():
     with canvas.house_style():
         usual = canvas.svg_text(figure())
-    with mpl.rc_context({"font.size": 30, "svg.fonttype": "none", "lines.linewidth": 9, "text.color": "red"}):
+    with mpl.rc_context(
+        {"font.size": 30, "svg.fonttype": "none", "lines.linewidth": 9, "text.color": "red"}
+    ):
         with canvas.house_style():
             assert canvas.svg_text(figure()) == usual
         assert mpl.rcParams["font.size"] == 30
@@ -39,7 +41,10 @@ def test_pictures_heed_no_user_and_stand_in_pages():
         assert canvas.svg_text(figure("$x$")) != canvas.svg_text(figure("x"))
     with canvas.house_style():
         one, other = canvas.svg_text(figure(value=1.0)), canvas.svg_text(figure(value=2.0))
-    names = [{each.get("id") for each in ElementTree.fromstring(text).iter()} - {None} for text in (one, other)]
+    names = [
+        {each.get("id") for each in ElementTree.fromstring(text).iter()} - {None}
+        for text in (one, other)
+    ]
     assert names[0]
     assert not names[0] & names[1]
     for text, known in zip((one, other), names, strict=True):
@@ -48,10 +53,15 @@ def test_pictures_heed_no_user_and_stand_in_pages():
         assert used <= known
     with canvas.house_style():
         assert "1.234567" not in canvas.svg_text(figure())
-        path = ElementTree.fromstring(canvas.svg_text(figure())).find(".//{*}g[@id]//{*}path").get("d")
+        path = (
+            ElementTree.fromstring(canvas.svg_text(figure())).find(".//{*}g[@id]//{*}path").get("d")
+        )
     assert path is not None
     assert "  " not in path
-    assert all(len(number.partition(".")[2]) <= 2 for number in path.replace("M", " ").replace("L", " ").split())
+    assert all(
+        len(number.partition(".")[2]) <= 2
+        for number in path.replace("M", " ").replace("L", " ").split()
+    )
     with canvas.house_style():
         pixels = canvas.render_pixels(figure())
     assert pixels.shape == (100, 200, 3)
@@ -83,12 +93,20 @@ def test_text_is_taken_as_it_is(text):
 
 @pytest.mark.parametrize(
     ("text", "most", "short"),
-    [("abc", 3, "abc"), ("abcd", 3, "a…d"), ("abcdefgh", 5, "ab…gh"), ("a\tb", 9, "a b"), ("", 4, "")],
+    [
+        ("abc", 3, "abc"),
+        ("abcd", 3, "a…d"),
+        ("abcdefgh", 5, "ab…gh"),
+        ("a\tb", 9, "a b"),
+        ("", 4, ""),
+    ],
 )
 def test_long_text_loses_its_middle(text, most, short):
     assert canvas.shorten(text, most) == short
 
 
-@pytest.mark.parametrize(("values", "limits"), [([], (0, 1)), ([0.0], (0, 1)), ([1.0, 10.0], (0, 11))])
+@pytest.mark.parametrize(
+    ("values", "limits"), [([], (0, 1)), ([0.0], (0, 1)), ([1.0, 10.0], (0, 11))]
+)
 def test_limits_leave_room(values, limits):
     assert canvas.pad_limits(values) == pytest.approx(limits)

@@ -5,7 +5,14 @@ import pytest
 from matplotlib.image import imread
 
 from toolkit.plots.canvas import house_style, render_pixels
-from toolkit.plots.curves import FEW, curve_axes, draw_density_cdf, draw_pr_curves, draw_training, name_curves
+from toolkit.plots.curves import (
+    FEW,
+    curve_axes,
+    draw_density_cdf,
+    draw_pr_curves,
+    draw_training,
+    name_curves,
+)
 
 LINE = np.linspace(0, 1, 5)
 LOSS = {"loss": ([1.0, 2.0], [3.0, 1.0])}
@@ -20,7 +27,11 @@ def picture(path):
 
 def test_precision_over_recall(tmp_path):
     for name in ("a.png", "b.png"):
-        draw_pr_curves({"early": (LINE, 1 - LINE), "$late$": (LINE, 1 - LINE**2)}, tmp_path / name, title="IoU 0.7")
+        draw_pr_curves(
+            {"early": (LINE, 1 - LINE), "$late$": (LINE, 1 - LINE**2)},
+            tmp_path / name,
+            title="IoU 0.7",
+        )
     draw_pr_curves({"early": (LINE, 1 - LINE)}, tmp_path / "one.png", title="IoU 0.7")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert picture(tmp_path / "one.png").shape != picture(tmp_path / "a.png").shape
@@ -48,7 +59,8 @@ def test_few_points_take_half_of_the_axis():
 
 
 @pytest.mark.parametrize(
-    ("curves", "files"), [(LOSS, {"losses.png"}), (LOSS | AP, {"losses.png", "ap.png"}), ({}, set())]
+    ("curves", "files"),
+    [(LOSS, {"losses.png"}), (LOSS | AP, {"losses.png", "ap.png"}), ({}, set())],
 )
 def test_a_training_has_a_picture_of_what_was_measured(tmp_path, curves, files):
     draw_training(curves, tmp_path)
@@ -68,5 +80,10 @@ def test_the_legend_lies_below_the_axes(count):
     (legend,) = figure.legends
     assert legend.get_texts()[0].get_text() == "_hidden"
     assert len(legend.get_texts()) == count
-    assert 0 <= legend.get_window_extent().y0 < legend.get_window_extent().y1 <= axes.get_tightbbox().y0 + 1
+    assert (
+        0
+        <= legend.get_window_extent().y0
+        < legend.get_window_extent().y1
+        <= axes.get_tightbbox().y0 + 1
+    )
     assert axes.get_window_extent().height > 150

@@ -25,7 +25,9 @@ from toolkit.sites.site import Site, Solid
 
 AREA = np.array([-20.0, -10, 20, 10])
 HOUSE = Solid(np.array([[5.0, 4], [15, 4], [15, 9], [5, 9]]), 0.0, 6.0)
-SITE = Site("crossing", AREA, lanes=(np.array([[-20.0, -3], [20, -3], [20, 3], [-20, 3]]),), solids=(HOUSE,))
+SITE = Site(
+    "crossing", AREA, lanes=(np.array([[-20.0, -3], [20, -3], [20, 3], [-20, 3]]),), solids=(HOUSE,)
+)
 
 
 def colour_at(sheet, pixels, x, y):
@@ -42,13 +44,19 @@ def test_the_map_is_to_scale(site):
         sheet = plan_view.map_sheet(site, "a title", legend=ground_entries(site))
     box = sheet.axes.get_window_extent()
     metres = np.array([np.ptp(sheet.axes.get_xlim()), np.ptp(sheet.axes.get_ylim())])
-    assert np.array([box.width, box.height]) / 100 * 72 / metres == pytest.approx(sheet.points_per_metre)
+    assert np.array([box.width, box.height]) / 100 * 72 / metres == pytest.approx(
+        sheet.points_per_metre
+    )
     strip = sheet.figure.axes[1]
-    bars = [patch for patch in strip.patches if np.asarray(patch.get_path().vertices)[:, 1].max() < 0]
+    bars = [
+        patch for patch in strip.patches if np.asarray(patch.get_path().vertices)[:, 1].max() < 0
+    ]
     inches = max(np.asarray(patch.get_path().vertices)[:, 0].max() for patch in bars)
     (label,) = [text.get_text() for text in strip.texts if text.get_text().endswith(" m")]
     assert float(label[:-2]) * sheet.points_per_metre == pytest.approx(72 * inches)
-    assert strip.get_window_extent().width / 100 == pytest.approx(np.ptp(strip.get_xlim()))  # its unit is the inch
+    assert strip.get_window_extent().width / 100 == pytest.approx(
+        np.ptp(strip.get_xlim())
+    )  # its unit is the inch
 
 
 def test_maps_show_streets_texts_and_north():
@@ -58,7 +66,11 @@ def test_maps_show_streets_texts_and_north():
     assert colour_at(sheet, pixels, -10, 0) == GROUND["lanes"]
     assert colour_at(sheet, pixels, 10, 6) == SOLID["building"]
     assert colour_at(sheet, pixels, -10, 6) == "#ffffff"
-    entries = [(handle, name) for name in ("_hidden", "$5", "x" * 60) for handle, _ in ground_entries(SITE)[:1]]
+    entries = [
+        (handle, name)
+        for name in ("_hidden", "$5", "x" * 60)
+        for handle, _ in ground_entries(SITE)[:1]
+    ]
     with house_style():
         sheet = plan_view.map_sheet(SITE, "a $title$", "below", legend=entries)
         render_pixels(sheet.figure)
@@ -74,9 +86,19 @@ def test_maps_show_streets_texts_and_north():
     for metres, length in ((0.09, 0.05), (1, 1), (1.99, 1), (2, 2), (49, 20), (50, 50), (4e3, 2e3)):
         assert plan_view.scale_length(float(metres)) == length
     assert np.ravel(plan_view.extent(SITE)).tolist() == [
-        *(-20 - plan_view.AROUND, -10 - plan_view.AROUND, 20 + plan_view.AROUND, 10 + plan_view.AROUND)
+        *(
+            -20 - plan_view.AROUND,
+            -10 - plan_view.AROUND,
+            20 + plan_view.AROUND,
+            10 + plan_view.AROUND,
+        )
     ]
-    assert np.ravel(plan_view.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [-30, -36, 55, 20]
+    assert np.ravel(plan_view.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [
+        -30,
+        -36,
+        55,
+        20,
+    ]
 
 
 @pytest.mark.parametrize("count", [1, 4, 30])
@@ -196,7 +218,9 @@ def test_only_tall_buildings_cut_fields_of_view(axes, kind, top, cut):
 
 def test_names_of_poles_keep_clear_of_each_other_and_of_sensors(axes):
     places = np.array([[0.0, 0], [0.5, 0], [1.0, 0.2], [9, 9]])
-    plan_view.name_poles(axes, places, ["pole1", "pole2", "pole3", "pole4"], 10.0, np.array([[10.0, 9.0]]))
+    plan_view.name_poles(
+        axes, places, ["pole1", "pole2", "pole3", "pole4"], 10.0, np.array([[10.0, 9.0]])
+    )
     boxes = [(t.get_position()[0] * 10, t.get_position()[1] * 10, 3.9 * 5 + 1) for t in axes.texts]
     assert len(boxes) >= 3
     for k, (x, y, width) in enumerate(boxes):
@@ -210,7 +234,9 @@ def test_objects_are_filled_by_class(axes):
     boxes[:, 0] += 9.0 * np.arange(4)
     plan_view.draw_objects(axes, Objects(boxes, np.arange(4)))
     faces = [patch.get_facecolor()[:3] for patch in axes.patches]
-    assert [f"#{''.join(f'{round(255 * c):02x}' for c in face)}" for face in faces] == [CLASS[name] for name in LABELS]
+    assert [f"#{''.join(f'{round(255 * c):02x}' for c in face)}" for face in faces] == [
+        CLASS[name] for name in LABELS
+    ]
     assert np.allclose(axes.patches[1].get_xy()[:4].mean(axis=0), [12, 4])
 
 
@@ -222,4 +248,6 @@ def test_outcomes_have_their_lines_and_marks(axes, outcome):
     assert ring.get_xydata()[:4].mean(axis=0) == pytest.approx(BOX[0, :2])
     towards = nose.get_xydata()[1] - nose.get_xydata()[0]
     assert np.arctan2(*towards[::-1]) == pytest.approx(0.5)
-    assert [mark.get_marker() for mark in marks] == [OUTCOME[outcome].marker] * bool(OUTCOME[outcome].marker)
+    assert [mark.get_marker() for mark in marks] == [OUTCOME[outcome].marker] * bool(
+        OUTCOME[outcome].marker
+    )

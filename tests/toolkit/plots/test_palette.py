@@ -11,17 +11,33 @@ from toolkit.plots import canvas as palette
 VISION = {
     "normal": np.eye(3),
     "protanopia": np.array(
-        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+        [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ]
     ),
     "deuteranopia": np.array(
-        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ]
     ),
     "tritanopia": np.array(
-        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+        [
+            [1.255528, -0.076749, -0.178779],
+            [-0.078411, 0.930809, 0.147602],
+            [0.004733, 0.691367, 0.303900],
+        ]
     ),
 }
 XYZ_OF_RGB = np.array(
-    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
 )
 WHITE = XYZ_OF_RGB.sum(axis=1)  # D65
 MEANINGS = [
@@ -36,7 +52,9 @@ def cielab(colours, vision=VISION["normal"]):
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     xyz = np.clip(linear @ vision.T, 0, 1) @ XYZ_OF_RGB.T / WHITE
     f = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
-    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
+    return np.stack(
+        [116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1
+    )
 
 
 def distances(one, other, vision):
@@ -69,7 +87,12 @@ def test_sensors_stand_out_for_every_reader(vision):
     assert distances(MEANINGS, MEANINGS, vision)[np.triu_indices(len(MEANINGS), 1)].min() >= 18
     ground = [*palette.GROUND.values(), "#ffffff", palette.SOLID["island"]]
     assert distances(palette.SENSORS, ground, vision).min() >= 20
-    assert distances([palette.OUTCOME["hit"].colour, palette.OUTCOME["missed"].colour], ground, vision).min() >= 30
+    assert (
+        distances(
+            [palette.OUTCOME["hit"].colour, palette.OUTCOME["missed"].colour], ground, vision
+        ).min()
+        >= 30
+    )
 
 
 @pytest.mark.parametrize("scale", [palette.VIEW_COLOURS, tuple(palette.BLIND.values())[::-1]])
@@ -78,7 +101,8 @@ def test_map_colours_grow_darker_in_grey(scale):
 
 
 @pytest.mark.parametrize(
-    ("count", "step"), [(0, 0), (0.9, 0), (1, 1), (1.9, 1), (2, 2), (19.9, 4), (20, 5), (99, 6), (100, 7), (1e6, 7)]
+    ("count", "step"),
+    [(0, 0), (0.9, 0), (1, 1), (1.9, 1), (2, 2), (19.9, 4), (20, 5), (99, 6), (100, 7), (1e6, 7)],
 )
 def test_the_step_of_a_count(count, step):
     steps = palette.point_colours(np.array([0.0, *palette.POINT_STEPS]))

@@ -9,7 +9,13 @@ from matplotlib.image import imread
 from toolkit.geometry import look
 from toolkit.objects import CYCLIST, VEHICLE, Detections, Objects
 from toolkit.plots.canvas import OUTCOME
-from toolkit.plots.plan_view import FrameOutcome, draw_frame, draw_site, pole_entries, sensor_entries
+from toolkit.plots.plan_view import (
+    FrameOutcome,
+    draw_frame,
+    draw_site,
+    pole_entries,
+    sensor_entries,
+)
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
@@ -18,7 +24,10 @@ SQUARE = np.array([[-9.0, -9], [9, -9], [9, 9], [-9, 9]])
 CAMERA = Sensor("d0", DepthCamera(), look((-10.0, 0.0, 5.0), 0.0, 0.2))
 SITE = Site("square", np.array([-10.0, -10, 10, 10]), lanes=(SQUARE,), sensors=(CAMERA,))
 BOXES = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0.3], [5, 5, 0.9, 1.8, 0.6, 1.8, 0]])
-TRUTH, FOUND = Objects(BOXES, np.array([VEHICLE, CYCLIST])), Detections(BOXES[::-1], np.array([0.9, 0.4]))
+TRUTH, FOUND = (
+    Objects(BOXES, np.array([VEHICLE, CYCLIST])),
+    Detections(BOXES[::-1], np.array([0.9, 0.4])),
+)
 SEEN = {"truth": TRUTH, "detections": FOUND}
 YES, NO = np.array([True, True]), np.array([False, False])
 
@@ -54,7 +63,13 @@ def test_sites_and_frames_are_drawn_the_same_again(tmp_path):
     assert pole_entries() == []
     cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
     for name in ("a.png", "b.png"):
-        draw_frame(SITE, tmp_path / name, clouds=[cloud], outcome=FrameOutcome(0.7, YES, NO, YES, NO), **SEEN)
+        draw_frame(
+            SITE,
+            tmp_path / name,
+            clouds=[cloud],
+            outcome=FrameOutcome(0.7, YES, NO, YES, NO),
+            **SEEN,
+        )
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
     draw_frame(SITE, tmp_path / "frame.svg", clouds=[cloud], title="a & b", **SEEN)
@@ -62,15 +77,23 @@ def test_sites_and_frames_are_drawn_the_same_again(tmp_path):
     assert len(root.findall(".//{*}image")) == 1
     assert len(root.findall(".//{*}path")) > 30
     with pytest.raises(ValueError, match="match the same frame"):
-        draw_frame(SITE, tmp_path / "a.png", outcome=FrameOutcome(0.7, YES[:1], NO[:1], YES, NO), **SEEN)
+        draw_frame(
+            SITE, tmp_path / "a.png", outcome=FrameOutcome(0.7, YES[:1], NO[:1], YES, NO), **SEEN
+        )
 
 
 @pytest.mark.parametrize(
     "shown",
     [
-        *({"clouds": [np.random.default_rng(0).uniform(-9, 9, (500, 3))]}, {"truth": SEEN["truth"]}),
+        *(
+            {"clouds": [np.random.default_rng(0).uniform(-9, 9, (500, 3))]},
+            {"truth": SEEN["truth"]},
+        ),
         {"detections": SEEN["detections"]},
-        *({"sensors": [CAMERA, Sensor("d1", DepthCamera(), look((10.0, 0.0, 5.0), 3.0, 0.2))]}, {"title": "frame 3"}),
+        *(
+            {"sensors": [CAMERA, Sensor("d1", DepthCamera(), look((10.0, 0.0, 5.0), 3.0, 0.2))]},
+            {"title": "frame 3"},
+        ),
         {"outcome": FrameOutcome(0.7, YES, NO, YES, NO)} | SEEN,
     ],
     ids=lambda shown: next(iter(shown)),

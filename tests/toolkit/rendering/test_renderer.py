@@ -27,11 +27,13 @@ CUBE = make_body("cube", VEHICLE, *box((2.0, 2.0, 2.0)))
 CAMERA = DepthCamera(80, 60, 1)
 
 
-def snapshot(bodies: tuple[Body, ...], *rows: tuple[int, float, float, float], lift: float = 0.0) -> Snapshot:
+def snapshot(
+    bodies: tuple[Body, ...], *rows: tuple[int, float, float, float], lift: float = 0.0
+) -> Snapshot:
     """Rows (body, x, y, yaw) as objects on the ground at z = lift."""
-    boxes = np.array([[x, y, bodies[b].size[2] / 2 + lift, *bodies[b].size, yaw] for b, x, y, yaw in rows]).reshape(
-        -1, 7
-    )
+    boxes = np.array(
+        [[x, y, bodies[b].size[2] / 2 + lift, *bodies[b].size, yaw] for b, x, y, yaw in rows]
+    ).reshape(-1, 7)
     chosen = np.array([row[0] for row in rows], np.int64)
     return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen)
 
@@ -67,14 +69,18 @@ def test_lidars_and_boxes_have_range_and_depth():
     (depth,), (hits,) = renderer.render(snapshot((CUBE,), (0, 20.0, 9.0, 0.0), (0, 11.0, 0.0, 0.0)))
     x, y = CAMERA.rays()[..., 0], CAMERA.rays()[..., 1]
     front = (np.abs(x * 10) < 0.999) & (np.abs(y * 10) < 0.999)
-    assert np.allclose(depth[front], 10.0, atol=1e-5)  # depth, not distance, so the whole face is equally deep
+    assert np.allclose(
+        depth[front], 10.0, atol=1e-5
+    )  # depth, not distance, so the whole face is equally deep
     assert (hits[front] == 1).all()
     assert set(np.unique(hits)) == {-1, 0, 1}
     still = hits < 0
     assert np.array_equal(depth[still], renderer.background[0][still])
     plank = make_body("plank", VEHICLE, *box((6.0, 0.2, 1.0)))
     sensor = camera((0.0, 0.0, 10.0), 0.0, np.pi / 2)  # up in the picture is +x, left is +y
-    _, (hits,) = Renderer(FLAT, (plank,), (sensor,)).render(snapshot((plank,), (0, 0.0, 0.0, np.pi / 4)))
+    _, (hits,) = Renderer(FLAT, (plank,), (sensor,)).render(
+        snapshot((plank,), (0, 0.0, 0.0, np.pi / 4))
+    )
     rows, columns = np.nonzero(hits == 0)
     assert np.corrcoef(rows, columns)[0, 1] > 0.9  # up and left together
     lifted = snapshot((CUBE,), (0, 12.0, 0.0, 0.0), lift=3.0)
@@ -86,7 +92,11 @@ def test_lidars_and_boxes_have_range_and_depth():
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_the_nearer_hit_counts(order):
     rows = [(0, 6.0, 0.0, 0.0), (0, 10.0, 2.0, 0.0)]
-    wall = Site("wall", AREA, solids=(Solid(np.array([[14.0, -9], [15, -9], [15, 0], [14, 0]]), 0.0, 5.0, "wall"),))
+    wall = Site(
+        "wall",
+        AREA,
+        solids=(Solid(np.array([[14.0, -9], [15, -9], [15, 0], [14, 0]]), 0.0, 5.0, "wall"),),
+    )
     renderer = Renderer(wall, (CUBE,), (camera((0.0, 0.0, 1.0)),))
     hidden = (0, 20.0, -3.0, 0.0)
     (depth,), (hits,) = renderer.render(snapshot((CUBE,), *(rows[i] for i in order), hidden))
@@ -117,20 +127,27 @@ def everything_at_once(
     return depth, np.where((depth > 0) & (hits < 1000), hits, -1)
 
 
-@pytest.mark.parametrize(("seed", "slope"), [*((seed, (0.0, 0.0)) for seed in range(4)), (4, (0.05, -0.03))])
+@pytest.mark.parametrize(
+    ("seed", "slope"), [*((seed, (0.0, 0.0)) for seed in range(4)), (4, (0.05, -0.03))]
+)
 def test_agrees_with_casting_everything_at_once(seed, slope):
     rng = np.random.default_rng(seed)
     bodies = catalogue()
     house = Solid(np.array([[5.0, 5], [12, 5], [12, 9], [5, 9]]), -0.3, 5.0, "building")
     tree = Solid(np.array([[-8.0, -8], [-5, -8], [-5, -5], [-8, -5]]), 2.0, 6.0, "tree")
     site = Site("mixed", AREA, solids=(house, tree), relief=Relief(0.05, 1, slope))
-    rows = [(int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4)) for _ in range(25)]
+    rows = [
+        (int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4))
+        for _ in range(25)
+    ]
     frame = snapshot(bodies, *rows)
     x, y = frame.objects.boxes[0, :2]
     sensors = (
         camera((-25.0, 3.0, 5.0), 0.1, 0.15, DepthCamera(200, 150, 1)),
         camera((0.0, 0.0, 1.0), 2.0, -0.2, DepthCamera(160, 120, 2, max_range=15.0)),
-        camera((x, y, 4.5), 1.0, 1.2, DepthCamera(100, 75, 1, fov=2.2)),  # close above an object, which reaches behind
+        camera(
+            (x, y, 4.5), 1.0, 1.2, DepthCamera(100, 75, 1, fov=2.2)
+        ),  # close above an object, which reaches behind
         lidar((2.0, -3.0, 3.0), rng.uniform(-4, 4), channels=32),
         lidar((x + 1.0, y, 2.5), 0.5, channels=16, azimuth_fov=2.0, max_range=12.0),
     )
@@ -155,7 +172,9 @@ def test_lidar_sees_a_box_across_the_seam_of_its_turn(heading):
 
 def test_nothing_returns_out_of_range_or_of_ones_own_post():
     short = camera((0.0, 0.0, 1.0), model=DepthCamera(80, 60, 1, max_range=8.0))
-    measured, hits = Renderer(FLAT, (CUBE,), (short,)).render(snapshot((CUBE,), (0, 11.0, 0.0, 0.0)))
+    measured, hits = Renderer(FLAT, (CUBE,), (short,)).render(
+        snapshot((CUBE,), (0, 11.0, 0.0, 0.0))
+    )
     assert not (hits[0] >= 0).any()
     assert measured[0].max() < 8.0
     around = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 1.0)),)).render(
@@ -166,8 +185,14 @@ def test_nothing_returns_out_of_range_or_of_ones_own_post():
     )  # through the near face to the far one
     angle = np.arange(8) * np.pi / 4
     post = Solid(0.1 * np.column_stack([np.cos(angle), np.sin(angle)]), 0.0, 8.0, "post")
-    seen = Renderer(Site("post", AREA, solids=(post,)), (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background
-    assert np.allclose(seen[0], Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background[0], atol=1e-4)
+    seen = Renderer(
+        Site("post", AREA, solids=(post,)), (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)
+    ).background
+    assert np.allclose(
+        seen[0],
+        Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background[0],
+        atol=1e-4,
+    )
     renderer = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.2), lidar((0.0, 0.0, 5.0))))
     rendered = renderer.render(Snapshot(Objects.empty(), np.zeros(0, np.int64)))
     for image, hit, background in zip(*rendered, renderer.background, strict=True):
@@ -182,14 +207,18 @@ def test_rendering_repeats_itself_and_refuses_other_bodies():
     renderer = Renderer(FLAT, catalogue(), (camera((-10.0, 0.0, 5.0), 0.0, 0.2),))
     before = renderer.background[0].copy()
     frame = snapshot(catalogue(), (3, 0.0, 0.0, 0.4), (30, 2.0, 4.0, 1.0))
-    first, again, elsewhere = (r.render(frame) for r in (renderer, renderer, pickle.loads(pickle.dumps(renderer))))
+    first, again, elsewhere = (
+        r.render(frame) for r in (renderer, renderer, pickle.loads(pickle.dumps(renderer)))
+    )
     for other in (again, elsewhere):
         assert np.array_equal(first.measurements[0], other.measurements[0])
         assert np.array_equal(first.hits[0], other.hits[0])
     assert np.array_equal(before, renderer.background[0])
     renderer = Renderer(FLAT, catalogue(), (camera((0.0, 0.0, 5.0)),))
     frame = snapshot(catalogue(), (3, 0.0, 0.0, 0.4))
-    with pytest.raises(ValueError, match=r"object 0 has a box of .*simulate and render with the same bodies"):
+    with pytest.raises(
+        ValueError, match=r"object 0 has a box of .*simulate and render with the same bodies"
+    ):
         renderer.render(Snapshot(frame.objects, np.array([4])))
     sensor = camera((0.0, 0.0, 1.0))
     boxes = np.array([[20.0, 0, 1, 2, 2, 2, 0], [-20, 0, 1, 2, 2, 2, 0], [5, 40, 1, 2, 2, 2, 0]])
@@ -203,10 +232,15 @@ def test_rendering_repeats_itself_and_refuses_other_bodies():
 def test_what_sticks_out_of_a_box_is_seen_as_if_everything_was_cast_at_once(seed):
     """Wide mirrors, on one side only too, that reach out of the boxes by which rays are chosen."""
     rng = np.random.default_rng(seed)
-    wing = make_boxed_body("wing", VEHICLE, box((4.0, 1.6, 1.5)), box((0.3, 3.0, 0.3), (1.5, 2.3, 0.4)))
+    wing = make_boxed_body(
+        "wing", VEHICLE, box((4.0, 1.6, 1.5)), box((0.3, 3.0, 0.3), (1.5, 2.3, 0.4))
+    )
     bodies = (wing, *fleet_named("own").bodies(1, rng))
     rows = [(0, 3.0, 2.0, 0.7), (0, -4.0, -6.0, -2.5)]
-    rows += [(int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4)) for _ in range(14)]
+    rows += [
+        (int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4))
+        for _ in range(14)
+    ]
     frame = snapshot(bodies, *rows)
     sensors = (
         camera((-25.0, 3.0, 5.0), 0.1, 0.15, DepthCamera(200, 150, 1)),
@@ -226,7 +260,9 @@ def test_what_sticks_out_of_a_box_is_seen_as_if_everything_was_cast_at_once(seed
     assert out > 50
     rays = SensorRays(renderer, sensors)
     seen = rays.silhouette(0, frame.objects.boxes[0]).points
-    assert (transform(invert(pose(x, y, z, yaw=yaw)), seen.astype(np.float64))[:, 1] > 0.81).sum() >= out
+    assert (
+        transform(invert(pose(x, y, z, yaw=yaw)), seen.astype(np.float64))[:, 1] > 0.81
+    ).sum() >= out
 
 
 def test_only_so_many_scenes_are_kept():
@@ -242,7 +278,9 @@ def test_only_so_many_scenes_are_kept():
 
 def test_what_stands_still_hides_what_ends_behind_it():
     wall = Solid(np.array([[4.0, -6], [4.4, -6], [4.4, 6], [4, 6]]), 0.0, 4.0)
-    renderer = Renderer(Site("walled", np.array([-20.0, -20, 20, 20]), solids=(wall,)), (), (), threads=1)
+    renderer = Renderer(
+        Site("walled", np.array([-20.0, -20, 20, 20]), solids=(wall,)), (), (), threads=1
+    )
     ways = np.array(
         [
             *([0, 0, 1, 3.9, 0, 0], [0, 0, 1, 4.1, 0, 0], [0, 0, 6, 9, 0, -1], [0, 0, 6, 9, 0, -5]),
@@ -252,12 +290,16 @@ def test_what_stands_still_hides_what_ends_behind_it():
     )
     assert renderer.still_hides(ways).tolist() == [False, True, False, True, False, True]
     rng = np.random.default_rng(0)
-    ways = np.column_stack([np.tile([0.0, 0, 3], (500, 1)), rng.uniform(-9, 9, (500, 3))]).astype(np.float32)
+    ways = np.column_stack([np.tile([0.0, 0, 3], (500, 1)), rng.uniform(-9, 9, (500, 3))]).astype(
+        np.float32
+    )
     np.testing.assert_array_equal(renderer.still_hides(ways), renderer.cast_still(ways) <= 1)
 
 
 CAR = make_body("car", VEHICLE, *box((4.0, 2.0, 1.5)))
-MIRRORED = make_boxed_body("mirrored", VEHICLE, box((4.0, 2.0, 1.5)), box((0.2, 0.4, 0.2), (1.0, 1.2, 0.2)))
+MIRRORED = make_boxed_body(
+    "mirrored", VEHICLE, box((4.0, 2.0, 1.5)), box((0.2, 0.4, 0.2), (1.0, 1.2, 0.2))
+)
 BEHIND = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0], [10.0, 0, 0.75, 4, 2, 1.5, np.pi / 2]])
 
 
@@ -268,7 +310,9 @@ def lines(starts, ways):
 def test_moments_meet_lines_and_cover_ground():
     moment = Moment((CAR, CAR), BEHIND, threads=1)
     starts = np.array([[-10.0, 0, 0.7], [20, 0, 0.7], [0, 9, 0.7], [10, 9, 0.7]])
-    met, length = moment.met(lines(starts, np.array([[1.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0]])))
+    met, length = moment.met(
+        lines(starts, np.array([[1.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0]]))
+    )
     assert met.tolist() == [0, 1, -1, 1]
     np.testing.assert_allclose(length[[0, 1, 3]], [8.0, 4.5, 7.0], atol=1e-5)
     assert np.isinf(length[2])
@@ -287,7 +331,9 @@ def test_moments_meet_lines_and_cover_ground():
         assert (ground.low[0], ground.high[0]) == pytest.approx((0.0, 1.5))
         assert ground.first.tolist() == [0, len(x)]
         middle = 5 - sum(across) / 2
-        np.testing.assert_allclose(ground.rectangles[0], [middle, 6, 2, np.ptp(across) / 2, 0, 1], atol=1e-6)
+        np.testing.assert_allclose(
+            ground.rectangles[0], [middle, 6, 2, np.ptp(across) / 2, 0, 1], atol=1e-6
+        )
 
 
 def test_it_shows_what_the_renderer_draws():
@@ -299,11 +345,15 @@ def test_it_shows_what_the_renderer_draws():
     xy = np.column_stack([cells % 5 - 2, cells // 5 - 1.5]) * [12.0, 11.0]
     boxes = np.column_stack([xy, sizes[:, 2] / 2, sizes, rng.uniform(-3, 3, 12)])
     snapshot = Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen])), chosen)
-    sensor = Sensor("camera", DepthCamera(width=320, height=240), look((-28.0, -16.0, 6.0), 0.5, 0.2))
+    sensor = Sensor(
+        "camera", DepthCamera(width=320, height=240), look((-28.0, -16.0, 6.0), 0.5, 0.2)
+    )
     renderer = Renderer(site, bodies, [sensor], threads=1)
     measured, hits = renderer.render(snapshot)
     rays = sensor.world_rays.T
-    met, length = renderer.moment(snapshot).met(lines(np.broadcast_to(sensor.position, rays.shape), rays))
+    met, length = renderer.moment(snapshot).met(
+        lines(np.broadcast_to(sensor.position, rays.shape), rays)
+    )
     drawn = hits[0].ravel()
     seen = drawn >= 0
     assert seen.sum() > 300
@@ -316,7 +366,9 @@ def test_it_shows_what_the_renderer_draws():
 
 def test_on_a_slope_it_is_what_the_renderer_shows():
     steep = Site("steep", np.array([-30.0, -30, 30, 30]), relief=Relief(0.0, 0, (0.06, -0.04)))
-    eye = Sensor("eye", DepthCamera(width=160, height=120, stride=1), look((-14.0, 2.0, 5.0), 0.0, 0.2))
+    eye = Sensor(
+        "eye", DepthCamera(width=160, height=120, stride=1), look((-14.0, 2.0, 5.0), 0.0, 0.2)
+    )
     boxes = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0.3], [6.0, 3, 1.0, 4, 2, 1.5, 2.0]])
     renderer = Renderer(steep, (CAR,), (eye,), threads=1)
     frame = Snapshot(Objects(boxes, np.full(2, VEHICLE)), np.zeros(2, np.int64))
@@ -344,16 +396,22 @@ def test_walls_hide_what_lines_lead_to_unless_near():
         _, y, z = (start + s[:, None] * (ends - start)).T
         hidden |= (np.abs(y) < 2) & (z > 0) & (z < 3)
     y0, y1 = ((start + s[:, None] * (ends - start))[:, 1] for s in (share, 5.1 / ends[:, 0]))
-    sure = (np.minimum(abs(y0), abs(y1)) > 2) == (np.maximum(abs(y0), abs(y1)) > 2)  # not through a narrow end
+    # not through a narrow end
+    sure = (np.minimum(abs(y0), abs(y1)) > 2) == (np.maximum(abs(y0), abs(y1)) > 2)
     assert 0.1 < hidden.mean() < 0.9
     assert np.array_equal(SightLines(WALL, threads=1).clear(start, ends)[sure], ~hidden[sure])
     own_post = box((0.1, 0.1, 6.0), (0.1, 0.0, 0.0))
     ends = np.array([[4.0, 0.0, 1.0], [9.0, 0.0, 1.0]])
-    assert SightLines(merge([own_post, WALL])).clear(np.array([0.0, 0, 1]), ends).tolist() == [True, False]
+    assert SightLines(merge([own_post, WALL])).clear(np.array([0.0, 0, 1]), ends).tolist() == [
+        True,
+        False,
+    ]
     face = np.array([[4.9, 0.0, 1.0], [4.9 + GRAZE / 2, 0, 1], [4.9 + 3 * GRAZE, 0, 1]])
     assert SightLines(WALL).clear(np.array([0.0, 0, 1]), face).tolist() == [True, True, False]
 
 
-@pytest.mark.parametrize(("distance", "seen"), [(0.0, False), (NEAR - 0.01, False), (NEAR + 0.01, True), (4.0, True)])
+@pytest.mark.parametrize(
+    ("distance", "seen"), [(0.0, False), (NEAR - 0.01, False), (NEAR + 0.01, True), (4.0, True)]
+)
 def test_nothing_nearer_than_a_sensor_measures_is_seen(distance, seen):
     assert SightLines(WALL).clear(np.zeros(3), np.array([[distance, 0.0, 0.0]])).tolist() == [seen]

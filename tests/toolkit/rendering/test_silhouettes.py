@@ -1,4 +1,5 @@
-"""Which pixels meet a body: those that a rendered picture of it shows, of every sensor and model."""
+"""Which pixels meet a body: those that a rendered picture of it shows, of every sensor and
+model."""
 
 import numpy as np
 import pytest
@@ -45,7 +46,9 @@ def test_what_is_hidden_or_out_of_sight_has_no_pixels(rays, renderer):
     pixels = [int(np.prod(sensor.model.shape)) for sensor in SENSORS]
     assert np.diff(rays.first).tolist() == pixels
     assert rays.rays.shape == (sum(pixels), 3)
-    np.testing.assert_array_equal(rays.still, np.concatenate([image.ravel() for image in renderer.background]))
+    np.testing.assert_array_equal(
+        rays.still, np.concatenate([image.ravel() for image in renderer.background])
+    )
     behind = rays.silhouette(0, upright(11.0, 0.0, np.pi / 2))
     assert 0 not in behind.sensors
     assert 0 in rays.silhouette(0, upright(4.0, 0.0, np.pi / 2)).sensors
@@ -64,9 +67,15 @@ def test_silhouettes_are_what_a_picture_shows_on_the_body(rays, renderer, x, y, 
     depth = np.concatenate([image.ravel() for image in measurements])
     np.testing.assert_allclose(found.depth, depth[found.pixels], atol=1e-3)
     assert set(found.sensors.tolist()) == {0, 1, 2}
-    np.testing.assert_array_equal(found.sensors, np.searchsorted(rays.first, found.pixels, side="right") - 1)
+    np.testing.assert_array_equal(
+        found.sensors, np.searchsorted(rays.first, found.pixels, side="right") - 1
+    )
     points = rays.silhouette(0, upright(x, y, yaw)).points.astype(np.float64)
-    local = np.abs((points - [x, y, 0.75]) @ pose(0.0, 0.0, 0.0, yaw=yaw)[:3, :3]) / [2.0, 1.0, 0.75]
+    local = np.abs((points - [x, y, 0.75]) @ pose(0.0, 0.0, 0.0, yaw=yaw)[:3, :3]) / [
+        2.0,
+        1.0,
+        0.75,
+    ]
     np.testing.assert_allclose(local.max(axis=1), 1.0, atol=0.02)
 
 
@@ -75,7 +84,9 @@ def test_on_a_slope_too():
     renderer = Renderer(steep, (CAR,), SENSORS, threads=1)
     row = upright(0.0, 0.0, 0.3)
     snapshot = Snapshot(Objects(row[None], np.array([VEHICLE])), np.zeros(1, np.int64))
-    shown = np.flatnonzero(np.concatenate([hit.ravel() for hit in renderer.render(snapshot).hits]) == 0)
+    shown = np.flatnonzero(
+        np.concatenate([hit.ravel() for hit in renderer.render(snapshot).hits]) == 0
+    )
     found = SensorRays(renderer, SENSORS).silhouette(0, row)
     np.testing.assert_array_equal(np.sort(found.pixels), shown)
     local = level_rows(found.points.astype(np.float64), (0.06, -0.04))

@@ -40,13 +40,17 @@ def test_meshes_repeat_and_stand_on_grounds_and_ponds():
     heights = drop(build_scenery(site(pond)), xy)
     assert np.allclose(heights[inside], -0.5, atol=1e-4)
     assert np.allclose(heights[~inside], 0.0, atol=1e-4)
-    slanted = np.array([[-1.0, 3, 0.4, 1, 0, -0.5], [4, 7, 0.4, 0, -1, -0.5]], np.float32)  # meet the banks, not below
+    # meet the banks, not below
+    slanted = np.array([[-1.0, 3, 0.4, 1, 0, -0.5], [4, 7, 0.4, 0, -1, -0.5]], np.float32)
     scene = o3d.t.geometry.RaycastingScene()
     mesh = build_scenery(site(pond))
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
     assert (scene.cast_rays(slanted)["t_hit"].numpy() < 1.9).all()
     assert np.allclose(
-        drop(build_scenery(site(Solid(SQUARE / 20, -0.3, 0.8, "building"))), np.array([[0.2, 0.15]])), 0.8
+        drop(
+            build_scenery(site(Solid(SQUARE / 20, -0.3, 0.8, "building"))), np.array([[0.2, 0.15]])
+        ),
+        0.8,
     )
     for name in ("tjunction", "roundabout"):
         first, second = build_scenery(load_site(name)), build_scenery(load_site(name))
@@ -74,7 +78,9 @@ def test_houses_have_windows_set_into_closed_walls(outline):
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
     y, z = np.meshgrid(np.linspace(0.05, 5.95, 119), np.linspace(0.05, 6.9, 137))
-    rays = np.column_stack([np.full(y.size, -5.0), y.ravel(), z.ravel(), np.tile([1.0, 0, 0], (y.size, 1))])
+    rays = np.column_stack(
+        [np.full(y.size, -5.0), y.ravel(), z.ravel(), np.tile([1.0, 0, 0], (y.size, 1))]
+    )
     hit = scene.cast_rays(rays.astype(np.float32))
     depth = hit["t_hit"].numpy()
     walls, panes = np.abs(depth - 5) < 1e-4, np.abs(depth - 5 - RECESS) < 1e-4
@@ -85,7 +91,9 @@ def test_houses_have_windows_set_into_closed_walls(outline):
 
 
 def test_hedges_leaves_and_slopes_are_followed_by_rays():
-    mesh = build_scenery(site(Solid(np.array([[0.0, 0], [6, 0], [6, 0.8], [0, 0.8]]), -0.3, 1.4, "hedge")))
+    mesh = build_scenery(
+        site(Solid(np.array([[0.0, 0], [6, 0], [6, 0.8], [0, 0.8]]), -0.3, 1.4, "hedge"))
+    )
     hedge = mesh.vertices[mesh.vertices[:, 2] > 0.05]
     assert hedge[:, :2].min() > -ROUGHNESS - 1e-9
     assert (hedge[:, :2].max(axis=0) < np.array([6, 0.8]) + ROUGHNESS).all()
@@ -93,13 +101,18 @@ def test_hedges_leaves_and_slopes_are_followed_by_rays():
     assert (heights > 1.2).all()
     assert heights.max() <= 1.4 + 1e-4
     assert heights.std() > 0.005
-    ring = 1.5 * np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
+    ring = 1.5 * np.column_stack(
+        [np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)]
+    )
     mesh = build_scenery(site(Solid(ring, 2.0, 5.0, "tree")))
     heights = drop(mesh, np.random.default_rng(0).uniform(-0.9, 0.9, (2000, 2)))
     passed = heights < 0.1
     assert 0.02 < passed.mean() < 0.6
     assert heights[~passed].min() > 1.4
-    kerb, house = Solid(SQUARE, 0.0, 0.48, "kerb"), Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building")
+    kerb, house = (
+        Solid(SQUARE, 0.0, 0.48, "kerb"),
+        Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building"),
+    )
     steep = site(kerb, house, relief=Relief(0.0, 0, (0.06, 0.03)))
     ground, solid = (
         drop(build_scenery(steep), places(np.random.default_rng(0))),
@@ -109,7 +122,9 @@ def test_hedges_leaves_and_slopes_are_followed_by_rays():
     away = ~((bare > [-1, -1]) & (bare < [9, 27])).all(axis=1)
     np.testing.assert_allclose(ground[away], bare[away] @ [0.06, 0.03], atol=1e-4)
     middle = SQUARE.mean(axis=0)
-    np.testing.assert_allclose(solid, 0.48 + (SQUARE * 0.9 + 0.3 - middle) @ [0.06, 0.03], atol=1e-4)
+    np.testing.assert_allclose(
+        solid, 0.48 + (SQUARE * 0.9 + 0.3 - middle) @ [0.06, 0.03], atol=1e-4
+    )
     flat = build_scenery(site(kerb, house))
     np.testing.assert_array_equal(build_scenery(steep).vertices[:, :2], flat.vertices[:, :2])
     pond = Solid(SQUARE, -1.5, -0.5, "pond")

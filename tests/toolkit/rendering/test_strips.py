@@ -34,7 +34,11 @@ SITE = Site("walled", np.array([-20.0, -20, 20, 20]), solids=(WALL,))
 COUNTED = Counted(Crop.of(SITE), 12.0)
 BOXES = np.array(
     [
-        *([8.0, -4, 0.75, 4, 2, 1.5, 0.3], [8.0, 4, 0.75, 4, 2, 1.5, 1.0], [12.0, 4.5, 0.75, 4, 2, 1.5, 0.0]),
+        *(
+            [8.0, -4, 0.75, 4, 2, 1.5, 0.3],
+            [8.0, 4, 0.75, 4, 2, 1.5, 1.0],
+            [12.0, 4.5, 0.75, 4, 2, 1.5, 0.0],
+        ),
         *([-20.0, 3.0, 0.75, 4, 2, 1.5, 0.0], [-8.0, -3.0, 0.75, 4, 2, 1.5, -2.0]),
     ]
 )
@@ -42,7 +46,9 @@ EYES = np.array([[0.0, 0.0, 5.0], [-8.0, -3.0, 6.0]])  # the second one above a 
 
 
 def find_strips(renderer, moment, viewpoints, counted, fine):
-    return cast_strips(renderer, moment, viewpoints, counted, find_sectors(moment.ground, viewpoints, fine))
+    return cast_strips(
+        renderer, moment, viewpoints, counted, find_sectors(moment.ground, viewpoints, fine)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -85,17 +91,25 @@ def test_a_direction_lies_in_the_strip_of_what_it_shows(scene, strips, v):
     assert within.sum(axis=1).max() <= 2  # two objects may share a sliver at their common edge
     first = within.argmax(axis=1)
     some = within.any(axis=1)
-    said = np.where(some, own.item[first] if len(own.item) else -1, -1), np.where(some, own.shows[first], 0)
+    said = (
+        np.where(some, own.item[first] if len(own.item) else -1, -1),
+        np.where(some, own.shows[first], 0),
+    )
     assert ((said[0] == met) & (said[1] == kind)).mean() > 0.994
     assert (met >= 0).sum() > 500
 
 
 def test_strips_show_each_kind_and_walls_hide(strips, scene):
     first = strips.viewpoint == 0
-    assert set(strips.shows[first & (strips.item == 3)]) == {BEYOND, OUTSIDE}  # across the edge of the area
+    assert set(strips.shows[first & (strips.item == 3)]) == {
+        BEYOND,
+        OUTSIDE,
+    }  # across the edge of the area
     assert set(strips.shows[first & (strips.item == 1)]) == {WITHIN}
     assert set(strips.item[first]) == {0, 1, 2, 3, 4}
-    coarse = find_strips(scene[0], scene[1], EYES, COUNTED, np.array([True, False, True, True, True]))
+    coarse = find_strips(
+        scene[0], scene[1], EYES, COUNTED, np.array([True, False, True, True, True])
+    )
     assert 2 * (coarse.item == 1).sum() < (strips.item == 1).sum()
     assert (coarse.item == 0).sum() == (strips.item == 0).sum()
     open_site = Renderer(Site("open", SITE.area), (CAR,), (), threads=1)
@@ -122,16 +136,25 @@ def test_boxes_have_their_solid_angle_and_nothing_none(scene):
         a, b, d = 2.0, 0.75, 19.995
         exact = 4 * np.arcsin(a * b / np.sqrt((a * a + d * d) * (b * b + d * d)))
         assert angle == pytest.approx(exact, rel=within)
-    empty = scene[0].moment(Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64)))
-    for some in (find_strips(scene[0], empty, EYES, COUNTED, np.zeros(0, bool)), concatenate_strips([])):
+    empty = scene[0].moment(
+        Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64))
+    )
+    for some in (
+        find_strips(scene[0], empty, EYES, COUNTED, np.zeros(0, bool)),
+        concatenate_strips([]),
+    ):
         assert [len(each) for each in some] == [0] * 7
-    assert len(find_strips(scene[0], scene[1], np.zeros((0, 3)), COUNTED, np.ones(5, bool)).item) == 0
+    assert (
+        len(find_strips(scene[0], scene[1], np.zeros((0, 3)), COUNTED, np.ones(5, bool)).item) == 0
+    )
     assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]
 
 
 def test_portions_make_no_difference(scene, strips, monkeypatch):
     monkeypatch.setattr(module, "RAYS_AT_ONCE", 500)
-    for one, other in zip(find_strips(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True):
+    for one, other in zip(
+        find_strips(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True
+    ):
         np.testing.assert_array_equal(one, other)
 
 
@@ -173,10 +196,16 @@ def test_strips_of_frames_bodies_and_grids(cast):
     frames: list[tuple[list[Any], set[tuple[int, int]]]] = [
         ([NEAR, FAR, BESIDE], {(v, n) for v in (0, 1) for n in range(3)}),
         ([BESIDE, NEAR, FAR], set()),  # all of them stand, in another order
-        ([BESIDE, FAR, AWAY], {(0, 1), (0, 2), (1, 1), (1, 2)}),  # what hid the far one is gone; one has come
+        (
+            [BESIDE, FAR, AWAY],
+            {(0, 1), (0, 2), (1, 1), (1, 2)},
+        ),  # what hid the far one is gone; one has come
         ([FAR, NEAR, BESIDE], {(0, 0), (0, 1), (1, 0), (1, 1)}),  # there again
         ([FAR, (8.1, 4.0, 1.0), BESIDE], {(0, 0), (0, 1), (1, 0), (1, 1)}),  # moves
-        ([FAR, (8.1, 4.0, 1.0), AWAY], {(0, 2), (1, 2)}),  # neither is hidden by what has come or gone
+        (
+            [FAR, (8.1, 4.0, 1.0), AWAY],
+            {(0, 2), (1, 2)},
+        ),  # neither is hidden by what has come or gone
     ]
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for places, expected in frames:
@@ -186,7 +215,12 @@ def test_strips_of_frames_bodies_and_grids(cast):
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, all_fine))
     assert len(find_strips(RENDERER, moment_of([NEAR]), EYES, COUNTED, np.ones(1, bool)).item) > 50
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
-    for bodies, fine, count in (([0, 0], True, 4), ([0, 1], True, 2), ([0, 1], False, 4), ([0, 1], False, 0)):
+    for bodies, fine, count in (
+        ([0, 0], True, 4),
+        ([0, 1], True, 2),
+        ([0, 1], False, 4),
+        ([0, 1], False, 0),
+    ):
         moment, looked = moment_of([BESIDE, AWAY], bodies), np.full(2, fine)
         made = strips.of(moment, looked)
         assert len(cast[-1]) == count
@@ -213,9 +247,23 @@ def test_random_frames_are_the_same_and_touch_what_they_change():
         found = may_hide(ground, eye, find_sectors(ground, eye, np.ones(3, bool)))
         assert np.argwhere(found[0]).tolist() == expected
     touching = [
-        *((0.0, 0.0, 0.0), (0.0, 2.1, 0.0), (0.0, -1.9, 0.0), (4.3, 2.2, np.pi / 4), (9.0, 0.0, 0.0), (13.0, 0.0, 0.5))
+        *(
+            (0.0, 0.0, 0.0),
+            (0.0, 2.1, 0.0),
+            (0.0, -1.9, 0.0),
+            (4.3, 2.2, np.pi / 4),
+            (9.0, 0.0, 0.0),
+            (13.0, 0.0, 0.5),
+        )
     ]
-    assert find_touching(moment_of(touching).ground).tolist() == [True, False, True, False, True, True]
+    assert find_touching(moment_of(touching).ground).tolist() == [
+        True,
+        False,
+        True,
+        False,
+        True,
+        True,
+    ]
     assert find_touching(moment_of(places[1:2]).ground).tolist() == [False]
     assert find_touching(moment_of([]).ground).tolist() == []
 

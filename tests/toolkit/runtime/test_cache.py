@@ -28,7 +28,8 @@ def value(k):
 
 def same(found, expected):
     return all(
-        a.dtype == b.dtype and a.shape == b.shape and (a == b).all() for a, b in zip(found, expected, strict=True)
+        a.dtype == b.dtype and a.shape == b.shape and (a == b).all()
+        for a, b in zip(found, expected, strict=True)
     )
 
 
@@ -60,7 +61,16 @@ def test_many_keys_tell_apart_what_differs_and_is_kept(tmp_path):
     assert [int(each[0][0]) for each in found[:-1] if each is not None] == list(range(1233))
     assert found[-1] is None
     assert cache.get([]) == []
-    parts = [("a",), ("a", 1), ("a", "1"), ("a", [1]), ("a", [1, 2]), ("a", 0.7), ("a", 0.7000000000000001), (["a"], 1)]
+    parts = [
+        ("a",),
+        ("a", 1),
+        ("a", "1"),
+        ("a", [1]),
+        ("a", [1, 2]),
+        ("a", 0.7),
+        ("a", 0.7000000000000001),
+        (["a"], 1),
+    ]
     assert len({make_key(*each) for each in parts}) == len(parts)
     assert make_key({"b": 1, "a": 2}) == make_key({"a": 2, "b": 1})
     for column in (np.array([{}], object), np.zeros(1, [("a", "f4")])):
@@ -68,7 +78,9 @@ def test_many_keys_tell_apart_what_differs_and_is_kept(tmp_path):
             Cache().put({KEYS[0]: (column,)})
     zeros = np.zeros((100_000, 3))
     assert len(encode_arrays(KEYS[0], [zeros])) < zeros.nbytes / 100
-    assert same(decode_arrays(KEYS[0], encode_arrays(KEYS[0], [zeros, np.arange(5)])), (zeros, np.arange(5)))
+    assert same(
+        decode_arrays(KEYS[0], encode_arrays(KEYS[0], [zeros, np.arange(5)])), (zeros, np.arange(5))
+    )
     cache = Cache(tmp_path)  # a folder
     with pytest.warns(UserWarning, match="cannot be used"):
         cache.put({KEYS[0]: value(0)})
@@ -99,12 +111,24 @@ def sealed(head, content=b""):
     [
         *(sealed([False, ["|O", [1]]], bytes(8)), sealed([False, ["i4,O", [1]]], bytes(12))),
         *(sealed([False, ["|V8", [1]]], bytes(8)), sealed([False, ["<f8", [-1]]], bytes(8))),
-        *(sealed([False, ["<f8", [-1, -1]]], bytes(8)), sealed([False, ["<f8", [1 << 62]]], bytes(8))),
-        *(sealed([False, ["<f8", [1 << 40, 0, 1 << 40]]]), sealed([True, ["<f8", [1 << 62]]], zlib.compress(bytes(8)))),
+        *(
+            sealed([False, ["<f8", [-1, -1]]], bytes(8)),
+            sealed([False, ["<f8", [1 << 62]]], bytes(8)),
+        ),
+        *(
+            sealed([False, ["<f8", [1 << 40, 0, 1 << 40]]]),
+            sealed([True, ["<f8", [1 << 62]]], zlib.compress(bytes(8))),
+        ),
         sealed([True, ["<f8", [1]]], zlib.compress(bytes(1 << 24))),
         *(sealed([True, ["<f8", [1]]], b"not compressed"), sealed([False, ["<f8", [2]]], bytes(8))),
         *(sealed([False, ["<f8", [1]]], bytes(16)), sealed([False, ["nothing", [1]]], bytes(8))),
-        *(sealed([False, ["<f8"]], bytes(8)), sealed({"dtype": "<f8"}, bytes(8)), sealed([]), sealed(7), b""),
+        *(
+            sealed([False, ["<f8"]], bytes(8)),
+            sealed({"dtype": "<f8"}, bytes(8)),
+            sealed([]),
+            sealed(7),
+            b"",
+        ),
     ],
 )
 def test_what_is_no_plain_array_is_damaged_whatever_its_checksum_says(value):
@@ -129,7 +153,9 @@ def damage(path, kind):
         case "pages":
             path.write_bytes(content[:100] + bytes(len(content) - 100))
         case "noise":
-            noise = np.random.default_rng(0).integers(0, 256, len(content) - 4096, np.uint8).tobytes()
+            noise = (
+                np.random.default_rng(0).integers(0, 256, len(content) - 4096, np.uint8).tobytes()
+            )
             path.write_bytes(content[:4096] + noise)
 
 
@@ -142,14 +168,19 @@ def test_a_damaged_file_is_put_aside_and_begun_anew(cache, kind):
     with pytest.warns(UserWarning, match="damaged"):
         found = again.get(KEYS)
     again.put({KEYS[0]: value(0)})
-    assert all(each is None or same(each, (np.random.default_rng(k).random(300),)) for k, each in enumerate(found))
+    assert all(
+        each is None or same(each, (np.random.default_rng(k).random(300),))
+        for k, each in enumerate(found)
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert same(again.get(KEYS[:1])[0], value(0))
     assert any("damaged" in path.name for path in cache.path.parent.iterdir())
 
 
-@pytest.mark.parametrize("cell", ["'text'", "CAST(X'ff00fe' AS TEXT)", "7", "0.5", "X''", "zeroblob(99)"])
+@pytest.mark.parametrize(
+    "cell", ["'text'", "CAST(X'ff00fe' AS TEXT)", "7", "0.5", "X''", "zeroblob(99)"]
+)
 def test_a_row_of_any_kind_is_not_believed(cache, cell):
     cache.close()
     with sqlite3.connect(cache.path) as database:
@@ -165,7 +196,8 @@ def test_a_row_of_any_kind_is_not_believed(cache, cell):
 def test_only_who_knows_the_secret_writes_what_is_believed(cache, tmp_path):
     key = cache.path.with_name("cache.sqlite.key")
     assert stat.S_IMODE(key.stat().st_mode) == 0o600
-    forger = Cache(tmp_path / "other" / "cache.sqlite")  # knows the code and the keys of values, not the secret
+    # knows the code and the keys of values, not the secret
+    forger = Cache(tmp_path / "other" / "cache.sqlite")
     forger.put({KEYS[0]: value(9)})
     forger.close()
     cache.close()
@@ -180,11 +212,15 @@ def test_only_who_knows_the_secret_writes_what_is_believed(cache, tmp_path):
         key.chmod(0o600)
         assert Cache(cache.path).get(KEYS[:1]) != [None]
         change()
-        with pytest.warns(UserWarning, match=r"cache.sqlite.key is not a secret of yours alone: remove it"):
+        with pytest.warns(
+            UserWarning, match=r"cache.sqlite.key is not a secret of yours alone: remove it"
+        ):
             assert Cache(cache.path).get(KEYS[:1]) == [None]
     key.unlink()
     os.mkfifo(key, 0o600)
-    with pytest.warns(UserWarning, match=r"cache.sqlite.key is not a secret of yours alone: remove it"):
+    with pytest.warns(
+        UserWarning, match=r"cache.sqlite.key is not a secret of yours alone: remove it"
+    ):
         assert Cache(cache.path).get(KEYS[:1]) == [None]
     Cache(cache.path).delete()
     assert list(cache.path.parent.iterdir()) == []

@@ -32,7 +32,9 @@ def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
     closure, _ = import_closure((job,), tree)
     before = digest_of_source((job,), tree)
     assert before == digest_of_source((job,), TOP)
-    others = {path for package in PACKAGES for path in (tree / package).rglob("*.py")} - set(closure.values())
+    others = {path for package in PACKAGES for path in (tree / package).rglob("*.py")} - set(
+        closure.values()
+    )
     assert len(closure) > 10
     assert len(others) > 20
     for path in {*closure.values(), *others}:
@@ -47,7 +49,10 @@ def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
 @pytest.mark.parametrize(
     ("job", "module"),
     [
-        *(("rendering", "toolkit.rendering.static_scene"), ("rendering", "models.training.packing")),
+        *(
+            ("rendering", "toolkit.rendering.static_scene"),
+            ("rendering", "models.training.packing"),
+        ),
         *(("rendering", "toolkit.sites.site"), ("visibility", "placement_env.fidelity.occlusion")),
         *(("visibility", "placement_env.fidelity.traffic"), ("visibility", "toolkit.sites.site")),
         *(("detection", "toolkit.detection.view"), ("detection", "toolkit.detection.metrics")),
@@ -62,9 +67,24 @@ def test_a_job_runs_what_its_figures_depend_on(job, module):
 @pytest.mark.parametrize(
     ("module", "old", "new", "jobs"),
     [
-        ("toolkit/sites/site.py", "RADIUS = 20.0", "RADIUS = 10.0", ["rendering", "visibility", "detection"]),
-        ("placement_env/fidelity/traffic.py", "(VEHICLE,)", "(0, 3)", ["rendering", "visibility", "detection"]),
-        ("toolkit/bodies/cars.toml", "[0.02, 0.44]", "[0.02, 0.45]", ["rendering", "visibility", "detection"]),
+        (
+            "toolkit/sites/site.py",
+            "RADIUS = 20.0",
+            "RADIUS = 10.0",
+            ["rendering", "visibility", "detection"],
+        ),
+        (
+            "placement_env/fidelity/traffic.py",
+            "(VEHICLE,)",
+            "(0, 3)",
+            ["rendering", "visibility", "detection"],
+        ),
+        (
+            "toolkit/bodies/cars.toml",
+            "[0.02, 0.44]",
+            "[0.02, 0.45]",
+            ["rendering", "visibility", "detection"],
+        ),
     ],
 )
 def test_changes_that_were_served_stale_figures_count(tree, module, old, new, jobs):
@@ -94,31 +114,59 @@ if TYPE_CHECKING:
 else:
     import toolkit.d
 """
-STUB = "from .b import thing as thing\nfrom .c import other as other\nfrom .e import named as named\n"
+STUB = (
+    "from .b import thing as thing\nfrom .c import other as other\nfrom .e import named as named\n"
+)
 
 
 @pytest.mark.parametrize(
     ("source", "runs"),
     [
-        *(("", ""), ("import toolkit.b", "b"), ("from toolkit import b", "b"), ("from . import b", "b")),
-        *(("from .b import thing", "b"), ("from toolkit import thing", "b"), ("from toolkit import other", "c")),
+        *(
+            ("", ""),
+            ("import toolkit.b", "b"),
+            ("from toolkit import b", "b"),
+            ("from . import b", "b"),
+        ),
+        *(
+            ("from .b import thing", "b"),
+            ("from toolkit import thing", "b"),
+            ("from toolkit import other", "c"),
+        ),
         *(("from toolkit import named", "e"), ("from toolkit import *", "bcde")),
         ("def f():\n    if True:\n        from toolkit.c import x", "c"),
         (
-            "try:\n    import toolkit.b\nexcept ImportError:\n    import toolkit.c\nfinally:\n    import toolkit.e",
+            (
+                "try:\n    import toolkit.b\nexcept ImportError:\n    import "
+                "toolkit.c\nfinally:\n    import toolkit.e"
+            ),
             "bce",
         ),
         ("match 1:\n    case 1:\n        import toolkit.b", "b"),
         ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import toolkit.b", ""),
-        ("import typing\nif typing.TYPE_CHECKING:\n    import toolkit.b\nelse:\n    import toolkit.c", "c"),
-        *(("import os, json.decoder\nimport numpy.linalg", ""), ("'''from toolkit import b'''", "")),
+        (
+            (
+                "import typing\nif typing.TYPE_CHECKING:\n    import toolkit.b\nelse:\n    import "
+                "toolkit.c"
+            ),
+            "c",
+        ),
+        *(
+            ("import os, json.decoder\nimport numpy.linalg", ""),
+            ("'''from toolkit import b'''", ""),
+        ),
     ],
 )
 def test_what_is_imported_is_followed_as_python_would(tmp_path, source, runs):
     top = package(tmp_path, __init__=FACE, a=source, b="", c="", d="", e="")
     (top / "toolkit" / "__init__.pyi").write_text(STUB)
     files, libraries = import_closure(("toolkit.a",), tmp_path)
-    assert set(files) == {"toolkit", "toolkit.a", "toolkit.d", *(f"toolkit.{each}" for each in runs)}
+    assert set(files) == {
+        "toolkit",
+        "toolkit.a",
+        "toolkit.d",
+        *(f"toolkit.{each}" for each in runs),
+    }
     assert libraries == ({"numpy"} if "numpy" in source else set())
 
 

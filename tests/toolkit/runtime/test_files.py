@@ -90,7 +90,9 @@ def test_outputs_are_no_inputs_and_replaced_when_told(tmp_path):
     os.link(tmp_path / "in", tmp_path / "hard")
     for name in ("in", "link", "hard", "./in"):
         with pytest.raises(ValueError, match="is what is read"):
-            files.check_output(tmp_path / name, inputs=[tmp_path / "other", tmp_path / "in"], overwrite=True)
+            files.check_output(
+                tmp_path / name, inputs=[tmp_path / "other", tmp_path / "in"], overwrite=True
+            )
     with pytest.raises(ValueError, match="is what is read"):
         files.check_output(Path("not-there"), inputs=["./not-there"])
     (tmp_path / "there").write_text("")
@@ -132,7 +134,10 @@ def test_files_written_together_are_all_there_or_none(tmp_path):
     for error in (full, ValueError("other")):
         with pytest.raises(type(error)):
             write(tmp_path / "out", error)
-    assert {each.name: each.read_text() for each in (tmp_path / "out").iterdir()} == {"a": "old", "b": "new"}
+    assert {each.name: each.read_text() for each in (tmp_path / "out").iterdir()} == {
+        "a": "old",
+        "b": "new",
+    }
 
 
 def test_what_a_killed_process_left_is_taken_over_but_not_what_is_being_written(tmp_path):
@@ -200,11 +205,16 @@ def test_outputs_below_an_input_above_one_or_among_files_of_others_are_refused(t
 def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('\ufeff{"a": [1, 2.5, null]}', encoding="utf-8")
-    assert files.read_json(path) == files.parse_json('{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
+    assert (
+        files.read_json(path) == files.parse_json('{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
+    )
     for content, says in (
         (b'{"a": 1,\n', r"a\.json: not JSON from line 2 on"),
         (b"[" * 100_000, r"a\.json: its lists or objects are nested too deep"),
-        *((b'{"a":' * 100_000, "nested too deep"), (b"[%s]" % (b"1" * 400), "a number of 400 digits")),
+        *(
+            (b'{"a":' * 100_000, "nested too deep"),
+            (b"[%s]" % (b"1" * 400), "a number of 400 digits"),
+        ),
         (b"\xff\xfe", r"a\.json: not a text file \(byte 0 is not UTF-8\)"),
     ):
         path.write_bytes(content)
@@ -243,7 +253,10 @@ def test_arrays_written_are_read_here_and_by_numpy(tmp_path):
     files.write_arrays(tmp_path / "new" / "x.npz", ARRAYS)
     found = files.read_arrays(tmp_path / "new" / "x.npz")
     assert found.keys() == ARRAYS.keys()
-    assert all(found[name].dtype == ARRAYS[name].dtype and (found[name] == ARRAYS[name]).all() for name in ARRAYS)
+    assert all(
+        found[name].dtype == ARRAYS[name].dtype and (found[name] == ARRAYS[name]).all()
+        for name in ARRAYS
+    )
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["x.npz"]
     with np.load(tmp_path / "new" / "x.npz") as file:
         assert (file["a"] == ARRAYS["a"]).all()
@@ -257,7 +270,9 @@ def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
     files.write_arrays(tmp_path / "x.npz", ARRAYS)
     content = (tmp_path / "x.npz").read_bytes()
     damaged = [content[:length] for length in (0, 1, 40, -30, -1)]
-    damaged += [content[:k] + bytes([content[k] ^ 4]) + content[k + 1 :] for k in range(0, len(content), 17)]
+    damaged += [
+        content[:k] + bytes([content[k] ^ 4]) + content[k + 1 :] for k in range(0, len(content), 17)
+    ]
     for each in damaged:
         (tmp_path / "y.npz").write_bytes(each)
         with pytest.raises(ValueError, match="checksum"):
@@ -276,7 +291,11 @@ def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
     whole = npy(np.arange(9.0))
     for content in (
         *(b"", b"junk", b"PK\x03\x04junk", b"\x80\x04N.", whole[:100]),
-        *(whole.replace(b"(9,)", b"(99"), whole.replace(b"'<f8'", b"'<q8'"), npy(np.array([{"a": 1}], dtype=object))),
+        *(
+            whole.replace(b"(9,)", b"(99"),
+            whole.replace(b"'<f8'", b"'<q8'"),
+            npy(np.array([{"a": 1}], dtype=object)),
+        ),
     ):
         (tmp_path / "a.npy").write_bytes(content)
         with pytest.raises(ValueError, match=r"a\.npy cannot be read as \.npy array") as error:
@@ -286,7 +305,11 @@ def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
 
 def test_arrays_that_unpack_to_gigabytes_or_are_none_are_refused(tmp_path):
     declared = npy(np.arange(9.0)).replace(b"(9,), }      ", b"(999999999,)}")
-    for content, says in ((declared, "unpacks to 7.5 GiB"), (b"a text", "magic"), (b"zeros", "unpacks to 2.0 GiB")):
+    for content, says in (
+        (declared, "unpacks to 7.5 GiB"),
+        (b"a text", "magic"),
+        (b"zeros", "unpacks to 2.0 GiB"),
+    ):
         with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
             archive.writestr("a.npy", content)
         whole = (tmp_path / "a.npz").read_bytes()
@@ -308,7 +331,8 @@ def npy(array):
 
 
 BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
-    f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n" for before, name in itertools.pairwise("abcdefgh")
+    f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
+    for before, name in itertools.pairwise("abcdefgh")
 )
 
 

@@ -56,10 +56,19 @@ def test_what_is_sound_is_read_and_faults_of_h5py_are_of_reading(file):
     ("name", "asked", "says"),
     [
         *(("missing", {}, "'missing' is missing"), ("nowhere", {}, "nowhere is a link")),
-        *(("away", {}, "away is a link, which is not followed: store"), ("else/x", {}, "else is a link")),
-        *(("raw", {}, "raw has its numbers in another file"), ("group/virtual", {}, "numbers in another file")),
+        *(
+            ("away", {}, "away is a link, which is not followed: store"),
+            ("else/x", {}, "else is a link"),
+        ),
+        *(
+            ("raw", {}, "raw has its numbers in another file"),
+            ("group/virtual", {}, "numbers in another file"),
+        ),
         ("group", {}, "must be a dataset of numbers, got group"),
-        *(("type", {}, "must be a dataset of numbers, got datatype"), ("nothing", {}, "must be a dataset of numbers")),
+        *(
+            ("type", {}, "must be a dataset of numbers, got datatype"),
+            ("nothing", {}, "must be a dataset of numbers"),
+        ),
         ("words", {}, "must hold numbers, got object"),
         ("numbers", {"axes": 1}, r"must have 1 axes, got float64 of shape \(2, 3\)"),
         ("numbers", {"kinds": "iu"}, "must hold whole numbers, got float64"),
@@ -80,7 +89,9 @@ SIZES = [0, 1, 96, 2000, 5000, 20_000, 100_000, 200_000]
 
 
 def write(file, check=lambda: None):
-    column = file.create_dataset("column", (0,), np.float64, maxshape=(None,), chunks=(1 << 12,), compression="gzip")
+    column = file.create_dataset(
+        "column", (0,), np.float64, maxshape=(None,), chunks=(1 << 12,), compression="gzip"
+    )
     for k in range(10):
         column.resize(len(column) + 3000, axis=0)
         column[-3000:] = np.random.default_rng(k).random(3000)
@@ -135,5 +146,8 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, size, early):
         text=True,
     )
     assert done.returncode == 1, done.stderr
-    assert done.stderr == f"{errno.EFBIG} cannot write a.hdf5: File too large; make room, or give another path\n"
+    assert (
+        done.stderr
+        == f"{errno.EFBIG} cannot write a.hdf5: File too large; make room, or give another path\n"
+    )
     assert not list(tmp_path.iterdir())

@@ -34,7 +34,8 @@ def square(x: int) -> int:
 
 @dataclass(frozen=True)
 class DiesOnce:
-    """Squares, but the first process that gets `victim` is killed over it; `big` is what a scene would be."""
+    """Squares, but the first process that gets `victim` is killed over it; `big` is what a scene
+    would be."""
 
     folder: Path
     victim: int
@@ -129,7 +130,9 @@ def test_nobody_is_left_and_lost_work_is_done_again(tmp_path):
     results.close()  # which returns at once, or never
     assert list(spread(DiesOnce(tmp_path, 5), range(9), workers=2)) == [x * x for x in range(9)]
     assert (tmp_path / "killed").exists()
-    with pytest.raises(WorkLost, match=f"died {RETRIES + 1} times in a row, at or near input 7") as error:
+    with pytest.raises(
+        WorkLost, match=f"died {RETRIES + 1} times in a row, at or near input 7"
+    ) as error:
         list(spread(os._exit, [7], workers=2))
     assert "\n" not in str(error.value)
     assert isinstance(error.value, RuntimeError)
@@ -151,7 +154,10 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     )
     root = Path(__file__).parents[3]
     told = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(root)}
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(root)},
     )
     assert ends(int(told.stdout)), "the worker outlived its parent"
 
@@ -184,9 +190,13 @@ OWN = {"MALLOC_TRIM_THRESHOLD_": "131072"}
 
 
 def counted(how, **environment):
-    clean = {name: value for name, value in os.environ.items() if name not in processes._OWN_SETTINGS}
+    clean = {
+        name: value for name, value in os.environ.items() if name not in processes._OWN_SETTINGS
+    }
     command = [sys.executable, "-c", COUNTS, how]
-    done = subprocess.run(command, env=clean | environment, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        command, env=clean | environment, capture_output=True, text=True, check=True, timeout=60
+    )
     kept, faults = done.stdout.split()
     return kept, int(faults)
 
@@ -208,7 +218,9 @@ def test_the_environment_wins_and_needs_a_cluster():
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("library", [None, object(), type("Refuses", (), {"mallopt": staticmethod(lambda *_: 0)}), "c"])
+@pytest.mark.parametrize(
+    "library", [None, object(), type("Refuses", (), {"mallopt": staticmethod(lambda *_: 0)}), "c"]
+)
 def test_freed_memory_is_kept_once_where_the_library_can(monkeypatch, library):
     asked = []
 
@@ -257,7 +269,9 @@ def test_ray_gives_what_a_loop_gives_also_of_killed_work(two_nodes, tmp_path):
     with pytest.raises(ValueError, match=r"^unlucky$"):
         list(spread(square, [1, 13, 2], ray=cluster.address))
     cluster, _ = two_nodes
-    assert list(spread(DiesOnce(tmp_path, 5), range(9), ray=cluster.address)) == [x * x for x in range(9)]
+    assert list(spread(DiesOnce(tmp_path, 5), range(9), ray=cluster.address)) == [
+        x * x for x in range(9)
+    ]
     assert (tmp_path / "killed").exists()
 
 
@@ -273,7 +287,9 @@ def test_ray_goes_on_when_one_of_two_nodes_is_killed_in_mid_run(two_nodes, tmp_p
             os.kill(pid, signal.SIGKILL)
 
     threading.Thread(target=kill_second, daemon=True).start()
-    assert list(spread(Stuck(log, second.node_id), range(30), ray=cluster.address)) == [x * x for x in range(30)]
+    assert list(spread(Stuck(log, second.node_id), range(30), ray=cluster.address)) == [
+        x * x for x in range(30)
+    ]
     numbers = [x for x, _, _ in begun(log)]
     assert len(numbers) > len(set(numbers)) == 30  # something was done again
 

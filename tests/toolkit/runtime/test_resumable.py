@@ -130,15 +130,22 @@ def test_damaged_parts_go_and_others_files_stay(tmp_path):
     parts.remove()
     assert [path.name for path in parts.path.iterdir()] == ["notes.txt"]
     with pytest.raises(ValueError, match="at least 1, got 0"):
-        make_shards(Nothing(), folder(tmp_path / "none"), [0], workers=0, progress=lambda done: None)
+        make_shards(
+            Nothing(), folder(tmp_path / "none"), [0], workers=0, progress=lambda done: None
+        )
     assert describe_differences({"a": 1}, {"a": 1}) == ""
-    assert describe_differences({"a": 1, "b": 2}, {"a": 1, "c": 3}) == "b 2 instead of None, c None instead of 3"
+    assert (
+        describe_differences({"a": 1, "b": 2}, {"a": 1, "c": 3})
+        == "b 2 instead of None, c None instead of 3"
+    )
 
 
 def test_plans_are_the_runs_own_one_at_a_time(tmp_path):
     folder(tmp_path, seed=1, site="a").add(0, b"1")
     other = ShardFolder(tmp_path / "f.parts", {"seed": 2, "site": "a"})
-    with pytest.raises(FileExistsError, match="made from seed 1 instead of 2: finish that one first"):
+    with pytest.raises(
+        FileExistsError, match="made from seed 1 instead of 2: finish that one first"
+    ):
         other.open(False)
     assert len(other.shards()) == 1
     other.open(True)
@@ -159,7 +166,10 @@ def test_a_full_disk_says_what_is_safe(tmp_path):
     parts = folder(tmp_path)
     parts.add(0, b"1")
     says = r"cannot write out: No space left on device \(\d+ MB free\); 50 frames are safe in .*f.parts, make room and"
-    with pytest.raises(OSError, match=says), parts.explain_disk_errors(Path("out"), lambda p: 50 * len(list(p))):
+    with (
+        pytest.raises(OSError, match=says),
+        parts.explain_disk_errors(Path("out"), lambda p: 50 * len(list(p))),
+    ):
         raise OSError(errno.ENOSPC, "full")
     with pytest.raises(RuntimeError, match="other"), parts.explain_disk_errors(Path("out"), len):
         raise RuntimeError("other")

@@ -10,7 +10,10 @@ from toolkit.runtime.run import Processes, Run
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"workers": 0}, "workers must be a whole number of at least 1, got 0: None takes one per core"),
+        (
+            {"workers": 0},
+            "workers must be a whole number of at least 1, got 0: None takes one per core",
+        ),
         ({"workers": 1.5}, "workers must be a whole number of at least 1, got 1.5"),
         ({"seed": -1}, "seed must be a whole number of at least 0, got -1"),
         ({"frames": 0}, "frames must be a whole number of at least 1, got 0"),

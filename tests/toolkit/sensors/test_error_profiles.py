@@ -46,7 +46,12 @@ def test_digests_and_names_of_profiles():
     assert one.digest == ErrorProfile("two", one.terms).digest
     assert len(one.digest) == 64
     others = [
-        *((OwnNoise(), Calibration(0.01, 0.06)), (Calibration(0.01, 0.05), OwnNoise()), (OwnNoise(),), ()),
+        *(
+            (OwnNoise(), Calibration(0.01, 0.06)),
+            (Calibration(0.01, 0.05), OwnNoise()),
+            (OwnNoise(),),
+            (),
+        ),
         (OwnNoise(), DropOut(0.01, 0.05)),
     ]
     assert len({ErrorProfile("x", terms).digest for terms in others} | {one.digest}) == 6
@@ -61,12 +66,16 @@ def test_digests_and_names_of_profiles():
     ]
     assert find_profile("poor") is POOR
     assert find_profile(TYPICAL) is TYPICAL
-    with pytest.raises(ValueError, match=r"unknown error profile 'bad': choose among paper, surveyed, .* poor, or"):
+    with pytest.raises(
+        ValueError, match=r"unknown error profile 'bad': choose among paper, surveyed, .* poor, or"
+    ):
         find_profile("bad")
     assert len({profile.digest for profile in PROFILES.values()}) == 6
     check_drawn(PAPER_ERRORS, None)
     check_drawn(TYPICAL, 0)
-    with pytest.raises(ValueError, match=r"errors 'typical' are drawn from a seed, got noise_seed None"):
+    with pytest.raises(
+        ValueError, match=r"errors 'typical' are drawn from a seed, got noise_seed None"
+    ):
         check_drawn(TYPICAL, None)
 
 
@@ -125,7 +134,8 @@ def test_the_paper_has_noise_alone_and_each_profile_is_worse(street):
 
 
 @pytest.mark.parametrize(
-    ("name", "degrees", "metres"), [("surveyed", 0.05, 0.01), ("typical", 0.2, 0.03), ("poor", 0.5, 0.05)]
+    ("name", "degrees", "metres"),
+    [("surveyed", 0.05, 0.01), ("typical", 0.2, 0.03), ("poor", 0.5, 0.05)],
 )
 def test_calibration_is_what_the_name_says(name, degrees, metres):
     (found,) = [term for term in PROFILES[name].terms if type(term) is Calibration]
@@ -134,7 +144,9 @@ def test_calibration_is_what_the_name_says(name, degrees, metres):
 
 
 def test_glare_blinds_a_quarter_of_the_columns_of_each_sensor_for_good(street):
-    said = [BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 1, frame, 2)) for frame in (0, 9)]
+    said = [
+        BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 1, frame, 2)) for frame in (0, 9)
+    ]
     columns = street.measurement.shape[1]
     for each in said:
         blind = (street.valid & ~each.valid).any(axis=0)
@@ -167,7 +179,9 @@ def test_glare_and_clocks_are_typical_but_for_one_term():
 PINNED = [0.0, 0.005284, 0.025493, 0.165173]  # share of returns that each profile takes
 
 
-@pytest.mark.parametrize("name", [name for name, each in PROFILES.items() if not each.needs_velocities])
+@pytest.mark.parametrize(
+    "name", [name for name, each in PROFILES.items() if not each.needs_velocities]
+)
 def test_what_is_no_number_disturbs_no_profile(street, name):
     image = street.measurement.copy()
     image[::7] = np.nan

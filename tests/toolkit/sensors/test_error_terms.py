@@ -53,7 +53,10 @@ def test_velocities_of_tracks_and_the_window_band_of_cars(street):
 
 @pytest.mark.parametrize("times", [(), (5.0,), (3.9, 9.0), (4.0,)])
 def test_frames_far_apart_do_not_say_velocities(street, times):
-    with pytest.raises(ValueError, match=r"velocities need frames at most 0.5 s apart, got .*leave the clock's offset"):
+    with pytest.raises(
+        ValueError,
+        match=r"velocities need frames at most 0.5 s apart, got .*leave the clock's offset",
+    ):
         velocities(street.objects, 4.0, [(street.objects, time) for time in times])
 
 
@@ -87,7 +90,8 @@ def test_it_needs_velocities_unless_it_has_no_strength(read, harmless, street):
 
 
 def test_laws_of_range_rain_and_rotation():
-    """p = 1/2 where rho · cos · (half / R)² = 1; twice the range or a quarter of the power is the same."""
+    """p = 1/2 where rho · cos · (half / R)² = 1; twice the range or a quarter of the power is the
+    same."""
     one = np.ones(1)
     assert chance_of_return(80 * one, one, 80.0, 2.0)[0] == 0.5
     assert chance_of_return(40 * one, 0.25 * one, 80.0, 3.0)[0] == pytest.approx(0.5)
@@ -118,7 +122,8 @@ def test_laws_of_range_rain_and_rotation():
         assert np.trace(turned) == pytest.approx(1 + 2 * np.cos(np.linalg.norm(vector)))
         assert np.allclose(turned @ make_rotation(-vector), np.eye(3))
     assert np.array_equal(make_rotation(np.zeros(3)), np.eye(3))
-    # dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility 0.039 per
+    # dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility
+    # 0.039 per
     # metre.
     per_km = 10 / np.log(10) * 1000
     assert rain(10.0).extinction * per_km == pytest.approx(1.076 * 10**0.67)
@@ -162,7 +167,9 @@ def test_shares_and_ranges_take_pixels_and_edges_mix_what_is_read(read, street):
 def test_shares_and_laws_are_of_some_sensors(read, wall, sensor):
     truth = wall(sensor, 50.0)
     kept = read(DropOut(0.5, half_range=50.0), truth).valid.mean()
-    assert kept == pytest.approx(0.5 * chance_of_return(truth.ranges, truth.cosines, 50.0, 2.0).mean(), rel=0.06)
+    assert kept == pytest.approx(
+        0.5 * chance_of_return(truth.ranges, truth.cosines, 50.0, 2.0).mean(), rel=0.06
+    )
     truth = wall(sensor, 10.0)
     said = [read(DeadRows(0.25), truth, frame=frame).valid for frame in (0, 1, 77)]
     assert all(np.array_equal(each, said[0]) for each in said)
@@ -195,7 +202,9 @@ def test_edges_mix_between_and_within_bounds(read, halves):
     changed = image != halves.measurement
     middle = image.shape[2] // 2
     assert set(np.flatnonzero(changed.any(axis=(0, 1)))) == {middle - 1, middle}
-    assert changed[..., middle - 1 : middle + 1].mean() == pytest.approx(0.6 / 4, rel=0.1)  # one neighbour of four
+    assert changed[..., middle - 1 : middle + 1].mean() == pytest.approx(
+        0.6 / 4, rel=0.1
+    )  # one neighbour of four
     between = image[changed]
     assert between.min() > 10
     assert between.max() < 20
@@ -203,9 +212,13 @@ def test_edges_mix_between_and_within_bounds(read, halves):
     assert between.std() == pytest.approx(10 / np.sqrt(12), rel=0.06)
     for still in (MixedPixels(1.0, gap=10.5), MixedPixels(1.0, reach=9.5)):
         assert np.array_equal(read(still, halves).measurement, halves.measurement)
-    assert (read(MixedPixels(1.0, gap=9.5, reach=10.5), halves).measurement != halves.measurement).any()
+    assert (
+        read(MixedPixels(1.0, gap=9.5, reach=10.5), halves).measurement != halves.measurement
+    ).any()
     image = np.where(halves.measurement > 15, np.float32(0), halves.measurement)
-    assert np.array_equal(read(MixedPixels(1.0), replace(halves, measurement=image)).measurement, image)
+    assert np.array_equal(
+        read(MixedPixels(1.0), replace(halves, measurement=image)).measurement, image
+    )
 
 
 def angle_between(a, b):
@@ -230,8 +243,12 @@ def test_calibration_has_its_root_mean_square_and_is_constant(read, street):
     check_pose(said[0].pose)
     doubled = read(Calibration(0.02, 0.1), street).pose
     single = said[0].pose
-    assert angle_between(doubled, street.sensor.pose) == pytest.approx(2 * angle_between(single, street.sensor.pose))
-    assert np.allclose(doubled[:3, 3] - street.sensor.position, 2 * (single[:3, 3] - street.sensor.position))
+    assert angle_between(doubled, street.sensor.pose) == pytest.approx(
+        2 * angle_between(single, street.sensor.pose)
+    )
+    assert np.allclose(
+        doubled[:3, 3] - street.sensor.position, 2 * (single[:3, 3] - street.sensor.position)
+    )
     assert not np.array_equal(read(Calibration(0.01, 0.05), street, number=6).pose, single)
 
 
@@ -254,7 +271,8 @@ def test_poles_sway_and_noise_is_drawn_anew(read, street):
     assert 60 / 4.0 * 2 - 1 <= crossings <= 60 / 2.0 * 2 + 1  # two a period of 2 to 4 s
     other = replace(street.sensor, name="other")
     said = [
-        read(PoleSway(0.004), replace(street, sensor=s), number=n).pose for n, s in ((1, street.sensor), (2, other))
+        read(PoleSway(0.004), replace(street, sensor=s), number=n).pose
+        for n, s in ((1, street.sensor), (2, other))
     ]
     assert np.array_equal(*said)
     noise = RangeNoise(constant=0.1)
@@ -265,12 +283,20 @@ def test_poles_sway_and_noise_is_drawn_anew(read, street):
     assert drawn[0] == drawn[4]
     assert len(set(drawn)) == 4
     own = read(OwnNoise(), street)
-    assert (own.measurement - street.measurement)[street.valid].std() == pytest.approx(0.015, rel=0.02)
+    assert (own.measurement - street.measurement)[street.valid].std() == pytest.approx(
+        0.015, rel=0.02
+    )
 
 
 @pytest.mark.parametrize("metres", [5.0, 20.0, 60.0])
 @pytest.mark.parametrize(
-    "term", [RangeNoise(constant=0.03), RangeNoise(0.01, 0.002), RangeNoise(quadratic=1e-4), time_of_flight_noise()]
+    "term",
+    [
+        RangeNoise(constant=0.03),
+        RangeNoise(0.01, 0.002),
+        RangeNoise(quadratic=1e-4),
+        time_of_flight_noise(),
+    ],
 )
 def test_sigma_by_range(read, wall, sensor, term, metres):
     noise = read(term, wall(sensor, metres)).measurement.astype(np.float64) - metres
@@ -316,7 +342,9 @@ def test_the_way_through_a_car_is_that_to_its_far_side(read, street):
         pixel = row * street.measurement.shape[1] + column
         ray = street.sensor.world_rays[:, pixel].astype(np.float64)
         steps = street.measurement[row, column] + np.arange(0, 8, 0.01)
-        box = street.objects.boxes[[street.owners[row, column]]] + np.array([0, 0, 0, 0.002, 0.002, 0.002, 0])
+        box = street.objects.boxes[[street.owners[row, column]]] + np.array(
+            [0, 0, 0, 0.002, 0.002, 0.002, 0]
+        )
         within = points_in_boxes(street.sensor.position + steps[:, None] * ray, box)[:, 0]
         leaves = steps[np.flatnonzero(within)[-1]]
         farthest = max(image[row, column] for image in said)
@@ -327,14 +355,19 @@ def test_the_way_through_a_car_is_that_to_its_far_side(read, street):
 
 def test_dark_cars_lose_more_and_open_rays_return_a_share(read, street, sensor):
     many = np.arange(400)
-    boxes = np.column_stack([20 + 0 * many, 0 * many, *np.tile([[0.75], [4], [2], [1.5], [0]], 400)])
+    boxes = np.column_stack(
+        [20 + 0 * many, 0 * many, *np.tile([[0.75], [4], [2], [1.5], [0]], 400)]
+    )
     crowd = Objects(boxes, np.full(400, VEHICLE), many)
     owners = np.resize(np.arange(400), street.measurement.shape)
     at_30 = np.full(street.measurement.shape, 30.0, np.float32)
     truth = replace(street, objects=crowd, measurement=at_30)
     vars(truth)["owners"] = owners
     term = Paint(0.3, dark=0.02, half_range=60.0)
-    lost = [np.bincount(owners.ravel(), (~read(term, truth, number=n, frame=n).valid).ravel()) for n in (1, 2)]
+    lost = [
+        np.bincount(owners.ravel(), (~read(term, truth, number=n, frame=n).valid).ravel())
+        for n in (1, 2)
+    ]
     dark = [each > 0 for each in lost]
     assert np.array_equal(*dark)
     assert dark[0].mean() == pytest.approx(0.3, abs=0.07)
@@ -351,12 +384,15 @@ def test_wetness_and_rain_take_more_by_the_law(read, street):
     kept = np.mean([read(term, street, frame=f).valid for f in range(30)], axis=0)
     law = street.ranges, street.cosines, 30.0, 2.0
     expected = chance_of_return(*law, 0.2) / chance_of_return(*law)
-    painted = np.isin(street.owners, np.flatnonzero(np.isin(street.objects.labels, (VEHICLE, HEAVY))))
+    painted = np.isin(
+        street.owners, np.flatnonzero(np.isin(street.objects.labels, (VEHICLE, HEAVY)))
+    )
     assert kept[painted].mean() == pytest.approx(expected[painted].mean(), abs=0.01)
     assert kept[painted].mean() < 0.8
     others = street.valid & ~painted
     assert (kept[others] == 1).all()
-    # Metamorphic: whatever a light rain takes or brings, a heavier one does too, since both draw the same
+    # Metamorphic: whatever a light rain takes or brings, a heavier one does too, since both draw
+    # the same
     # numbers.
     light, heavy = (read(rain(r), street) for r in (5.0, 50.0))
     changed = [each.measurement != street.measurement for each in (light, heavy)]
@@ -370,7 +406,8 @@ def ranges_of(said):
 
 @pytest.mark.parametrize("metres", [3.0, 10.0, 60.0])
 def test_near_returns_have_the_law_of_range(read, wall, sensor, metres):
-    """P(return before R) = 1 - (1 - share)^(1 - exp(-(R - 0.3) / reach)), so also of those before each r < R."""
+    """P(return before R) = 1 - (1 - share)^(1 - exp(-(R - 0.3) / reach)), so also of those before
+    each r < R."""
     term, truth = Weather(share=0.5, reach=6.0), wall(sensor, metres)
     said = ranges_of(read(term, truth))
     early = said < truth.ranges - 1e-4
@@ -384,7 +421,15 @@ def test_near_returns_have_the_law_of_range(read, wall, sensor, metres):
 @pytest.mark.parametrize(
     "term",
     [
-        *(DropOut(), DeadRows(), MixedPixels(), MixedPixels(0.0, gap=0.0), Calibration(), PoleSway(), RangeNoise()),
+        *(
+            DropOut(),
+            DeadRows(),
+            MixedPixels(),
+            MixedPixels(0.0, gap=0.0),
+            Calibration(),
+            PoleSway(),
+            RangeNoise(),
+        ),
         *(Glass(), Paint(), Weather(), rain(0.0), ClockOffset()),
     ],
 )
@@ -400,7 +445,10 @@ def test_paint_without_objects_changes_nothing(harmless, street):
     ("term", "wrong", "says"),
     [
         (DropOut, {"share": -0.1}, "share of DropOut must be a share from 0 to 1, got -0.1"),
-        *((DropOut, {"half_range": -1.0}, "must be a number from 0"), (DeadRows, {"share": 1.1}, "must be a share")),
+        *(
+            (DropOut, {"half_range": -1.0}, "must be a number from 0"),
+            (DeadRows, {"share": 1.1}, "must be a share"),
+        ),
         (MixedPixels, {"share": 1.5}, "must be a share"),
         (MixedPixels, {"gap": -1.0}, "gap of MixedPixels must be a number"),
         (Calibration, {"rotation": -0.1}, "must be a number from 0"),
@@ -408,9 +456,18 @@ def test_paint_without_objects_changes_nothing(harmless, street):
         (PoleSway, {"period": 0.0}, "must be a number from 0.001"),
         (RangeNoise, {"constant": -1.0}, "must be a number from 0"),
         (RangeNoise, {"quadratic": np.nan}, "must be a number from 0"),
-        *((Glass, {"lower": 0.9, "upper": 0.8}, "lower < upper"), (Glass, {"share": 2.0}, "must be a share")),
-        *((Paint, {"dark": -1.0}, "must be a share"), (Paint, {"half_range": 0.0}, "must be a number from 0.001")),
-        *((Weather, {"share": 1.0}, "below 1"), (Weather, {"extinction": -1.0}, "must be a number from 0")),
+        *(
+            (Glass, {"lower": 0.9, "upper": 0.8}, "lower < upper"),
+            (Glass, {"share": 2.0}, "must be a share"),
+        ),
+        *(
+            (Paint, {"dark": -1.0}, "must be a share"),
+            (Paint, {"half_range": 0.0}, "must be a number from 0.001"),
+        ),
+        *(
+            (Weather, {"share": 1.0}, "below 1"),
+            (Weather, {"extinction": -1.0}, "must be a number from 0"),
+        ),
         (Weather, {"reach": 0.0}, "must be a number from 0.001"),
     ],
 )

@@ -27,7 +27,11 @@ CAMERA = DepthCamera(width=120, height=90, stride=2)
 
 
 def test_strides_and_right_angles_fill_the_view():
-    for width, height, stride, shape in ((400, 300, 2, (150, 200)), (41, 30, 3, (10, 14)), (5, 5, 9, (1, 1))):
+    for width, height, stride, shape in (
+        (400, 300, 2, (150, 200)),
+        (41, 30, 3, (10, 14)),
+        (5, 5, 9, (1, 1)),
+    ):
         camera = DepthCamera(width=width, height=height, stride=stride)
         assert camera.shape == shape
         assert camera.rays().shape == (*shape, 3)
@@ -37,9 +41,13 @@ def test_strides_and_right_angles_fill_the_view():
     inside = [(0, 0, 10), (9.9, 0, 10), (0, 7.4, 10), (0, 0, 999)]
     outside = [(10.1, 0, 10), (0, 7.6, 10), (0, 0, -10), (0, 0, 1001)]
     assert CAMERA.in_view(np.array([*inside, *outside], float)).tolist() == [True] * 4 + [False] * 4
-    aside = DepthCamera(width=120, height=90, centre=(90.0, 45.0))  # its principal point is off the middle
+    # its principal point is off the middle
+    aside = DepthCamera(width=120, height=90, centre=(90.0, 45.0))
     assert aside.in_view(np.array([[-14.0, 0, 10], [14.0, 0, 10]])).tolist() == [True, False]
-    inside, outside = [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (119, 0, 0)], [(0, 0, 10), (10, 0, 3), (121, 0, 0)]
+    inside, outside = (
+        [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (119, 0, 0)],
+        [(0, 0, 10), (10, 0, 3), (121, 0, 0)],
+    )
     assert LIDAR.in_view(np.array([*inside, *outside], float)).tolist() == [True] * 4 + [False] * 3
 
     inside = polar((0, 0, 10), (0.99, 0, 10), (0, -0.24, 10), (0, 0, 59.9))
@@ -48,7 +56,9 @@ def test_strides_and_right_angles_fill_the_view():
     degree = np.pi / 180
     inside = polar((0, 0, 10), (59 * degree, 12 * degree, 10), (0, 0, 149))
     outside = polar((61 * degree, 0, 10), (0, -13 * degree, 10), (np.pi, 0, 10), (0, 0, 151))
-    assert SOLID_STATE.in_view(np.concatenate([inside, outside])).tolist() == [True] * 3 + [False] * 4
+    assert (
+        SOLID_STATE.in_view(np.concatenate([inside, outside])).tolist() == [True] * 3 + [False] * 4
+    )
     inside = polar((1.5, 0, 10), (2.49, 0, 10), (1.5, -0.29, 10), (1.5, 0, 199))
     outside = polar((2.51, 0, 10), (0.49, 0, 10), (1.5, 0.11, 10), (1.5, -0.31, 10), (1.5, 0, 201))
     assert SIDEWAYS.in_view(np.concatenate([inside, outside])).tolist() == [True] * 4 + [False] * 5
@@ -90,10 +100,15 @@ def test_rays_are_unit_vectors_from_the_top_right_sideways(lidar):
     rays = lidar.rays().astype(np.float64)
     assert rays.shape == (*lidar.shape, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, atol=1e-6)
-    elevation, azimuth = np.arcsin(rays[..., 2]), np.unwrap(np.arctan2(rays[..., 1], rays[..., 0]), axis=1)
+    elevation, azimuth = (
+        np.arcsin(rays[..., 2]),
+        np.unwrap(np.arctan2(rays[..., 1], rays[..., 0]), axis=1),
+    )
     ends = {TURN: (0.2, -0.5), SECTOR: (0.25, -0.25), ROW: (0.0, 0.0)}[lidar]
     np.testing.assert_allclose(elevation[[0, -1]].T, np.tile(ends, (lidar.shape[1], 1)), atol=1e-6)
-    np.testing.assert_allclose(np.diff(azimuth, axis=1), lidar.horizontal_fov / lidar.shape[1], atol=1e-5)
+    np.testing.assert_allclose(
+        np.diff(azimuth, axis=1), lidar.horizontal_fov / lidar.shape[1], atol=1e-5
+    )
     np.testing.assert_allclose(azimuth.mean(axis=1), 0, atol=1e-5)
 
 
@@ -102,12 +117,19 @@ def test_turning_lidars_have_columns_seams_and_rays_made_once():
     with pytest.raises(ValueError, match="read-only"):
         TURN.rays()[0, 0] = 1
     assert len(TURN.windows(corners(np.array([[99.0, 0, 0, 4, 2, 1.5, 0]])))) == 0
-    for step, sweep, columns in ((np.deg2rad(0.4), 2 * np.pi, 900), (0.1, 1.0, 10), (1.0, 1.0, 1), (0.4, 1.0, 2)):
+    for step, sweep, columns in (
+        (np.deg2rad(0.4), 2 * np.pi, 900),
+        (0.1, 1.0, 10),
+        (1.0, 1.0, 1),
+        (0.4, 1.0, 2),
+    ):
         assert SpinningLidar(azimuth_step=step, azimuth_fov=sweep).shape == (64, columns)
     lidar = SpinningLidar(fov_up=0.2, fov_down=-0.3, azimuth_fov=1.5)
     assert (lidar.horizontal_fov, lidar.vertical_fov) == (1.5, 0.5)
     assert LIDAR.deviation(np.zeros(LIDAR.shape, np.float32)) == np.float32(LIDAR.sigma)
-    windows = LIDAR.windows(corners(np.array([[-10.0, 0, 0, 4, 2, 1.5, 0], [10, 0, 0, 4, 2, 1.5, 0]])))
+    windows = LIDAR.windows(
+        corners(np.array([[-10.0, 0, 0, 4, 2, 1.5, 0], [10, 0, 0, 4, 2, 1.5, 0]]))
+    )
     assert windows[:, 0].tolist().count(0) == 2
     assert windows[:, 0].tolist().count(1) == 1
     assert {0} <= set(windows[windows[:, 0] == 0, 3].tolist())
@@ -146,7 +168,9 @@ SOLID_STATE = SolidStateLidar(rows=25, columns=120)
 
 
 def test_solid_state_and_row_lidars_measure_in_their_field():
-    assert np.allclose(np.rad2deg([SolidStateLidar().horizontal_fov, SolidStateLidar().vertical_fov]), [120, 25])
+    assert np.allclose(
+        np.rad2deg([SolidStateLidar().horizontal_fov, SolidStateLidar().vertical_fov]), [120, 25]
+    )
     x, y, z = np.moveaxis(SOLID_STATE.rays().astype(np.float64), -1, 0)
     azimuth, elevation = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arcsin(z))
     assert np.allclose(elevation[[0, 12, 24]], [[12.5], [0.0], [-12.5]], atol=1e-4)
@@ -159,14 +183,18 @@ def test_solid_state_and_row_lidars_measure_in_their_field():
     _, top, bottom, left, right = found[0]
     assert (bottom - top) * (right - left) < 250
     sensor = Sensor("s", SOLID_STATE, pose(0.0, 0.0, 4.0, yaw=1.0))
-    found = Renderer(Site("flat", np.array([-30.0, -20, 30, 20])), catalogue(), (sensor,)).background[0]
+    found = Renderer(
+        Site("flat", np.array([-30.0, -20, 30, 20])), catalogue(), (sensor,)
+    ).background[0]
     slope = SOLID_STATE.rays()[..., 2]
     near = slope < -0.1
     assert np.allclose(found[near], -4.0 / slope[near], rtol=1e-3)
     assert not found[slope > 0].any()
     model = SolidStateLidar(rows=100, columns=100, sigma=0.01, sigma_per_metre=0.001)
     close, far = (np.full(model.shape, metres, np.float32) for metres in (10.0, 90.0))
-    assert (model.noisy(close, np.random.default_rng(0)) - close).std() == pytest.approx(0.02, rel=0.05)
+    assert (model.noisy(close, np.random.default_rng(0)) - close).std() == pytest.approx(
+        0.02, rel=0.05
+    )
     assert (model.noisy(far, np.random.default_rng(0)) - far).std() == pytest.approx(0.10, rel=0.05)
     assert not model.noisy(np.zeros(model.shape, np.float32), np.random.default_rng(0)).any()
     wide, clean = replace(ROWS, columns=4000, sigma=0.03), np.full((4, 4000), 20.0, np.float32)
@@ -175,8 +203,14 @@ def test_solid_state_and_row_lidars_measure_in_their_field():
     ahead = SIDEWAYS.body_SE3_sensor[:3, :3] @ [np.cos(1.5), np.sin(1.5), 0.0]
     np.testing.assert_allclose(ahead, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(ROWS.body_SE3_sensor, np.eye(4))
-    content = document(replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),)))
-    (model,) = [f["properties"]["model"] for f in content["features"] if f["properties"]["layer"] == "sensor"]
+    content = document(
+        replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),))
+    )
+    (model,) = [
+        f["properties"]["model"]
+        for f in content["features"]
+        if f["properties"]["layer"] == "sensor"
+    ]
     assert model["elevations_deg"] == pytest.approx(np.rad2deg(SIDEWAYS.elevations).tolist())
     (back,) = parse(content).sensors
     np.testing.assert_allclose(back.model.rays(), SIDEWAYS.rays(), atol=1e-6)
@@ -201,7 +235,9 @@ def test_rays_lie_in_its_rows_and_columns(lidar):
     rays = lidar.rays().astype(np.float64)
     assert rays.shape == (*lidar.shape, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, atol=1e-6)
-    np.testing.assert_allclose(np.arcsin(rays[..., 2]), np.tile(lidar.elevations, (lidar.columns, 1)).T, atol=1e-6)
+    np.testing.assert_allclose(
+        np.arcsin(rays[..., 2]), np.tile(lidar.elevations, (lidar.columns, 1)).T, atol=1e-6
+    )
     azimuth = np.unwrap(np.arctan2(rays[0, :, 1], rays[0, :, 0]))
     np.testing.assert_allclose(np.diff(azimuth), lidar.azimuth_fov / lidar.columns, atol=1e-5)
     assert azimuth.mean() == pytest.approx(lidar.heading, abs=1e-5)
@@ -219,7 +255,9 @@ def test_every_ray_that_meets_a_box_lies_in_one_of_its_windows_of_row_lidar(lida
         for _, top, bottom, left, right in found[found[:, 0] == number]:
             held[top:bottom, left:right] = True
         along = np.linspace(0.0, 30.0, 400)[:, None, None] * rays
-        own = transform(invert(pose(*box[:3], yaw=box[6])), along.reshape(-1, 3)).reshape(along.shape)
+        own = transform(invert(pose(*box[:3], yaw=box[6])), along.reshape(-1, 3)).reshape(
+            along.shape
+        )
         hit = (np.abs(own) <= box[3:6] / 2).all(axis=-1).any(axis=0)
         assert held.ravel()[hit].all()
     assert (found[:, 1] < found[:, 2]).all()
@@ -234,11 +272,23 @@ def test_every_ray_that_meets_a_box_lies_in_one_of_its_windows_of_row_lidar(lida
         (SolidStateLidar, {"columns": 1.5}, "columns must be a whole number, got 1.5"),
         (SolidStateLidar, {"horizontal_fov": 120.0}, "deg2rad"),
         (SolidStateLidar, {"vertical_fov": np.nan}, "vertical_fov must be a number, got nan"),
-        *((SolidStateLidar, {"sigma": -1.0}, "sigma"), (SolidStateLidar, {"sigma_per_metre": -0.1}, "sigma_per_metre")),
+        *(
+            (SolidStateLidar, {"sigma": -1.0}, "sigma"),
+            (SolidStateLidar, {"sigma_per_metre": -0.1}, "sigma_per_metre"),
+        ),
         (SolidStateLidar, {"max_range": 0.0}, "max_range"),
-        *((RowLidar, {"elevations": e}, "must fall from row to row") for e in ((), (0.0, 0.1), (0.1, 0.1), (np.nan,))),
-        *((RowLidar, {"elevations": (1.6, 0.0)}, "-pi/2..pi/2"), (RowLidar, {"columns": 0}, "at least 1")),
-        *((RowLidar, {"azimuth_fov": 7.0}, "2 pi"), (RowLidar, {"heading": 4.0}, "heading within pi")),
+        *(
+            (RowLidar, {"elevations": e}, "must fall from row to row")
+            for e in ((), (0.0, 0.1), (0.1, 0.1), (np.nan,))
+        ),
+        *(
+            (RowLidar, {"elevations": (1.6, 0.0)}, "-pi/2..pi/2"),
+            (RowLidar, {"columns": 0}, "at least 1"),
+        ),
+        *(
+            (RowLidar, {"azimuth_fov": 7.0}, "2 pi"),
+            (RowLidar, {"heading": 4.0}, "heading within pi"),
+        ),
         *((RowLidar, {"sigma": -1.0}, "sigma"), (RowLidar, {"max_range": 0.0}, "max_range")),
     ],
 )
@@ -275,9 +325,13 @@ def test_shipped_models_have_a_name_in_files_and_one_in_words(model):
     assert find_model(model.__name__) == model()
 
 
-@pytest.mark.parametrize("name", ["radar", "", "os.system", "DepthCamera()", "toolkit.sensors.models"])
+@pytest.mark.parametrize(
+    "name", ["radar", "", "os.system", "DepthCamera()", "toolkit.sensors.models"]
+)
 def test_other_names_are_refused_with_those_there_are(name):
-    with pytest.raises(ValueError, match=r"choose among DepthCamera, SpinningLidar, SolidStateLidar") as refusal:
+    with pytest.raises(
+        ValueError, match=r"choose among DepthCamera, SpinningLidar, SolidStateLidar"
+    ) as refusal:
         find_model(name)
     assert "\n" not in str(refusal.value)
 
@@ -301,8 +355,15 @@ def test_nonsense_of_files_is_refused(name, values, message):
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        *((Blind, "Blind is not a SensorModel, it lacks .*rays"), (int, "int must be a frozen dataclass")),
-        *((Loose, "Loose must be a frozen dataclass"), (Bare, "fields of Bare need defaults"), (Typed, "no name of")),
+        *(
+            (Blind, "Blind is not a SensorModel, it lacks .*rays"),
+            (int, "int must be a frozen dataclass"),
+        ),
+        *(
+            (Loose, "Loose must be a frozen dataclass"),
+            (Bare, "fields of Bare need defaults"),
+            (Typed, "no name of"),
+        ),
         (type("DepthCamera", (DepthCamera,), {}), "sensor model DepthCamera exists already"),
     ],
 )

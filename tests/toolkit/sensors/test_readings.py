@@ -35,15 +35,25 @@ def test_streams_depend_on_what_they_are_drawn_for_alone():
     assert len(set(together.tolist())) == 3
     assert BASE.of_objects(np.zeros(0, np.int64)).shape == (0,)
     assert BASE.of_objects(np.arange(2000)).mean() == pytest.approx(0.5, abs=0.03)
-    one, above, beside = (np.array(p) for p in ([-3.0, 2.0, 5.0], [-3.001, 2.0, 6.0], [-3.02, 2.0, 5.0]))
-    assert first(BASE.of_pole(one)) == first(replace(BASE, sensor=6).of_pole(above)) != first(BASE.of_pole(beside))
+    one, above, beside = (
+        np.array(p) for p in ([-3.0, 2.0, 5.0], [-3.001, 2.0, 6.0], [-3.02, 2.0, 5.0])
+    )
+    assert (
+        first(BASE.of_pole(one))
+        == first(replace(BASE, sensor=6).of_pole(above))
+        != first(BASE.of_pole(beside))
+    )
 
 
 def test_owners_are_the_boxes_that_rays_meet(street, cast):
-    """Oracle: the image without an object differs where the object is seen, but for the foot, which is the ground's."""
+    """Oracle: the image without an object differs where the object is seen, but for the foot, which
+    is the ground's."""
     height = street.points[:, 2].reshape(street.measurement.shape)
     for row in range(len(street.objects)):
-        shown = cast(street.sensor, street.objects.boxes[np.arange(len(street.objects)) != row]) != street.measurement
+        shown = (
+            cast(street.sensor, street.objects.boxes[np.arange(len(street.objects)) != row])
+            != street.measurement
+        )
         assert ((street.owners == row)[height > 0.06] == shown[height > 0.06]).mean() > 0.9995
         assert (street.owners == row).sum() > 20
     ground = street.valid & (street.points[:, 2].reshape(street.measurement.shape) < 0.01)
@@ -56,17 +66,27 @@ def test_cosines_on_even_ground_and_on_a_wall(street, wall, sensor):
     down = street.sensor.world_rays[2].reshape(street.measurement.shape) / street.ray_lengths
     ground = street.valid & (street.owners < 0)
     inner = np.zeros_like(ground)
-    inner[1:-1, 1:-1] = ground[1:-1, 1:-1] & ground[:-2, 1:-1] & ground[2:, 1:-1] & ground[1:-1, :-2] & ground[1:-1, 2:]
+    inner[1:-1, 1:-1] = (
+        ground[1:-1, 1:-1]
+        & ground[:-2, 1:-1]
+        & ground[2:, 1:-1]
+        & ground[1:-1, :-2]
+        & ground[1:-1, 2:]
+    )
     near = inner & (street.ranges < 30)
     assert near.sum() > 3000
     assert np.percentile(np.abs(street.cosines - -down)[near], 99) < 0.01
     facing = wall(sensor, 10.0)
-    expected = 1 / facing.ray_lengths if sensor.model.measures == "depth" else np.ones(sensor.model.shape)
+    expected = (
+        1 / facing.ray_lengths if sensor.model.measures == "depth" else np.ones(sensor.model.shape)
+    )
     assert np.allclose(facing.cosines, expected, atol=0.01)
 
 
 def test_a_reading_without_error_is_what_is_there_in_ranges(street):
-    apart = np.linalg.norm(street.points - street.sensor.position, axis=1).reshape(street.ranges.shape)
+    apart = np.linalg.norm(street.points - street.sensor.position, axis=1).reshape(
+        street.ranges.shape
+    )
     assert np.allclose(street.ranges, apart, atol=1e-3)
     assert not street.ranges[~street.valid].any()
     reading = Reading.of(street)
@@ -74,7 +94,9 @@ def test_a_reading_without_error_is_what_is_there_in_ranges(street):
     assert reading.pose is street.sensor.pose
     assert reading.shift is None
     assert reading.without(np.zeros(street.measurement.shape, np.bool_)) is reading
-    half = reading.without(np.arange(street.measurement.size).reshape(street.measurement.shape) % 2 == 0)
+    half = reading.without(
+        np.arange(street.measurement.size).reshape(street.measurement.shape) % 2 == 0
+    )
     assert half.valid.sum() == pytest.approx(street.valid.sum() / 2, abs=1)
     assert half.truth is street
     assert street.valid.sum() == is_return(street.measurement).sum()
@@ -87,7 +109,11 @@ def test_a_reading_without_error_is_what_is_there_in_ranges(street):
 
 
 def test_an_image_of_nothing(sensor):
-    dark = TrueImage(sensor, np.zeros(sensor.model.shape, np.float32), Objects(np.array([[0.0, 0, 5, 4, 2, 1.5, 0]])))
+    dark = TrueImage(
+        sensor,
+        np.zeros(sensor.model.shape, np.float32),
+        Objects(np.array([[0.0, 0, 5, 4, 2, 1.5, 0]])),
+    )
     assert not dark.valid.any()
     assert not dark.ranges.any()
     assert (dark.cosines == 1).all()

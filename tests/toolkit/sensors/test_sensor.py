@@ -1,4 +1,5 @@
-"""A sensor model of one's own works everywhere: the shipped ones, and a fisheye camera that only this file knows."""
+"""A sensor model of one's own works everywhere: the shipped ones, and a fisheye camera that only
+this file knows."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -65,7 +66,8 @@ placement_env.envs.registration.register()
 @register_sensor_model
 @dataclass(frozen=True)
 class FisheyeCamera:
-    """An equidistant fisheye, a square of pixels; frame: x right, y down, z forward; measures range along each ray."""
+    """An equidistant fisheye, a square of pixels; frame: x right, y down, z forward; measures range
+    along each ray."""
 
     kind: ClassVar[str] = "fisheye"
     measures: ClassVar[Measure] = "range"
@@ -112,19 +114,30 @@ class FisheyeCamera:
         return ahead & (np.hypot(across, z) < self.max_range)
 
     def windows(self, sensor_corners):
-        return np.array([[k, 0, self.pixels, 0, self.pixels] for k in range(len(sensor_corners))]).reshape(-1, 5)
+        return np.array(
+            [[k, 0, self.pixels, 0, self.pixels] for k in range(len(sensor_corners))]
+        ).reshape(-1, 5)
 
 
 EACH = [
-    *(DepthCamera(width=120, height=90), SpinningLidar(channels=20, azimuth_step=float(np.deg2rad(2.0)))),
+    *(
+        DepthCamera(width=120, height=90),
+        SpinningLidar(channels=20, azimuth_step=float(np.deg2rad(2.0))),
+    ),
     *(SolidStateLidar(rows=24, columns=90), FisheyeCamera(72, offset=(1.5, -2.0))),
 ]
 models = pytest.mark.parametrize("model", EACH, ids=lambda model: type(model).__name__)
-SPOTS = [((-18.0, -12.0, 6.0), 0.6, 0.3), ((17.0, 10.0, 5.0), -2.5, 0.25), ((0.0, -13.0, 4.0), 1.5, 0.4)]
+SPOTS = [
+    ((-18.0, -12.0, 6.0), 0.6, 0.3),
+    ((17.0, 10.0, 5.0), -2.5, 0.25),
+    ((0.0, -13.0, 4.0), 1.5, 0.4),
+]
 BODIES = catalogue()
 
 
-def hung(model: SensorModel, name: str, at: tuple[float, float, float], heading: float, tilt: float) -> Sensor:
+def hung(
+    model: SensorModel, name: str, at: tuple[float, float, float], heading: float, tilt: float
+) -> Sensor:
     return Sensor(name, model, pose(*at, yaw=heading, pitch=tilt) @ model.body_SE3_sensor)
 
 
@@ -139,19 +152,27 @@ def moment(site: Site, bodies: tuple[Body, ...], seed: int, count: int) -> Snaps
     sizes = np.array([bodies[b].size for b in chosen]).reshape(-1, 3)
     boxes = np.column_stack([xy, sizes[:, 2] / 2, sizes, rng.uniform(-np.pi, np.pi, count)])
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
-    return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen, 5.0 * seed)
+    return Snapshot(
+        Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen, 5.0 * seed
+    )
 
 
 def square(model: SensorModel) -> Site:
     house = Solid(np.array([[-4.0, 4.0], [2.0, 4.0], [2.0, 8.0], [-4.0, 8.0]]), -0.2, 5.0)
-    mounts = tuple(Mount(f"post{i}", np.array([x, y, 0.0])) for i, ((x, y, _), _, _) in enumerate(SPOTS))
+    mounts = tuple(
+        Mount(f"post{i}", np.array([x, y, 0.0])) for i, ((x, y, _), _, _) in enumerate(SPOTS)
+    )
     area = np.array([-20.0, -14, 20, 14])
-    return Site("square", area, solids=(house,), mounts=mounts, sensors=three(model), relief=Relief(0.05, 1))
+    return Site(
+        "square", area, solids=(house,), mounts=mounts, sensors=three(model), relief=Relief(0.05, 1)
+    )
 
 
 def some_traffic(model: SensorModel) -> Traffic:
     site = square(model)
-    return Traffic(site, BODIES, tuple(moment(site, BODIES, seed, count) for seed, count in ((1, 11), (2, 8))))
+    return Traffic(
+        site, BODIES, tuple(moment(site, BODIES, seed, count) for seed, count in ((1, 11), (2, 8)))
+    )
 
 
 def cast_together(traffic: Traffic, k: int, sensor: Sensor) -> np.ndarray:
@@ -180,7 +201,9 @@ def test_a_model_is_one_with_its_noise_and_field_of_view(model):
     assert np.allclose(middle[:, 1] / middle[:, 0], 0, atol=0.03)
     length = {"range": np.linalg.norm(body, axis=-1), "depth": body[..., 0]}[model.measures]
     assert np.allclose(length, 1, atol=1e-6)
-    heading = np.unwrap(np.arctan2(body[model.shape[0] // 2, :, 1], body[model.shape[0] // 2, :, 0]))
+    heading = np.unwrap(
+        np.arctan2(body[model.shape[0] // 2, :, 1], body[model.shape[0] // 2, :, 0])
+    )
     width = abs(heading[-1] - heading[0]) * (1 + 1 / model.shape[1])
     assert width == pytest.approx(model.horizontal_fov, abs=0.06)
     clean = np.full(model.shape, 0.6 * min(model.max_range, 50.0), np.float32)
@@ -193,7 +216,11 @@ def test_a_model_is_one_with_its_noise_and_field_of_view(model):
     rng = np.random.default_rng(0)
     corners = rng.uniform(-20, 20, (50, 1, 3)) + rng.uniform(-2, 2, (50, 8, 3))
     points = rng.dirichlet(np.ones(8), (50, 200)) @ corners
-    measured = points @ model.body_SE3_sensor[0, :3] if model.measures == "depth" else np.linalg.norm(points, axis=-1)
+    measured = (
+        points @ model.body_SE3_sensor[0, :3]
+        if model.measures == "depth"
+        else np.linalg.norm(points, axis=-1)
+    )
     assert (measured >= nearest(model, corners)[:, None]).all()
 
 
@@ -205,14 +232,18 @@ def test_rendering_and_silhouettes_agree_with_all_rays_cast_at_once(model):
     renderer = Renderer(traffic.site, BODIES, sensors)
     for k, snapshot in enumerate(traffic.snapshots):
         for sensor, depth in zip(sensors, renderer.render(snapshot).measurements, strict=True):
-            assert np.isclose(depth, cast_together(traffic, k, sensor), atol=2e-3).mean() > 0.998, sensor
+            assert np.isclose(depth, cast_together(traffic, k, sensor), atol=2e-3).mean() > 0.998, (
+                sensor
+            )
     rays, snapshot = SensorRays(renderer, sensors), traffic.snapshots[0]
     for row, body in enumerate(snapshot.bodies.tolist()):
         alone = Snapshot(snapshot.objects[[row]], snapshot.bodies[[row]])
         hits = np.concatenate([image.ravel() for image in renderer.render(alone).hits])
         found = rays.silhouette(body, snapshot.objects.boxes[row])
         assert len(set(found.pixels.tolist()) ^ set(np.flatnonzero(hits == 0).tolist())) <= 3
-        assert np.array_equal(found.sensors, np.searchsorted(rays.first, found.pixels, side="right") - 1)
+        assert np.array_equal(
+            found.sensors, np.searchsorted(rays.first, found.pixels, side="right") - 1
+        )
 
 
 @models
@@ -222,14 +253,25 @@ def test_aims_candidates_and_files_know_it(model):
     turned = aim_sensor(sensor, np.array([3.0, 2.0, 6.0]), -2.0, 0.1)
     assert np.allclose(aims([turned]), [[-2.0], [0.1]])
     assert turned.position.tolist() == [3, 2, 6]
-    ahead = transform(pose(1.0, 2.0, 5.0, yaw=1.0, pitch=0.5), np.array([[9.0, 0.5, 0.0], [3.0, 0.0, 9.0]]))
+    ahead = transform(
+        pose(1.0, 2.0, 5.0, yaw=1.0, pitch=0.5), np.array([[9.0, 0.5, 0.0], [3.0, 0.0, 9.0]])
+    )
     assert is_beyond(ahead, sensor, 5.0, "published").tolist() == [True, False]
     site = square(model)
-    some = pool(site, heights=(5.0,), headings=4, tilts=(0.3,), models=[model, replace(model, max_range=20.0)])
+    some = pool(
+        site,
+        heights=(5.0,),
+        headings=4,
+        tilts=(0.3,),
+        models=[model, replace(model, max_range=20.0)],
+    )
     assert all(f"_{model.kind}" in sensor.name for sensor in some.sensors)
     assert {sensor.model.max_range for sensor in some.sensors} == {model.max_range, 20.0}
     assert np.allclose(aims(some.sensors)[1], 0.3)
-    assert some.digest() != pool(site, heights=(5.0,), headings=4, tilts=(0.3,), models=[model]).digest()
+    assert (
+        some.digest()
+        != pool(site, heights=(5.0,), headings=4, tilts=(0.3,), models=[model]).digest()
+    )
     _, _, _, width, lidar = poses(paper_candidates(site))
     assert np.allclose(width, model.horizontal_fov)
     assert (lidar == (model.measures == "range")).all()
@@ -249,7 +291,9 @@ def test_pictures_show_it(model, tmp_path):
     frame = Frame(site.sensors[:1], (depth,), traffic.snapshots[0].objects)
     clouds = frame_points(frame, area=site, rng=np.random.default_rng(0))
     assert len(clouds[0]) > 100
-    draw_frame(site, tmp_path / "frame.png", clouds=clouds, sensors=frame.sensors, truth=frame.objects)
+    draw_frame(
+        site, tmp_path / "frame.png", clouds=clouds, sensors=frame.sensors, truth=frame.objects
+    )
     assert min(path.stat().st_size for path in tmp_path.iterdir()) > 10_000
 
 
@@ -258,13 +302,17 @@ def test_recordings_and_packed_files_give_it_back(model, tmp_path):
     pytest.importorskip("libsumo")
     site = load_site("tjunction")
     x, y, _ = site.sensors[0].position
-    sensors = tuple(hung(model, f"s{i}", (x, y, 5.0 + i), np.arctan2(-y, -x), 0.3) for i in range(2))
+    sensors = tuple(
+        hung(model, f"s{i}", (x, y, 5.0 + i), np.arctan2(-y, -x), 0.3) for i in range(2)
+    )
     simulate_dataset(site, tmp_path / "r.hdf5", run=Run(frames=2, seed=1), sensors=sensors)
     with CoopDataset(tmp_path / "r.hdf5") as dataset:
         assert dataset.sensors == sensors
         frames = list(dataset)
     assert all(frame.measurements[0].any() for frame in frames)
-    assert not [str(each) for each in diagnose_file(tmp_path / "r.hdf5", site) if "sensor" in each.where]
+    assert not [
+        str(each) for each in diagnose_file(tmp_path / "r.hdf5", site) if "sensor" in each.where
+    ]
     pack([recording(frames, site.area)], tmp_path / "p.h5")
     packed = PackedFrames(tmp_path / "p.h5")
     assert packed.rig(0).sensors == sensors
@@ -286,17 +334,25 @@ def test_what_a_fidelity_counts_is_what_was_rendered(model):
     total = 0
     for k, snapshot in enumerate(traffic.snapshots):
         measurements, hits = renderer.render(snapshot)
-        for c, (sensor, depth, hit) in enumerate(zip(some.sensors, measurements, hits, strict=True)):
+        for c, (sensor, depth, hit) in enumerate(
+            zip(some.sensors, measurements, hits, strict=True)
+        ):
             xyz, valid = unproject(sensor, depth)
             kept = hit.ravel()[valid & is_inside(xyz.T, traffic.site.area, traffic.site.height)]
             counts = np.bincount(kept[kept >= 0], minlength=len(snapshot.objects))
             total += counts.sum()
             boxes = snapshot.objects.boxes[:, None, :2]
             rows = np.argwhere((boxes == found.boxes[found.frame == k][:, :2]).all(axis=-1))
-            assert (np.abs(found.points[c, found.frame == k][rows[:, 1]] - counts[rows[:, 0]]) <= 3).all()
+            assert (
+                np.abs(found.points[c, found.frame == k][rows[:, 1]] - counts[rows[:, 0]]) <= 3
+            ).all()
     assert total > 100
     sent = [
-        [[len(Renders(traffic, some, noise_seed=n).clouds(k, c)) for k in range(2)] for c in range(3)] for n in (1, 2)
+        [
+            [len(Renders(traffic, some, noise_seed=n).clouds(k, c)) for k in range(2)]
+            for c in range(3)
+        ]
+        for n in (1, 2)
     ]
     assert np.allclose(np.mean(sent, axis=0), found.sent, rtol=0.05, atol=15)
 
@@ -307,7 +363,15 @@ def test_objectives_and_environments_take_it(model):
 
     def few(site: Site):
         mounts = site.mounts[:4]
-        return pool(site, heights=(5.0,), headings=2, tilts=(0.3,), models=[model], mounts=mounts, blind=True)
+        return pool(
+            site,
+            heights=(5.0,),
+            headings=2,
+            tilts=(0.3,),
+            models=[model],
+            mounts=mounts,
+            blind=True,
+        )
 
     objective = Objective(Setting("tjunction", fidelity="coverage", candidates=few), Run(frames=2))
     assert objective.score([0, 2]).kbit > 0
@@ -320,7 +384,14 @@ def test_objectives_and_environments_take_it(model):
     assert env.observation_space.contains(observation)
     assert np.isfinite(reward)
     assert np.ptp(env.render()) > 100
-    moving = gym.make("coview/SensorPose-v0", site="tjunction", frames=2, fidelity="coverage", candidates=few, budget=2)
+    moving = gym.make(
+        "coview/SensorPose-v0",
+        site="tjunction",
+        frames=2,
+        fidelity="coverage",
+        candidates=few,
+        budget=2,
+    )
     moving.reset(seed=0)
     observation, reward, *_ = moving.step(moving.action_space.sample())
     assert moving.observation_space.contains(observation)
@@ -350,7 +421,10 @@ def test_sensors_compare_by_value_and_models_go_by_name():
     assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest
     others = [
         *(Sensor("a", CAMERA, place), Sensor("a", SpinningLidar(sigma=0.5), place)),
-        *(Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)), Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9))),
+        *(
+            Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)),
+            Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9)),
+        ),
     ]
     assert len({sensor.digest, *(other.digest for other in others)}) == 5
 
@@ -367,14 +441,20 @@ def test_cameras_and_lidars_have_the_papers_rays():
     points = CAMERA.rays() * np.float32(depth)
     for row, column in ((0, 0), (149, 199), (75, 100), (31, 180)):
         u, v = 2 * column, 2 * row
-        np.testing.assert_allclose(points[row, column], [(u - 200) / 200 * depth, (v - 150) / 200 * depth, depth])
+        np.testing.assert_allclose(
+            points[row, column], [(u - 200) / 200 * depth, (v - 150) / 200 * depth, depth]
+        )
     lidar = SpinningLidar(channels=3, fov_up=0.2, fov_down=-0.4, azimuth_step=np.pi / 2)
     rays = lidar.rays()
     assert rays.shape == (3, 4, 3) == (*lidar.shape, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, rtol=1e-6)
     np.testing.assert_allclose(rays[:, 0, 2], np.sin([0.2, -0.1, -0.4]), rtol=1e-6)
-    np.testing.assert_allclose(np.diff(np.arctan2(rays[0, :, 1], rays[0, :, 0])), np.pi / 2, rtol=1e-6)
-    rays = SpinningLidar(channels=1, fov_up=0.0, fov_down=0.0, azimuth_step=0.1, azimuth_fov=1.0).rays()
+    np.testing.assert_allclose(
+        np.diff(np.arctan2(rays[0, :, 1], rays[0, :, 0])), np.pi / 2, rtol=1e-6
+    )
+    rays = SpinningLidar(
+        channels=1, fov_up=0.0, fov_down=0.0, azimuth_step=0.1, azimuth_fov=1.0
+    ).rays()
     assert rays.shape == (1, 10, 3)
     np.testing.assert_allclose(rays[0, :, 1], -rays[0, ::-1, 1], atol=1e-6)
     assert (rays[..., 0] > np.cos(0.5)).all()
@@ -388,7 +468,9 @@ def test_cameras_and_lidars_have_the_papers_rays():
     depths = np.random.default_rng(0).uniform(1, 80, CAMERA.shape)
     in_sensor = depths[..., None] * CAMERA.rays().astype(np.float64)
     expected = transform(sensor.pose, in_sensor.reshape(-1, 3))
-    np.testing.assert_allclose((sensor.world_rays * depths.ravel()).T + sensor.position, expected, atol=1e-4)
+    np.testing.assert_allclose(
+        (sensor.world_rays * depths.ravel()).T + sensor.position, expected, atol=1e-4
+    )
     sensor = Sensor("s", CAMERA, look((0.0, 0.0, 5.0), heading=np.pi / 2))
     rays = sensor.world_rays.reshape(3, *CAMERA.shape)
     np.testing.assert_allclose(rays[:, 75, 100], [0, 1, 0], atol=1e-6)
@@ -413,15 +495,27 @@ def test_noise_has_the_models_deviation_is_reproducible_and_keeps_nothing_nothin
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        *((lambda: DepthCamera(fov=90.0), "deg2rad"), (lambda: DepthCamera(stride=0), "at least 1")),
-        *((lambda: DepthCamera(sigma=-1.0), "sigma"), (lambda: DepthCamera(centre=(np.nan, 5.0)), "centre")),
-        *((lambda: DepthCamera(sigma=np.nan), "sigma"), (lambda: DepthCamera(sigma=np.inf), "sigma")),
+        *(
+            (lambda: DepthCamera(fov=90.0), "deg2rad"),
+            (lambda: DepthCamera(stride=0), "at least 1"),
+        ),
+        *(
+            (lambda: DepthCamera(sigma=-1.0), "sigma"),
+            (lambda: DepthCamera(centre=(np.nan, 5.0)), "centre"),
+        ),
+        *(
+            (lambda: DepthCamera(sigma=np.nan), "sigma"),
+            (lambda: DepthCamera(sigma=np.inf), "sigma"),
+        ),
         (lambda: DepthCamera(max_range=np.nan), "max_range must be a number, got nan"),
         (lambda: DepthCamera(fov=np.nan), "fov must be a number, got nan"),
         (lambda: DepthCamera(width=400.5), "width must be a whole number, got 400.5"),
         (lambda: DepthCamera(height=300.0), "height must be a whole number"),
         (lambda: DepthCamera(stride=True), "stride must be a whole number, got True"),
-        *((lambda: DepthCamera(centre=("a", "b")), "centre"), (lambda: DepthCamera(centre=5.0), "centre")),
+        *(
+            (lambda: DepthCamera(centre=("a", "b")), "centre"),
+            (lambda: DepthCamera(centre=5.0), "centre"),
+        ),
         (lambda: SpinningLidar(channels=0), "channels"),
         (lambda: SpinningLidar(channels=1.5), "channels must be a whole number, got 1.5"),
         (lambda: SpinningLidar(azimuth_fov=np.nan), "azimuth_fov must be a number, got nan"),
@@ -441,4 +535,6 @@ def test_impossible_sensors_are_refused(make, message):
 
 @given(st.floats(width=32, allow_nan=True, allow_infinity=True))
 def test_returned_means_finite_and_positive(value):
-    assert is_return(np.array([value], np.float32))[0] == (np.isfinite(value) and value > 0 and value < 3.4028234e38)
+    assert is_return(np.array([value], np.float32))[0] == (
+        np.isfinite(value) and value > 0 and value < 3.4028234e38
+    )

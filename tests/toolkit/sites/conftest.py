@@ -1,4 +1,5 @@
-"""OpenStreetMap extracts written by hand, what every imported site promises, and a small site with all that sites have.
+"""OpenStreetMap extracts written by hand, what every imported site promises, and a small site with
+all that sites have.
 
 The fixtures are functions, called as often as a test likes.
 """
@@ -37,7 +38,10 @@ class Draft:
             self.count += 1
             self.nodes[xy] = self.count
             ((longitude, latitude),) = inverse_project(np.array([xy], float), CENTRE)
-            self.text.append(f'<node id="{self.count}" lat="{latitude:.7f}" lon="{longitude:.7f}">{_tags(tags)}</node>')
+            self.text.append(
+                f'<node id="{self.count}" lat="{latitude:.7f}" '
+                f'lon="{longitude:.7f}">{_tags(tags)}</node>'
+            )
         return self.nodes[xy]
 
     def way(self, *corners, missing=(), **tags) -> int:
@@ -53,7 +57,11 @@ class Draft:
         self.text.append(f'<relation id="{self.count}">{inside}{_tags(tags)}</relation>')
 
     def __str__(self) -> str:
-        return '<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6">\n' + "\n".join(self.text) + "\n</osm>\n"
+        return (
+            '<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6">\n'
+            + "\n".join(self.text)
+            + "\n</osm>\n"
+        )
 
 
 def _tags(tags) -> str:
@@ -65,7 +73,15 @@ def _crossroads() -> Draft:
     """A main road and a side street that cross at (0, 0), 300 m long each."""
     draft = Draft()
     draft.node((0, 0), highway="traffic_signals")
-    draft.way((-300, 0), (0, 0), (300, 0), highway="secondary", lanes="2", maxspeed="50", name="Hauptstraße &amp; Co")
+    draft.way(
+        (-300, 0),
+        (0, 0),
+        (300, 0),
+        highway="secondary",
+        lanes="2",
+        maxspeed="50",
+        name="Hauptstraße &amp; Co",
+    )
     draft.way((0, -300), (0, 0), (10, 300), highway="residential")
     return draft
 
@@ -83,7 +99,9 @@ def _put(draft, tmp_path, name="town.osm") -> Path:
 def _imported(draft, tmp_path, lefthand=False, **more) -> Site:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        site = import_osm(MapPiece(_put(draft, tmp_path), CENTRE, (80, 60), **more), lefthand=lefthand)
+        site = import_osm(
+            MapPiece(_put(draft, tmp_path), CENTRE, (80, 60), **more), lefthand=lefthand
+        )
     _check(site, tmp_path)
     return site
 
@@ -94,12 +112,16 @@ def _union(polygons):
 
 def _on_lanes(site, x, y) -> bool:
     spot = shapely.Point(x, y)
-    return bool(_union(p for p in site.lanes if shapely.Polygon(p).distance(spot) < 1).buffer(0.01).contains(spot))
+    return bool(
+        _union(p for p in site.lanes if shapely.Polygon(p).distance(spot) < 1)
+        .buffer(0.01)
+        .contains(spot)
+    )
 
 
 def _check(site: Site, tmp_path) -> None:
-    """What every imported site promises: clear lanes, usable mounts of one price, no sensor that nobody asked for, a
-    round trip, traffic that moves."""
+    """What every imported site promises: clear lanes, usable mounts of one price, no sensor that
+    nobody asked for, a round trip, traffic that moves."""
     lanes = _union(site.lanes)
     for solid in site.solids:
         assert shapely.Polygon(solid.footprint).intersection(lanes).area < 1e-3, solid
@@ -109,7 +131,11 @@ def _check(site: Site, tmp_path) -> None:
     for mount in site.mounts:
         assert mount.price == 1.0
         spot, z = shapely.Point(mount.position[:2]), mount.position[2] + 6.0
-        inside = [s for s in site.solids if shapely.Polygon(s.footprint).contains(spot) and s.base < z < s.top]
+        inside = [
+            s
+            for s in site.solids
+            if shapely.Polygon(s.footprint).contains(spot) and s.base < z < s.top
+        ]
         assert not inside, mount.name
     save_site(site, tmp_path / "saved.json")
     assert load_site(tmp_path / "saved.json") == site
@@ -121,7 +147,16 @@ def _drives(site: Site, tmp_path) -> float:
     import libsumo
 
     (tmp_path / "net.xml").write_text(site.network)
-    libsumo.start(["sumo", "-n", str(tmp_path / "net.xml"), "--no-warnings", "--no-step-log", "--duration-log.disable"])
+    libsumo.start(
+        [
+            "sumo",
+            "-n",
+            str(tmp_path / "net.xml"),
+            "--no-warnings",
+            "--no-step-log",
+            "--duration-log.disable",
+        ]
+    )
     try:
         lanes = [lane for lane in libsumo.lane.getIDList() if lane[0] != ":"]
         allowed = [lane for lane in lanes if "passenger" not in libsumo.lane.getDisallowed(lane)]
@@ -141,7 +176,11 @@ def _of_kind(site, kind):
 
 def _top(site, x, y) -> list[float]:
     spot = shapely.Point(x, y)
-    return sorted(round(s.top, 3) for s in _of_kind(site, "building") if shapely.Polygon(s.footprint).contains(spot))
+    return sorted(
+        round(s.top, 3)
+        for s in _of_kind(site, "building")
+        if shapely.Polygon(s.footprint).contains(spot)
+    )
 
 
 def _small_site() -> Site:
@@ -151,15 +190,24 @@ def _small_site() -> Site:
         height=3.5,
         lanes=(SQUARE, SQUARE + 0.1),
         footways=(SQUARE + 5,),
-        solids=(Solid(SQUARE - 9, -0.3, 6.25, "building"), Solid(SQUARE + 1, -1.0, -0.5, "pond", "surveyed")),
+        solids=(
+            Solid(SQUARE - 9, -0.3, 6.25, "building"),
+            Solid(SQUARE + 1, -1.0, -0.5, "pond", "surveyed"),
+        ),
         mounts=(
             Mount("a", np.array([1.0, 2, 0.01])),
             Mount("b", np.array([1.0, 3, 0]), 2.0, 9.0, 0.5, 800.0, 1, "drawn"),
         ),
         sensors=(
             Sensor("d0", DepthCamera(), look((1.0, 2.0, 5.2), 0.3, 0.1)),
-            Sensor("d1", DepthCamera(centre=(190.5, 151.0)), look((1.0, 2.0, 5.2), np.pi, np.pi / 2)),
-            Sensor("l0", SpinningLidar(channels=32), pose(1.0, 2.0, 3.0, yaw=-3.0, pitch=0.2, roll=-0.4)),
+            Sensor(
+                "d1", DepthCamera(centre=(190.5, 151.0)), look((1.0, 2.0, 5.2), np.pi, np.pi / 2)
+            ),
+            Sensor(
+                "l0",
+                SpinningLidar(channels=32),
+                pose(1.0, 2.0, 3.0, yaw=-3.0, pitch=0.2, roll=-0.4),
+            ),
         ),
         parking=np.array([[1.0, 2, 0.5]]),
         parking_origins=("drawn",),

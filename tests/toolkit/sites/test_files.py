@@ -89,32 +89,62 @@ DAMAGE = [
     (shape("lane", [[[0, 0], [1, 1], [2, 2], [0, 0]]]), rf"{LANE}: polygon"),
     (shape("lane", [[["x", 0], [1, 1], [2, 0], ["x", 0]]]), rf"{LANE} must be a list of \[x, y\]"),
     (shape("lane", [BOW_TIE, BOW_TIE]), rf"{LANE} must hold one ring, got 2"),
-    (lambda d: first(d, "lane")["geometry"].update(type="Point"), r"\[1\]\.geometry\.type .* must be 'Polygon'"),
+    (
+        lambda d: first(d, "lane")["geometry"].update(type="Point"),
+        r"\[1\]\.geometry\.type .* must be 'Polygon'",
+    ),
     (says("lane", layer="lain"), r"features\[1\]\.properties\.layer must be one of"),
     (says("solid", kind="castle"), r"properties: solid\.kind must be one of .*'castle'"),
     (says("mount", hight=3), r"properties\.hight is unknown to layer 'mount'"),
-    (says("solid", origin="guessed"), r"properties\.origin must be one of mapped, surveyed, drawn, got 'guessed'"),
+    (
+        says("solid", origin="guessed"),
+        r"properties\.origin must be one of mapped, surveyed, drawn, got 'guessed'",
+    ),
     (says("parking", origin=3), r"properties\.origin must be a text"),
     (put(road_origin="found"), r"road_origin must be one of mapped, surveyed, drawn, got 'found'"),
     (put(furnished="much"), r"furnished must be one of none, light, dense, got 'much'"),
     (says("solid", top=-5), r"properties: solid\.top must lie above its base"),
     (says("solid", top=float("nan")), r"properties\.top must be a finite number, got nan"),
     (shape("area", [[[0, 0], [0, 0], [0, 0], [0, 0], [0, 0]]]), rf"{AREA}: polygon"),
-    (shape("area", [[[0, 0], [4, 1], [4, 4], [0, 4], [0, 0]]]), rf"{AREA}: the area must be a rectangle"),
+    (
+        shape("area", [[[0, 0], [4, 1], [4, 4], [0, 4], [0, 0]]]),
+        rf"{AREA}: the area must be a rectangle",
+    ),
     (lambda d: d["features"].pop(0), r"exactly one of layer 'area', got 0"),
-    (lambda d: d["features"].append(first(d, "mount")), r"mounts\[2\]\.name 'a' is taken by mounts\[0\]"),
-    (lambda d: d["features"].append(first(d, "sensor")), r"sensors\[3\]\.name 'd0' is taken by sensors\[0\]"),
+    (
+        lambda d: d["features"].append(first(d, "mount")),
+        r"mounts\[2\]\.name 'a' is taken by mounts\[0\]",
+    ),
+    (
+        lambda d: d["features"].append(first(d, "sensor")),
+        r"sensors\[3\]\.name 'd0' is taken by sensors\[0\]",
+    ),
     (says("mount", name=""), r"mounts\[0\]\.name must be a text"),
-    (says("sensor", heading_deg=float("nan")), r"properties\.heading_deg must be a finite number, got nan"),
+    (
+        says("sensor", heading_deg=float("nan")),
+        r"properties\.heading_deg must be a finite number, got nan",
+    ),
     (shape("sensor", [0, float("nan"), 5]), r"geometry\.coordinates\.1 must be a finite number"),
     (shape("sensor", [0, 0]), r"geometry\.coordinates must be 3 numbers, got 2"),
-    (says("sensor", model={"type": "Radar"}), r"type must be one of DepthCamera, SpinningLidar, .*, got 'Radar'"),
-    (says("sensor", model={"type": "DepthCamera", "fov": 1}), r"fov is unknown to DepthCamera: it has .*fov_deg"),
+    (
+        says("sensor", model={"type": "Radar"}),
+        r"type must be one of DepthCamera, SpinningLidar, .*, got 'Radar'",
+    ),
+    (
+        says("sensor", model={"type": "DepthCamera", "fov": 1}),
+        r"fov is unknown to DepthCamera: it has .*fov_deg",
+    ),
     (says("sensor", model={"type": "DepthCamera", "fov_deg": 200}), r"model: fov must lie between"),
     (put(map_SE3_site=np.zeros((4, 4)).tolist()), r"map_SE3_site must end with the row"),
-    (put(map_SE3_site=np.diag([1.0, -1, 1, 1]).tolist()), r"map_SE3_site must be a rotation .* it mirrors"),
+    (
+        put(map_SE3_site=np.diag([1.0, -1, 1, 1]).tolist()),
+        r"map_SE3_site must be a rotation .* it mirrors",
+    ),
     (put(map_SE3_site=[[1, 0], [1]]), r"map_SE3_site must be four rows"),
-    *((drop("network"), r"network is missing"), (put(network=[]), r"network must be the lines of a SUMO net\.xml")),
+    *(
+        (drop("network"), r"network is missing"),
+        (put(network=[]), r"network must be the lines of a SUMO net\.xml"),
+    ),
     (put(network=["<net>"]), r"network is damaged XML"),
     (put(network=["<routes/>"]), r"network must be a SUMO <net>"),
     (drop("height"), r"height must be a finite number, got None"),
@@ -124,9 +154,18 @@ DAMAGE = [
     (put(hybrid_radius=[]), r"hybrid_radius must be a finite number"),
     (put(hybrid_radius=-3), r"hybrid_radius must be finite and at least 0"),
     (put(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
-    *((put(coview_site=99), r"coview_site is version 99"), (drop("coview_site"), r"coview_site is missing")),
-    *((put(type="Feature"), r"type must be 'FeatureCollection'"), (put(features={}), r"features must be a list")),
-    (says("sensor", heading_deg=1.7e12), r"properties\.heading_deg must lie within 3600 degrees of 0, got 1\.7e\+12"),
+    *(
+        (put(coview_site=99), r"coview_site is version 99"),
+        (drop("coview_site"), r"coview_site is missing"),
+    ),
+    *(
+        (put(type="Feature"), r"type must be 'FeatureCollection'"),
+        (put(features={}), r"features must be a list"),
+    ),
+    (
+        says("sensor", heading_deg=1.7e12),
+        r"properties\.heading_deg must lie within 3600 degrees of 0, got 1\.7e\+12",
+    ),
     (says("mount", max_height=1.7e18), r"must lie in 0\.\.1000 m, got"),
     (says("solid", top=1e6), r"at most 1000 m high"),
     (lambda d: d["features"].extend([first(d, "sensor")] * 10_001), r"at most 10000 sensors"),
@@ -135,7 +174,9 @@ DAMAGE = [
 
 
 @pytest.mark.parametrize(("change", "message"), DAMAGE)
-def test_a_damaged_file_is_refused_in_one_line_that_names_the_field(tmp_path, change, message, saved):
+def test_a_damaged_file_is_refused_in_one_line_that_names_the_field(
+    tmp_path, change, message, saved
+):
     path, _ = saved(tmp_path, change)
     with pytest.raises(ValueError, match=message) as refusal:
         load_site(path)
@@ -166,7 +207,9 @@ def test_the_file_is_geojson_with_closed_rings(tmp_path, saved):
 
 
 @pytest.mark.parametrize("name", ["small", "roundabout"])
-def test_a_file_without_a_hybrid_radius_has_the_papers_usual_one_whatever_its_name(tmp_path, name, saved):
+def test_a_file_without_a_hybrid_radius_has_the_papers_usual_one_whatever_its_name(
+    tmp_path, name, saved
+):
     path, _ = saved(tmp_path, lambda d: (d.pop("hybrid_radius"), d.update(name=name)))
     assert load_site(path).hybrid_radius == 20.0
 
@@ -190,11 +233,17 @@ def test_a_bearing_that_a_person_wrote_is_read_as_a_direction(small_site):
 
 def test_a_direction_is_given_once_and_no_tilt_passes_straight_down(small_site):
     written = document(small_site())
-    sensor = next(f for f in written["features"] if f["properties"]["layer"] == "sensor")["properties"]
+    sensor = next(f for f in written["features"] if f["properties"]["layer"] == "sensor")[
+        "properties"
+    ]
     sensor["bearing_deg"] = 3.0
-    with pytest.raises(ValueError, match=r"bearing_deg and heading_deg are two directions: leave one of them out"):
+    with pytest.raises(
+        ValueError, match=r"bearing_deg and heading_deg are two directions: leave one of them out"
+    ):
         parse(written)
     del sensor["bearing_deg"]
     sensor["tilt_deg"] = 95.0
-    with pytest.raises(ValueError, match=r"tilt_deg must lie within 90 degrees of the horizon, got 95"):
+    with pytest.raises(
+        ValueError, match=r"tilt_deg must lie within 90 degrees of the horizon, got 95"
+    ):
         parse(written)

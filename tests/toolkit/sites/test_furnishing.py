@@ -5,7 +5,14 @@ import pytest
 import shapely
 
 from toolkit.sites import furniture, site, surroundings
-from toolkit.sites.surroundings import LANE_CLEARANCE, MOUNT_CLEARANCE, Plot, Road, along, place_mounts
+from toolkit.sites.surroundings import (
+    LANE_CLEARANCE,
+    MOUNT_CLEARANCE,
+    Plot,
+    Road,
+    along,
+    place_mounts,
+)
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
 SHOULDER = furniture.rectangle(-80.0, -8.7, 80.0, -3.5)
@@ -13,8 +20,15 @@ LINE = np.array([[-80.0, -6.1], [80.0, -6.1]])  # middle of the shoulder, as its
 ROAD = Road(
     paths=[np.array([[-80.0, 0.0], [80.0, 0.0]])],
     half_widths=[(5.5, 10.7)],
-    lanes=[furniture.rectangle(-80.0, -3.5, 80.0, 0.0), furniture.rectangle(-80.0, 0.0, 80.0, 3.5), SHOULDER],
-    footways=[furniture.rectangle(-80.0, 3.5, 80.0, 5.5), furniture.rectangle(-80.0, -10.7, 80.0, -8.7)],
+    lanes=[
+        furniture.rectangle(-80.0, -3.5, 80.0, 0.0),
+        furniture.rectangle(-80.0, 0.0, 80.0, 3.5),
+        SHOULDER,
+    ],
+    footways=[
+        furniture.rectangle(-80.0, 3.5, 80.0, 5.5),
+        furniture.rectangle(-80.0, -10.7, 80.0, -8.7),
+    ],
     strips={"in0": (LINE, 5.2)},
 )
 DRIVEN = shapely.box(-80.0, -3.5, 80.0, 3.5)
@@ -31,10 +45,14 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
     assert max(shape.intersection(DRIVEN).area for shape, _ in low) < 1e-3
     standing = [shape for shape, kind in low if kind not in ("post", "kerb")]
     spots = [shapely.Point(mount.position[:2]) for mount in mounts]
-    assert min(shape.distance(spot) for shape in standing for spot in spots) >= MOUNT_CLEARANCE - 0.02
+    assert (
+        min(shape.distance(spot) for shape in standing for spot in spots) >= MOUNT_CLEARANCE - 0.02
+    )
     parked = shapely.union_all([shapely.Point(x, y).buffer(1.0) for x, y, _ in bays])
     assert parked.intersection(shapely.union_all(standing)).area < 1e-6
-    assert any(shapely.Polygon(SHOULDER).contains(shapely.Point(x, y)) for x, y, _ in bays) == bool(angles)
+    assert any(shapely.Polygon(SHOULDER).contains(shapely.Point(x, y)) for x, y, _ in bays) == bool(
+        angles
+    )
     works = [shapely.Polygon(s.footprint) for s in solids if s.kind in ("cone", "barrier", "fence")]
     works = [shape.intersects(shapely.Polygon(SHOULDER).buffer(-0.3)) for shape in works]
     assert any(works) == (not angles)
@@ -44,7 +62,9 @@ def test_posts_and_crowns_have_their_size_and_shape():
     rng = np.random.default_rng(0)
     mounts = place_mounts(ROAD, AREA, rng)
     solids, _ = surroundings.furnish(replace(ROAD, strips={}), AREA, mounts, rng)
-    assert [s.top for s in solids[: len(mounts)]] == [round(m.min_height - surroundings.FOOT_AIR, 2) for m in mounts]
+    assert [s.top for s in solids[: len(mounts)]] == [
+        round(m.min_height - surroundings.FOOT_AIR, 2) for m in mounts
+    ]
     assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
     number = 0
     for seed in range(8):
@@ -61,7 +81,9 @@ def test_posts_and_crowns_have_their_size_and_shape():
     surroundings.avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
     assert plot.solids == []
     for seed in range(10):
-        made = surroundings.clumps(5.0, -2.0, surroundings.OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
+        made = surroundings.clumps(
+            5.0, -2.0, surroundings.OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed)
+        )
         assert 3 <= len(made) <= 8
         reach = max(np.hypot(*(s.footprint - [5.0, -2.0]).T).max() for s in made)
         assert 3.0 < reach < 4.51
@@ -72,7 +94,9 @@ def test_posts_and_crowns_have_their_size_and_shape():
     assert surroundings.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert max(crown.bounds[3] for crown in crowns) <= 8.01
-    assert not surroundings.plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
+    assert not surroundings.plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), (
+        "too close to the wall"
+    )
     assert not surroundings.plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
     assert not surroundings.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
 
@@ -95,7 +119,8 @@ def test_avenues_islands_and_slivers_are_planted():
         trunks = [shapely.Polygon(s.footprint) for s in solids if s.kind == "trunk"]
         assert not any(trunk.intersects(ROAD.carriageway) for trunk in trunks)
         assert all(
-            surroundings.UNDERSIDE[0] - 0.01 <= s.base < s.top <= surroundings.UNDERSIDE[1] + 7.3 for s in crowns
+            surroundings.UNDERSIDE[0] - 0.01 <= s.base < s.top <= surroundings.UNDERSIDE[1] + 7.3
+            for s in crowns
         )
         hung = [s for s in crowns if shapely.Polygon(s.footprint).intersects(DRIVEN)]
         seen += len(hung) > 10
@@ -118,7 +143,12 @@ def test_avenues_islands_and_slivers_are_planted():
     assert {"hedge", "bush", "tree", "sign", "container", "planter"} <= kinds
     assert min(numbers) < 25 < 50 < max(numbers)
     assert min(sizes) < 1.0 < 4.0 < max(sizes)
-    narrow = [(-20.0, -8.0, 20.0, -2.0), (-20.0, 2.0, 20.0, 8.0), (-20.0, -8.0, -3.0, 8.0), (3.0, -8.0, 20.0, 8.0)]
+    narrow = [
+        (-20.0, -8.0, 20.0, -2.0),
+        (-20.0, 2.0, 20.0, 8.0),
+        (-20.0, -8.0, -3.0, 8.0),
+        (3.0, -8.0, 20.0, 8.0),
+    ]
     assert planted(0, narrow).solids == []
 
 
@@ -126,7 +156,9 @@ def test_avenues_islands_and_slivers_are_planted():
 def test_a_footway_is_planted_only_where_it_may_be(footway):
     plot = Plot(ROAD, WINDOW, [])
     assert (
-        surroundings.plant(plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway)
+        surroundings.plant(
+            plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway
+        )
         == footway
     )
 
@@ -134,16 +166,27 @@ def test_a_footway_is_planted_only_where_it_may_be(footway):
 @pytest.mark.parametrize(("underside", "reaches"), [(2.4, False), (2.5, True)])
 def test_crowns_too_low_to_drive_below_keep_off_the_road(underside, reaches):
     plot = Plot(ROAD, WINDOW, [])
-    assert surroundings.plant(plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0))
+    assert surroundings.plant(
+        plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0)
+    )
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert any(crown.intersects(ROAD.carriageway) for crown in crowns) == reaches
 
 
-SIDES = [(-20.0, -20.0, 20.0, -14.0), (-20.0, 14.0, 20.0, 20.0), (-20.0, -20.0, -14.0, 20.0), (14.0, -20.0, 20.0, 20.0)]
+SIDES = [
+    (-20.0, -20.0, 20.0, -14.0),
+    (-20.0, 14.0, 20.0, 20.0),
+    (-20.0, -20.0, -14.0, 20.0),
+    (14.0, -20.0, 20.0, 20.0),
+]
 
 
 def planted(seed, sides=SIDES):
-    plot = Plot(Road([], [], [furniture.rectangle(*side) for side in sides], []), shapely.box(-60, -60, 60, 60), [])
+    plot = Plot(
+        Road([], [], [furniture.rectangle(*side) for side in sides], []),
+        shapely.box(-60, -60, 60, 60),
+        [],
+    )
     surroundings.plant_islands(plot, np.random.default_rng(seed))
     return plot
 
@@ -173,7 +216,10 @@ def test_a_closed_lane_is_fenced_off_and_nothing_of_it_is_in_the_way(edge):
     ("make", "kind", "top"),
     [
         *((surroundings.cone, "cone", (0.5, 1.0)), (surroundings.beacon, "cone", (1.0, 1.3))),
-        *((surroundings.concrete, "barrier", (0.75, 0.95)), (surroundings.fence, "fence", (1.2, 2.0))),
+        *(
+            (surroundings.concrete, "barrier", (0.75, 0.95)),
+            (surroundings.fence, "fence", (1.2, 2.0)),
+        ),
     ],
 )
 def test_what_closes_a_lane_has_its_usual_size(make, kind, top):

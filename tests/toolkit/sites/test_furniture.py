@@ -2,7 +2,16 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.furniture import BUILT, PLANTED, block, digger, hedge_block, kerbs, move_solids, rectangle
+from toolkit.sites.furniture import (
+    BUILT,
+    PLANTED,
+    block,
+    digger,
+    hedge_block,
+    kerbs,
+    move_solids,
+    rectangle,
+)
 from toolkit.sites.site import KINDS, Solid
 
 
@@ -11,8 +20,14 @@ def test_kerbs_blocks_and_hedges_have_place_and_size(union):
     stones = union([kerb.footprint for kerb in kerbs(lanes, footways)])
     assert stones.area == pytest.approx(20 * 0.15, rel=0.15)
     assert not stones.intersects(union(lanes))
-    assert shapely.Polygon(block((4.0, 1.0), (1.0, 2.0), np.pi / 2)).equals(shapely.box(0.5, 0.0, 1.5, 4.0))
-    sizes = [np.ptp(s.footprint, axis=0) for seed in range(200) for s in hedge_block(np.random.default_rng(seed))]
+    assert shapely.Polygon(block((4.0, 1.0), (1.0, 2.0), np.pi / 2)).equals(
+        shapely.box(0.5, 0.0, 1.5, 4.0)
+    )
+    sizes = [
+        np.ptp(s.footprint, axis=0)
+        for seed in range(200)
+        for s in hedge_block(np.random.default_rng(seed))
+    ]
     assert len([1 for length, width in sizes if 3.5 < length < 5.2 and 1.5 < width < 2.1]) > 10
     (one,) = move_solids([Solid(block((4.0, 2.0)), 0.5, 1.5, "bin")], 10.0, -3.0, np.pi / 2)
     assert shapely.Polygon(one.footprint).equals(shapely.box(9.0, -5.0, 11.0, -1.0))

@@ -17,34 +17,52 @@ from toolkit.sites.site import Site
 CENTRE = (13.4, 52.505)
 AREA = np.array([-40.0, -30.0, 40.0, 30.0])
 TURNED = Site(
-    "berlin", AREA, map_SE3_site=pose(3.0, 4.0, 34.0, yaw=np.pi / 2), geo_reference=georeference.projection(*CENTRE)
+    "berlin",
+    AREA,
+    map_SE3_site=pose(3.0, 4.0, 34.0, yaw=np.pi / 2),
+    geo_reference=georeference.projection(*CENTRE),
 )
 UTM = "+proj=utm +zone=33 +datum=WGS84 +units=m +no_defs"
 
 
 def test_sites_lie_on_earth_by_projections_of_proj():
-    # Independent figures: one degree of longitude and latitude at 52.505° on WGS84 are 67,922.6 m and 111,268.5 m.
+    # Independent figures: one degree of longitude and latitude at 52.505° on WGS84 are 67,922.6 m
+    # and 111,268.5 m.
     metres = georeference.project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
     np.testing.assert_allclose(metres, [[67.9, 0.0], [0.0, 111.27], [0, 0]], atol=0.05)
     points = np.random.default_rng(0).uniform(-2000, 2000, (50, 2))
     np.testing.assert_allclose(
-        georeference.project(georeference.inverse_project(points, CENTRE), CENTRE), points, atol=1e-6
+        georeference.project(georeference.inverse_project(points, CENTRE), CENTRE),
+        points,
+        atol=1e-6,
     )
     # Within 2 km to 1 mm, also for southern, western and far northern places.
     pyproj = pytest.importorskip("pyproj")
     points = np.random.default_rng(1).uniform(-1400, 1400, (50, 2))
     for centre in (CENTRE, (-70.25, -33.5), (179.999, 0.0), (25.7, 69.5)):
-        there = pyproj.Transformer.from_crs(georeference.projection(*centre), "EPSG:4326", always_xy=True)
+        there = pyproj.Transformer.from_crs(
+            georeference.projection(*centre), "EPSG:4326", always_xy=True
+        )
         degrees = np.stack(there.transform(*points.T), axis=1)
-        assert np.abs((georeference.inverse_project(points, centre) - degrees + 180) % 360 - 180).max() < 2e-8, centre
+        assert (
+            np.abs((georeference.inverse_project(points, centre) - degrees + 180) % 360 - 180).max()
+            < 2e-8
+        ), centre
     site = Site("utm", AREA, map_SE3_site=pose(500000.0, 4982950.400), geo_reference=UTM)
     found = georeference.longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
     assert found is not None
-    # Independent figures: zone 33 is about 15°; the meridian from the equator to 45° is 4,984,944.378 m, times 0.9996
+    # Independent figures: zone 33 is about 15°; the meridian from the equator to 45° is
+    # 4,984,944.378 m, times 0.9996
     assert found[0] == pytest.approx([15.0, 45.0], abs=1e-8)
-    assert georeference.site_metres(site, found) == pytest.approx(np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5)
-    # Its map's zero is where equator and Greenwich meet; 1 degree of longitude is 111,319.5 m there.
-    carla = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +geoidgrids=egm96_15.gtx +vunits=m"
+    assert georeference.site_metres(site, found) == pytest.approx(
+        np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5
+    )
+    # Its map's zero is where equator and Greenwich meet; 1 degree of longitude is 111,319.5 m
+    # there.
+    carla = (
+        "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m "
+        "+geoidgrids=egm96_15.gtx +vunits=m"
+    )
     site = Site("town01", AREA, map_SE3_site=pose(104.0, -196.0), geo_reference=carla)
     assert georeference.longitude_latitude(site, np.zeros((1, 2))) == pytest.approx(
         np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8
@@ -52,15 +70,20 @@ def test_sites_lie_on_earth_by_projections_of_proj():
     xy = np.array([[0.0, 0.0], [100.0, 0.0], [-4.0, 3.0]])
     placed = georeference.longitude_latitude(TURNED, xy)
     assert placed is not None
-    # x of the site points to the map's north, y to its west; the site's zero is 3 m east and 4 m north of CENTRE
+    # x of the site points to the map's north, y to its west; the site's zero is 3 m east and 4 m
+    # north of CENTRE
     assert georeference.project(placed, CENTRE) == pytest.approx(
         np.array([[3.0, 4.0], [3.0, 104.0], [0.0, 0.0]]), abs=1e-6
     )
     assert placed[2] == pytest.approx(CENTRE, abs=1e-9)
     assert georeference.site_metres(TURNED, placed) == pytest.approx(xy, abs=1e-6)
-    assert georeference.longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(np.zeros((0, 2)))
+    assert georeference.longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(
+        np.zeros((0, 2))
+    )
     assert georeference.longitude_latitude(files.load_site("tjunction"), np.zeros((2, 2))) is None
-    with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is \(geo_reference\)"):
+    with pytest.raises(
+        ValueError, match=r"site 'tjunction' does not say where on earth it is \(geo_reference\)"
+    ):
         georeference.site_metres(files.load_site("tjunction"), np.zeros((2, 2)))
     pytest.importorskip("pyproj")
     site = replace(TURNED, geo_reference="+proj=merc +datum=WGS84")
@@ -88,7 +111,9 @@ def test_sites_lie_on_earth_by_projections_of_proj():
 def test_what_is_no_projection_is_said_so(reference):
     pytest.importorskip("pyproj")
     site = replace(TURNED, geo_reference=reference)
-    with pytest.raises(ValueError, match=f"got {re.escape(repr(reference))}: correct it in the site file"):
+    with pytest.raises(
+        ValueError, match=f"got {re.escape(repr(reference))}: correct it in the site file"
+    ):
         georeference.longitude_latitude(site, np.zeros((1, 2)))
     with pytest.raises(ValueError, match="names no projection that PROJ knows"):
         georeference.site_metres(site, np.zeros((1, 2)))
@@ -105,16 +130,29 @@ def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     assert georeference.longitude_latitude(TURNED, np.zeros((1, 2))) is not None
     with pytest.raises(ImportError, match=r"pip install 'coview\[report\]'"):
-        georeference.longitude_latitude(replace(TURNED, geo_reference=UTM.replace("33", "31")), np.zeros((1, 2)))
+        georeference.longitude_latitude(
+            replace(TURNED, geo_reference=UTM.replace("33", "31")), np.zeros((1, 2))
+        )
 
 
 @pytest.mark.parametrize(
     ("heading_deg", "map_yaw_deg", "bearing"),
-    [(0, 0, 90), (90, 0, 0), (180, 0, 270), (-90, 0, 180), (45, 0, 45), (0, 90, 0), (90, 90, 270), (450, 0, 0)],
+    [
+        (0, 0, 90),
+        (90, 0, 0),
+        (180, 0, 270),
+        (-90, 0, 180),
+        (45, 0, 45),
+        (0, 90, 0),
+        (90, 90, 270),
+        (450, 0, 0),
+    ],
 )
 def test_bearings_are_clockwise_from_the_maps_north(heading_deg, map_yaw_deg, bearing):
     site = replace(TURNED, map_SE3_site=pose(104.0, -196.0, yaw=np.deg2rad(map_yaw_deg)))
-    assert georeference.bearing_deg(site, float(np.deg2rad(heading_deg))) == pytest.approx(bearing, abs=1e-9)
+    assert georeference.bearing_deg(site, float(np.deg2rad(heading_deg))) == pytest.approx(
+        bearing, abs=1e-9
+    )
 
 
 @pytest.fixture
@@ -124,7 +162,10 @@ def site(small_site):
     level = Sensor("level", DepthCamera(), look((0.0, 0.0, 5.0), 0.0, 0.0))
     made = small_site()
     return replace(
-        made, map_SE3_site=turned, geo_reference=georeference.projection(*CENTRE), sensors=(*made.sensors, level)
+        made,
+        map_SE3_site=turned,
+        geo_reference=georeference.projection(*CENTRE),
+        sensors=(*made.sensors, level),
     )
 
 
@@ -165,7 +206,9 @@ def test_every_layer_is_there_with_its_properties(site):
         "capacity_kbit": 800.0,
         "origin": "drawn",
     }
-    assert by_name["bay000"]["bearing_deg"] == pytest.approx(360 - 28.6)  # 0.5 rad counter-clockwise from north
+    assert by_name["bay000"]["bearing_deg"] == pytest.approx(
+        360 - 28.6
+    )  # 0.5 rad counter-clockwise from north
     assert by_name["d0"]["bearing_deg"] == pytest.approx(360 - 17.2)
     assert by_name["d0"]["tilt_deg"] == 5.7
     assert by_name["d0"]["height"] == pytest.approx(5.2, abs=0.06)  # above ground that is uneven
@@ -189,14 +232,23 @@ def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
             (ring,) = each["geometry"]["coordinates"]
             assert ring[0] == ring[-1]
             assert shapely.LinearRing(ring).is_ccw
-    features = {each["properties"]["name"]: each for each in json.loads(georeference.site_geojson(site))["features"]}
+    features = {
+        each["properties"]["name"]: each
+        for each in json.loads(georeference.site_geojson(site))["features"]
+    }
     # site (1, 3) is 3 m to the west and 1 m to the north of (3, 4)
     assert on_map(features["b"]["geometry"]) == pytest.approx(np.array([[0.0, 5.0]]), abs=2e-3)
     area = on_map(features["small"]["geometry"])
-    assert [area.min(axis=0), area.max(axis=0)] == pytest.approx(np.array([[-2.0, -6.0], [8.0, 14.0]]), abs=2e-3)
-    written = georeference.feature(replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0))
+    assert [area.min(axis=0), area.max(axis=0)] == pytest.approx(
+        np.array([[-2.0, -6.0], [8.0, 14.0]]), abs=2e-3
+    )
+    written = georeference.feature(
+        replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0)
+    )
     assert written["geometry"] == {"type": "Point", "coordinates": (1.235, 0.0)}
-    with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is .* in metres"):
+    with pytest.raises(
+        ValueError, match=r"site 'tjunction' does not say where on earth it is .* in metres"
+    ):
         georeference.site_geojson(files.load_site("tjunction"))
 
 
@@ -212,4 +264,6 @@ def test_polygons_are_turned_in_the_same_text(site, tmp_path):
         assert shapely.LinearRing(second).is_ccw
         assert written["properties"] == {"layer": "seen"}
     files.save_site(site, tmp_path / "site.json")
-    assert georeference.site_geojson(files.load_site(tmp_path / "site.json")) == georeference.site_geojson(site)
+    assert georeference.site_geojson(
+        files.load_site(tmp_path / "site.json")
+    ) == georeference.site_geojson(site)

@@ -26,10 +26,13 @@ carla = pytest.mark.skipif(not (SHARED / "carla").is_dir(), reason="the CARLA ma
 @carla
 def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
     site = maps.import_opendrive(
-        maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(104, -196), size=(80, 40), heading=np.pi / 2)
+        maps.MapPiece(
+            SHARED / "carla" / "Town01.xodr", centre=(104, -196), size=(80, 40), heading=np.pi / 2
+        )
     )
     check_site(site, tmp_path)
-    # The through road at b = 13.6 ± 4.3, the side road at a = -0.8 ± 4 going down, in the published picture's axes.
+    # The through road at b = 13.6 ± 4.3, the side road at a = -0.8 ± 4 going down, in the published
+    # picture's axes.
     for a in np.arange(-39, 40, 3.0):
         assert on_lanes(site, a, 13.6 - 4.0)
         assert on_lanes(site, a, 13.6 + 4.0)
@@ -42,7 +45,9 @@ def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
     walk = union(site.footways)
     assert walk.contains(shapely.Point(30, 13.6 + 4.4 + 3.5))
     assert not walk.contains(shapely.Point(30, 13.6 + 4.4 + 4.5))
-    np.testing.assert_allclose(transform(site.map_SE3_site, np.array([[0.0, 13.6, 0.0]]))[0], [90.4, -196, 0], atol=0.1)
+    np.testing.assert_allclose(
+        transform(site.map_SE3_site, np.array([[0.0, 13.6, 0.0]]))[0], [90.4, -196, 0], atol=0.1
+    )
     assert site.geo_reference is not None
     assert "+proj=tmerc" in site.geo_reference
     assert len(site.network) < 100_000
@@ -50,8 +55,12 @@ def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
 
 @carla
 def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
-    with pytest.warns(UserWarning, match=r"Town03.xodr: its geoReference names no projection \('\+lat_0=4\.9"):
-        site = maps.import_opendrive(maps.MapPiece(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96)))
+    with pytest.warns(
+        UserWarning, match=r"Town03.xodr: its geoReference names no projection \('\+lat_0=4\.9"
+    ):
+        site = maps.import_opendrive(
+            maps.MapPiece(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96))
+        )
     assert site.geo_reference is None
     check_site(site, tmp_path)
     angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
@@ -65,19 +74,29 @@ def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
 def test_turned_site_is_the_same_place_and_needs_a_road(tmp_path, on_lanes):
     town = SHARED / "carla" / "Town01.xodr"
     straight = maps.import_opendrive(maps.MapPiece(town, centre=(104, -196), size=(60, 60)))
-    turned = maps.import_opendrive(maps.MapPiece(town, centre=(104, -196), size=(60, 60), heading=0.6))
+    turned = maps.import_opendrive(
+        maps.MapPiece(town, centre=(104, -196), size=(60, 60), heading=0.6)
+    )
     spot = np.array([[-13.6, 5.0, 0.0]])
     assert on_lanes(straight, *spot[0, :2])
     moved = transform(np.linalg.inv(turned.map_SE3_site), transform(straight.map_SE3_site, spot))
     assert on_lanes(turned, *moved[0, :2])
     with pytest.raises(ValueError, match="no road within the area about 200 -260"):
-        maps.import_opendrive(maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(200, -260), size=(20, 20)))
-    with pytest.raises(ValueError, match=r"centre 9000 0 lies outside the map, .*: give --centre X Y"):
-        maps.import_opendrive(maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(9000, 0), size=(20, 20)))
+        maps.import_opendrive(
+            maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(200, -260), size=(20, 20))
+        )
+    with pytest.raises(
+        ValueError, match=r"centre 9000 0 lies outside the map, .*: give --centre X Y"
+    ):
+        maps.import_opendrive(
+            maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(9000, 0), size=(20, 20))
+        )
 
 
 @pytest.mark.parametrize("reader", [maps.import_opendrive, maps.import_osm])
-@pytest.mark.parametrize("content", [b"", b"hello", b"\x00\x01\x02", b"<html></html>", b"<osm", b"{}", b"<osm></osm>"])
+@pytest.mark.parametrize(
+    "content", [b"", b"hello", b"\x00\x01\x02", b"<html></html>", b"<osm", b"{}", b"<osm></osm>"]
+)
 def test_no_map(tmp_path, reader, content):
     (tmp_path / "bad.osm").write_bytes(content)
     with pytest.raises(ValueError, match=r"bad\.osm: .*: (give|download|export|it )") as raised:
@@ -105,7 +124,10 @@ def test_crossroads(tmp_path, imported, crossroads, on_lanes, union):
     assert 'type="traffic_light"' in site.network
     assert 'function="crossing"' in site.network
     # traffic can come from at least 60 m beyond the area
-    assert np.max([np.abs(lane).max(axis=0) for lane in (np.array(p) for p in site.lanes)], axis=0)[0] >= 60
+    assert (
+        np.max([np.abs(lane).max(axis=0) for lane in (np.array(p) for p in site.lanes)], axis=0)[0]
+        >= 60
+    )
     assert "300" not in site.network.partition("convBoundary")[2][:40]
 
 
@@ -123,7 +145,14 @@ def test_a_place_on_earth_and_left_hand_traffic(tmp_path, imported, on_lanes, cr
 def test_what_real_extracts_contain(tmp_path, crossroads, imported):
     """Clipped ways, unknown values, deleted things, text where numbers belong."""
     draft = crossroads()
-    draft.way((60, 0), (60, 50), missing=("77", "78"), highway="residential", lanes="2;3", maxspeed="DE:urban")
+    draft.way(
+        (60, 0),
+        (60, 50),
+        missing=("77", "78"),
+        highway="residential",
+        lanes="2;3",
+        maxspeed="DE:urban",
+    )
     draft.way((40, 30), missing=("79",), highway="residential")
     draft.way((-40, -30), (-40, 40), highway="proposed")
     draft.way((-45, -30), (-45, 40), highway="yes", oneway="maybe")
@@ -131,14 +160,18 @@ def test_what_real_extracts_contain(tmp_path, crossroads, imported):
     draft.way((5, 5), (6, 6), (5, 6), (6, 5), (5, 5), building="yes", height="-3")
     draft.way((30, 30), (30, 30), building="yes")
     draft.node((3, 30), natural="tree", height="ca. 5")
-    draft.text.append('<node id="5"/><node id="6" lat="north" lon="1"/><way id="7"/><relation id="8"/>')
+    draft.text.append(
+        '<node id="5"/><node id="6" lat="north" lon="1"/><way id="7"/><relation id="8"/>'
+    )
     draft.text.append('<way id="9" action="delete"><nd ref="5"/></way><note>made by hand</note>')
     imported(draft, tmp_path)
 
 
 def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, box):
     path = put(crossroads(), tmp_path)
-    with pytest.raises(ValueError, match=r"centre 52.505 13.4 lies outside the map, which spans longitude 13\.39"):
+    with pytest.raises(
+        ValueError, match=r"centre 52.505 13.4 lies outside the map, which spans longitude 13\.39"
+    ):
         maps.import_osm(maps.MapPiece(path, centre=CENTRE[::-1], size=(60, 60)))
     (aside,) = georeference.inverse_project(np.array([[120.0, 120.0]]), CENTRE)
     with pytest.raises(ValueError, match="no road within the area"):
@@ -154,7 +187,11 @@ def straight(folder, inside=""):
     """An OpenDRIVE street 300 m long, two lanes and footways, written by hand."""
     lane = '<lane id="{}" type="{}"><width sOffset="0" a="{}" b="0" c="0" d="0"/></lane>'
     left = lane.format(2, "sidewalk", 2) + lane.format(1, "driving", 3.5)
-    right = lane.format(-1, "driving", 3.5) + lane.format(-2, "parking", 2.5) + lane.format(-3, "sidewalk", 2)
+    right = (
+        lane.format(-1, "driving", 3.5)
+        + lane.format(-2, "parking", 2.5)
+        + lane.format(-3, "sidewalk", 2)
+    )
     path = folder / "street.xodr"
     path.write_text(
         '<OpenDRIVE><header revMajor="1" revMinor="4"/><road name="" length="300" id="1" junction="-1"><planView>'
@@ -169,7 +206,8 @@ def straight(folder, inside=""):
 def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, check_site):
     objects = (
         '<object id="2" type="building" s="150" t="20" hdg="0" length="8" width="6" height="5"/>'
-        '<object type="pole" s="160" t="0" radius="0.1" height="5"/><object type="dragon" s="5" t="9"/>'
+        '<object type="pole" s="160" t="0" radius="0.1" height="5"/><object type="dragon" s="5" '
+        't="9"/>'
     )
     sign = '<signal id="9" type="274" s="170" t="-8.5" zOffset="2.5" dynamic="no" orientation="+"/>'
     path = straight(tmp_path, f"<objects>{objects}</objects><signals>{sign}</signals>")
@@ -195,7 +233,9 @@ def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, ch
 
 def test_a_bare_street_is_furnished_from_a_seed(tmp_path, of_kind):
     path = straight(tmp_path)
-    with pytest.warns(UserWarning, match=r"street\.xodr: drawn from seed 2, in no map: .* building.* tree"):
+    with pytest.warns(
+        UserWarning, match=r"street\.xodr: drawn from seed 2, in no map: .* building.* tree"
+    ):
         site = maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40), seed=2))
     assert of_kind(site, "building")
     assert site.relief.amplitude > 0
@@ -204,7 +244,9 @@ def test_a_bare_street_is_furnished_from_a_seed(tmp_path, of_kind):
 def test_damaged_objects_are_left_out_and_counted(tmp_path):
     path = straight(tmp_path, '<objects><object type="tree" s="x" t="9"/></objects>')
     reason = "<object> needs a finite number as s, got 'x'"
-    with pytest.warns(UserWarning, match=rf"street\.xodr: 1 damaged objects or signals were left out: {reason}$"):
+    with pytest.warns(
+        UserWarning, match=rf"street\.xodr: 1 damaged objects or signals were left out: {reason}$"
+    ):
         maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40)))
 
 
@@ -220,15 +262,17 @@ def test_parking_spaces_of_openstreetmap(tmp_path, imported, crossroads):
 
 
 DOCS = Path(__file__).parents[3] / "docs"
-carla_imported = pytest.mark.skipif(not (SHARED / "carla_imported").is_dir(), reason="the CARLA maps are not here")
+carla_imported = pytest.mark.skipif(
+    not (SHARED / "carla_imported").is_dir(), reason="the CARLA maps are not here"
+)
 NET = (
-    '<net><edge id="a"><lane id="a_0" index="0" allow="pedestrian" width="2" shape="-80,-5 0,-5"/>'
-    '<lane id="a_1" index="1" width="3" shape="-80,-2 0,-2"/></edge><edge id="b"><lane id="b_0" index="0" width="3" '
-    'disallow="all" shape="0,40 80,40"/></edge><edge id=":c_0" function="internal"><lane id=":c_0_0" index="0" '
-    'width="5" shape="0,-2 20,-2"/></edge><edge id=":c_w0" function="walkingarea"><lane id=":c_w0_0" index="0" '
-    'allow="pedestrian" shape="0,-6 8,-6 8,-2 0,-2"/></edge>'
-    '<junction id="c" type="priority" shape="0,-8 9,-8 9,0 0,0"/>'
-    '<junction id="d" type="dead_end" shape="90,-8 99,-8 99,0"/></net>'
+    '<net><edge id="a"><lane id="a_0" index="0" allow="pedestrian" width="2" shape="-80,-5 '
+    '0,-5"/><lane id="a_1" index="1" width="3" shape="-80,-2 0,-2"/></edge><edge id="b"><lane '
+    'id="b_0" index="0" width="3" disallow="all" shape="0,40 80,40"/></edge><edge id=":c_0" '
+    'function="internal"><lane id=":c_0_0" index="0" width="5" shape="0,-2 20,-2"/></edge><edge '
+    'id=":c_w0" function="walkingarea"><lane id=":c_w0_0" index="0" allow="pedestrian" '
+    'shape="0,-6 8,-6 8,-2 0,-2"/></edge><junction id="c" type="priority" shape="0,-8 9,-8 9,0 '
+    '0,0"/><junction id="d" type="dead_end" shape="90,-8 99,-8 99,0"/></net>'
 )
 WINDOW = shapely.box(-50, -50, 50, 50)
 
@@ -238,7 +282,8 @@ def shape(polygons):
 
 
 def test_whole_roads_have_tracks_turns_and_legs():
-    tracks = maps.find_tracks(NET)  # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
+    # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
+    tracks = maps.find_tracks(NET)
     assert tracks.bounds == pytest.approx((-80, -3.75, 25.5, -0.25), abs=0.5)
     assert tracks.area == pytest.approx(80 * 3 + 20 * 3.5 + 5.5 * 2.6, abs=1.5)
     carriageway, footway = maps.junction_corners(NET)
@@ -247,9 +292,15 @@ def test_whole_roads_have_tracks_turns_and_legs():
     bend = "0,0 1,0 2,0.2 3,0.6 4,1.2 4.8,2 5.4,3 5.8,4 6,5 6,6"
     lane = f'<lane id=":c_0_0" index="0" width="2" shape="{bend}"/>'
     turn = maps.find_tracks(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
-    assert turn.contains(shapely.Point(3.2, 2.6))  # 1.3 m off the chord from one end of the body to the other
+    assert turn.contains(
+        shapely.Point(3.2, 2.6)
+    )  # 1.3 m off the chord from one end of the body to the other
     assert not turn.contains(shapely.Point(1.0, 5.0))
-    assert maps.find_turns(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>').buffer(1.0).contains(turn)
+    assert (
+        maps.find_turns(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
+        .buffer(1.0)
+        .contains(turn)
+    )
     assert maps.find_turns(NET).is_empty
     paths, widths = maps.legs(NET)
     assert widths == [(3.5, 3.5)]  # 5 m of lanes, from the middle of the inner one
@@ -258,13 +309,21 @@ def test_whole_roads_have_tracks_turns_and_legs():
     footways = [shapely.box(-60, 4, 60, 6), shapely.box(-0.8, 1, 0.8, 5)]
     track = shapely.box(-60, -3, 60, 0)
     road, walk = (shape(each) for each in maps.whole_road(lanes, footways, track, WINDOW))
-    assert road.symmetric_difference(shapely.box(-50, -4, 50, 4)).area < 4.0  # the far side of the slot may stay open
+    assert (
+        road.symmetric_difference(shapely.box(-50, -4, 50, 4)).area < 4.0
+    )  # the far side of the slot may stay open
     assert road.contains(shapely.box(-0.7, 1.1, 0.7, 3.9))
     assert walk.symmetric_difference(shapely.box(-50, 4, 50, 6)).area < 0.1
     assert road.intersection(walk).area < 1e-6
-    lanes = [shapely.box(-80, -4, 80, -0.1), shapely.box(-80, 0.1, 80, 4), shapely.box(-20, 20, 20, 20.6)]
+    lanes = [
+        shapely.box(-80, -4, 80, -0.1),
+        shapely.box(-80, 0.1, 80, 4),
+        shapely.box(-20, 20, 20, 20.6),
+    ]
     footways = [shapely.box(-80, 4.2, 80, 6), shapely.box(10, -4.3, 30, -4)]
-    road, walk = (shape(each) for each in maps.whole_road(lanes, footways, shapely.Polygon(), WINDOW))
+    road, walk = (
+        shape(each) for each in maps.whole_road(lanes, footways, shapely.Polygon(), WINDOW)
+    )
     assert road.bounds[0::2] == walk.bounds[0::2] == (-50, 50)
     assert road.symmetric_difference(shapely.box(-50, -4, 50, 4)).area < 0.5
     assert walk.bounds[1] >= 4.0
@@ -279,27 +338,41 @@ def test_whole_roads_have_tracks_turns_and_legs():
 def test_roads_yield_and_bays_are_free():
     lanes, walk = [shapely.box(-60, -4, 60, 4)], [shapely.box(-60, 4, 60, 6)]
     fillings = shapely.box(-10, -12, 10, 5), shapely.box(-10, -14, 10, -12)
-    lanes_there, footways = maps.whole_road(lanes, walk, shapely.Polygon(), WINDOW, fillings=fillings)
+    lanes_there, footways = maps.whole_road(
+        lanes, walk, shapely.Polygon(), WINDOW, fillings=fillings
+    )
     assert shape(lanes_there).contains(shapely.box(-9.9, -11.9, 9.9, 0))
     assert shape(footways).contains(shapely.box(-9.9, 4.1, 9.9, 5.9))
     assert shape(footways).contains(shapely.box(-9.9, -13.9, 9.9, -12.1))
-    driven, footways = (furniture.rectangle(-10.0, -4.0, 10.0, 4.0),), (furniture.rectangle(-10.0, 4.0, 10.0, 6.0),)
+    driven, footways = (
+        (furniture.rectangle(-10.0, -4.0, 10.0, 4.0),),
+        (furniture.rectangle(-10.0, 4.0, 10.0, 6.0),),
+    )
     stones = maps.kerbstones(driven, footways, shapely.Polygon())
-    assert shape([s.footprint for s in stones]).bounds == pytest.approx((-10, 4.01, 10, 4.15), abs=0.011)
+    assert shape([s.footprint for s in stones]).bounds == pytest.approx(
+        (-10, 4.01, 10, 4.15), abs=0.011
+    )
     assert [(s.base, s.top, s.kind) for s in stones] == [(0.0, 0.12, "kerb")] * 5
     assert maps.kerbstones(driven, (), shapely.Polygon()) == []
-    lowered = shape([s.footprint for s in maps.kerbstones(driven, footways, shapely.box(-3, 0, 3, 9))])
+    lowered = shape(
+        [s.footprint for s in maps.kerbstones(driven, footways, shapely.box(-3, 0, 3, 9))]
+    )
     assert lowered.area == pytest.approx(14 * 0.14, abs=0.1)
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
     bays = [(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)]
     window = shapely.box(-40, -40, 40, 40)
-    rows = maps.free_bays(bays, window, [furniture.post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20))
+    rows = maps.free_bays(
+        bays, window, [furniture.post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20)
+    )
     np.testing.assert_allclose(rows, [[0, 9, 0]])
-    strip, lane = 4.8, shapely.box(-40, -3.3, 40, 0)  # the front of a slanted bay may reach over a lane's edge
+    # the front of a slanted bay may reach over a lane's edge
+    strip, lane = (4.8, shapely.box(-40, -3.3, 40, 0))
     assert len(maps.free_bays([(0.0, strip / 2, 0.25 * np.pi)], window, [], lane)) == 1
     assert len(maps.free_bays([(0.0, strip / 2 - 0.5, 0.25 * np.pi)], window, [], lane)) == 0
     along = maps.bays_along(np.array([[0.0, 0], [0, 20]]))
-    np.testing.assert_allclose(along, [(0, 3.2, np.pi / 2), (0, 9.6, np.pi / 2), (0, 16.0, np.pi / 2)])
+    np.testing.assert_allclose(
+        along, [(0, 3.2, np.pi / 2), (0, 9.6, np.pi / 2), (0, 16.0, np.pi / 2)]
+    )
     assert maps.bays_along(np.array([[0.0, 0], [5, 0]])) == []
 
 
@@ -307,7 +380,9 @@ def test_roads_yield_and_bays_are_free():
 def bare():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return maps.import_osm(maps.MapPiece(DOCS / "own-junction.osm", centre=(8.0, 49.5), size=(70, 50)))
+        return maps.import_osm(
+            maps.MapPiece(DOCS / "own-junction.osm", centre=(8.0, 49.5), size=(70, 50))
+        )
 
 
 def on_lanes(solids, lanes):
@@ -356,7 +431,9 @@ def test_another_drawing_keeps_what_is_mapped(bare):
     assert others[0] == others[1] != others[2]
     for other in others:
         assert other.relief == made.relief
-        assert [s for s in other.solids if s.origin == "mapped"] == [s for s in made.solids if s.origin == "mapped"]
+        assert [s for s in other.solids if s.origin == "mapped"] == [
+            s for s in made.solids if s.origin == "mapped"
+        ]
         assert count_things(other)["mapped"] == count_things(made)["mapped"]
         assert parse(document(other)) == other
     light, _ = maps.furnish_site(bare, bare.mounts, [house], 3, "light")
@@ -367,14 +444,16 @@ def test_another_drawing_keeps_what_is_mapped(bare):
 
 
 def touched(site, frames, interval) -> np.ndarray:
-    """How many vehicles of some traffic touch a solid that begins below 1.5 m, in the area; how many a kerb, onto which
-    a vehicle drives that makes room for another; and how many there are."""
+    """How many vehicles of some traffic touch a solid that begins below 1.5 m, in the area; how
+    many a kerb, onto which a vehicle drives that makes room for another; and how many there are."""
     solids = low(site, 1.5)
     kerb = np.array([s.kind == "kerb" for s in solids])
     tree = shapely.STRtree([shapely.Polygon(s.footprint) for s in solids])
     hits = np.zeros(3, int)
     for snapshot in simulate(site, catalogue(), frames=frames, seed=1, interval=interval):
-        here = (snapshot.objects.labels == VEHICLE) & has_centre_inside(snapshot.objects.boxes, site.area)
+        here = (snapshot.objects.labels == VEHICLE) & has_centre_inside(
+            snapshot.objects.boxes, site.area
+        )
         boxes = snapshot.objects.boxes[here]
         vehicle, solid = tree.query(shapely.polygons(footprints(boxes)), predicate="intersects")
         hits += [len(set(vehicle[~kerb[solid]])), len(set(vehicle[kerb[solid]])), len(boxes)]
@@ -386,8 +465,12 @@ def junctions(town):
     starts = {}
     for road in ElementTree.parse(town).getroot().iter("road"):
         for piece in road.findall("planView/geometry") if road.get("junction") != "-1" else ():
-            starts.setdefault(road.get("junction"), []).append([float(piece.get(key)) for key in "xy"])
-    return [tuple(np.mean([np.min(xy, axis=0), np.max(xy, axis=0)], axis=0)) for xy in starts.values()]
+            starts.setdefault(road.get("junction"), []).append(
+                [float(piece.get(key)) for key in "xy"]
+            )
+    return [
+        tuple(np.mean([np.min(xy, axis=0), np.max(xy, axis=0)], axis=0)) for xy in starts.values()
+    ]
 
 
 def whole(town, centre):
@@ -400,7 +483,11 @@ def whole(town, centre):
     assert on_lanes(low(site, 2.0), lanes) < 1e-3
     assert shape(site.footways).intersection(lanes).area < 0.1
     assert (
-        maps.find_tracks(site.network).intersection(shapely.box(*site.area)).difference(lanes.buffer(0.05)).area < 0.5
+        maps.find_tracks(site.network)
+        .intersection(shapely.box(*site.area))
+        .difference(lanes.buffer(0.05))
+        .area
+        < 0.5
     )
     assert len(site.mounts) >= 6
     kinds = {solid.kind for solid in site.solids}
@@ -409,7 +496,9 @@ def whole(town, centre):
 
 
 @carla_imported
-@pytest.mark.parametrize(("town", "centre"), [("Town01.xodr", (95.9, -197.3)), ("Town03.xodr", (0.0, 0.0))])
+@pytest.mark.parametrize(
+    ("town", "centre"), [("Town01.xodr", (95.9, -197.3)), ("Town03.xodr", (0.0, 0.0))]
+)
 def test_no_solid_is_in_the_way(town, centre):
     assert touched(whole(town, centre), 8, 5.0)[:2].tolist() == [0, 0]
 
@@ -418,7 +507,10 @@ def test_no_solid_is_in_the_way(town, centre):
 @pytest.mark.slow
 @pytest.mark.parametrize("town", ["Town01.xodr", "Town03.xodr"])
 def test_no_solid_is_in_the_way_at_any_junction(town):
-    hits = {centre: touched(whole(town, centre), 30, 2.0) for centre in junctions(SHARED / "carla_imported" / town)}
+    hits = {
+        centre: touched(whole(town, centre), 30, 2.0)
+        for centre in junctions(SHARED / "carla_imported" / town)
+    }
     solids, kerbs, vehicles = np.sum(list(hits.values()), axis=0)
     assert solids == 0, hits
     assert kerbs < 0.002 * vehicles, hits

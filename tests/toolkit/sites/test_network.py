@@ -10,14 +10,27 @@ import pytest
 import shapely
 
 from toolkit.sites import network
-from toolkit.sites.network import build_network, convert, cut_polygons, list_polygons, netconvert, road_polygons, street
+from toolkit.sites.network import (
+    build_network,
+    convert,
+    cut_polygons,
+    list_polygons,
+    netconvert,
+    road_polygons,
+    street,
+)
 
 
 def cross() -> str:
-    nodes = [{"id": i, "x": x, "y": y} for i, x, y in (("w", -90, 0), ("o", 0, 0), ("e", 90, 0), ("n", 0, 90))]
+    nodes = [
+        {"id": i, "x": x, "y": y}
+        for i, x, y in (("w", -90, 0), ("o", 0, 0), ("e", 90, 0), ("n", 0, 90))
+    ]
     lanes = street(2, width=3.0, footway=2.0)
     ways = [(a, b) for arm in "wen" for a, b in ((arm, "o"), ("o", arm))]
-    return build_network(nodes, [{"id": a + b, "from": a, "to": b, "lanes": lanes} for a, b in ways])
+    return build_network(
+        nodes, [{"id": a + b, "from": a, "to": b, "lanes": lanes} for a, b in ways]
+    )
 
 
 def test_networks_are_repeatable_and_keep_their_coordinates(union):
@@ -27,8 +40,12 @@ def test_networks_are_repeatable_and_keep_their_coordinates(union):
     assert "<!--" not in net
     assert ElementTree.fromstring(net).find("location").get("netOffset") == "0.000,0.000"
     lanes, footways = road_polygons(net, (-40.0, -40.0, 40.0, 40.0), margin=0.0)
-    assert union(lanes).intersection(shapely.LineString([(-30, -20), (-30, 20)])).length == pytest.approx(12)
-    assert union(footways).intersection(shapely.LineString([(-30, -20), (-30, 20)])).length == pytest.approx(4)
+    assert union(lanes).intersection(
+        shapely.LineString([(-30, -20), (-30, 20)])
+    ).length == pytest.approx(12)
+    assert union(footways).intersection(
+        shapely.LineString([(-30, -20), (-30, 20)])
+    ).length == pytest.approx(4)
     assert union([*lanes, *footways]).bounds == (-40, -8, 40, 40)
     assert all(shapely.Polygon(p).is_valid for p in (*lanes, *footways))
 
@@ -36,7 +53,10 @@ def test_networks_are_repeatable_and_keep_their_coordinates(union):
 def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
     pytest.importorskip("sumo")
     with pytest.raises(ValueError, match=r"^netconvert: .*nowhere") as refusal:
-        build_network([{"id": "a", "x": 0, "y": 0}], [{"id": "ab", "from": "a", "to": "nowhere", "lanes": street(1)}])
+        build_network(
+            [{"id": "a", "x": 0, "y": 0}],
+            [{"id": "ab", "from": "a", "to": "nowhere", "lanes": street(1)}],
+        )
     assert "\n" not in str(refusal.value)
     with pytest.raises(ValueError, match="netconvert"):
         convert(["--opendrive-files=/no/such/file.xodr"])
@@ -47,10 +67,14 @@ def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
         netconvert()
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems cannot tie a child to its parent")
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="other systems cannot tie a child to its parent"
+)
 def test_netconvert_has_limits_and_dies_with_its_parent(tmp_path, monkeypatch):
     program, said = tmp_path / "netconvert", tmp_path / "said"
-    program.write_text(f"#!/bin/sh\necho $$ $(ulimit -v) > {said}.new; mv {said}.new {said}; exec sleep 60\n")
+    program.write_text(
+        f"#!/bin/sh\necho $$ $(ulimit -v) > {said}.new; mv {said}.new {said}; exec sleep 60\n"
+    )
     program.chmod(0o755)
     monkeypatch.setattr(network, "netconvert", lambda: program)
     monkeypatch.setattr(network, "SLOWEST", 1.0)
@@ -58,7 +82,10 @@ def test_netconvert_has_limits_and_dies_with_its_parent(tmp_path, monkeypatch):
         convert([])
     assert int(said.read_text().split()[1]) * 1024 == network.MOST_MEMORY
     said.unlink()
-    code = f"from toolkit.sites import network; network.netconvert = lambda: {str(program)!r}; network.convert([])"
+    code = (
+        f"from toolkit.sites import network; network.netconvert = lambda: {str(program)!r}; "
+        "network.convert([])"
+    )
     parent = subprocess.Popen([sys.executable, "-c", code])
     while not said.exists():
         time.sleep(0.02)
@@ -74,6 +101,10 @@ def test_netconvert_has_limits_and_dies_with_its_parent(tmp_path, monkeypatch):
 
 def test_polygons_within_collections_are_not_lost():
     squares = shapely.MultiPolygon([shapely.box(0, 0, 2, 2), shapely.box(5, 0, 7, 2)])
-    mixed = shapely.GeometryCollection([shapely.LineString([(0, 0), (9, 9)]), squares, shapely.box(8, 0, 9, 2)])
+    mixed = shapely.GeometryCollection(
+        [shapely.LineString([(0, 0), (9, 9)]), squares, shapely.box(8, 0, 9, 2)]
+    )
     assert [part.area for part in list_polygons(mixed)] == [4, 4, 2]
-    assert sum(shapely.Polygon(p).area for p in cut_polygons([mixed], shapely.box(1, 0, 20, 20))) == 8
+    assert (
+        sum(shapely.Polygon(p).area for p in cut_polygons([mixed], shapely.box(1, 0, 20, 20))) == 8
+    )

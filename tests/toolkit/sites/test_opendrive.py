@@ -25,11 +25,13 @@ from toolkit.sites.opendrive import (
 )
 
 LANES = (
-    '<lanes><laneOffset s="0" a="0.5"/><laneSection s="0"><left><lane id="2" type="sidewalk"><width sOffset="0" a="2"/>'
-    '</lane><lane id="1" type="driving"><width sOffset="0" a="3.5"/></lane></left><center><lane id="0" type="none"/>'
-    '</center><right><lane id="-1" type="driving"><width sOffset="0" a="3.5"/></lane><lane id="-2" type="parking">'
-    '<width sOffset="0" a="2.5"/></lane><lane id="-3" type="sidewalk"><width sOffset="0" a="2"/></lane>'
-    '<lane id="-4" type="none"><width sOffset="0" a="0"/></lane></right></laneSection></lanes>'
+    '<lanes><laneOffset s="0" a="0.5"/><laneSection s="0"><left><lane id="2" '
+    'type="sidewalk"><width sOffset="0" a="2"/></lane><lane id="1" type="driving"><width '
+    'sOffset="0" a="3.5"/></lane></left><center><lane id="0" type="none"/></center><right><lane '
+    'id="-1" type="driving"><width sOffset="0" a="3.5"/></lane><lane id="-2" type="parking">'
+    '<width sOffset="0" a="2.5"/></lane><lane id="-3" type="sidewalk"><width sOffset="0" '
+    'a="2"/></lane><lane id="-4" type="none"><width sOffset="0" '
+    'a="0"/></lane></right></laneSection></lanes>'
 )
 
 
@@ -40,7 +42,10 @@ def _street(folder, objects="", signals="", elevation="", lanes=LANES) -> Path:
         f"<objects>{objects}</objects><signals>{signals}</signals></road>"
     )
     path = folder / "street.xodr"
-    path.write_text(f'<OpenDRIVE xmlns="x"><header revMajor="1" revMinor="7"/>{road}</OpenDRIVE>', encoding="utf-8")
+    path.write_text(
+        f'<OpenDRIVE xmlns="x"><header revMajor="1" revMinor="7"/>{road}</OpenDRIVE>',
+        encoding="utf-8",
+    )
     return path
 
 
@@ -52,16 +57,25 @@ def street():
 def line_of(*shapes, x=10.0, y=5.0, heading=0.0, elevation=""):
     start, text = 0.0, ""
     for length, shape in shapes:
-        text += f'<geometry s="{start}" x="{x}" y="{y}" hdg="{heading}" length="{length}">{shape}</geometry>'
+        text += (
+            f'<geometry s="{start}" x="{x}" y="{y}" hdg="{heading}" '
+            f'length="{length}">{shape}</geometry>'
+        )
         start += length
     profile = f"<elevationProfile>{elevation}</elevationProfile>"
-    return read_road(ElementTree.fromstring(f'<road id="7"><planView>{text}</planView>{profile}</road>'))
+    return read_road(
+        ElementTree.fromstring(f'<road id="7"><planView>{text}</planView>{profile}</road>')
+    )
 
 
 def test_lines_spirals_and_polynomials():
     line = line_of((20.0, "<line/>"), heading=np.pi / 2)
-    np.testing.assert_allclose(line.at(np.array([0.0, 12.0])), [[10, 5, np.pi / 2], [10, 17, np.pi / 2]], atol=1e-12)
-    np.testing.assert_allclose(line.beside(np.array([12.0]), np.array([3.0])), [[7, 17]], atol=1e-12)
+    np.testing.assert_allclose(
+        line.at(np.array([0.0, 12.0])), [[10, 5, np.pi / 2], [10, 17, np.pi / 2]], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        line.beside(np.array([12.0]), np.array([3.0])), [[7, 17]], atol=1e-12
+    )
     line = line_of((10.0, "<line/>"), (10.0, '<arc curvature="0.1"/>'))
     assert line.length == 20.0
     assert line.at(np.array([15.0]))[0, 2] == pytest.approx(0.5)
@@ -74,9 +88,12 @@ def test_lines_spirals_and_polynomials():
     straight = '<paramPoly3 pRange="{}" aU="0" bU="{}" cU="0" dU="0" aV="0" bV="{}" cV="0" dV="0"/>'
     s = np.array([0.0, 5.0])
     for text in (straight.format("normalized", 6, 8), straight.format("arcLength", 0.6, 0.8)):
-        np.testing.assert_allclose(line_of((10.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [3, 4]])
+        np.testing.assert_allclose(
+            line_of((10.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [3, 4]]
+        )
     line = line_of(
-        (50.0, "<line/>"), elevation='<elevation s="30" a="4" b="0.02"/><elevation s="0" a="1" b="0.1" c="0.001"/>'
+        (50.0, "<line/>"),
+        elevation='<elevation s="30" a="4" b="0.02"/><elevation s="0" a="1" b="0.1" c="0.001"/>',
     )
     np.testing.assert_allclose(line.elevation.at(np.array([0.0, 10, 40])), [1, 2.1, 4.2])
     np.testing.assert_allclose(line.elevation.slope(np.array([10.0, 40])), [0.12, 0.02])
@@ -101,10 +118,13 @@ def test_cubics_are_measured_along_the_curve(c, d):
         assert np.tan(heading) == pytest.approx(2 * c * x + 3 * d * x**2)
     length = along(lambda u: c * u**2 + d * u**3, 20.0)
     normal = (
-        f'<paramPoly3 pRange="normalized" aU="0" bU="20" cU="0" dU="0" aV="0" bV="0" cV="{400 * c}" dV="{8000 * d}"/>'
+        '<paramPoly3 pRange="normalized" aU="0" bU="20" cU="0" dU="0" aV="0" bV="0" '
+        f'cV="{400 * c}" dV="{8000 * d}"/>'
     )
     same = line_of((length, normal), x=0.0, y=0.0)
-    np.testing.assert_allclose(same.at(np.array([7.5, length])), line.at(np.array([7.5, length])), atol=0.01)
+    np.testing.assert_allclose(
+        same.at(np.array([7.5, length])), line.at(np.array([7.5, length])), atol=0.01
+    )
 
 
 @pytest.mark.parametrize("curvature", [0.1, -0.1, 1e-12])
@@ -113,12 +133,16 @@ def test_arc_lies_on_its_circle(curvature):
     s = np.array([0.0, 5.0, 15.0])
     turn = curvature * s
     exact = [np.sin(turn) / curvature, (1 - np.cos(turn)) / curvature, turn]
-    np.testing.assert_allclose(line.at(s), np.transpose(exact), atol=1e-3 if curvature == 1e-12 else 1e-9)
+    np.testing.assert_allclose(
+        line.at(s), np.transpose(exact), atol=1e-3 if curvature == 1e-12 else 1e-9
+    )
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "1e9", "-1e300", "far", ""])
 def test_what_is_no_number(text):
-    with pytest.raises(ValueError, match=r"<a> needs a finite number as s, got .*: export it again") as raised:
+    with pytest.raises(
+        ValueError, match=r"<a> needs a finite number as s, got .*: export it again"
+    ) as raised:
         number(ElementTree.fromstring(f'<a s="{text}"/>'), "s")
     assert "\n" not in str(raised.value)
     assert number(ElementTree.fromstring("<a/>"), "s", 2.5) == 2.5
@@ -132,16 +156,25 @@ def test_damaged_geometry_and_what_would_stop_traffic():
     with pytest.raises(ValueError, match="length of 0 to 100000 m, got -3"):
         line_of((-3.0, "<line/>"))
     there = Standing(
-        groups=[[post(0.0, 9.0, 3.0)], [post(0.0, 0.0, 3.0), post(0.0, 8.0, 3.0)], [post(90.0, 0.0, 3.0)], []]
+        groups=[
+            [post(0.0, 9.0, 3.0)],
+            [post(0.0, 0.0, 3.0), post(0.0, 8.0, 3.0)],
+            [post(90.0, 0.0, 3.0)],
+            [],
+        ]
     )
     there.unknown.update({"dragon": 2, "elf": 1})
-    kept, notes = off_the_road(there, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon())
+    kept, notes = off_the_road(
+        there, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()
+    )
     assert kept == there.groups[0]
     assert notes == [
         "1 objects or signals stand on the carriageway and were left out",
         "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
     ]
-    assert off_the_road(Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()) == ([], [])
+    assert off_the_road(
+        Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()
+    ) == ([], [])
 
 
 WINDOW = shapely.box(-40, -40, 40, 40)
@@ -164,7 +197,9 @@ def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
     assert near(high, WINDOW, 0.0, 3.5) == []
     assert len(near(high, WINDOW, 4.0, 3.5)) == 1
     assert near(high, shapely.box(500, 500, 510, 510), 6.0, 3.5) == []
-    path = street(tmp_path, elevation='<elevation s="0" a="0" b="-0.04"/><elevation s="95" a="-3.8" b="0.3"/>')
+    path = street(
+        tmp_path, elevation='<elevation s="0" a="0" b="-0.04"/><elevation s="95" a="-3.8" b="0.3"/>'
+    )
     there = near(path, WINDOW, 0.0, 5.0)
     assert find_plane(there, WINDOW, np.eye(4))[2] == pytest.approx(0.04)
     assert find_plane(there, WINDOW.buffer(20.0), np.eye(4))[2] == pytest.approx(0.3)
@@ -181,7 +216,9 @@ def test_frames_are_inverse_and_things_move_to_the_site():
     there = pose(10.0, -20.0, 5.0, yaw=np.pi / 2)
     assert in_map(spot, there).equals_exact(shapely.Point(6.0, -17.0), 1e-9)
     assert in_site(in_map(spot, there), there).equals_exact(spot, 1e-9)
-    standing = Standing(groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)])
+    standing = Standing(
+        groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)]
+    )
     moved = move_to_site(standing, pose(10.0, 5.0, yaw=np.pi / 2))
     np.testing.assert_allclose(moved.groups[0][0].footprint.mean(axis=0), [0, -2], atol=1e-3)
     np.testing.assert_allclose(moved.bays, [[0, -2, 1.0 - np.pi / 2]], atol=1e-9)
@@ -195,7 +232,9 @@ def test_the_plane_of_the_roads_in_the_frame_of_the_site(street, tmp_path):
     assert off == pytest.approx(0.0, abs=1e-9)
     turned, *_ = find_plane(there, WINDOW, pose(yaw=np.pi / 2))
     assert turned == pytest.approx((0.0, 0.04))
-    bent = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/><elevation s="50" a="1" b="0.0"/>')
+    bent = street(
+        tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/><elevation s="50" a="1" b="0.0"/>'
+    )
     slope, off, _ = find_plane(near(bent, WINDOW, 0.0, 5.0), WINDOW, np.eye(4))
     assert -0.04 < slope[0] < 0.0
     assert 0.05 < off < 1.0
@@ -209,12 +248,17 @@ def test_place_and_projection(street, tmp_path):
         read_opendrive(path, (900.0, 0.0))
     text = path.read_text()
     for named, found in (("+proj=utm +zone=32", True), ("EPSG:25832", True), ("+lat_0=4", False)):
-        path.write_text(text.replace('revMinor="7"/>', f"><geoReference>{named}</geoReference></header>"))
+        path.write_text(
+            text.replace('revMinor="7"/>', f"><geoReference>{named}</geoReference></header>")
+        )
         root = read_opendrive(path, (0.0, 0.0))
         if found:
             assert find_projection(root, path.name) == named
         else:
-            with pytest.warns(UserWarning, match=r"street\.xodr: its geoReference names no projection \('\+lat_0=4'\)"):
+            with pytest.warns(
+                UserWarning,
+                match=r"street\.xodr: its geoReference names no projection \('\+lat_0=4'\)",
+            ):
                 assert find_projection(root, path.name) is None
     path.write_text('<?xml version="1.0" encoding="klingon"?><OpenDRIVE/>')
     with pytest.raises(ValueError, match="damaged one"):
@@ -231,25 +275,40 @@ def found(street, tmp_path):
 
 
 def bounds(solid):
-    return tuple(np.round([*solid.footprint.min(axis=0), *solid.footprint.max(axis=0), solid.base, solid.top], 3))
+    return tuple(
+        np.round(
+            [*solid.footprint.min(axis=0), *solid.footprint.max(axis=0), solid.base, solid.top], 3
+        )
+    )
 
 
 def test_boxes_barriers_and_bays_are_turned_and_run_along_the_road(found):
-    box = '<object type="building" s="60" t="20" zOffset="1.5" hdg="1.5707963" length="8" width="6" height="5"/>'
+    box = (
+        '<object type="building" s="60" t="20" zOffset="1.5" hdg="1.5707963" length="8" '
+        'width="6" height="5"/>'
+    )
     ((solid,),) = found(box).groups
     assert solid.kind == "building"
     assert bounds(solid) == (7, 16, 13, 24, 1.5, 6.5)
-    repeat = '<repeat s="10" length="16" distance="0" tStart="8" tEnd="8" heightStart="0.8" widthStart="0.4"/>'
+    repeat = (
+        '<repeat s="10" length="16" distance="0" tStart="8" tEnd="8" heightStart="0.8" '
+        'widthStart="0.4"/>'
+    )
     groups = found(f'<object type="barrier" s="0" t="0">{repeat}</object>').groups
-    assert shapely.union_all([shapely.Polygon(g[0].footprint) for g in groups]).bounds == (-40, 7.8, -24, 8.2)
+    assert shapely.union_all([shapely.Polygon(g[0].footprint) for g in groups]).bounds == (
+        -40,
+        7.8,
+        -24,
+        8.2,
+    )
     assert {group[0].top for group in groups} == {0.8}
     bay = '<object type="parkingSpace" s="50" t="-9" hdg="0.5" length="{}" width="{}"/>'
     made = found(bay.format(5, 2.5) + bay.format(2.5, 5))
     np.testing.assert_allclose(made.bays, [[0, -9, 0.5], [0, -9, 0.5 + np.pi / 2]])
     assert not made.groups
     made = found(
-        '<object type="crosswalk" s="5" t="0"/><object type="dragon" s="5" t="9"/><object type="dragon" s="6" t="9"/>'
-        '<object type="-1" name="Speed_30" s="5" t="0"/>'
+        '<object type="crosswalk" s="5" t="0"/><object type="dragon" s="5" t="9"/><object '
+        'type="dragon" s="6" t="9"/><object type="-1" name="Speed_30" s="5" t="0"/>'
     )
     assert not made.groups
     assert made.understood == {"crosswalk": 1}
@@ -305,12 +364,15 @@ def test_damaged_objects_are_left_out(found, inside, message):
     assert len(standing.groups) == 1
     (reason,) = standing.damaged
     assert re.match(message, reason)
-    _, notes = off_the_road(standing, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon())
+    _, notes = off_the_road(
+        standing, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()
+    )
     assert re.match(f"1 damaged objects or signals were left out: {message}", notes[-1])
 
 
 @pytest.mark.parametrize(
-    "numbers", ['length="50" distance="-10"', 'length="-9" distance="0"', 'length="9" distance="1e-9"']
+    "numbers",
+    ['length="50" distance="-10"', 'length="-9" distance="0"', 'length="9" distance="1e-9"'],
 )
 def test_endless_repeats_are_left_out(found, numbers):
     standing = found(f'<object type="pole" s="5" t="9"><repeat s="0" {numbers}/></object>')

@@ -17,7 +17,10 @@ def test_multipolygons_and_building_parts(tmp_path, crossroads, imported, top, b
     rest = draft.way((35, 28), (15, 28), (15, 15))
     court = draft.way(*box(22, 19, 28, 24))
     draft.relation(
-        [(half, "outer"), (rest, "outer"), (court, "inner")], type="multipolygon", building="yes", height="10"
+        [(half, "outer"), (rest, "outer"), (court, "inner")],
+        type="multipolygon",
+        building="yes",
+        height="10",
     )
     torn = draft.way((-15, 15), (-35, 15), (-35, 28))
     draft.relation([(torn, "outer"), (999999, "outer")], type="multipolygon", building="yes")
@@ -50,34 +53,45 @@ def test_gzip_and_wrong_formats(tmp_path, crossroads):
 
 
 def test_entities_are_refused(tmp_path, put):
-    bomb = '<?xml version="1.0"?><!DOCTYPE osm [<!ENTITY a "aaaa">]><osm><node id="1" lat="0" lon="0"/></osm>'
+    bomb = (
+        '<?xml version="1.0"?><!DOCTYPE osm [<!ENTITY a "aaaa">]><osm><node id="1" lat="0" '
+        'lon="0"/></osm>'
+    )
     with pytest.raises(ValueError, match="not OpenStreetMap XML"):
         import_osm(MapPiece(put(bomb, tmp_path), centre=(0, 0), size=(60, 60)))
 
 
 @pytest.mark.parametrize(
-    "bomb", ["<!--" + 8_000_000 * "x" + "-->", f"<way>{210_000 * '<tag/>'}</way>", 200_000 * "<node/>"]
+    "bomb",
+    ["<!--" + 8_000_000 * "x" + "-->", f"<way>{210_000 * '<tag/>'}</way>", 200_000 * "<node/>"],
 )
 def test_maps_that_would_take_long_are_refused(tmp_path, crossroads, bomb, monkeypatch):
     monkeypatch.setattr("toolkit.sites.osm.LARGEST_MAP", 1_000_000)
     path = tmp_path / "town.osm.gz"
-    path.write_bytes(gzip.compress(str(crossroads()).replace("<node", f"{bomb}<node", 1).encode(), 1))
+    path.write_bytes(
+        gzip.compress(str(crossroads()).replace("<node", f"{bomb}<node", 1).encode(), 1)
+    )
     with pytest.raises(ValueError, match=r"town.osm.gz: more than .*: cut out the site first"):
         import_osm(MapPiece(path, centre=CENTRE, size=(60, 60)))
 
 
 def test_places_that_are_not_on_earth_are_left_out(tmp_path, crossroads, put):
     draft = crossroads()
-    for k, (lon, lat) in enumerate((("1e308", "52.5"), ("13.4", "1e308"), ("13.4", "90"), ("inf", "nan"), ("x", "1"))):
+    for k, (lon, lat) in enumerate(
+        (("1e308", "52.5"), ("13.4", "1e308"), ("13.4", "90"), ("inf", "nan"), ("x", "1"))
+    ):
         draft.text.append(f'<node id="{k}" lon="{lon}" lat="{lat}"/>')
-    draft.way((-200, 20), (-150, 20), missing=range(5), highway="residential", layer="-" + 5000 * "9")
+    draft.way(
+        (-200, 20), (-150, 20), missing=range(5), highway="residential", layer="-" + 5000 * "9"
+    )
     with pytest.warns(UserWarning, match="5 nodes that are no place on earth were left out"):
         assert import_osm(MapPiece(put(draft, tmp_path), CENTRE, (80, 60))).lanes
 
 
 def test_nodes_and_ways_of_one_id_and_leaps_are_told(tmp_path, crossroads, put):
     draft = crossroads()
-    draft.text.append(next(line for line in draft.text if "<node" in line))  # the same again is no harm
+    # the same again is no harm
+    draft.text.append(next(line for line in draft.text if "<node" in line))
     assert not read_map(put(draft, tmp_path), CENTRE).notes
     draft.text.append('<node id="1001" lat="52.5051" lon="13.4"/>')
     draft.text += ['<node id="7" lat="52.5" lon="13.4"/>', '<node id="8" lat="-52.5" lon="13.4"/>']
@@ -101,12 +115,17 @@ def test_one_way_streets_roundabouts_and_cycleways(tmp_path, empty_map, imported
         draft.way((-300, 0), (300, 0), highway="residential", oneway=value, sidewalk="no")
         site = imported(draft, tmp_path)
         (tmp_path / "net.xml").write_text(site.network)
-        shapes = [line for line in site.network.splitlines() if "<lane" in line and 'index="0"' in line]
+        shapes = [
+            line for line in site.network.splitlines() if "<lane" in line and 'index="0"' in line
+        ]
         assert len(shapes) == 1
         first, *_, last = shapes[0].partition('shape="')[2].partition('"')[0].split()
         assert sign * (float(last.split(",")[0]) - float(first.split(",")[0])) > 200
     draft = empty_map()
-    ring = [(round(18 * np.cos(a), 2), round(18 * np.sin(a), 2)) for a in np.linspace(0, 2 * np.pi, 17)[:-1]]
+    ring = [
+        (round(18 * np.cos(a), 2), round(18 * np.sin(a), 2))
+        for a in np.linspace(0, 2 * np.pi, 17)[:-1]
+    ]
     draft.way(*ring, ring[0], highway="tertiary", junction="roundabout")
     for k in (0, 4, 8, 12):
         far = tuple(float(c) * 15 for c in ring[k])
@@ -122,7 +141,14 @@ def test_one_way_streets_roundabouts_and_cycleways(tmp_path, empty_map, imported
 def test_streets_have_the_names_of_the_map(tmp_path, empty_map, imported, parking):
     draft, name = empty_map(), "St. Mary&apos;s &amp; Co &lt;&quot;A&quot;&gt;"
     draft.way((-300, 0), (0, 0), (300, 0), highway="residential", name=name, parking__both=parking)
-    draft.way((0, -300), (0, 0), (0, 300), highway="residential", name="Żwirki i Wigury", maxspeed__forward="30")
+    draft.way(
+        (0, -300),
+        (0, 0),
+        (0, 300),
+        highway="residential",
+        name="Żwirki i Wigury",
+        maxspeed__forward="30",
+    )
     site = imported(draft, tmp_path)
     names = {street.name for street in find_street_names(site, site.area[:2], site.area[2:])}
     assert names == {'St. Mary\'s & Co <"A">', "Żwirki i Wigury"}
@@ -169,7 +195,11 @@ def test_streets_that_cross_without_a_junction_keep_their_footways_off_each_othe
 def test_no_bicycle_on_a_motorway(tmp_path, crossroads, imported):
     draft = crossroads()
     draft.way((-300, 25), (300, 25), highway="motorway", oneway="yes", lanes="3")
-    lanes = [lane for lane in imported(draft, tmp_path).network.split("<lane ")[1:] if 'speed="36.1' in lane]
+    lanes = [
+        lane
+        for lane in imported(draft, tmp_path).network.split("<lane ")[1:]
+        if 'speed="36.1' in lane
+    ]
     assert len(lanes) == 3
     assert not any("bicycle" in lane.partition('allow="')[2].partition('"')[0] for lane in lanes)
     assert all("passenger" in lane.partition('allow="')[2].partition('"')[0] for lane in lanes)
@@ -219,6 +249,8 @@ def test_street_furniture(tmp_path, crossroads, imported, of_kind):
     site = imported(draft, tmp_path)
     assert len([mount for mount in site.mounts if mount.name.startswith("lamp")]) >= 7
     assert all(not mount.name.startswith("pole") for mount in site.mounts)
-    assert {"tree", "trunk", "hedge", "wall", "fence", "bench", "post", "kerb"} <= {s.kind for s in site.solids}
+    assert {"tree", "trunk", "hedge", "wall", "fence", "bench", "post", "kerb"} <= {
+        s.kind for s in site.solids
+    }
     assert max(s.top for s in of_kind(site, "tree")) == 9.0
     assert max(s.top for s in of_kind(site, "hedge")) == 1.2

@@ -1,4 +1,5 @@
-"""Parking along the kerbs of an OpenStreetMap extract: where the tags say, on the right side, at the right angle."""
+"""Parking along the kerbs of an OpenStreetMap extract: where the tags say, on the right side, at
+the right angle."""
 
 import numpy as np
 import pytest
@@ -39,9 +40,15 @@ def north(site):
     [
         ({"parking__both": "lane"}, (True, True)),
         ({"parking__right": "street_side", "parking__left": "no"}, (False, True)),
-        ({"parking__left": "half_on_kerb", "parking__left__orientation": "parallel"}, (True, False)),
+        (
+            {"parking__left": "half_on_kerb", "parking__left__orientation": "parallel"},
+            (True, False),
+        ),
         ({"parking__both": "lane", "parking__left__restriction": "no_stopping"}, (False, True)),
-        *(({"parking__both": "separate"}, (False, False)), ({"parking__lane__both": "parallel"}, (True, True))),
+        *(
+            ({"parking__both": "separate"}, (False, False)),
+            ({"parking__lane__both": "parallel"}, (True, True)),
+        ),
         ({"parking__lane__left": "no_parking", "parking__lane__right": "marked"}, (False, True)),
         ({"parking__both": "no", "parking__lane__both": "parallel"}, (False, False)),
         ({"parking__left": "rubbish"}, (False, False)),
@@ -50,15 +57,21 @@ def north(site):
 def test_sides_of_the_street(tmp_path, imported, east_west, tags, sides):
     site = imported(east_west(**tags), tmp_path)
     assert (len(north(site)) > 5, len(south(site)) > 5) == sides
-    assert len(site.parking) == len(north(site)) + len(south(site)), "none in the street that crosses"
+    assert len(site.parking) == len(north(site)) + len(south(site)), (
+        "none in the street that crosses"
+    )
     np.testing.assert_allclose(np.abs(site.parking[:, 1]), 3.25 + 1.15, atol=0.01)
     assert np.cos(south(site)[:, 2]) == pytest.approx(1, abs=1e-3)
     assert np.cos(north(site)[:, 2]) == pytest.approx(-1, abs=1e-3), "as its traffic goes"
 
 
-@pytest.mark.parametrize(("orientation", "angle", "wide"), [("diagonal", 45, 4.8), ("perpendicular", 90, 5.2)])
+@pytest.mark.parametrize(
+    ("orientation", "angle", "wide"), [("diagonal", 45, 4.8), ("perpendicular", 90, 5.2)]
+)
 @pytest.mark.parametrize("lefthand", [False, True])
-def test_bays_at_an_angle_head_for_the_kerb(tmp_path, imported, east_west, orientation, angle, wide, lefthand):
+def test_bays_at_an_angle_head_for_the_kerb(
+    tmp_path, imported, east_west, orientation, angle, wide, lefthand
+):
     draft = east_west(parking__right="lane", parking__right__orientation=orientation)
     site = imported(draft, tmp_path, lefthand=lefthand)
     assert len(site.parking) > 12
@@ -71,7 +84,11 @@ def test_bays_at_an_angle_head_for_the_kerb(tmp_path, imported, east_west, orien
 @pytest.mark.parametrize("lefthand", [False, True])
 def test_a_one_way_street_has_parking_on_both_sides(tmp_path, imported, east_west, lefthand):
     draft = east_west(
-        oneway="yes", lanes="2", parking__left="lane", parking__right="lane", parking__right__orientation="diagonal"
+        oneway="yes",
+        lanes="2",
+        parking__left="lane",
+        parking__right="lane",
+        parking__right__orientation="diagonal",
     )
     site = imported(draft, tmp_path, lefthand=lefthand)
     assert min(len(north(site)), len(south(site))) > 8
@@ -87,7 +104,9 @@ def test_a_way_that_is_mapped_against_its_traffic(tmp_path, imported, east_west)
 
 def test_a_parking_area_beside_the_road(tmp_path, imported, east_west, box):
     draft = east_west()
-    draft.way(*box(14, 4, 38, 9), amenity="parking", parking="street_side", orientation="perpendicular")
+    draft.way(
+        *box(14, 4, 38, 9), amenity="parking", parking="street_side", orientation="perpendicular"
+    )
     draft.way(*box(-38, -40, -14, -20), amenity="parking", parking="surface")
     site = imported(draft, tmp_path)
     assert len(site.parking) > 4
@@ -114,7 +133,9 @@ def test_a_turned_site_keeps_its_junction_whole(tmp_path, imported, east_west, u
         ground = outline(bay, MAP_BAY)
         assert ground.difference(road).area < 0.05
         assert ground.intersection(tracks).area < 0.05
-        assert not any(shapely.Polygon(s.footprint).intersects(ground.buffer(-0.05)) for s in site.solids)
+        assert not any(
+            shapely.Polygon(s.footprint).intersects(ground.buffer(-0.05)) for s in site.solids
+        )
 
 
 def test_vehicles_park_there_and_traffic_passes(tmp_path, imported, east_west):

@@ -6,7 +6,14 @@ import shapely
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import document, format_site, parse
 from toolkit.sites.network import shoulders
-from toolkit.sites.random import HIGHEST, LOWEST, STEEPEST_STREET, random_sensors, random_site, sloping
+from toolkit.sites.random import (
+    HIGHEST,
+    LOWEST,
+    STEEPEST_STREET,
+    random_sensors,
+    random_site,
+    sloping,
+)
 from toolkit.sites.site import Relief, Site
 
 
@@ -23,12 +30,18 @@ def check(site: Site, tmp_path) -> None:
     assert lanes.intersection(shapely.box(*site.area)).area > 200
     assert footways.intersection(shapely.box(*site.area)).area > 50
     unused = shoulders(site.network).values()
-    strips = [shapely.LineString(line).buffer(width / 2, cap_style="flat") for line, width in unused]
+    strips = [
+        shapely.LineString(line).buffer(width / 2, cap_style="flat") for line, width in unused
+    ]
     driven = lanes.difference(shapely.union_all(strips).buffer(0.02))
     low = [s for s in site.solids if s.base - site.ground(s.footprint.mean(axis=0)) < 2]
     for solid in low:
         assert shapely.Polygon(solid.footprint).intersection(driven).area < 1e-3, solid
-    crowns = [s for s in site.solids if s.kind == "tree" and shapely.Polygon(s.footprint).intersects(lanes)]
+    crowns = [
+        s
+        for s in site.solids
+        if s.kind == "tree" and shapely.Polygon(s.footprint).intersects(lanes)
+    ]
     below = site.plane(np.array([s.footprint.mean(axis=0) for s in crowns]).reshape(-1, 2))
     assert all(1.0 < s.base - z < s.top - z < 12.0 for s, z in zip(crowns, below, strict=True))
     standing = union(s.footprint for s in low if s.top - s.base > 0.5 and s.kind != "kerb")
@@ -38,7 +51,11 @@ def check(site: Site, tmp_path) -> None:
     for sensor in site.sensors:
         x, y, z = sensor.position
         assert LOWEST - 0.1 <= z - site.ground(np.array([[x, y]]))[0] <= HIGHEST + 0.1
-        around = [s for s in site.solids if shapely.Polygon(s.footprint).distance(shapely.Point(x, y)) < 0.1]
+        around = [
+            s
+            for s in site.solids
+            if shapely.Polygon(s.footprint).distance(shapely.Point(x, y)) < 0.1
+        ]
         assert not [s for s in around if s.base <= z <= s.top], sensor.name
     bays = [shapely.Point(x, y).buffer(1.0) for x, y, _ in site.parking]
     assert standing.intersection(shapely.union_all(bays)).area < 1e-3
@@ -55,7 +72,11 @@ def check_traffic(site: Site, tmp_path) -> None:
     try:
         incoming = [e for e in libsumo.edge.getIDList() if e.startswith("in")]
         outgoing = [e for e in libsumo.edge.getIDList() if e.startswith("out")]
-        found = [libsumo.simulation.findRoute(a, b, "DEFAULT_VEHTYPE").edges for a in incoming for b in outgoing]
+        found = [
+            libsumo.simulation.findRoute(a, b, "DEFAULT_VEHTYPE").edges
+            for a in incoming
+            for b in outgoing
+        ]
         routes = [route for route in found if route]
         assert len(routes) >= len(incoming)
         libsumo.route.add("drive", routes[0])
@@ -91,7 +112,9 @@ def test_sensors_repeat_with_the_seed_and_are_of_both_sorts():
     assert {len(sensors) for sensors in drawn} == set(range(1, 11))
     models = [sensor.model for sensors in drawn for sensor in sensors]
     assert {type(model) for model in models} == {DepthCamera, SpinningLidar}
-    assert all(np.deg2rad(60) <= m.fov <= np.deg2rad(100) for m in models if isinstance(m, DepthCamera))
+    assert all(
+        np.deg2rad(60) <= m.fov <= np.deg2rad(100) for m in models if isinstance(m, DepthCamera)
+    )
     assert {m.channels for m in models if isinstance(m, SpinningLidar)} == {16, 32, 64, 128}
     for sensors in drawn:
         names = [sensor.name for sensor in sensors]
@@ -99,10 +122,14 @@ def test_sensors_repeat_with_the_seed_and_are_of_both_sorts():
     site = random_site(2)
     rng = np.random.default_rng(0)
     middle = (site.area[:2] + site.area[2:]) / 2
-    cameras = [s for _ in range(40) for s in random_sensors(site, rng) if isinstance(s.model, DepthCamera)]
+    cameras = [
+        s for _ in range(40) for s in random_sensors(site, rng) if isinstance(s.model, DepthCamera)
+    ]
     towards = np.array([middle - s.position[:2] for s in cameras])
     ahead = np.array([s.pose[:2, 2] for s in cameras])
-    cosine = (towards * ahead).sum(1) / np.linalg.norm(towards, axis=1) / np.linalg.norm(ahead, axis=1)
+    cosine = (
+        (towards * ahead).sum(1) / np.linalg.norm(towards, axis=1) / np.linalg.norm(ahead, axis=1)
+    )
     assert np.mean(cosine > np.cos(np.pi / 4)) > 0.6
     site = random_site(0)
     assert len(random_sensors(site, 5, 7)) == 7
@@ -118,7 +145,8 @@ def drawn(count):
 
 
 def test_streets_hold_what_detectors_must_tell_from_vehicles():
-    """Over a dozen sites: crowns over the road, bays in it, works, and many things as big as cars."""
+    """Over a dozen sites: crowns over the road, bays in it, works, and many things as big as
+    cars."""
     sites = drawn(12)
     over_road, bays_in_road = [], []
     for site in sites:
@@ -130,7 +158,17 @@ def test_streets_hold_what_detectors_must_tell_from_vehicles():
     assert sum(number > 5 for number in bays_in_road) >= 5
     kinds = [{solid.kind for solid in site.solids} for site in sites]
     assert sum("cone" in there or "barrier" in there for there in kinds) >= 5
-    bulky = {"container", "hedge", "bush", "cabinet", "planter", "heap", "machine", "shelter", "bin"}
+    bulky = {
+        "container",
+        "hedge",
+        "bush",
+        "cabinet",
+        "planter",
+        "heap",
+        "machine",
+        "shelter",
+        "bin",
+    }
     assert np.mean([sum(s.kind in bulky for s in site.solids) for site in sites]) > 20
 
 
@@ -139,7 +177,12 @@ def test_sensors_hang_above_ground_that_may_slope():
     rows = []
     for site in drawn(6):
         rng = np.random.default_rng(0)
-        for sensor in (s for _ in range(20) for s in random_sensors(site, rng) if isinstance(s.model, DepthCamera)):
+        for sensor in (
+            s
+            for _ in range(20)
+            for s in random_sensors(site, rng)
+            if isinstance(s.model, DepthCamera)
+        ):
             height = sensor.position[2] - site.ground(sensor.position[None, :2])[0]
             rows.append((height, np.rad2deg(-np.arcsin(sensor.pose[2, 2]))))
     table = np.array(rows)

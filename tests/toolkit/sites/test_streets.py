@@ -29,7 +29,9 @@ def test_each_street_is_named_once_along_its_longest_lane():
 
 
 def test_lanes_of_motor_vehicles_have_arrows_the_way_they_go():
-    rows = {(round(x), round(y)): angle for x, y, angle in find_lane_arrows(SITE, LOW, HIGH).tolist()}
+    rows = {
+        (round(x), round(y)): angle for x, y, angle in find_lane_arrows(SITE, LOW, HIGH).tolist()
+    }
     assert sorted(rows) == [(0, -18), (0, -2), (0, 2)]
     assert rows[0, 2] == pytest.approx(0.0)
     assert abs(rows[0, -2]) == pytest.approx(np.pi)

@@ -21,20 +21,29 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     assert ROAD.carriageway.area == pytest.approx(160 * 7, rel=0.01)
     assert ROAD.surface.area == pytest.approx(160 * 11, rel=0.01)
     assert ROAD.islands == []
-    sides = [(-10.0, -10.0, 10.0, -6.0), (-10.0, 6.0, 10.0, 10.0), (-10.0, -10.0, -6.0, 10.0), (6.0, -10.0, 10.0, 10.0)]
+    sides = [
+        (-10.0, -10.0, 10.0, -6.0),
+        (-10.0, 6.0, 10.0, 10.0),
+        (-10.0, -10.0, -6.0, 10.0),
+        (6.0, -10.0, 10.0, 10.0),
+    ]
     (island,) = surroundings.Road([], [], [rectangle(*side) for side in sides], []).islands
     assert island.centroid.distance(shapely.Point(0, 0)) < 1e-6
     mount = Mount("post", np.array([30.0, 10.0, 0.0]))
     plot = surroundings.Plot(ROAD, shapely.box(*AREA), [mount])
     assert plot.claim(shapely.box(0, 8, 4, 12))
     assert not plot.claim(shapely.box(3, 11, 6, 14))
-    assert not plot.claim(shapely.box(10, 3.5 + surroundings.LANE_CLEARANCE / 2, 11, 5), footway=True)
+    assert not plot.claim(
+        shapely.box(10, 3.5 + surroundings.LANE_CLEARANCE / 2, 11, 5), footway=True
+    )
     assert not plot.claim(shapely.box(20, 4, 21, 5))
     assert plot.claim(shapely.box(20, 4, 21, 5), footway=True)
     assert not plot.claim(shapely.box(30, 10, 31, 11).buffer(surroundings.MOUNT_CLEARANCE / 2))
     assert not plot.claim(shapely.box(100, 8, 104, 12)), "outside the window"
     plot = surroundings.Plot(ROAD, shapely.box(*AREA), [])
-    free, in_the_way = (Solid(rectangle(x, y, x + 2, y + 2), 0.0, 1.0, "hedge") for x, y in ((0.0, 9.0), (4.0, 2.0)))
+    free, in_the_way = (
+        Solid(rectangle(x, y, x + 2, y + 2), 0.0, 1.0, "hedge") for x, y in ((0.0, 9.0), (4.0, 2.0))
+    )
     assert not plot.place([free, in_the_way])
     assert plot.solids == []
     assert plot.place([free])
@@ -50,24 +59,36 @@ def test_mounts_stand_apart_beside_the_road_and_repeat(seed):
     assert min(ROAD.carriageway.distance(place) for place in places) >= 0.6 - 1e-3
     assert min([a.distance(b) for i, a in enumerate(places) for b in places[:i]]) >= 5.0 - 0.01
     again = surroundings.place_mounts(ROAD, AREA, np.random.default_rng(seed))
-    assert [mount.position.tolist() for mount in again] == [mount.position.tolist() for mount in mounts]
+    assert [mount.position.tolist() for mount in again] == [
+        mount.position.tolist() for mount in mounts
+    ]
 
 
 def test_shoulders_may_be_built_on_and_bays_are_claimed():
     road = surroundings.Road(
-        ROAD.paths, ROAD.half_widths, ROAD.lanes, ROAD.footways, {"out0": (LINE - np.array([0.0, -7.85]), 3.5)}
+        ROAD.paths,
+        ROAD.half_widths,
+        ROAD.lanes,
+        ROAD.footways,
+        {"out0": (LINE - np.array([0.0, -7.85]), 3.5)},
     )
     shoulder = surroundings.Plot(road, shapely.box(*AREA), [])
     assert road.driven.area == pytest.approx(160 * 3.5, rel=0.01)
     assert not shoulder.claim(shapely.box(0, 0.5, 4, 3), footway=True)
     assert shoulder.claim(shapely.box(0, 0.5, 4, 3), shoulder=True)
-    assert not shoulder.claim(shapely.box(10, surroundings.LANE_CLEARANCE / 2, 14, 3), shoulder=True)
+    assert not shoulder.claim(
+        shapely.box(10, surroundings.LANE_CLEARANCE / 2, 14, 3), shoulder=True
+    )
     assert not shoulder.claim(shapely.box(1, 1, 2, 2), shoulder=True), "taken"
     counts = []
     for seed in range(12):
         ground = plot()
-        bays = surroundings.kerb_bays(ground, {"in0": (LINE, 5.2)}, {"in0": 90, "out7": 0}, np.random.default_rng(seed))
-        again = surroundings.kerb_bays(plot(), {"in0": (LINE, 5.2)}, {"in0": 90}, np.random.default_rng(seed))
+        bays = surroundings.kerb_bays(
+            ground, {"in0": (LINE, 5.2)}, {"in0": 90, "out7": 0}, np.random.default_rng(seed)
+        )
+        again = surroundings.kerb_bays(
+            plot(), {"in0": (LINE, 5.2)}, {"in0": 90}, np.random.default_rng(seed)
+        )
         assert np.array_equal(bays, again)
         assert not ground.claim(surroundings.outline(bays[0]).buffer(-0.5), shoulder=True), "taken"
         counts.append(len(bays))
@@ -96,16 +117,24 @@ def test_bays_are_headed_for_the_kerb_on_the_right_and_do_not_overlap(angle):
     assert len(rows) > (10 if angle == 0 else 15)
     assert np.rad2deg(rows[:, 2]) == pytest.approx(-angle, abs=0.01)
     assert rows[:, 1] == pytest.approx(-6.1)
-    assert rows[:, 0].max() < 80 - 6 - surroundings.BAY[0] / 2 + 0.01, "clear of the junction at the end"
+    assert rows[:, 0].max() < 80 - 6 - surroundings.BAY[0] / 2 + 0.01, (
+        "clear of the junction at the end"
+    )
     assert rows[:, 0].min() > 80 - 76
-    shapes = [surroundings.outline(row, (surroundings.BAY[0] - 0.2, surroundings.BAY[1] - 0.2)) for row in rows]
+    shapes = [
+        surroundings.outline(row, (surroundings.BAY[0] - 0.2, surroundings.BAY[1] - 0.2))
+        for row in rows
+    ]
     assert max(a.intersection(b).area for a, b in pairwise(shapes)) < 1e-6
 
 
 @pytest.mark.parametrize("angle", surroundings.ANGLES)
 def test_bays_and_forecourts_keep_clear_of_street_and_junctions(angle):
     line = shapely.LineString(LINE)
-    right, left = surroundings.bays_between(line, angle), surroundings.bays_between(line, angle, kerb_left=True)
+    right, left = (
+        surroundings.bays_between(line, angle),
+        surroundings.bays_between(line, angle, kerb_left=True),
+    )
     assert np.abs(right[:, 0]).max() < 80 - 6 - surroundings.BAY[0] / 2 + 0.01
     assert np.abs(right[:, 0]).max() > 60
     assert np.rad2deg(right[:, 2]) == pytest.approx(-angle, abs=0.01)
@@ -115,4 +144,6 @@ def test_bays_and_forecourts_keep_clear_of_street_and_junctions(angle):
     assert -80 + 6 + surroundings.BAY[0] / 2 - 0.01 < rows[:, 0].min() < rows[:, 0].max() < -80 + 76
     for seed in range(6):
         bays = surroundings.forecourts(plot(), np.random.default_rng(seed))
-        assert all(surroundings.outline(bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays)
+        assert all(
+            surroundings.outline(bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays
+        )

@@ -39,7 +39,11 @@ def snapshots(site):
 
 @pytest.fixture(scope="module")
 def road_without_footways():
-    nodes = [{"id": "a", "x": -100, "y": 0}, {"id": "b", "x": 0, "y": 0}, {"id": "c", "x": 90, "y": 60}]
+    nodes = [
+        {"id": "a", "x": -100, "y": 0},
+        {"id": "b", "x": 0, "y": 0},
+        {"id": "c", "x": 90, "y": 60},
+    ]
     edges = [
         {"id": start + end, "from": start, "to": end, "lanes": street(1, footway=0.0)}
         for start, end in ("ab", "bc", "cb", "ba")
@@ -60,14 +64,26 @@ def lights_and_one_way_streets():
     }
     nodes = [{"id": name, "x": x, "y": y} for name, (x, y) in places.items()]
     nodes.append({"id": "middle", "x": 0, "y": 0, "type": "traffic_light"})
-    ways = [("n", "middle"), ("middle", "s"), ("w", "middle"), ("middle", "w"), ("e", "middle"), ("middle", "e")]
-    ways += [("middle", "stub"), ("x", "y")]  # a dead end inside the area, a road that meets no other
-    edges = [{"id": f"{a}-{b}", "from": a, "to": b, "lanes": street(2, footway=2.0)} for a, b in ways]
+    ways = [
+        ("n", "middle"),
+        ("middle", "s"),
+        ("w", "middle"),
+        ("middle", "w"),
+        ("e", "middle"),
+        ("middle", "e"),
+    ]
+    # a dead end inside the area, a road that meets no other
+    ways += [("middle", "stub"), ("x", "y")]
+    edges = [
+        {"id": f"{a}-{b}", "from": a, "to": b, "lanes": street(2, footway=2.0)} for a, b in ways
+    ]
     return Site("lights", np.array([-40.0, -40, 40, 40]), network=build_network(nodes, edges))
 
 
 def same(a, b):
-    pairs = [(getattr(a.objects, key), getattr(b.objects, key)) for key in ("boxes", "ids", "labels")]
+    pairs = [
+        (getattr(a.objects, key), getattr(b.objects, key)) for key in ("boxes", "ids", "labels")
+    ]
     return all(np.array_equal(*pair) for pair in (*pairs, (a.bodies, b.bodies)))
 
 
@@ -79,7 +95,8 @@ def test_snapshots_describe_bodies_on_the_ground_and_few_repairs(snapshots):
         assert len(set(objects.ids.tolist())) == len(objects)
         assert objects.labels.tolist() == [BODIES[row].label for row in snapshot.bodies]
         assert np.allclose(
-            objects.boxes[:, 3:6], np.array([BODIES[row].size for row in snapshot.bodies]).reshape(-1, 3)
+            objects.boxes[:, 3:6],
+            np.array([BODIES[row].size for row in snapshot.bodies]).reshape(-1, 3),
         )
     repaired = np.array([s.repaired for s in snapshots])
     assert 0 < (repaired > 0).mean() < 0.4
@@ -99,7 +116,9 @@ def test_boxes_stand_on_the_ground_apart_near_the_area(site, snapshots):
         assert np.abs(floor - site.ground(boxes[:, :2])).max() < 0.05
         assert (np.abs(boxes[:, 6]) <= np.pi).all()
         assert shapely.intersects(shapely.polygons(footprints(boxes)), near).all()
-    walls = shapely.union_all([shapely.Polygon(s.footprint) for s in site.solids if s.top > 0.5 and s.base < 0.3])
+    walls = shapely.union_all(
+        [shapely.Polygon(s.footprint) for s in site.solids if s.top > 0.5 and s.base < 0.3]
+    )
     for boxes in (s.objects.boxes for s in snapshots):
         assert (iou_bev(boxes, boxes)[~np.eye(len(boxes), dtype=bool)] < 1e-12).all()
         assert not shapely.intersects(shapely.polygons(footprints(boxes)), walls).any()
@@ -113,7 +132,11 @@ def test_boxes_stand_on_the_ground_apart_near_the_area(site, snapshots):
 
 def test_the_scene_is_as_crowded_as_the_papers_in_its_shares(site, snapshots):
     inside = [
-        s.objects[((s.objects.boxes[:, :2] > site.area[:2]) & (s.objects.boxes[:, :2] < site.area[2:])).all(axis=1)]
+        s.objects[
+            (
+                (s.objects.boxes[:, :2] > site.area[:2]) & (s.objects.boxes[:, :2] < site.area[2:])
+            ).all(axis=1)
+        ]
         for s in snapshots
     ]
     vehicles = np.mean([np.isin(o.labels, [VEHICLE, HEAVY]).sum() for o in inside])
@@ -131,14 +154,23 @@ def test_the_scene_is_as_crowded_as_the_papers_in_its_shares(site, snapshots):
 
 def test_traffic_keeps_to_its_ways_for_four_frames_by_its_seed(site, snapshots):
     seen = Counter(name for s in snapshots for name in s.objects.ids.tolist())
-    where = {name: s.objects.boxes[i, :2] for s in snapshots for i, name in enumerate(s.objects.ids.tolist())}
+    where = {
+        name: s.objects.boxes[i, :2]
+        for s in snapshots
+        for i, name in enumerate(s.objects.ids.tolist())
+    }
     bays = shapely.MultiPoint(site.parking[:, :2]).buffer(1.5)
     long_seen = [name for name, times in seen.items() if times > LIFE]
     assert all(bays.contains(shapely.Point(where[name])) for name in long_seen)
     assert long_seen, "some vehicles park"
     assert len(seen) > FRAMES * 3, "objects are replaced"
-    road, footway = (shapely.union_all([shapely.Polygon(p) for p in layer]) for layer in (site.lanes, site.footways))
-    boxes, labels = (np.concatenate([getattr(s.objects, k) for s in snapshots]) for k in ("boxes", "labels"))
+    road, footway = (
+        shapely.union_all([shapely.Polygon(p) for p in layer])
+        for layer in (site.lanes, site.footways)
+    )
+    boxes, labels = (
+        np.concatenate([getattr(s.objects, k) for s in snapshots]) for k in ("boxes", "labels")
+    )
     points = shapely.points(boxes[:, :2])
     inside = shapely.contains(shapely.box(*site.area), points)
     parked = shapely.contains(shapely.MultiPoint(site.parking[:, :2]).buffer(1.5), points)
@@ -152,18 +184,25 @@ def test_traffic_keeps_to_its_ways_for_four_frames_by_its_seed(site, snapshots):
 
 def test_classes_without_ways_or_bodies_are_left_out(road_without_footways):
     labels = {
-        label for s in simulate(road_without_footways, BODIES, frames=10, seed=1) for label in s.objects.labels.tolist()
+        label
+        for s in simulate(road_without_footways, BODIES, frames=10, seed=1)
+        for label in s.objects.labels.tolist()
     }
     assert labels <= {VEHICLE, HEAVY, CYCLIST}
     assert {VEHICLE, CYCLIST} <= labels
     cars = [body for body in BODIES if body.label == VEHICLE]
-    assert all(set(s.objects.labels) == {VEHICLE} for s in simulate(road_without_footways, cars, frames=5, seed=1))
+    assert all(
+        set(s.objects.labels) == {VEHICLE}
+        for s in simulate(road_without_footways, cars, frames=5, seed=1)
+    )
 
 
 def test_lights_one_way_streets_and_dead_ends(lights_and_one_way_streets):
     snapshots = list(simulate(lights_and_one_way_streets, BODIES, frames=20, seed=3))
     assert np.mean([len(s.objects) for s in snapshots]) > 6
-    assert {VEHICLE, CYCLIST, PEDESTRIAN} <= {label for s in snapshots for label in s.objects.labels.tolist()}
+    assert {VEHICLE, CYCLIST, PEDESTRIAN} <= {
+        label for s in snapshots for label in s.objects.labels.tolist()
+    }
     assert max(s.repaired for s in snapshots) <= 3
 
 
@@ -172,7 +211,10 @@ def test_lights_one_way_streets_and_dead_ends(lights_and_one_way_streets):
     [
         ({"network": ""}, {}, "no network"),
         ({"area": np.array([900.0, 900, 990, 990])}, {}, "no lane open to cars within 25 m"),
-        *(({}, {"frames": -1}, "frames must be at least 0"), ({}, {"interval": 0.25}, "whole number of SUMO's steps")),
+        *(
+            ({}, {"frames": -1}, "frames must be at least 0"),
+            ({}, {"interval": 0.25}, "whole number of SUMO's steps"),
+        ),
         ({}, {"interval": 0.05}, "whole number of SUMO's steps"),
         ({}, {"interval": 0.0}, "whole number of SUMO's steps"),
         ({}, {"interval": 1.5}, "whole number of SUMO's steps"),
@@ -189,7 +231,10 @@ def test_refuses(site, changes, arguments, says):
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        *(({"stay": 0}, "stay must be one frame or more, got 0"), ({"most": 0}, "most must be at least 1, got 0")),
+        *(
+            ({"stay": 0}, "stay must be one frame or more, got 0"),
+            ({"most": 0}, "most must be at least 1, got 0"),
+        ),
         ({"parked": 31}, "parked must lie in 0..most 30, got 31"),
         ({"strays": 1.5}, "strays must be a share from 0 to 1, got 1.5"),
     ],
@@ -201,7 +246,9 @@ def test_a_mix_refuses(wrong, says):
 
 def test_parked_vehicles_go_when_they_should_or_there_are_no_frames(site):
     assert list(simulate(site, BODIES, frames=0, seed=0)) == []
-    parked = [parked_in(site, each) for each in simulate(site, BODIES, frames=33, seed=7, mix=Mix(stay=4))]
+    parked = [
+        parked_in(site, each) for each in simulate(site, BODIES, frames=33, seed=7, mix=Mix(stay=4))
+    ]
     blocks = [parked[first : first + 4] for first in range(0, 33, 4)]
     assert all(each == block[0] for block in blocks for each in block)
     assert not any(before[0] & after[0] for before, after in pairwise(blocks))
@@ -211,9 +258,13 @@ def test_parked_vehicles_go_when_they_should_or_there_are_no_frames(site):
 
 def parked_in(site, snapshot):
     """Ids and bodies of those who stand in bays."""
-    far = np.hypot(*(snapshot.objects.boxes[:, None, :2] - site.parking[None, :, :2]).transpose(2, 0, 1))
+    far = np.hypot(
+        *(snapshot.objects.boxes[:, None, :2] - site.parking[None, :, :2]).transpose(2, 0, 1)
+    )
     rows = np.flatnonzero((far < 0.2).any(axis=1))
-    return set(zip(snapshot.objects.ids[rows].tolist(), snapshot.bodies[rows].tolist(), strict=True))
+    return set(
+        zip(snapshot.objects.ids[rows].tolist(), snapshot.bodies[rows].tolist(), strict=True)
+    )
 
 
 def test_of_a_drawn_fleet_everyone_has_a_body_of_its_own_and_some_walk_together(site):
@@ -227,7 +278,9 @@ def test_of_a_drawn_fleet_everyone_has_a_body_of_its_own_and_some_walk_together(
         for name, row in zip(objects.ids.tolist(), frame.bodies.tolist(), strict=True):
             worn.setdefault(name, set()).add(row)
         walkers = objects[objects.labels == PEDESTRIAN]
-        gaps = np.hypot(*(walkers.boxes[:, None, :2] - walkers.boxes[None, :, :2]).transpose(2, 0, 1))
+        gaps = np.hypot(
+            *(walkers.boxes[:, None, :2] - walkers.boxes[None, :, :2]).transpose(2, 0, 1)
+        )
         gaps[np.arange(len(walkers)), np.arange(len(walkers))] = np.inf
         near = (gaps < 1.0).any(axis=1) if len(walkers) else np.zeros(0, bool)
         abreast, alone = abreast + int(near.sum()), alone + int((~near).sum())
@@ -244,7 +297,9 @@ def test_frames_a_tenth_of_a_second_apart_show_motion_and_live_as_long(site):
     steps = []
     for one, two in pairwise(close):
         _, mine, theirs = np.intersect1d(one.objects.ids, two.objects.ids, return_indices=True)
-        steps.append(np.linalg.norm(two.objects.boxes[theirs, :2] - one.objects.boxes[mine, :2], axis=1))
+        steps.append(
+            np.linalg.norm(two.objects.boxes[theirs, :2] - one.objects.boxes[mine, :2], axis=1)
+        )
     moved = np.concatenate(steps)
     assert np.quantile(moved, 0.99) < 2.0, "20 m/s at most"
     assert 0.2 < np.quantile(moved, 0.9) < 1.6, "and some drive"
@@ -259,7 +314,9 @@ def wall(x0, y0, x1, y1, base=0.0, top=2.0, kind="wall"):
 
 
 def cars(*offsets):
-    return np.array([0.0, 0, 0.75, 4, 2, 1.5, 0]) + [[x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets]
+    return np.array([0.0, 0, 0.75, 4, 2, 1.5, 0]) + [
+        [x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets
+    ]
 
 
 def test_later_rows_and_parked_vehicles_stand_free():
@@ -273,11 +330,16 @@ def test_later_rows_and_parked_vehicles_stand_free():
     assert np.array_equal(settled[0], boxes[0])
     assert settled[1, 1] == pytest.approx(2.3)
     assert not overlaps(settled).any()
-    settled, kept, repaired = separate(cars((0, 0, 0), (0, 4.2, 0), (0, 2.1, 0)), FREE)  # no room for the third
+    # no room for the third
+    settled, kept, repaired = separate(cars((0, 0, 0), (0, 4.2, 0), (0, 2.1, 0)), FREE)
     assert (kept.tolist(), repaired) == ([True, True, False], 1)
     assert not overlaps(settled[kept]).any()
     _, kept, _ = separate(cars((0, 0, 0), (0.5, 0, np.pi / 2), (0.5, 3.2, 0)), FREE)
-    assert kept.tolist() == [True, False, True]  # the third touches only the second, which is dropped
+    assert kept.tolist() == [
+        True,
+        False,
+        True,
+    ]  # the third touches only the second, which is dropped
     settled, kept, repaired = separate(np.zeros((0, 7)), FREE)
     assert (settled.shape, kept.shape, repaired) == ((0, 7), (0,), 0)
     assert overlaps(settled).shape == (0, 0)
@@ -333,4 +395,6 @@ WALL = Solid(np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), 0.0, 2.0, "wall")
 
 def draw(seed, most=20, solids=()):
     site = Site("lot", np.array([-50.0, -50, 50, 100]), parking=BAYS, solids=solids)
-    return Parked.draw(site, Obstacles(site), Supply(catalogue(), np.random.default_rng(seed)), most=most)
+    return Parked.draw(
+        site, Obstacles(site), Supply(catalogue(), np.random.default_rng(seed)), most=most
+    )

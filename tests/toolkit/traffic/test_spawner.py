@@ -40,7 +40,9 @@ def test_all_are_spawned_turn_continuously_and_leave(site):
     for steps in track.values():
         for (length, x, y, yaw), (_, x2, y2, yaw2) in pairwise(steps[5:]):
             gone, turn = np.hypot(x2 - x, y2 - y), abs((yaw2 - yaw + np.pi) % (2 * np.pi) - np.pi)
-            assert turn <= 2.5 * gone / length + 0.03, "no body turns faster than its front can move sideways"
+            assert turn <= 2.5 * gone / length + 0.03, (
+                "no body turns faster than its front can move sideways"
+            )
             if gone > 0.3:
                 assert np.cos(np.arctan2(y2 - y, x2 - x) - yaw2) > np.cos(np.deg2rad(35))
         turned.append(abs((steps[-1][3] - steps[0][3] + np.pi) % (2 * np.pi) - np.pi))
@@ -67,7 +69,10 @@ def test_an_undefined_angle_is_that_of_the_lane(site):
         spawner.advance(10.0)
         known = spawner.state()[2]
         for walks, domain in spawner.domains.items():
-            own = {name: getattr(domain, name) for name in ("getPosition", "getLaneID", "getLanePosition")}
+            own = {
+                name: getattr(domain, name)
+                for name in ("getPosition", "getLaneID", "getLanePosition")
+            }
             spawner.domains[walks] = SimpleNamespace(**own, getAngle=lambda name: np.nan)
         poses = spawner.state()[2]
     assert np.isfinite(poses).all()
@@ -81,7 +86,10 @@ def test_shares_lanes_and_types_of_classes():
     assert SHARES[VEHICLE] + SHARES[HEAVY] == pytest.approx(0.6)
     assert set(SHARES) == set(range(len(LABELS)))
     supply = Supply(ONE_EACH, np.random.default_rng(0))
-    by_label = {label: {supply.classes[row] for row in np.flatnonzero(supply.labels == label)} for label in SHARES}
+    by_label = {
+        label: {supply.classes[row] for row in np.flatnonzero(supply.labels == label)}
+        for label in SHARES
+    }
     assert by_label == {
         VEHICLE: {"passenger"},
         HEAVY: {"truck"},
@@ -89,7 +97,9 @@ def test_shares_lanes_and_types_of_classes():
         PEDESTRIAN: {"pedestrian"},
     }
     declared = ElementTree.fromstring(supply.sumo_types())
-    assert [v.get("id") for v in declared] == [f"{row}-{p}" for row in range(len(ONE_EACH)) for p in range(POSITIONS)]
+    assert [v.get("id") for v in declared] == [
+        f"{row}-{p}" for row in range(len(ONE_EACH)) for p in range(POSITIONS)
+    ]
     lengths = [float(v.get("length")) for v in declared][::POSITIONS]
     assert lengths == pytest.approx(supply.sizes[:, 0], abs=1e-3)
 
@@ -133,7 +143,12 @@ AREA = np.array([-10.0, -10, 10, 10])
 def lane(name, start, end, *, forbidden=("pedestrian",), following=(), length=None):
     shape = np.array([start, end], float)
     return Lane(
-        name, name[:-2], length or float(np.hypot(*(shape[1] - shape[0]))), shape, frozenset(forbidden), following
+        name,
+        name[:-2],
+        length or float(np.hypot(*(shape[1] - shape[0]))),
+        shape,
+        frozenset(forbidden),
+        following,
     )
 
 
@@ -164,6 +179,8 @@ def test_routes_begin_on_lanes_and_go_on_by_links():
     assert roads.route("in_1", "passenger", 1.0, np.random.default_rng(0)) == ["in", "out"]
 
 
-@pytest.mark.parametrize(("point", "away"), [((0, 0), 0), ((10, 10), 0), ((13, 14), 5), ((-12, 0), 2)])
+@pytest.mark.parametrize(
+    ("point", "away"), [((0, 0), 0), ((10, 10), 0), ((13, 14), 5), ((-12, 0), 2)]
+)
 def test_distance_to_area(point, away):
     assert distance_to_area(np.array([point], float), AREA).tolist() == [away]

@@ -67,9 +67,14 @@ def test_companions_stand_shoulder_to_shoulder(site, obstacles):
 def test_they_stand_beside_vehicles_that_park(site, obstacles):
     car = np.array([[0.0, 0.0, 0.8, 4.5, 1.8, 1.6, 0.3]])
     drawn = Strays.draw(site, obstacles, supply(), 600, np.tile(car, (5, 1)))
-    near = shapely.distance(shapely.Polygon(footprints(car)[0]), shapely.points(drawn.poses[:, :2])) < 3
+    near = (
+        shapely.distance(shapely.Polygon(footprints(car)[0]), shapely.points(drawn.poses[:, :2]))
+        < 3
+    )
     bare = Strays.draw(site, obstacles, supply(), 600, NOBODY)
-    before = shapely.distance(shapely.Polygon(footprints(car)[0]), shapely.points(bare.poses[:, :2])) < 3
+    before = (
+        shapely.distance(shapely.Polygon(footprints(car)[0]), shapely.points(bare.poses[:, :2])) < 3
+    )
     assert near.sum() > 3 * max(before.sum(), 1)
 
 
@@ -102,7 +107,9 @@ def test_simulated_traffic_with_strays_keeps_apart_and_none_are_there_by_default
     def out_of_place(snapshots):
         boxes = np.concatenate([each.objects.boxes for each in snapshots])
         labels = np.concatenate([each.objects.labels for each in snapshots])
-        walkers, riders = (shapely.points(boxes[labels == label, :2]) for label in (PEDESTRIAN, CYCLIST))
+        walkers, riders = (
+            shapely.points(boxes[labels == label, :2]) for label in (PEDESTRIAN, CYCLIST)
+        )
         return shapely.contains(lanes, walkers).sum(), shapely.contains(footways, riders).sum()
 
     on_lanes, on_footways = out_of_place(found)

@@ -17,15 +17,26 @@ def samples():
     rng = np.random.default_rng(0)
     poses = [np.eye(4), np.eye(4)]
     poses[0][:3, 3], poses[1][:3, 3] = (0, 0, 5), (20, 10, 5)
-    ground = np.column_stack([rng.uniform(-30, 30, (400, 2)), rng.normal(-5, 0.01, 400)]).astype(np.float32)
+    ground = np.column_stack([rng.uniform(-30, 30, (400, 2)), rng.normal(-5, 0.01, 400)]).astype(
+        np.float32
+    )
     north = SensorCloud(
-        "north", ground, poses[0], time=np.linspace(0, 0.1, 400), intensity=np.arange(400, dtype=np.float32)
+        "north",
+        ground,
+        poses[0],
+        time=np.linspace(0, 0.1, 400),
+        intensity=np.arange(400, dtype=np.float32),
     )
     south = SensorCloud("south", ground[:100] + np.float32(0), poses[1])
-    objects = Objects(np.array([CAR, [5.0, -4.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array(["vehicle", "pedestrian"]))
+    objects = Objects(
+        np.array([CAR, [5.0, -4.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array(["vehicle", "pedestrian"])
+    )
     others = OtherObjects(np.array([[-8.0, 2, 1.5, 9, 2.5, 3, 0]]), ("TRAILER",))
     first = Frame.of_clouds("first", (north,), objects, others=others, time=0.0)
-    return [first, replace(first.with_clouds((north, south)), name="second", objects=objects[:1], time=0.1)]
+    return [
+        first,
+        replace(first.with_clouds((north, south)), name="second", objects=objects[:1], time=0.1),
+    ]
 
 
 @pytest.fixture(scope="session")

@@ -26,23 +26,31 @@ BOXES = np.array([[x, 0.0, 1.0, 4.0, 2.0, 2.0, 0.0] for x in (0.0, 10.0, 20.0, 3
 
 
 def detected(boxes, labels=None, complete=None, objects=None):
-    """A sample of five objects, the third of them without points, in which these boxes are found."""
+    """A sample of five objects, the third of them without points, in which these boxes are
+    found."""
     points = np.array([[box[0], 0, 1] for k, box in enumerate(BOXES) if k != 2] * 3, np.float32)
     objects = Objects(BOXES, np.array([0, 0, 0, 2, 0])) if objects is None else objects
     area = {} if complete is None else {"complete": complete}
     sample = Frame.of_clouds("0", (SensorCloud("s", points, np.eye(4)),), objects, **area)
     labels = np.zeros(len(boxes), np.int64) if labels is None else labels
     found = Detections(boxes, np.linspace(0.9, 0.5, len(boxes)), labels)
-    (each,) = detect_frames([sample], lambda points: found, Place("none", area=(-50.0, -50.0, 50.0, 50.0)))
+    (each,) = detect_frames(
+        [sample], lambda points: found, Place("none", area=(-50.0, -50.0, 50.0, 50.0))
+    )
     return each
 
 
 def by_x(outcomes):
-    return {name: {kind: rows.boxes[:, 0].tolist() for kind, rows in by.items()} for name, by in outcomes.items()}
+    return {
+        name: {kind: rows.boxes[:, 0].tolist() for kind, rows in by.items()}
+        for name, by in outcomes.items()
+    }
 
 
 def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
-    found = BOXES[[0, 0, 3, 1]] + np.array([[0.2, 0, 0, 0, 0, 0, 0], [0.9, 0, 0, 0, 0, 0, 0]] + [[0.0] * 7] * 2)
+    found = BOXES[[0, 0, 3, 1]] + np.array(
+        [[0.2, 0, 0, 0, 0, 0, 0], [0.9, 0, 0, 0, 0, 0, 0]] + [[0.0] * 7] * 2
+    )
     outcomes = sort_outcomes(detected(found, np.array([0, 0, 2, 2])))
     assert by_x(outcomes) == {
         "hits": {"vehicle": [0.2], "pedestrian": [30.0]},
@@ -58,17 +66,29 @@ def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
     # A label without points, one beyond the area, and what lies where labels are not complete.
     outcomes = sort_outcomes(detected(BOXES[[2, 4]]))
     missed = {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}
-    assert by_x(outcomes) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [20.0, 80.0]}}
+    assert by_x(outcomes) == {
+        "hits": {},
+        "missed": missed,
+        "false alarms": {},
+        "ignored": {"vehicle": [20.0, 80.0]},
+    }
     near = sort_outcomes(detected(BOXES[[1]] + 5.0, complete=Rectangle((-5.0, -5.0, 5.0, 5.0))))
     missed = {"vehicle": [0.0]}
-    assert by_x(near) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [15.0]}}
+    assert by_x(near) == {
+        "hits": {},
+        "missed": missed,
+        "false alarms": {},
+        "ignored": {"vehicle": [15.0]},
+    }
     assert sort_outcomes(detected(BOXES, objects=Objects.empty())) == {}
     assert list(MARKED) == ["hits", "missed", "false alarms", "ignored"]
 
 
 def test_the_second_label_of_a_truck_is_a_false_alarm():
     trucks = Objects(BOXES[:2], np.array([HEAVY, HEAVY]))
-    outcomes = sort_outcomes(detected(BOXES[[0, 0, 1]], np.array([HEAVY, VEHICLE, VEHICLE]), objects=trucks))
+    outcomes = sort_outcomes(
+        detected(BOXES[[0, 0, 1]], np.array([HEAVY, VEHICLE, VEHICLE]), objects=trucks)
+    )
     assert by_x(outcomes) == {
         "hits": {"heavy": [0.0]},
         "missed": {"heavy": [10.0]},
@@ -84,7 +104,9 @@ def test_every_detection_has_one_outcome_and_no_label_two(seed):
     each = detected(boxes, rng.integers(0, 4, 12), Rectangle((-5.0, -5.0, 40.0, 5.0)))
     by_outcome = {name: sum(map(len, by.values())) for name, by in sort_outcomes(each).items()}
     assert by_outcome["hits"] + by_outcome["false alarms"] + by_outcome["ignored"] == len(boxes)
-    assert by_outcome["hits"] + by_outcome["missed"] == 3  # of five labels one has no point, one is too far away
+    assert (
+        by_outcome["hits"] + by_outcome["missed"] == 3
+    )  # of five labels one has no point, one is too far away
 
 
 def test_tags_say_class_score_and_outcome_above_the_box(touched, finds_the_car):
@@ -100,12 +122,16 @@ def test_tags_say_class_score_and_outcome_above_the_box(touched, finds_the_car):
 def moved(sample, shift):
     motion = np.eye(4)
     motion[:3, 3] = shift
-    clouds = tuple(replace(cloud, world_SE3_sensor=motion @ cloud.world_SE3_sensor) for cloud in sample.clouds)
+    clouds = tuple(
+        replace(cloud, world_SE3_sensor=motion @ cloud.world_SE3_sensor) for cloud in sample.clouds
+    )
     boxes, others = sample.objects.boxes.copy(), sample.others.boxes.copy()
     boxes[:, :3] += shift
     others[:, :3] += shift
     objects = Objects(boxes, sample.objects.labels)
-    return replace(sample.with_clouds(clouds), objects=objects, others=replace(sample.others, boxes=others))
+    return replace(
+        sample.with_clouds(clouds), objects=objects, others=replace(sample.others, boxes=others)
+    )
 
 
 def test_points_boxes_and_classes_are_drawn_as_asked(samples, finds_the_car):
@@ -118,14 +144,22 @@ def test_points_boxes_and_classes_are_drawn_as_asked(samples, finds_the_car):
     np.testing.assert_allclose(first.detections["vehicle"][0, :6], samples[0].objects.boxes[0, :6])
     assert first.detections["vehicle"][0, 6] == pytest.approx(0.2)
     assert first.describe() == (
-        "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 false alarms, 1 ignored)"
+        "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 "
+        "false alarms, 1 ignored)"
     )
     assert second.describe() == (
-        "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 false alarm, 0 ignored)"
+        "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 "
+        "false alarm, 0 ignored)"
     )
     assert Drawing().draw_all(samples)[0].describe() == "first: 400 points, 3 labelled, 0 detected"
-    (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).draw_all(samples[1:] * 2)
-    assert ([cloud.name for cloud in second.clouds], second.truth, second.detections) == (["south"], {}, {})
+    (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).draw_all(
+        samples[1:] * 2
+    )
+    assert ([cloud.name for cloud in second.clouds], second.truth, second.detections) == (
+        ["south"],
+        {},
+        {},
+    )
     (first,) = Drawing(finds_the_car, classes=["pedestrian"]).draw_all(samples[:1])
     assert (list(first.truth), first.detections) == (["pedestrian"], {})
     assert Drawing(finds_the_car, least_score=0.95).draw_all(samples)[0].detections == {}
@@ -146,9 +180,12 @@ def test_labels_detections_and_outcomes_stand_on_level_ground(touched, finds_the
     np.testing.assert_array_equal(drawn.outcomes["missed"]["pedestrian"], drawn.truth["pedestrian"])
     assert drawn.outcomes["false alarms"] == {}
     assert drawn.describe() == (
-        "first: 408 points, 3 labelled (1 hit, 1 missed, 1 not counted), 1 detected (1 hit, 0 false alarms, 0 ignored)"
+        "first: 408 points, 3 labelled (1 hit, 1 missed, 1 not counted), 1 detected (1 hit, 0 "
+        "false alarms, 0 ignored)"
     )
-    (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all([touched])
+    (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all(
+        [touched]
+    )
     assert {name: list(by) for name, by in far.outcomes.items()} == {
         "hits": [],
         "missed": [],
@@ -203,7 +240,9 @@ def test_colours_scales_and_empty_samples():
     for levelling in ("none", "map"):
         (drawn,) = Drawing(place=Place(levelling)).draw_all([empty])
         assert (drawn.clouds, drawn.truth, drawn.detections) == ((), {}, {})
-    assert {bytes(row).hex() for row in shades(CLOUD, "sensor", SCALES, index=2, newest=0.1)} == {sensor_colour(2)[1:]}
+    assert {bytes(row).hex() for row in shades(CLOUD, "sensor", SCALES, index=2, newest=0.1)} == {
+        sensor_colour(2)[1:]
+    }
     height = brightness(CLOUD, "height")
     assert height[0] < height[1] < height[2] == height[3]  # beyond the scale
     assert (np.diff(brightness(CLOUD, "intensity")) < 0).all()
@@ -224,7 +263,9 @@ def test_colours_scales_and_empty_samples():
 
 
 POINTS = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 9]], np.float32)
-CLOUD = DrawnCloud("a", POINTS, np.zeros(3), np.array([0.0, 0.1, 0.05, 0.02]), np.array([4, 3, 2, 1], np.float32))
+CLOUD = DrawnCloud(
+    "a", POINTS, np.zeros(3), np.array([0.0, 0.1, 0.05, 0.02]), np.array([4, 3, 2, 1], np.float32)
+)
 BARE = DrawnCloud("b", POINTS, np.zeros(3))
 SCALES = Scales(height=(0.0, 2.0), intensity=(1.0, 4.0), age=(0.0, 0.1))
 
@@ -235,4 +276,6 @@ def brightness(cloud, colouring):
 
 @pytest.mark.parametrize("colouring", ["intensity", "age"])
 def test_points_without_what_is_asked_are_grey(colouring):
-    assert shades(BARE, colouring, SCALES, index=0, newest=0.0).tolist() == [list(UNKNOWN_SHADE)] * 4
+    assert (
+        shades(BARE, colouring, SCALES, index=0, newest=0.0).tolist() == [list(UNKNOWN_SHADE)] * 4
+    )

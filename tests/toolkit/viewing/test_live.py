@@ -43,7 +43,8 @@ FIRST = {
 
 def test_it_shows_samples_and_colourings_in_turn(view):
     assert view.said == (
-        "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 false alarms, 1 ignored)"
+        "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 "
+        "false alarms, 1 ignored)"
     )
     assert shown(view) == FIRST
     assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
@@ -65,7 +66,10 @@ def test_it_shows_samples_and_colourings_in_turn(view):
     assert "/sensors/0/sensor/0" not in shown(view)
     view.show(1)
     assert {"/sensors/0/height/0", "/sensors/1/height/0"} < shown(view)
-    assert [view.groups[f"/sensors/1/{each}"].visible for each in ("sensor", "height")] == [False, True]
+    assert [view.groups[f"/sensors/1/{each}"].visible for each in ("sensor", "height")] == [
+        False,
+        True,
+    ]
 
 
 def wait_until(true):
@@ -81,7 +85,12 @@ def test_switches_hide_and_the_slider_goes_to_a_frame(view):
     view.switches["north"].value = False
     wait_until(lambda: not view.groups["/sensors/0"].visible)
     view.switches["vehicle"].value = False
-    wait_until(lambda: not view.groups["/truth/vehicle"].visible and not view.groups["/detections/vehicle"].visible)
+    wait_until(
+        lambda: (
+            not view.groups["/truth/vehicle"].visible
+            and not view.groups["/detections/vehicle"].visible
+        )
+    )
     assert view.groups["/truth/pedestrian"].visible
     assert view.groups["/truth"].visible
     assert not view.groups["/missed/vehicle"].visible
@@ -123,7 +132,13 @@ def test_it_is_served_until_it_is_interrupted(recording, monkeypatch):
         port, address = self.get_port(), addresses[0]
         said.append(urllib.request.urlopen(address).status)
         local, path = f"http://127.0.0.1:{port}", address.removeprefix(f"http://127.0.0.1:{port}")
-        for origin, at in ((local, path), ("http://evil.example", path), (None, path), (local, "/"), (local, "/x/")):
+        for origin, at in (
+            (local, path),
+            ("http://evil.example", path),
+            (None, path),
+            (local, "/"),
+            (local, "/x/"),
+        ):
             with suppress(InvalidStatus), connect(f"ws://127.0.0.1:{port}{at}", origin=origin):
                 said.append((origin, at))
         with pytest.raises(urllib.error.HTTPError, match="403"):

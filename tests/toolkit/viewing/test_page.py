@@ -6,10 +6,18 @@ from dataclasses import replace
 import pytest
 
 from toolkit.viewing.drawn import Drawing
-from toolkit.viewing.recording_scene import PageContent, Switch, nodes_of_kind, page_content, page_html, write_page
+from toolkit.viewing.recording_scene import (
+    PageContent,
+    Switch,
+    nodes_of_kind,
+    page_content,
+    page_html,
+    write_page,
+)
 
 SECOND = (
-    "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 false alarm, 0 ignored)"
+    "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 "
+    "false alarm, 0 ignored)"
 )
 
 
@@ -28,9 +36,17 @@ def test_every_frame_has_its_nodes_and_everything_a_switch(written):
     _, content = written
     assert [(each.name, each.nodes) for each in content.switches] == [
         *(("north", "/sensors/0"), ("south", "/sensors/1"), ("truth", "/truth")),
-        *(("hits", "/hits"), ("missed", "/missed"), ("false alarms", "/false_alarms"), ("ignored", "/ignored")),
+        *(
+            ("hits", "/hits"),
+            ("missed", "/missed"),
+            ("false alarms", "/false_alarms"),
+            ("ignored", "/ignored"),
+        ),
         ("class and score", "/tags"),
-        *((kind, " ".join(nodes_of_kind(kind, outcomes=True))) for kind in ("vehicle", "pedestrian", "others")),
+        *(
+            (kind, " ".join(nodes_of_kind(kind, outcomes=True)))
+            for kind in ("vehicle", "pedestrian", "others")
+        ),
         ("grid of 10 m", "/grid"),
     ]
     assert [(each.name.split(",")[0], each.checked) for each in content.colourings] == [
@@ -39,7 +55,9 @@ def test_every_frame_has_its_nodes_and_everything_a_switch(written):
     assert content.colourings[1].nodes == "/sensors/0/height /sensors/1/height"
     _, content = written
     assert content.names[1] == SECOND
-    assert content.names[0].startswith("first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (")
+    assert content.names[0].startswith(
+        "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected ("
+    )
     assert "/truth/pedestrian/0" in content.frames[0]
     assert "/sensors/1/age/1" in content.frames[1]
     assert not set(content.frames[0]) & set(content.frames[1])
@@ -53,7 +71,10 @@ def test_pages_need_a_sample_and_thin_its_points(drawn, samples):
         page_content([], "none")
     content = page_content([replace(drawn[0], clouds=())], "boxes")
     assert (content.points, content.drawn, content.switches[0].name) == (0, 0, "truth")
-    names = [(each.name, each.nodes) for each in page_content(Drawing().draw_all(samples[1:]), "labels").switches]
+    names = [
+        (each.name, each.nodes)
+        for each in page_content(Drawing().draw_all(samples[1:]), "labels").switches
+    ]
     assert ("vehicle", "/truth/vehicle /detections/vehicle /tags/vehicle") in names
     assert not {"hits", "missed", "false alarms"} & {name for name, _ in names}
 
@@ -81,7 +102,10 @@ def test_frames_colours_and_switches_work_in_a_browser(written, browser):
     scene = next(frame for frame in page.frames if frame.parent_frame)
 
     def wait_until(node, expected):
-        js = "([node, expected]) => window.__viserSceneTree.getState()[node]?.effectiveVisibility === expected"
+        js = (
+            "([node, expected]) => window.__viserSceneTree.getState()[node]?.effectiveVisibility "
+            "=== expected"
+        )
         scene.wait_for_function(js, arg=[node, expected])
 
     wait_until("/sensors/0/sensor/0", True)
@@ -104,4 +128,6 @@ def test_frames_colours_and_switches_work_in_a_browser(written, browser):
     wait_until("/sensors/1/height/1", True)
     page.close()
     assert troubles == []
-    assert [url for url in asked if not url.startswith(("data:", "blob:", "about:"))] == [f"file://{written[0]}"]
+    assert [url for url in asked if not url.startswith(("data:", "blob:", "about:"))] == [
+        f"file://{written[0]}"
+    ]

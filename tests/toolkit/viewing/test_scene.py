@@ -18,7 +18,10 @@ def test_colours_camera_thinned_points_and_scripts():
     assert scene.POLICY.startswith("default-src 'none';")
     assert "http" not in scene.POLICY
     assert " 'unsafe-eval'" not in scene.POLICY
-    assert scene.script_data({"a": "</script><!--\u2028"}) == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
+    assert (
+        scene.script_data({"a": "</script><!--\u2028"})
+        == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
+    )
     script = (Path(scene.__file__).parent / "scene.js").read_text()
     assert script.startswith('"use strict";')
     assert "</script" not in script
@@ -29,8 +32,15 @@ def test_the_server_is_for_this_machine_alone_and_ends(capsys):
         assert server.get_host() == "127.0.0.1"
         scene.add_mesh(server.scene, "/box", box((1, 1, 1)), "#112233")
         scene.add_mesh(server.scene, "/nothing", merge([]), "#112233")
-        assert scene.add_lines(server.scene, "/none", np.zeros((0, 2, 3)), "#112233", width=1.0, visible=True) is None
-        lines = scene.add_lines(server.scene, "/line", np.ones((1, 2, 3)), "#112233", width=3.0, visible=False)
+        assert (
+            scene.add_lines(
+                server.scene, "/none", np.zeros((0, 2, 3)), "#112233", width=1.0, visible=True
+            )
+            is None
+        )
+        lines = scene.add_lines(
+            server.scene, "/line", np.ones((1, 2, 3)), "#112233", width=3.0, visible=False
+        )
         assert (lines.name, lines.visible, lines.points.shape) == ("/line", False, (1, 2, 3))
         scene.set_view(server, (0.0, -10.0, 5.0), (1.0, 2.0, 3.0))
         np.testing.assert_array_equal(server.initial_camera.look_at, [1, 2, 3])
@@ -65,7 +75,11 @@ def test_boxes_and_headings_have_their_edges_and_dashes():
     np.testing.assert_allclose(mast[0], [[1, 2, 1.5], [1, 2, 4.0]])
     assert mast.shape == (3, 2, 3)
     none = np.zeros((0, 7))
-    assert [len(make(none)) for make in (scene.box_edges, scene.roof_crosses, scene.spikes)] == [0, 0, 0]
+    assert [len(make(none)) for make in (scene.box_edges, scene.roof_crosses, scene.spikes)] == [
+        0,
+        0,
+        0,
+    ]
     assert scene.dashes(np.zeros((0, 2, 3)), dash=1.0, gap=1.0).shape == (0, 2, 3)
     made = scene.dashes(np.array([[[0.0, 0, 0], [0, 10, 0]]]), dash=1.0, gap=1.5)
     np.testing.assert_allclose(made[:, :, 1], [[0, 1], [2.5, 3.5], [5, 6], [7.5, 8.5]])

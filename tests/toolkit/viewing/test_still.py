@@ -43,7 +43,9 @@ def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
     write_still(replace(drawn, outcomes={}, truth={}, tags=()), tmp_path / "a.png")
     picture = image.imread(tmp_path / "a.png")
     assert [has(picture, canvas.sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
-    assert not any(has(picture, canvas.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm"))
+    assert not any(
+        has(picture, canvas.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm")
+    )
     pictures = set()
     for colouring in COLOURINGS:
         write_still(drawn, tmp_path / "a.png", colouring=colouring)

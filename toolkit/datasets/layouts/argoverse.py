@@ -1,6 +1,6 @@
-"""Argoverse 2 logs with two real lidars: lasers 0-31 of a sweep are `up_lidar`'s, 32-63 `down_lidar`'s. World frame:
-the ego vehicle's. `check_log` fuses the two lidars as any two sensors, and counts the points in every labelled cuboid
-beside the recording's own count."""
+"""Argoverse 2 logs with two real lidars: lasers 0-31 of a sweep are `up_lidar`'s, 32-63
+`down_lidar`'s. World frame: the ego vehicle's. `check_log` fuses the two lidars as any two sensors,
+and counts the points in every labelled cuboid beside the recording's own count."""
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,12 +31,18 @@ _POSE = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
 NO_LASER = "points of other lasers than 0 to 63"
 NO_CALIBRATION = "sensors without calibration stand at the vehicle's origin"
 NO_PLACE = "sweeps whose time has no pose in the map"
-_NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
+_NAMES = {
+    "vehicle": "REGULAR_VEHICLE",
+    "cyclist": "BICYCLIST",
+    "pedestrian": "PEDESTRIAN",
+    "heavy": "TRUCK",
+}
 
 
 @dataclass(frozen=True)
 class Labels:
-    """Cuboids of one sweep, ego frame. interior_points: the recording's own number of points in each."""
+    """Cuboids of one sweep, ego frame. interior_points: the recording's own number of points in
+    each."""
 
     boxes: BoxRows
     categories: tuple[str, ...]
@@ -54,7 +60,8 @@ class Checked(NamedTuple):
 
 
 def sweep_times(log: str | Path) -> list[int]:
-    """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is not a log."""
+    """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is not a
+    log."""
     files = records.list_files(Path(log, "sensors", "lidar"), "*.feather")
     times = sorted(int(file.stem) for file in files if file.stem.isdecimal())
     if not times:
@@ -63,7 +70,8 @@ def sweep_times(log: str | Path) -> list[int]:
 
 
 def read_labels(log: str | Path, time: int, problems: records.Problems | None = None) -> Labels:
-    """The cuboids labelled at one sweep's time. problems: counts boxes that no road tilts so far."""
+    """The cuboids labelled at one sweep's time. problems: counts boxes that no road tilts so
+    far."""
     table = read_table(Path(log, "annotations.feather"))
     table = {name: column[_stamps(table) == time] for name, column in table.items()}
     poses = _poses(table)
@@ -75,12 +83,15 @@ def read_labels(log: str | Path, time: int, problems: records.Problems | None = 
 
 
 def check_log(log: str | Path) -> list[Checked]:
-    """Count the points of every labelled cuboid in the fused sweep, beside the recording's own count."""
+    """Count the points of every labelled cuboid in the fused sweep, beside the recording's own
+    count."""
     checked = []
     for frame in argoverse(Path(log)):
         labels = read_labels(log, int(frame.name))
         counted = count_points(frame.points(), labels.boxes)
-        rows = zip(labels.categories, counted.tolist(), labels.interior_points.tolist(), strict=True)
+        rows = zip(
+            labels.categories, counted.tolist(), labels.interior_points.tolist(), strict=True
+        )
         checked += [Checked(int(frame.name), *row) for row in rows]
     return checked
 
@@ -92,7 +103,8 @@ def _poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:
 
 def argoverse(path: Path) -> records.Listing:
     """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
-    names, annotations = tuple(map(str, sweep_times(path))), path / "annotations.feather"
+    names = tuple(map(str, sweep_times(path)))
+    annotations = path / "annotations.feather"
     labelled: list[str] = []
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
@@ -101,23 +113,30 @@ def argoverse(path: Path) -> records.Listing:
 
 
 def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Times (ns) of a table's rows, as they are: a float has lost the last ones, a text is equal to none."""
+    """Times (ns) of a table's rows, as they are: a float has lost the last ones, a text is equal to
+    none."""
     stamps = table["timestamp_ns"]
     if stamps.dtype.kind not in "iu":
-        raise ValueError(f"timestamp_ns must hold whole nanoseconds, got {stamps.dtype}: convert the column to int64")
+        raise ValueError(
+            f"timestamp_ns must hold whole nanoseconds, got {stamps.dtype}: convert the column to "
+            "int64"
+        )
     return stamps
 
 
 def _sample(log: Path, name: str) -> Frame:
     problems: records.Problems = {}
-    time, calibration = int(name), dict[str, Pose]()  # ego_SE3_sensor
+    # ego_SE3_sensor
+    time = int(name)
+    calibration = dict[str, Pose]()
     if lexists(log / _CALIBRATION):
         with named_damage(log / _CALIBRATION, "calibration"):
             table = read_table(log / _CALIBRATION)
             calibration = dict(zip(map(str, table["sensor_name"]), _poses(table), strict=True))
     else:  # the points are in the vehicle's frame anyway
         add_problem(problems, NO_CALIBRATION, 1)
-    file, clouds = log / "sensors" / "lidar" / f"{name}.feather", []
+    file = log / "sensors" / "lidar" / f"{name}.feather"
+    clouds = []
     with named_damage(file, "sweep"):
         table = read_table(file)
         recorded = name_attributes(table)
@@ -129,21 +148,27 @@ def _sample(log: Path, name: str) -> Frame:
                 part = {key: column[own] for key, column in recorded.items()}
                 pose = calibration[lidar] if calibration else np.eye(4)
                 stamp = (time + _first_offset_ns(part)) * 1e-9
-                clouds.append(records.build_cloud(part, lidar, pose, problems, frame="world", stamp_s=stamp))
-    annotations, found = log / "annotations.feather", records.no_labels()
+                clouds.append(
+                    records.build_cloud(part, lidar, pose, problems, frame="world", stamp_s=stamp)
+                )
+    annotations = log / "annotations.feather"
+    found = records.no_labels()
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labels = read_labels(log, time, problems)
             named = labels.boxes, labels.categories, labels.tracks
             found = records.labelled(*named, problems, labels.interior_points)
-    city, map_SE3_ego = log / "city_SE3_egovehicle.feather", np.eye(4)
+    city = log / "city_SE3_egovehicle.feather"
+    map_SE3_ego = np.eye(4)
     if lexists(city):
         with named_damage(city, "table of poses"):
             table = read_table(city)
             rows = np.flatnonzero(_stamps(table) == time)[:1]
             add_problem(problems, NO_PLACE, int(not len(rows)))
             map_SE3_ego = next(iter(_poses({key: table[key][rows] for key in _POSE})), map_SE3_ego)
-    return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems)
+    return Frame.of_clouds(
+        name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems
+    )
 
 
 def _first_offset_ns(part: Mapping[str, np.ndarray]) -> int:
@@ -153,8 +178,8 @@ def _first_offset_ns(part: Mapping[str, np.ndarray]) -> int:
 
 
 def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as a log. Of several sensors the first two become up_lidar and down_lidar; a frame of more raises
-    ValueError. Sweeps without times get tenths of a second."""
+    """Write frames as a log. Of several sensors the first two become up_lidar and down_lidar; a
+    frame of more raises ValueError. Sweeps without times get tenths of a second."""
     annotations: dict[str, np.ndarray] = {}
     stamps: list[int] = []
     cities: list[np.ndarray] = []
@@ -163,26 +188,40 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
         if len(sample.clouds) > len(LASERS):
             count = len(sample.clouds)
             remedy = "leave out the others, or convert to folder or nuscenes, which hold any number"
-            raise ValueError(f"an Argoverse log has two lidars, but {sample.name!r} has {count}: {remedy}")
+            raise ValueError(
+                f"an Argoverse log has two lidars, but {sample.name!r} has {count}: {remedy}"
+            )
         stamps.append(round(records.clock_time(sample, k) * 1e9))
         if stamps[-1] in stamps[:-1]:
-            raise ValueError(f"sweeps of an Argoverse log are named by their times, but two are of {sample.time:g} s")
+            raise ValueError(
+                "sweeps of an Argoverse log are named by their times, but two are of "
+                f"{sample.time:g} s"
+            )
         cities.append(sample.map_SE3_world)
-        mounted |= {name: cloud.world_SE3_sensor for name, cloud in zip(LASERS, sample.clouds, strict=False)}
+        mounted |= {
+            name: cloud.world_SE3_sensor for name, cloud in zip(LASERS, sample.clouds, strict=False)
+        }
         sweep = _sweep(sample, stamps[-1] * 1e-9)
         _write_table(folder / "sensors" / "lidar" / f"{stamps[-1]}.feather", sweep)
         for column, values in _labels(sample, stamps[-1]).items():
             annotations[column] = np.concatenate([annotations.get(column, values[:0]), values])
     if stamps:
-        _write_table(folder / _CALIBRATION, {"sensor_name": list(mounted), **_pose_columns(list(mounted.values()))})
-        _write_table(folder / "city_SE3_egovehicle.feather", {"timestamp_ns": stamps, **_pose_columns(cities)})
+        _write_table(
+            folder / _CALIBRATION,
+            {"sensor_name": list(mounted), **_pose_columns(list(mounted.values()))},
+        )
+        _write_table(
+            folder / "city_SE3_egovehicle.feather",
+            {"timestamp_ns": stamps, **_pose_columns(cities)},
+        )
         _write_table(folder / "annotations.feather", annotations)
 
 
 def _offsets_s(cloud: SensorCloud, start_s: float) -> np.ndarray:
     """Time of each point after its sweep's."""
     within = np.zeros(len(cloud.points)) if cloud.time is None else cloud.time
-    return within + round(records.cloud_time(cloud, start_s) - start_s, 6)  # float64 holds no finer clock
+    # float64 holds no finer clock
+    return within + round(records.cloud_time(cloud, start_s) - start_s, 6)
 
 
 def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
@@ -192,27 +231,40 @@ def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
     lasers = [lasers.start for lasers in LASERS.values()][: len(sizes)]
     return {
         **dict(zip("xyz", sample.points().T.astype(np.float32), strict=True)),
-        "intensity": np.concatenate([np.zeros(0, np.float32), *map(records.get_intensity, sample.clouds)]),
+        "intensity": np.concatenate(
+            [np.zeros(0, np.float32), *map(records.get_intensity, sample.clouds)]
+        ),
         "laser_number": np.repeat(lasers, sizes).astype(np.uint8),
         "offset_ns": _fit_offsets(np.concatenate([np.zeros(0), *times])),
     }
 
 
 def _fit_offsets(offsets_s: Float64[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
-    """Whole nanoseconds; 0, with a warning, if a point is too far from its sweep's time for the column's type."""
+    """Whole nanoseconds; 0, with a warning, if a point is too far from its sweep's time for the
+    column's type."""
     offsets_ns = np.round(offsets_s * 1e9)
     if np.abs(offsets_ns).max(initial=0) > np.iinfo(np.int32).max:
-        warnings.warn("times of points are left out: offset_ns holds two seconds from the sweep's time", stacklevel=2)
+        warnings.warn(
+            "times of points are left out: offset_ns holds two seconds from the sweep's time",
+            stacklevel=2,
+        )
         offsets_ns = np.zeros(len(offsets_ns))
     return offsets_ns.astype(np.int32)
 
 
 def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
-    boxes, half = sample.objects.boxes, sample.objects.boxes[:, 6] / 2
+    boxes = sample.objects.boxes
+    half = sample.objects.boxes[:, 6] / 2
     sizes = dict(zip(("length_m", "width_m", "height_m"), boxes[:, 3:6].T, strict=True))
-    turns = dict(zip(_POSE, (np.cos(half), 0 * half, 0 * half, np.sin(half), *boxes[:, :3].T), strict=True))
-    ids, names = sample.objects.ids.astype(str), [_NAMES[LABELS[label]] for label in sample.objects.labels]
-    labels = {"timestamp_ns": np.full(len(boxes), stamp, np.int64), "track_uuid": ids.astype(object)}
+    turns = dict(
+        zip(_POSE, (np.cos(half), 0 * half, 0 * half, np.sin(half), *boxes[:, :3].T), strict=True)
+    )
+    ids = sample.objects.ids.astype(str)
+    names = [_NAMES[LABELS[label]] for label in sample.objects.labels]
+    labels = {
+        "timestamp_ns": np.full(len(boxes), stamp, np.int64),
+        "track_uuid": ids.astype(object),
+    }
     labels |= {"category": np.array(names, object), **sizes, **turns}
     counts = count_points(sample.points(), boxes) if sample.counts is None else sample.counts
     return labels | {"num_interior_pts": counts}

@@ -1,19 +1,24 @@
-"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/; the cooperative part has two sides, world labels.
+"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/; the cooperative part has two
+sides, world labels.
 
-World frame: of one side its lidar's; of the cooperative part the infrastructure's **virtual lidar**. Its x-y plane is
-level with the ground, and the clouds of velodyne/ are in it already.
+World frame: of one side its lidar's; of the cooperative part the infrastructure's **virtual
+lidar**. Its x-y plane is level with the ground, and the clouds of velodyne/ are in it already.
 
-- Numbers are often strings ("3d_location": {"x": "12.3", ...}), and translations are columns, [[x], [y], [z]].
+- Numbers are often strings ("3d_location": {"x": "12.3", ...}), and translations are columns, [[x],
+  [y], [z]].
 - 3d_location is the centre of the box, 3d_dimensions has h, w and l, rotation is the yaw about z.
 - Rotations of calib/ are not orthonormal: they are made so here.
-- Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin, in label_world of
-  DAIR-V2X, and in the vehicle's lidar in label of V2X-Seq.
-- system_error_offset (delta_x, delta_y) of a pair, in V2X-Seq relative_error of the calibration, is to be added to the
-  infrastructure's place in that world; a missing offset is left out or an empty string.
-- Infrastructure and vehicle of a pair measured up to tens of milliseconds apart: pointcloud_timestamp of each side's
-  data_info.json, microseconds since 1970, says when.
-- Of label/camera, taken where there are no other labels, nobody labelled what the camera does not show.
-- CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted."""
+- Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin, in
+  label_world of DAIR-V2X, and in the vehicle's lidar in label of V2X-Seq.
+- system_error_offset (delta_x, delta_y) of a pair, in V2X-Seq relative_error of the calibration, is
+  to be added to the infrastructure's place in that world; a missing offset is left out or an empty
+  string.
+- Infrastructure and vehicle of a pair measured up to tens of milliseconds apart:
+  pointcloud_timestamp of each side's data_info.json, microseconds since 1970, says when.
+- Of label/camera, taken where there are no other labels, nobody labelled what the camera does not
+  show.
+- CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are
+  counted."""
 
 import json
 from collections import Counter
@@ -43,39 +48,53 @@ _COOPERATIVE = f"cooperative/{WORLD_LABELS}", "cooperative/label"
 
 
 def dair(path: Path) -> records.Listing:
-    """Frames of one side's folder or of the cooperative part. Raises FileNotFoundError for any other folder."""
+    """Frames of one side's folder or of the cooperative part. Raises FileNotFoundError for any
+    other folder."""
     for root in (path, path / "cooperative-vehicle-infrastructure"):
         if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
             return _pairs(root)
     names = tuple(file.stem for file in records.list_files(path / "velodyne", "*.pcd"))
     if not names:
-        raise FileNotFoundError(f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/")
+        raise FileNotFoundError(
+            f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/"
+        )
 
-    labelled, stamps = _labelled(path, _LABELS), _read_stamps(path)
+    labelled = _labelled(path, _LABELS)
+    stamps = _read_stamps(path)
     middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
 
     load = partial(_load_side, path, stamps, middles, bool(labelled))
     return records.Listing(names, load, labelled=labelled)
 
 
-def _load_side(path: Path, stamps: Mapping[str, float], middles: Middles, is_labelled: bool, name: str) -> Frame:
+def _load_side(
+    path: Path, stamps: Mapping[str, float], middles: Middles, is_labelled: bool, name: str
+) -> Frame:
     """Frame of one side."""
     problems: records.Problems = {}
     recorded = path / "velodyne" / f"{name}.pcd"
-    cloud = records.read_cloud(recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles)
+    cloud = records.read_cloud(
+        recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles
+    )
     file = _first(path, _LABELS, name)
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
     found = read_annotations(file, np.eye(4), problems)
     complete: Region = Everywhere()
-    if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
+    if (
+        file is not None and file.parent.name == "camera"
+    ):  # nobody labelled what the camera does not show
         complete = _read_camera(path / "calib", name, problems)
-    place, time = _read_place(path / "calib", name, problems), records.frame_time([cloud])
+    place = _read_place(path / "calib", name, problems)
+    time = records.frame_time([cloud])
     measured = name, (cloud,), *found
-    return Frame.of_clouds(*measured, time=time, complete=complete, map_SE3_world=place, problems=problems)
+    return Frame.of_clouds(
+        *measured, time=time, complete=complete, map_SE3_world=place, problems=problems
+    )
 
 
 def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
-    """Pose of a side's lidar in the map: of calib/virtuallidar_to_world, or through the vehicle's novatel."""
+    """Pose of a side's lidar in the map: of calib/virtuallidar_to_world, or through the vehicle's
+    novatel."""
     map_SE3_lidar = np.eye(4)
     for kinds in (("virtuallidar_to_world",), ("novatel_to_world", "lidar_to_novatel")):
         files = [folder / kind / f"{name}.json" for kind in kinds]
@@ -99,7 +118,9 @@ def _read_stamps(side: Path) -> dict[str, float]:
     stamps = {}
     with named_damage(index, "list of clouds"):
         for row in records.as_list(records.load_json(index)):
-            name = PureWindowsPath(str(row.get("pointcloud_path") or row.get("frame_id") or "")).stem
+            name = PureWindowsPath(
+                str(row.get("pointcloud_path") or row.get("frame_id") or "")
+            ).stem
             ticks = records.finite_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
             if ticks is not None:
                 stamps[name] = parse_microseconds(ticks)
@@ -107,13 +128,18 @@ def _read_stamps(side: Path) -> dict[str, float]:
 
 
 def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
-    """Region that the camera shows, from its calibration and the lidar's to it; everywhere without them."""
-    intrinsic, extrinsic = (folder / kind / f"{name}.json" for kind in ("camera_intrinsic", "virtuallidar_to_camera"))
+    """Region that the camera shows, from its calibration and the lidar's to it; everywhere without
+    them."""
+    intrinsic, extrinsic = (
+        folder / kind / f"{name}.json" for kind in ("camera_intrinsic", "virtuallidar_to_camera")
+    )
     if not (lexists(intrinsic) and lexists(extrinsic)):
         records.add_problem(problems, NO_CAMERA, 1)
         return Everywhere()
     with named_damage(intrinsic, "calibration"):
-        matrix = records.numbers(entry(records.load_json(intrinsic), "cam_K"), 9, "cam_K").reshape(3, 3)
+        matrix = records.numbers(entry(records.load_json(intrinsic), "cam_K"), 9, "cam_K").reshape(
+            3, 3
+        )
     return ImageWedge(matrix @ read_transform(extrinsic)[:3], *_IMAGE)
 
 
@@ -122,14 +148,17 @@ def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:
 
 
 def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
-    return next((file for folder in folders if lexists(file := root / folder / f"{name}.json")), None)
+    return next(
+        (file for folder in folders if lexists(file := root / folder / f"{name}.json")), None
+    )
 
 
 def _pairs(root: Path) -> records.Listing:
     index = root / "cooperative" / "data_info.json"
     with named_damage(index, "list of pairs"):
         every = records.as_list(records.load_json(index))
-        road, car = root / "infrastructure-side", root / "vehicle-side"
+        road = root / "infrastructure-side"
+        car = root / "vehicle-side"
         whole = [row for row in every if _has_clouds(row, road, car)] or every
         pairs = _name_pairs(whole)
         vehicles = [_stem(row, "vehicle") for row in every]
@@ -150,23 +179,32 @@ def _load_pair(
     problems: records.Problems = {}
     with named_damage(root / "cooperative" / "data_info.json", "list of pairs"):
         pair = pairs[name]
-        vehicle, offset = _stem(pair, "vehicle"), _offset(pair.get("system_error_offset"))
+        vehicle = _stem(pair, "vehicle")
+        offset = _offset(pair.get("system_error_offset"))
         pole = _stem(pair, "infrastructure")
-    road, car = root / "infrastructure-side", root / "vehicle-side"
+    road = root / "infrastructure-side"
+    car = root / "vehicle-side"
     road_stamps, car_stamps = stamps
     map_SE3_road = read_transform(road / "calib" / "virtuallidar_to_world" / f"{pole}.json", offset)
     novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
     map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
     road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
-    pole_file, vehicle_file = road / "velodyne" / f"{pole}.pcd", car / "velodyne" / f"{vehicle}.pcd"
-    near = records.read_cloud(pole_file, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(pole))
-    far = records.read_cloud(vehicle_file, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
+    pole_file = road / "velodyne" / f"{pole}.pcd"
+    vehicle_file = car / "velodyne" / f"{vehicle}.pcd"
+    near = records.read_cloud(
+        pole_file, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(pole)
+    )
+    far = records.read_cloud(
+        vehicle_file, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle)
+    )
     file = _first(root, _COOPERATIVE, vehicle)
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
     in_world = file is None or file.parent.name == WORLD_LABELS
     found = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
     time = records.frame_time([near])
-    return Frame.of_clouds(name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems)
+    return Frame.of_clouds(
+        name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems
+    )
 
 
 def _name_pairs(rows: list[records.Unchecked]) -> dict[str, records.Unchecked]:
@@ -191,7 +229,8 @@ def _stem(pair: records.Unchecked, side: str) -> str:
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Pose:
-    """Pose of a calibration file, made rigid. offset: added to x and y, the file's own relative_error if None."""
+    """Pose of a calibration file, made rigid. offset: added to x and y, the file's own
+    relative_error if None."""
     with named_damage(path, "calibration"):
         content = records.load_json(path)
         inner = content.get("transform", content)
@@ -206,21 +245,33 @@ _MOST_OFFSET = 1000.0  # m of a correction to where the infrastructure stands
 def _offset(value: records.Unchecked) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
-    delta = (as_number(entry(value, "delta_x"), "delta_x"), as_number(entry(value, "delta_y"), "delta_y"))
+    delta = (
+        as_number(entry(value, "delta_x"), "delta_x"),
+        as_number(entry(value, "delta_y"), "delta_y"),
+    )
     if not np.abs(delta).max() <= _MOST_OFFSET:
-        raise ValueError(f"delta_x and delta_y must be numbers within {_MOST_OFFSET:g} m of 0, got {delta}")
+        raise ValueError(
+            f"delta_x and delta_y must be numbers within {_MOST_OFFSET:g} m of 0, got {delta}"
+        )
     return delta
 
 
-def read_annotations(path: Path | None, world_SE3_labels: Pose, problems: records.Problems) -> records.Labelled:
+def read_annotations(
+    path: Path | None, world_SE3_labels: Pose, problems: records.Problems
+) -> records.Labelled:
     """Objects of a label file, in the world frame. Empty without a file."""
     with named_damage(path or "", "list of labels"):
         labels = [] if path is None else records.as_list(records.load_json(path))
-        parts = [(records.xyz(each, "3d_location"), records.xyz(each, "3d_dimensions", "lwh")) for each in labels]
+        parts = [
+            (records.xyz(each, "3d_location"), records.xyz(each, "3d_dimensions", "lwh"))
+            for each in labels
+        ]
         yaws = [as_number(entry(each, "rotation"), "rotation") for each in labels]
         names = [str(entry(each, "type")) for each in labels]
         ids = [each.get("track_id", each.get("id", k)) for k, each in enumerate(labels)]
-    rows = np.array([[*place, *size, yaw] for (place, size), yaw in zip(parts, yaws, strict=True)]).reshape(-1, 7)
+    rows = np.array(
+        [[*place, *size, yaw] for (place, size), yaw in zip(parts, yaws, strict=True)]
+    ).reshape(-1, 7)
     records.count_full_turns(rows[:, 6], problems)
     return records.labelled(records.move_boxes(world_SE3_labels, rows), names, ids, problems)
 
@@ -228,24 +279,36 @@ def read_annotations(path: Path | None, world_SE3_labels: Pose, problems: record
 def written_labels(sample: Frame) -> list[dict[str, object]]:
     """Format a frame's objects for a label file, world frame."""
     labels: list[dict[str, object]] = []
-    for (x, y, z, length, width, height, yaw), name, track in records.list_rows(sample.objects, records.COMMON_NAMES):
-        box = {"3d_dimensions": {"l": length, "w": width, "h": height}, "3d_location": {"x": x, "y": y, "z": z}}
+    for (x, y, z, length, width, height, yaw), name, track in records.list_rows(
+        sample.objects, records.COMMON_NAMES
+    ):
+        box = {
+            "3d_dimensions": {"l": length, "w": width, "h": height},
+            "3d_location": {"x": x, "y": y, "z": z},
+        }
         labels.append({"type": name, "track_id": str(track), **box, "rotation": yaw})
     return labels
 
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as one infrastructure side. The clouds of each become one, in its world frame."""
+    """Write frames as one infrastructure side. The clouds of each become one, in its world
+    frame."""
     index = []
     for number, sample in enumerate(near_frames(samples)):
-        name, placed = f"{number:06d}", sample.map_SE3_world
+        name = f"{number:06d}"
+        placed = sample.map_SE3_world
         cloud = records.one_cloud(sample)
         records.write_cloud(folder / "velodyne" / f"{name}.pcd", cloud)
         seconds = records.cloud_time(cloud, sample.time)
         if np.isfinite(seconds):
             microseconds = str(round(seconds * 1e6))
-            index.append({"pointcloud_path": f"velodyne/{name}.pcd", "pointcloud_timestamp": microseconds})
-        write_text(folder / "label" / "virtuallidar" / f"{name}.json", json.dumps(written_labels(sample), indent=1))
+            index.append(
+                {"pointcloud_path": f"velodyne/{name}.pcd", "pointcloud_timestamp": microseconds}
+            )
+        write_text(
+            folder / "label" / "virtuallidar" / f"{name}.json",
+            json.dumps(written_labels(sample), indent=1),
+        )
         calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist()}
         calib["relative_error"] = {"delta_x": "", "delta_y": ""}
         write_text(folder / "calib" / "virtuallidar_to_world" / f"{name}.json", json.dumps(calib))

@@ -1,16 +1,19 @@
-"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd, with poses.json (or .txt) and labels.json or without.
+"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd, with poses.json (or .txt) and labels.json
+or without.
 
-World frame: the poses', world_SE3_sensor; without a pose file the clouds are taken to be in it already.
+World frame: the poses', world_SE3_sensor; without a pose file the clouds are taken to be in it
+already.
 
 - Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
-- Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`), else files of one
-  name. If names are no times, no two sensors share one and all have equally many files, the k-th files of each are one
-  frame, in the order of their names, 2 before 10. A frame that lacks a sensor, or goes by order, is counted in its
-  problems.
+- Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`),
+  else files of one name. If names are no times, no two sensors share one and all have equally many
+  files, the k-th files of each are one frame, in the order of their names, 2 before 10. A frame
+  that lacks a sensor, or goes by order, is counted in its problems.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
-- labels.json is `toolkit.datasets.records`, by the names of the frames' first clouds, or other clouds.
-- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time. Otherwise labels.json
-  has it, whose `clouds` has the times of the sensors' clouds."""
+- labels.json is `toolkit.datasets.records`, by the names of the frames' first clouds, or other
+  clouds.
+- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
+  Otherwise labels.json has it, whose `clouds` has the times of the sensors' clouds."""
 
 import json
 import re
@@ -24,7 +27,14 @@ import numpy as np
 
 from toolkit.arrays import Pose
 from toolkit.datasets import records
-from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time, parse_epoch, parse_time
+from toolkit.datasets.clock_times import (
+    BY_ORDER,
+    UNPAIRED,
+    find_epoch,
+    group_by_time,
+    parse_epoch,
+    parse_time,
+)
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.datasets.origins import Middles
 from toolkit.frame import Frame
@@ -47,8 +57,8 @@ _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 
 
 def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> records.Listing:
-    """Frames of a folder, or of one cloud file. poses: a file of poses, the folder's own if None; inverted: it gives
-    world → sensor. Raises FileNotFoundError if there are no clouds."""
+    """Frames of a folder, or of one cloud file. poses: a file of poses, the folder's own if None;
+    inverted: it gives world → sensor. Raises FileNotFoundError if there are no clouds."""
     if path.is_file():
         clouds = {ALONE: [path]}
     elif path.is_dir():
@@ -56,17 +66,26 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         clouds = {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
     else:
         raise FileNotFoundError(f"no such folder or cloud file: {path}")
-    single = {sensor: _drop_doubled(files) if len(files) > 1 else files for sensor, files in clouds.items()}
-    doubled = sum(len(files) for files in clouds.values()) - sum(len(files) for files in single.values())
+    single = {
+        sensor: _drop_doubled(files) if len(files) > 1 else files
+        for sensor, files in clouds.items()
+    }
+    doubled = sum(len(files) for files in clouds.values()) - sum(
+        len(files) for files in single.values()
+    )
     clouds = single
     names, by_order = _match(clouds)
     if not names:
-        raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {_find_remedy(path)}")
+        raise FileNotFoundError(
+            f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {_find_remedy(path)}"
+        )
     base = path.parent if path.is_file() else path
     given = poses or next((base / each for each in POSES if lexists(base / each)), None)
     placed = {} if given is None else read_poses(given, inverted=inverted)
     files = [(sensor, file.stem) for each in names.values() for sensor, file in each.items()]
-    if poses and not placed.keys() & {key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")}:
+    if poses and not placed.keys() & {
+        key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")
+    }:
         sensors = ", ".join(sorted({sensor for sensor, _ in files}))
         raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {sensors}")
     middles = Middles({sensor: files[0] for sensor, files in clouds.items()})
@@ -78,7 +97,9 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     load = _Loader(names, len(clouds), by_order, placed, labels, entries, times, middles)
     known = [_stem(file) for files in names.values() for file in files.values()]
     of_folder = entries if path.is_dir() else ()
-    return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={records.DOUBLED_CLOUDS: doubled})
+    return records.Listing(
+        tuple(names), load, labelled=of_folder, known=known, noted={records.DOUBLED_CLOUDS: doubled}
+    )
 
 
 @dataclass(frozen=True)
@@ -105,7 +126,8 @@ class _Loader:
     middles: Middles
 
     def __call__(self, name: str) -> Frame:
-        files, problems = self.names[name], records.Problems()
+        files = self.names[name]
+        problems = records.Problems()
         labelled = [stem for stem in map(_stem, files.values()) if stem in self.entries]
         records.add_problem(problems, UNPAIRED, int(len(files) < self.sensors))
         records.add_problem(problems, BY_ORDER, int(self.by_order))
@@ -116,13 +138,21 @@ class _Loader:
         clouds = []
         for sensor, file in files.items():
             stem = _stem(file)
-            stamp = next((time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None)
+            stamp = next(
+                (time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None
+            )
             pose = _pose(self.placed, sensor, stem)
-            clouds.append(records.read_cloud(file, sensor, pose, problems, stamp_s=stamp, middles=self.middles))
+            clouds.append(
+                records.read_cloud(
+                    file, sensor, pose, problems, stamp_s=stamp, middles=self.middles
+                )
+            )
         found = records.no_labels()
         if title in self.entries:
             found = records.parse_objects(self.labels, self.entries[title], problems)
-        known = next((time for time in (find_epoch(name), seconds) if time is not None), float("nan"))
+        known = next(
+            (time for time in (find_epoch(name), seconds) if time is not None), float("nan")
+        )
         return Frame.of_clouds(name, clouds, *found, time=known, problems=problems)
 
 
@@ -139,7 +169,9 @@ def _find_remedy(path: Path) -> str:
         scans = [file for file in files if file.suffix.lower() in endings]
         if scans and (scans[0].suffix.lower() != ".txt" or _holds_rows(scans[0])):
             count = f"{len(scans)} of " if len(scans) > 1 else ""
-            return f"it holds {count}{scans[0].suffix}, such as {scans[0].relative_to(path)}: {remedy}"
+            return (
+                f"it holds {count}{scans[0].suffix}, such as {scans[0].relative_to(path)}: {remedy}"
+            )
     kinds = Counter(file.suffix.lower() or file.name for file in files)
     held = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4)) or "no files"
     return f"it holds {held}: give --layout, or another folder"
@@ -148,12 +180,19 @@ def _find_remedy(path: Path) -> str:
 def _holds_rows(file: Path) -> bool:
     """True for a text whose first lines have three numbers."""
     start = file.read_bytes()[:MAX_START_BYTES].decode("utf-8", "replace")
-    return re.search(r"(?m)^\s*(?:[-+]?[\d.]+(?:e[-+]?\d+)?[\s,;]+){2}[-+]?[\d.]+", start, re.IGNORECASE) is not None
+    return (
+        re.search(
+            r"(?m)^\s*(?:[-+]?[\d.]+(?:e[-+]?\d+)?[\s,;]+){2}[-+]?[\d.]+", start, re.IGNORECASE
+        )
+        is not None
+    )
 
 
 def _files(path: Path) -> list[Path]:
     files = records.list_files(path)
-    return [file for file in files if file.suffix.lower() in records.ENDINGS and file.name not in POSES]
+    return [
+        file for file in files if file.suffix.lower() in records.ENDINGS and file.name not in POSES
+    ]
 
 
 def _drop_doubled(files: list[Path]) -> list[Path]:
@@ -182,7 +221,10 @@ def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]]
     apart = all(len(files) == 1 for files in by_stem.values())
     if apart and len({len(files) for files in clouds.values()}) == 1:
         first = next(iter(clouds.values()))
-        return {_stem(file): {s: files[k] for s, files in clouds.items()} for k, file in enumerate(first)}, True
+        return {
+            _stem(file): {s: files[k] for s, files in clouds.items()}
+            for k, file in enumerate(first)
+        }, True
     return _sort_frames(by_stem), False
 
 
@@ -205,12 +247,17 @@ def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]
     return matched
 
 
-def _written_times(entries: Mapping[str, records.Unchecked]) -> dict[str, tuple[float | None, dict[str, float]]]:
-    """Time of each frame of labels.json and of its clouds by sensor. Times that are all the same are none."""
+def _written_times(
+    entries: Mapping[str, records.Unchecked],
+) -> dict[str, tuple[float | None, dict[str, float]]]:
+    """Time of each frame of labels.json and of its clouds by sensor. Times that are all the same
+    are none."""
     times = {}
     for name, content in entries.items():
         clouds = content.get("clouds") or {}
-        stamps = {str(sensor): parse_time(stamp, f"clouds.{sensor}") for sensor, stamp in clouds.items()}
+        stamps = {
+            str(sensor): parse_time(stamp, f"clouds.{sensor}") for sensor, stamp in clouds.items()
+        }
         known = {sensor: stamp for sensor, stamp in stamps.items() if stamp is not None}
         times[name] = parse_time(content.get("time"), "time"), known
     count = Counter(seconds for seconds, _ in times.values())
@@ -226,26 +273,34 @@ def _pose(placed: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
     if list(placed) == ["0"]:
         return placed["0"]  # the one pose of a file without names
     if placed:
-        raise ValueError(f"there is no pose of {sensor}/{stem}: the pose file has {', '.join(list(placed)[:8])}")
+        raise ValueError(
+            f"there is no pose of {sensor}/{stem}: the pose file has {', '.join(list(placed)[:8])}"
+        )
     return np.eye(4)
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> None:
-    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses. Poses are lines of poses.txt, or poses.json
-    where a sensor's name would not stay one word there."""
-    entries, poses = [], dict[str, list[float]]()
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses. Poses are lines of
+    poses.txt, or poses.json where a sensor's name would not stay one word there."""
+    entries = []
+    poses = dict[str, list[float]]()
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
         for cloud in sample.clouds:
             records.write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
             poses[f"{cloud.name}/{name}"] = cloud.world_SE3_sensor[:3].ravel().tolist()
         stamps = {cloud.name: cloud.stamp_s for cloud in sample.clouds if cloud.stamp_s is not None}
-        entry = records.boxes_record(name, sample.time, sample.objects, counts=sample.counts, stamps_s=stamps)
+        entry = records.boxes_record(
+            name, sample.time, sample.objects, counts=sample.counts, stamps_s=stamps
+        )
         entries.append(entry)
     if entries:
         records.write_boxes(path / LABELS_FILE, entries)
         if all(map(_ONE_WORD.fullmatch, poses)):
-            lines = (f"{name} {' '.join(f'{value:.17g}' for value in pose)}\n" for name, pose in poses.items())
+            lines = (
+                f"{name} {' '.join(f'{value:.17g}' for value in pose)}\n"
+                for name, pose in poses.items()
+            )
             write_text(path / "poses.txt", "".join(lines))
         else:
             write_text(path / "poses.json", json.dumps(poses))

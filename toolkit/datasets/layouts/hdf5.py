@@ -1,17 +1,22 @@
-"""HDF5 files: our own recordings and the paper's, of images (`toolkit.datasets.dataset`) or recorded clouds.
+"""HDF5 files: our own recordings and the paper's, of images (`toolkit.datasets.dataset`) or
+recorded clouds.
 
 Recorded clouds are kept in one file, nothing lost. Each frame is a group of its own:
 
     coview                      attribute "clouds", version 1
     names                       JSON: the frames' names, in order
-    samples/K/about             JSON: time, sensors (name, frame, stamp_s), categories, complete, others, problems
+    samples/K/about             JSON: time, sensors (name, frame, stamp_s), categories, complete,
+                                others, problems
     samples/K/map_SE3_world     float64 [4, 4]
-    samples/K/boxes             float64 [m, 7]    x y z of the centre, length width height, yaw (m, rad), world frame
-    samples/K/labels, ids       int64 [m]         class and track; counts int64 [m] if the set has them
-    samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o] if it has some
+    samples/K/boxes             float64 [m, 7]    x y z of the centre, length width height, yaw
+                                                  (m, rad), world frame
+    samples/K/labels, ids       int64 [m]         class and track; counts int64 [m] if the set has
+                                                  them
+    samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o]
+                                                  if it has some
     samples/K/clouds/S/points   float32 [n, 3]    in the frame that `about` says
-    samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time float64 [n] and ring
-                                                  int64 [n] if known"""
+    samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time
+                                                  float64 [n] and ring int64 [n] if known"""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -43,7 +48,8 @@ _VERSION = 1
 
 
 def holds_clouds(path: str | Path) -> bool:
-    """Return True for an HDF5 file of recorded clouds. Raises OSError for any other kind of file."""
+    """Return True for an HDF5 file of recorded clouds. Raises OSError for any other kind of
+    file."""
     with _open(path) as file:
         return str(reader.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND
 
@@ -81,10 +87,14 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
     about = parse_json(reader.text(file, f"{place}/about"))
     sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))
     clouds = tuple(_cloud(file, f"{place}/clouds/{k}", each) for k, each in sensors)
-    labels, ids = (reader.array(file, f"{place}/{key}", axes=1, kinds="iu") for key in ("labels", "ids"))
+    labels, ids = (
+        reader.array(file, f"{place}/{key}", axes=1, kinds="iu") for key in ("labels", "ids")
+    )
     objects = Objects(_boxes(file, f"{place}/boxes"), labels.astype(np.int64), ids.astype(np.int64))
     names = tuple(str(each) for each in as_list(entry(about, "others"), "others"))
-    others = OtherObjects(_boxes(file, f"{place}/others"), names, _counts(file, f"{place}/others_counts"))
+    others = OtherObjects(
+        _boxes(file, f"{place}/others"), names, _counts(file, f"{place}/others_counts")
+    )
     if names and len(names) != len(others.boxes):
         raise ValueError(f"{len(others.boxes)} other boxes but {len(names)} names")
     categories = tuple(str(each) for each in as_list(entry(about, "categories"), "categories"))
@@ -93,8 +103,12 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
         *(name, clouds, objects, categories, _counts(file, f"{place}/counts"), others),
         complete=parse_region(entry(about, "complete")),
         time=float("nan") if time is None else as_number(time, "time"),
-        map_SE3_world=rigid_matrix(reader.array(file, f"{place}/map_SE3_world", axes=2), "map_SE3_world"),
-        problems={str(kind): int(as_number(count)) for kind, count in entry(about, "problems").items()},
+        map_SE3_world=rigid_matrix(
+            reader.array(file, f"{place}/map_SE3_world", axes=2), "map_SE3_world"
+        ),
+        problems={
+            str(kind): int(as_number(count)) for kind, count in entry(about, "problems").items()
+        },
     )
 
 
@@ -103,7 +117,11 @@ def _cloud(file: h5py.File, place: str, about: Unchecked) -> SensorCloud:
     if points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"{place}/points must be finite, 3 to a row, got shape {points.shape}")
     columns: dict[str, np.ndarray] = {}
-    for name, kind, kinds in (("time", np.float64, "fiu"), ("intensity", np.float32, "fiu"), ("ring", np.int64, "iu")):
+    for name, kind, kinds in (
+        ("time", np.float64, "fiu"),
+        ("intensity", np.float32, "fiu"),
+        ("ring", np.int64, "iu"),
+    ):
         column = reader.find_array(file, f"{place}/{name}", axes=1, kinds=kinds)
         if column is not None and len(column) != len(points):
             raise ValueError(f"{place}/{name} must be of {len(points)} points, got {len(column)}")
@@ -135,7 +153,8 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
     """Write frames as one file, whole or not at all. Raises ValueError for two of the same name."""
     names: list[str] = []
     with writing(path) as unfinished, reader.hdf5_file(unfinished) as (file, _):
-        file.attrs["coview"], file.attrs["version"] = CLOUDS_KIND, _VERSION
+        file.attrs["coview"] = CLOUDS_KIND
+        file.attrs["version"] = _VERSION
         for sample in samples:
             _write(file.create_group(f"samples/{len(names)}"), sample)
             names.append(sample.name)
@@ -145,25 +164,43 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:
-    sensors = [{"name": cloud.name, "frame": cloud.frame, "stamp_s": cloud.stamp_s} for cloud in sample.clouds]
+    sensors = [
+        {"name": cloud.name, "frame": cloud.frame, "stamp_s": cloud.stamp_s}
+        for cloud in sample.clouds
+    ]
     about = {"time": sample.time, "sensors": sensors, "categories": sample.categories}
     about |= {"complete": sample.complete.record(), "others": sample.others.categories}
     group["about"] = json.dumps(replace_infinite(about | {"problems": dict(sample.problems)}))
-    columns: dict[str, np.ndarray | None] = {"map_SE3_world": sample.map_SE3_world, **vars(sample.objects)}
-    columns |= {"counts": sample.counts, "others": sample.others.boxes, "others_counts": sample.others.counts}
+    columns: dict[str, np.ndarray | None] = {
+        "map_SE3_world": sample.map_SE3_world,
+        **vars(sample.objects),
+    }
+    columns |= {
+        "counts": sample.counts,
+        "others": sample.others.boxes,
+        "others_counts": sample.others.counts,
+    }
     for k, cloud in enumerate(sample.clouds):
-        own: dict[str, np.ndarray | None] = {"points": cloud.points, "pose": cloud.world_SE3_sensor, "time": cloud.time}
+        own: dict[str, np.ndarray | None] = {
+            "points": cloud.points,
+            "pose": cloud.world_SE3_sensor,
+            "time": cloud.time,
+        }
         own |= {"intensity": cloud.intensity, "ring": cloud.ring}
         columns |= {f"clouds/{k}/{name}": column for name, column in own.items()}
     for name, column in columns.items():
         if column is not None:
-            packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if column.size > 100 else {}
+            packed = (
+                {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+                if column.size > 100
+                else {}
+            )
             group.create_dataset(name, data=column, **packed)
 
 
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
-    """Return the frames of a file, images or recorded clouds. site, drop_invalid: see `CoopDataset`. Raises the errors
-    of `CoopDataset` and `hdf5_clouds`."""
+    """Return the frames of a file, images or recorded clouds. site, drop_invalid: see
+    `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`."""
     if path.is_file() and holds_clouds(path):
         return hdf5_clouds(path)
     return CoopDataset(path, site, drop_invalid=drop_invalid)

@@ -1,16 +1,19 @@
-"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt in the folder or in training/ below it.
+"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt in the folder or in
+training/ below it.
 
 World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground.
 
-- A label is `type truncated occluded alpha left top right bottom h w l x y z ry [score]`: sizes in the order height,
-  width, length; x y z is the centre of the **floor** in the **rectified camera's** frame (x right, y down, z forward);
-  ry turns about its y, which points down, from its x, so that a car ahead with ry = 0 faces right.
+- A label is `type truncated occluded alpha left top right bottom h w l x y z ry [score]`: sizes in
+  the order height, width, length; x y z is the centre of the **floor** in the **rectified
+  camera's** frame (x right, y down, z forward); ry turns about its y, which points down, from its
+  x, so that a car ahead with ry = 0 faces right.
 - Rectified camera ← lidar is R0_rect · Tr_velo_to_cam, and neither rotation is exactly one.
-- Only what camera 2 shows is labelled, the lidar sees all round. `DontCare` marks regions of the image in which nobody
-  labelled: its box is -1 -1 -1 -1000 -1000 -1000 -10 and no object.
-- KITTI has no place for the lidar's pose in a map. coview writes it as the last line of calib, Tr_velo_to_world, which
-  other readers pass over: they take lines by number or by name.
-- calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam)."""
+- Only what camera 2 shows is labelled, the lidar sees all round. `DontCare` marks regions of the
+  image in which nobody labelled: its box is -1 -1 -1 -1000 -1000 -1000 -10 and no object.
+- KITTI has no place for the lidar's pose in a map. coview writes it as the last line of calib,
+  Tr_velo_to_world, which other readers pass over: they take lines by number or by name.
+- calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and
+  Tr_velo_cam)."""
 
 import struct
 from collections.abc import Iterable
@@ -39,48 +42,78 @@ _FOCAL = 721.5377  # of the camera that is written where a recording has none
 
 def kitti(path: Path) -> records.Listing:
     """Frames of a folder. Raises FileNotFoundError if it is not one of KITTI's."""
-    folder = next((each for each in (path, path / "training", path / "testing") if (each / "velodyne").is_dir()), None)
+    folder = next(
+        (
+            each
+            for each in (path, path / "training", path / "testing")
+            if (each / "velodyne").is_dir()
+        ),
+        None,
+    )
     if folder is None:
-        raise FileNotFoundError(f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/")
+        raise FileNotFoundError(
+            f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/"
+        )
     names = tuple(file.stem for file in records.list_files(folder / "velodyne", "*.bin"))
     if not names:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
     labelled = [file.stem for file in records.list_files(folder / "label_2", "*.txt")]
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
-    return records.Listing(names, partial(_sample, folder, middles, bool(labelled)), labelled=labelled)
+    return records.Listing(
+        names, partial(_sample, folder, middles, bool(labelled)), labelled=labelled
+    )
 
 
 def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
     problems: records.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
-    labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
+    labels = folder / "label_2" / f"{name}.txt"
+    calib = folder / "calib" / f"{name}.txt"
     if not lexists(labels):
         records.add_problem(problems, records.UNLABELLED, int(is_labelled))
         return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
     if not lexists(calib):
-        raise FileNotFoundError(f"no calibration {calib}: the boxes of {labels.name} are in a camera's frame, add it")
+        raise FileNotFoundError(
+            f"no calibration {calib}: the boxes of {labels.name} are in a camera's frame, add it"
+        )
     with records.named_damage(calib, "calibration"):
-        camera_SE3_lidar, projection, map_SE3_lidar = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
+        camera_SE3_lidar, projection, map_SE3_lidar = _parse_calibration(
+            read_bytes(calib).decode("utf-8-sig")
+        )
     with records.named_damage(labels, "list of labels"):
-        rows = [line.split() for line in read_bytes(labels).decode("utf-8-sig").splitlines() if line.strip()]
+        rows = [
+            line.split()
+            for line in read_bytes(labels).decode("utf-8-sig").splitlines()
+            if line.strip()
+        ]
         for row in rows:
             if len(row) not in (15, 16):
                 is_tracking = len(row) in (17, 18) and row[0].isdigit()
-                remedy = ": it is KITTI's tracking, write a file per frame without the first two" if is_tracking else ""
+                remedy = (
+                    ": it is KITTI's tracking, write a file per frame without the first two"
+                    if is_tracking
+                    else ""
+                )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
-        values = np.array([[records.as_number(cell) for cell in row[1:15]] for row in rows]).reshape(-1, 14)
+        values = np.array(
+            [[records.as_number(cell) for cell in row[1:15]] for row in rows]
+        ).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
         boxes = _boxes(values[real], invert(camera_SE3_lidar))
         records.count_full_turns(values[real, 13], problems)
-    found = records.labelled(boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems)
+    found = records.labelled(
+        boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems
+    )
     width, height = _image_size(folder / "image_2" / f"{name}.png")
     ignored = tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist())
     wedge = ImageWedge(projection @ camera_SE3_lidar, width, height, ignored)
     if len(found.objects) and not wedge.covers(found.objects.boxes).any():
         records.add_problem(problems, NONE_SHOWN, len(found.objects))
     place = map_SE3_lidar
-    return Frame.of_clouds(name, (cloud,), *found, complete=wedge, map_SE3_world=place, problems=problems)
+    return Frame.of_clouds(
+        name, (cloud,), *found, complete=wedge, map_SE3_world=place, problems=problems
+    )
 
 
 def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
@@ -94,16 +127,21 @@ def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
 
 
 def _parse_calibration(text: str) -> tuple[Pose, np.ndarray, Pose]:
-    """Return camera_SE3_lidar, the projection (3, 4) of camera 2 (rectified camera → pixels), and map_SE3_lidar."""
+    """Return camera_SE3_lidar, the projection (3, 4) of camera 2 (rectified camera → pixels), and
+    map_SE3_lidar."""
     lines = [line.split() for line in text.splitlines() if line.strip()]
     named = ((words[0].removesuffix(":"), words[1:]) for words in lines)
     entries = {_OTHER_NAMES.get(name, name): rest for name, rest in named}
     rectification = records.rigid(records.entry(entries, "R0_rect"), np.zeros(3), "R0_rect")
-    unrectified_SE3_lidar = records.rigid_matrix(records.entry(entries, "Tr_velo_to_cam"), "Tr_velo_to_cam")
+    unrectified_SE3_lidar = records.rigid_matrix(
+        records.entry(entries, "Tr_velo_to_cam"), "Tr_velo_to_cam"
+    )
     projection = records.numbers(records.entry(entries, "P2"), 12, "P2").reshape(3, 4)
     if not np.isfinite(projection).all():
         raise ValueError("P2 holds NaN or infinite numbers")
-    map_SE3_lidar = records.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
+    map_SE3_lidar = (
+        records.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
+    )
     return rectification @ unrectified_SE3_lidar, projection, map_SE3_lidar
 
 
@@ -117,21 +155,32 @@ def _image_size(image: Path) -> tuple[int, int]:
 
 
 def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as training/ of KITTI, numbered from 000000. The clouds of a frame become one, in its world frame.
-    The camera is that of the frame's labels, else one at the origin that looks along x."""
+    """Write frames as training/ of KITTI, numbered from 000000. The clouds of a frame become one,
+    in its world frame. The camera is that of the frame's labels, else one at the origin that looks
+    along x."""
     place = folder / "training"
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
-        points = [np.column_stack([cloud.in_world(), records.get_intensity(cloud)]) for cloud in sample.clouds]
+        points = [
+            np.column_stack([cloud.in_world(), records.get_intensity(cloud)])
+            for cloud in sample.clouds
+        ]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
         write_bytes(place / "velodyne" / f"{name}.bin", cloud.tobytes())
         write_text(place / "label_2" / f"{name}.txt", kitti_text(sample))
         projection = _camera(sample.complete)[1]
         entries = {f"P{k}": projection for k in range(4)}
-        entries |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": _CAMERA[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
+        entries |= {
+            "R0_rect": np.eye(3),
+            "Tr_velo_to_cam": _CAMERA[:3],
+            "Tr_imu_to_velo": np.eye(4)[:3],
+        }
         if not np.array_equal(sample.map_SE3_world, np.eye(4)):
             entries[_PLACE] = sample.map_SE3_world[:3]
-        lines = [f"{key}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n" for key, matrix in entries.items()]
+        lines = [
+            f"{key}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n"
+            for key, matrix in entries.items()
+        ]
         write_text(place / "calib" / f"{name}.txt", "".join(lines))
 
 
@@ -141,17 +190,23 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
     shown = sample.objects if found is None else found
     own = sample.categories if found is None else ()
     names = [records.COMMON_NAMES[LABELS[label]] for label in shown.labels]
-    names = [category if category in _OWN else name for category, name in zip(own or names, names, strict=True)]
+    names = [
+        category if category in _OWN else name
+        for category, name in zip(own or names, names, strict=True)
+    ]
     ends = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
     lines = []
-    for box, name, rectangle, end in zip(shown.boxes, names, wedge.rectangles(shown.boxes), ends, strict=True):
+    for box, name, rectangle, end in zip(
+        shown.boxes, names, wedge.rectangles(shown.boxes), ends, strict=True
+    ):
         *_, length, width, height, yaw = box
         x, y, z = transform(_CAMERA, box[None, :3])[0]
         ahead = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
         turn = np.arctan2(-ahead[2], ahead[0])
         alpha = np.arctan2(np.sin(turn - np.arctan2(x, z)), np.cos(turn - np.arctan2(x, z)))
         image = " ".join(f"{edge:.2f}" for edge in rectangle)
-        sizes, place = f"{height:.6f} {width:.6f} {length:.6f}", f"{x:.6f} {y + height / 2:.6f} {z:.6f}"
+        sizes = f"{height:.6f} {width:.6f} {length:.6f}"
+        place = f"{x:.6f} {y + height / 2:.6f} {z:.6f}"
         lines.append(f"{name} 0 0 {alpha:.6f} {image} {sizes} {place} {turn:.6f}{end}\n")
     for left, top, right, bottom in wedge.ignored if found is None else ():
         edges = f"{left:.2f} {top:.2f} {right:.2f} {bottom:.2f}"
@@ -163,7 +218,8 @@ _OWN = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram"
 
 
 def _camera(complete: Region) -> tuple[ImageWedge, np.ndarray]:
-    """Wedge of the labels, the frame's own or that of a camera that looks along x; its projection from the camera."""
+    """Wedge of the labels, the frame's own or that of a camera that looks along x; its projection
+    from the camera."""
     if isinstance(complete, ImageWedge):
         return complete, complete.projection @ invert(_CAMERA)
     width, height = IMAGE

@@ -1,14 +1,15 @@
 """nuScenes: tables (sample, sample_data, ...) of v1.0-*/ and samples/LIDAR_TOP/*.pcd.bin.
 
-World frame: the ego vehicle's when the lidar measured, x forward, z up, its origin on the ground below the rear axle;
-`map_SE3_world` is its place in the map.
+World frame: the ego vehicle's when the lidar measured, x forward, z up, its origin on the ground
+below the rear axle; `map_SE3_world` is its place in the map.
 
 - Boxes are **global**: their centre is in the map, hundreds of metres from its origin.
 - `size` is **width, length, height**; quaternions are **w x y z**.
 - Each sensor has its own ego pose: the vehicle moves between the lidar's time and a camera's.
 - The lidar's own x points right and its y forward.
 - .pcd.bin is float32 x y z intensity ring, not a PCD file.
-- num_lidar_pts is the set's own count, over the lidar's points at that time; boxes without points are labelled too.
+- num_lidar_pts is the set's own count, over the lidar's points at that time; boxes without points
+  are labelled too.
 - Time is in microseconds."""
 
 import json
@@ -37,7 +38,9 @@ _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.tr
 SCENE = "scene"  # token of the one scene that is written, of its log and its map
 MAP_FILE = "maps/none.png"
 SWEEPS_BETWEEN = "sweeps between two samples, which is_key_frame does not say, left out"
-NO_CLOCK = "samples less than a millisecond apart, whose timestamps number them: their times are unknown"
+NO_CLOCK = (
+    "samples less than a millisecond apart, whose timestamps number them: their times are unknown"
+)
 MIN_STEP_S = 0.001  # between two sweeps of a lidar
 NO_SENSOR = "rows of sample_data whose sensor the tables lack"
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
@@ -47,14 +50,22 @@ _Row = dict[str, records.Unchecked]
 
 
 def nuscenes(path: Path) -> records.Listing:
-    """Frames, by time, of a data root or its folder of tables. Raises FileNotFoundError for any other folder."""
-    folders = [each for each in (path, *sorted(path.glob("v1.0*"))) if (each / "sample_data.json").is_file()]
+    """Frames, by time, of a data root or its folder of tables. Raises FileNotFoundError for any
+    other folder."""
+    folders = [
+        each
+        for each in (path, *sorted(path.glob("v1.0*")))
+        if (each / "sample_data.json").is_file()
+    ]
     if not folders:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
     folder = folders[0]
     if len(folders) > 1 and folder != path:
         others = ", ".join(each.name for each in folders[1:6])
-        warnings.warn(f"{path}: {folder.name} is read, and not {others}: give the folder to read another", stacklevel=2)
+        warnings.warn(
+            f"{path}: {folder.name} is read, and not {others}: give the folder to read another",
+            stacklevel=2,
+        )
     tables = {name: _read_rows(folder / f"{name}.json", name in _LISTS) for name in _TABLES}
     lidars: dict[str, list[_Row]] = {}
     modalities: set[str] = set()
@@ -67,7 +78,8 @@ def nuscenes(path: Path) -> records.Listing:
             try:
                 modality = _sensor(tables, row, "modality").lower()
             except ValueError as error:
-                unknown, reason = unknown + 1, error
+                unknown = unknown + 1
+                reason = error
                 continue
             modalities.add(modality)
             if modality == "lidar":
@@ -76,18 +88,26 @@ def nuscenes(path: Path) -> records.Listing:
             raise reason
         if modalities and not lidars:
             names = ", ".join(sorted(modalities)[:6])
-            raise ValueError(f"it has no row of a sensor whose modality is lidar, but of {names}: add the lidars' rows")
+            raise ValueError(
+                f"it has no row of a sensor whose modality is lidar, but of {names}: add the "
+                "lidars' rows"
+            )
     with named_damage(folder / "sample_data.json", "table"):
         between = 0
         for token, rows in lidars.items():
-            lidars[token] = _drop_sweeps(tables, rows, tables["sample"].get(token, {}).get("timestamp"))
+            lidars[token] = _drop_sweeps(
+                tables, rows, tables["sample"].get(token, {}).get("timestamp")
+            )
             between += len(rows) - len(lidars[token])
     labels: dict[str, list[_Row]] = {}
     with named_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
     with named_damage(folder / "sample.json", "table"):
-        order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
+        order = sorted(
+            lidars,
+            key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"),
+        )
 
         times = [_parse_time(entry(tables["sample"][token], "timestamp")) for token in order]
         is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
@@ -109,7 +129,9 @@ def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
             if token in by_token and is_list:
                 token = f"{token} {len(by_token)}"
             elif token in by_token and by_token[token] != row:
-                raise ValueError(f"two rows that differ have the token {token[:60]!r}: give each its token")
+                raise ValueError(
+                    f"two rows that differ have the token {token[:60]!r}: give each its token"
+                )
             by_token[token] = row
     return by_token
 
@@ -123,7 +145,9 @@ def _drop_sweeps(tables: dict[str, _Row], rows: list[_Row], stamp: records.Unche
     nearest: dict[str, _Row] = {}
     for channel, row in zip(channels, rows, strict=True):
         away = abs(as_number(entry(row, "timestamp"), "timestamp") - centre)
-        if channel not in nearest or away < abs(as_number(nearest[channel]["timestamp"], "timestamp") - centre):
+        if channel not in nearest or away < abs(
+            as_number(nearest[channel]["timestamp"], "timestamp") - centre
+        ):
             nearest[channel] = row
     identities = {id(row) for row in nearest.values()}
     return [row for row in rows if id(row) in identities]
@@ -147,7 +171,12 @@ def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
 
 
 def _sample(
-    folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row], is_clock: bool
+    folder: Path,
+    token: str,
+    tables: dict[str, _Row],
+    data: list[_Row],
+    labels: list[_Row],
+    is_clock: bool,
 ) -> Frame:
     problems: records.Problems = {}
     placed = [_placed(folder, tables, "ego_pose", row) for row in data]
@@ -163,14 +192,24 @@ def _sample(
         clouds.append(records.read_cloud(file, name, pose, problems, stamp_s=stamp))
     with named_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
-        boxes[:, 6] = records.find_headings(np.array([_turn(row) for row in labels]).reshape(-1, 3, 3), problems)
-        counts = np.array([int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
+        boxes[:, 6] = records.find_headings(
+            np.array([_turn(row) for row in labels]).reshape(-1, 3, 3), problems
+        )
+        counts = np.array(
+            [int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64
+        )
         instances = [str(entry(row, "instance_token")) for row in labels]
     with named_damage(folder / "instance.json", "table"):
-        kinds = [_kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)]
-    found = records.labelled(records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts)
+        kinds = [
+            _kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)
+        ]
+    found = records.labelled(
+        records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts
+    )
     time = records.frame_time(clouds)
-    return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
+    return Frame.of_clouds(
+        token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems
+    )
 
 
 def _parse_time(value: records.Unchecked) -> float:
@@ -192,7 +231,9 @@ def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose
 def _box(row: _Row) -> np.ndarray:
     """Box of a label without its yaw."""
     width, length, height = numbers(entry(row, "size"), 3, "size")
-    return np.array([*numbers(entry(row, "translation"), 3, "translation"), length, width, height, 0.0])
+    return np.array(
+        [*numbers(entry(row, "translation"), 3, "translation"), length, width, height, 0.0]
+    )
 
 
 def _turn(row: _Row) -> Float64[np.ndarray, "3 3"]:
@@ -206,15 +247,24 @@ def _turn(row: _Row) -> Float64[np.ndarray, "3 3"]:
 def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
     if "category_name" in row:
         return str(row["category_name"])
-    return str(entry(tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"))
+    return str(
+        entry(
+            tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"
+        )
+    )
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as a root with v1.0-coview/, one scene that the nuScenes devkit loads. Each sensor is a channel in
-    its own frame. Objects without a count of points get the number of the frame's points in their box."""
-    tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
+    """Write frames as a root with v1.0-coview/, one scene that the nuScenes devkit loads. Each
+    sensor is a channel in its own frame. Objects without a count of points get the number of the
+    frame's points in their box."""
+    tables: dict[str, list[_Row]] = {
+        name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")
+    }
     named = zip(LABELS, _NAMES, strict=True)
-    tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]
+    tables["category"] = [
+        {"token": label, "name": name, "description": ""} for label, name in named
+    ]
     channels: dict[str, str] = {}  # by sensor
     instances: dict[str, str] = {}  # category by token
     for number, sample in enumerate(near_frames(samples), 1):
@@ -222,7 +272,9 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
         seconds = records.clock_time(sample, number)
         stamp = round(seconds * 1e6)
         tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": SCENE})
-        tables["ego_pose"].append({"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)})
+        tables["ego_pose"].append(
+            {"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)}
+        )
         for cloud in sample.clouds:
             channel = channels.setdefault(cloud.name, _name_channel(cloud.name))
             _write_cloud(folder, tables, channel, token, cloud, records.cloud_time(cloud, seconds))
@@ -246,7 +298,9 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
         tables["scene"] = [_format_scene(tables["sample"])]
     log = {"token": SCENE, "logfile": "", "vehicle": "", "date_captured": "", "location": ""}
     tables["log"] = [log]
-    tables["map"] = [{"token": SCENE, "log_tokens": [SCENE], "category": "semantic_prior", "filename": MAP_FILE}]
+    tables["map"] = [
+        {"token": SCENE, "log_tokens": [SCENE], "category": "semantic_prior", "filename": MAP_FILE}
+    ]
     write_bytes(folder / MAP_FILE, _draw_pixel())
     for name, table in tables.items():
         write_text(folder / "v1.0-coview" / f"{name}.json", json.dumps(table, indent=0))
@@ -257,47 +311,75 @@ def _name_channel(sensor: str) -> str:
 
 
 def _write_cloud(
-    folder: Path, tables: dict[str, list[_Row]], channel: str, token: str, cloud: SensorCloud, time_s: float
+    folder: Path,
+    tables: dict[str, list[_Row]],
+    channel: str,
+    token: str,
+    cloud: SensorCloud,
+    time_s: float,
 ) -> None:
     """Write a cloud's file, and its rows of sample_data and calibrated_sensor."""
-    key, file = f"{token}_{channel}", f"samples/{channel}/{token}.pcd.bin"
+    key = f"{token}_{channel}"
+    file = f"samples/{channel}/{token}.pcd.bin"
     ring = np.zeros(len(cloud.points)) if cloud.ring is None else cloud.ring
     columns = cloud.in_sensor(), records.get_intensity(cloud), ring
     write_bytes(folder / file, np.column_stack(columns).astype("<f4").tobytes())
     mounted = {"token": key, "sensor_token": channel, "camera_intrinsic": []}
     tables["calibrated_sensor"].append({**mounted, **_format_pose(cloud.world_SE3_sensor)})
-    tokens = {"token": key, "sample_token": token, "ego_pose_token": token, "calibrated_sensor_token": key}
+    tokens = {
+        "token": key,
+        "sample_token": token,
+        "ego_pose_token": token,
+        "calibrated_sensor_token": key,
+    }
     measured = {"timestamp": round(time_s * 1e6), "is_key_frame": True, "width": 0, "height": 0}
     tables["sample_data"].append({**tokens, **measured, "fileformat": "pcd", "filename": file})
 
 
 def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, str]) -> list[_Row]:
     """Rows of sample_annotation. instances: category of each track, to which new ones are added."""
-    counts = count_points(sample.points(), sample.objects.boxes) if sample.counts is None else sample.counts
-    placed, formatted = sample.map_SE3_world, []
-    for k, (box, label, track) in enumerate(records.list_rows(sample.objects, {name: name for name in LABELS})):
-        # objects of recordings without tracks are counted anew in each frame: a number may have several classes
-        instance = str(track) if instances.setdefault(str(track), label) == label else f"{track}_{label}"
+    counts = (
+        count_points(sample.points(), sample.objects.boxes)
+        if sample.counts is None
+        else sample.counts
+    )
+    placed = sample.map_SE3_world
+    formatted = []
+    for k, (box, label, track) in enumerate(
+        records.list_rows(sample.objects, {name: name for name in LABELS})
+    ):
+        # objects of recordings without tracks are counted anew in each frame: a number may have
+        # several classes
+        instance = (
+            str(track) if instances.setdefault(str(track), label) == label else f"{track}_{label}"
+        )
         instances.setdefault(instance, label)
         row = np.array(box)
         yaw = float(records.heading(placed, row[6]))
         tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
-        place = {"translation": transform(placed, row[None, :3])[0].tolist(), "size": row[[4, 3, 5]].tolist()}
+        place = {
+            "translation": transform(placed, row[None, :3])[0].tolist(),
+            "size": row[[4, 3, 5]].tolist(),
+        }
         place["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
         counted = {"num_lidar_pts": int(counts[k]), "num_radar_pts": 0}
-        formatted.append({**tokens, **place, "attribute_tokens": [], "visibility_token": "", **counted})
+        formatted.append(
+            {**tokens, **place, "attribute_tokens": [], "visibility_token": "", **counted}
+        )
     return formatted
 
 
 def _link(rows: list[_Row], find_group: Callable[[_Row], str]) -> dict[str, list[_Row]]:
-    """Give each row the tokens of its neighbours among the rows of one group, in their order; return the groups."""
+    """Give each row the tokens of its neighbours among the rows of one group, in their order;
+    return the groups."""
     groups: dict[str, list[_Row]] = {}
     for row in rows:
         groups.setdefault(find_group(row), []).append(row)
     for group in groups.values():
         tokens = ["", *(row["token"] for row in group), ""]
         for place, row in enumerate(group):
-            row["prev"], row["next"] = tokens[place], tokens[place + 2]
+            row["prev"] = tokens[place]
+            row["next"] = tokens[place + 2]
     return groups
 
 
@@ -312,10 +394,20 @@ def _draw_pixel() -> bytes:
     """A PNG of one white pixel: the devkit loads no set without a map."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        return (
+            struct.pack(">I", len(content))
+            + kind
+            + content
+            + struct.pack(">I", zlib.crc32(kind + content))
+        )
 
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0))
-    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(b"\0\xff")) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + header
+        + chunk(b"IDAT", zlib.compress(b"\0\xff"))
+        + chunk(b"IEND", b"")
+    )
 
 
 def _format_pose(placed: np.ndarray) -> dict[str, list[float]]:

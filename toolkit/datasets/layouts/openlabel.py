@@ -1,19 +1,25 @@
-"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are next to or below them.
+"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are
+next to or below them.
 
-World frame: the root of the coordinate systems that the first cloud's sensor hangs from, z roughly up. In a file that
-places no sensor it is the lidar's, as in TUM Traffic.
+World frame: the root of the coordinate systems that the first cloud's sensor hangs from, z roughly
+up. In a file that places no sensor it is the lidar's, as in TUM Traffic.
 
-- A cuboid's `val` is x y z, then the quaternion **x y z w** of any length, then length, width, height; x y z is the
-  centre. With 9 numbers it has Euler angles about x, y and z, turned in the order ZYX, in place of the quaternion.
+- A cuboid's `val` is x y z, then the quaternion **x y z w** of any length, then length, width,
+  height; x y z is the centre. With 9 numbers it has Euler angles about x, y and z, turned in the
+  order ZYX, in place of the quaternion.
 - A cuboid, or its object, may name its `coordinate_system`; without one it is in the world's.
-- pose_wrt_parent places a system in its parent: matrix4x4 by rows, quaternion x y z w and translation, or euler_angles
-  in their `sequence` (ZYX) and translation. A frame's `transforms` replace it: X_dst = transform_src_to_dst X_src.
-- `cuboid` is a list, in TUM Traffic a single object. The class is `type` of the object at the top, or, in TUM Traffic,
-  of object_data. Objects at the top may have cuboids too, which hold in their frame_intervals.
-- A frame's clouds are point_cloud_file_names (TUM Traffic), the `uri` of its streams, or files called as the labels. A
-  cloud's sensor is the stream whose uri it is, else one that its folder or its name tells.
+- pose_wrt_parent places a system in its parent: matrix4x4 by rows, quaternion x y z w and
+  translation, or euler_angles in their `sequence` (ZYX) and translation. A frame's `transforms`
+  replace it: X_dst = transform_src_to_dst X_src.
+- `cuboid` is a list, in TUM Traffic a single object. The class is `type` of the object at the top,
+  or, in TUM Traffic, of object_data. Objects at the top may have cuboids too, which hold in their
+  frame_intervals.
+- A frame's clouds are point_cloud_file_names (TUM Traffic), the `uri` of its streams, or files
+  called as the labels. A cloud's sensor is the stream whose uri it is, else one that its folder or
+  its name tells.
 - num_points among the attributes is the set's count, -1 if nobody counted.
-- An object seen by two lidars has a label in each lidar's file: they are different frames here, not doubled labels."""
+- An object seen by two lidars has a label in each lidar's file: they are different frames here, not
+  doubled labels."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,7 +34,15 @@ from toolkit.arrays import BoxRows, Float64, Pose
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import find_epoch, parse_time
 from toolkit.datasets.origins import Middles
-from toolkit.datasets.records import Problems, Unchecked, add_problem, as_number, entry, named_damage, numbers
+from toolkit.datasets.records import (
+    Problems,
+    Unchecked,
+    add_problem,
+    as_number,
+    entry,
+    named_damage,
+    numbers,
+)
 from toolkit.frame import Frame
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import LABELS, Detections, Objects
@@ -38,8 +52,12 @@ WORLD = "world"  # name of the root system that is written
 MAX_SYSTEMS_DEEP = 64  # in a chain of coordinate systems; longer ones run in a circle
 NO_FRAME = "boxes that name no coordinate system, taken in the root of the sensors'"
 UNKNOWN_FRAME = "boxes in a coordinate system that nothing connects with the clouds'"
-UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems, taken in their root"
-UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
+UNPLACED_SENSOR = (
+    "clouds whose sensor is none of the file's coordinate systems, taken in their root"
+)
+UNCONNECTED_SENSOR = (
+    "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
+)
 NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
 UNREADABLE_POSE = "coordinate systems that hold nothing here, whose poses cannot be read"
 OTHER_SHAPES = "objects of other shapes than cuboids"
@@ -48,7 +66,18 @@ NOT_OPENLABEL = "JSON files without openlabel"
 ONLY_SENSOR = "clouds whose sensor nothing tells, taken as the file's only one"
 STREAM_BY_ORDER = "clouds whose stream only its place in the list tells"
 _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
-_SHAPES = ("bbox", "rbbox", "mesh", "poly2d", "poly3d", "mat", "binary", "point2d", "point3d", "area_reference")
+_SHAPES = (
+    "bbox",
+    "rbbox",
+    "mesh",
+    "poly2d",
+    "poly3d",
+    "mat",
+    "binary",
+    "point2d",
+    "point3d",
+    "area_reference",
+)
 _OTHER_STREAMS = ("camera", "radar", "gps_imu", "other")
 
 _Clouds = Mapping[str, Sequence[Path]]  # cloud files below a folder by name
@@ -84,14 +113,18 @@ def openlabel(path: Path) -> records.Listing:
                 first_clouds = sensors | first_clouds
         frames |= {name: (file, key) for name, key in named.items()}
     if not frames:
-        raise ValueError(f"{path} holds no OpenLABEL files, but {others} other *.json, such as {files[0].name}")
+        raise ValueError(
+            f"{path} holds no OpenLABEL files, but {others} other *.json, such as {files[0].name}"
+        )
     load = partial(_sample, frames, clouds, Middles(first_clouds))
-    return records.Listing(tuple(frames), load, labelled=frames, known=known, noted={NOT_OPENLABEL: others})
+    return records.Listing(
+        tuple(frames), load, labelled=frames, known=known, noted={NOT_OPENLABEL: others}
+    )
 
 
 def _frames(content: Unchecked) -> dict[str, Unchecked]:
-    """Frames by key in the order of their numbers; a file of objects without frames, whose cuboids hold always, is one
-    frame."""
+    """Frames by key in the order of their numbers; a file of objects without frames, whose cuboids
+    hold always, is one frame."""
     if "frames" not in content and content.get("objects"):
         return {"0": {}}
     frames = dict(entry({"openlabel": content}, "openlabel", "frames"))
@@ -105,7 +138,11 @@ def _streams(content: Unchecked, frame: Unchecked) -> dict[str, Unchecked]:
     together = {}
     for name in [*of_frame, *(name for name in of_file if name not in of_frame)]:
         together[name] = {**(of_file.get(name) or {}), **(of_frame.get(name) or {})}
-    return {name: stream for name, stream in together.items() if stream.get("type") not in _OTHER_STREAMS}
+    return {
+        name: stream
+        for name, stream in together.items()
+        if stream.get("type") not in _OTHER_STREAMS
+    }
 
 
 def _find_sensors(
@@ -118,10 +155,17 @@ def _find_sensors(
 
 
 def _find_clouds(
-    file: Path, frame: Unchecked, of_streams: Mapping[Path, str], clouds: _Clouds, problems: Problems
+    file: Path,
+    frame: Unchecked,
+    of_streams: Mapping[Path, str],
+    clouds: _Clouds,
+    problems: Problems,
 ) -> list[Path]:
     """Files of a frame's clouds: as it names them, by its streams, else by its file's name."""
-    listed = [str(name) for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()]
+    listed = [
+        str(name)
+        for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()
+    ]
     if listed:
         chosen = [_find_cloud(name, file, clouds) for name in listed]
         present = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
@@ -129,12 +173,16 @@ def _find_clouds(
         return present
     if of_streams:
         return list(of_streams)
-    candidates = [cloud for ending in records.ENDINGS for cloud in clouds.get(f"{file.stem}{ending}", ())]
+    candidates = [
+        cloud for ending in records.ENDINGS for cloud in clouds.get(f"{file.stem}{ending}", ())
+    ]
     of_folder = [cloud for cloud in candidates if cloud.parent.name == file.parent.name]
     return of_folder[:1] or candidates
 
 
-def _find_stream_clouds(file: Path, content: Unchecked, frame: Unchecked, clouds: _Clouds) -> dict[Path, str]:
+def _find_stream_clouds(
+    file: Path, content: Unchecked, frame: Unchecked, clouds: _Clouds
+) -> dict[Path, str]:
     """Streams by the cloud files that their uri names."""
     streams: dict[Path, str] = {}
     for name, stream in _streams(content, frame).items():
@@ -146,12 +194,15 @@ def _find_stream_clouds(file: Path, content: Unchecked, frame: Unchecked, clouds
 
 def _find_cloud(place: str, labels: Path, clouds: _Clouds) -> Path | None:
     """File that a label file names: of several of one name the one with most folders in common."""
-    candidates = clouds.get(PurePosixPath(place).name) or clouds.get(PureWindowsPath(place).name, ())
+    candidates = clouds.get(PurePosixPath(place).name) or clouds.get(
+        PureWindowsPath(place).name, ()
+    )
     return max(candidates, key=lambda cloud: _common_tail(cloud, place, labels), default=None)
 
 
 def _common_tail(cloud: Path, place: str, labels: Path) -> tuple[int, bool]:
-    """Fit of a file to a place that a label file names: path components in common, and the folder's name."""
+    """Fit of a file to a place that a label file names: path components in common, and the folder's
+    name."""
     pairs = zip(reversed(cloud.parts), reversed(PureWindowsPath(place).parts), strict=False)
     common = 0
     for ours, theirs in pairs:
@@ -162,9 +213,14 @@ def _common_tail(cloud: Path, place: str, labels: Path) -> tuple[int, bool]:
 
 
 def _name_sensors(
-    content: Unchecked, frame: Unchecked, files: Sequence[Path], of_streams: Mapping[Path, str], problems: Problems
+    content: Unchecked,
+    frame: Unchecked,
+    files: Sequence[Path],
+    of_streams: Mapping[Path, str],
+    problems: Problems,
 ) -> dict[str, Path]:
-    """Cloud of each sensor, named by the stream or coordinate system that the file, its folder or its name tells."""
+    """Cloud of each sensor, named by the stream or coordinate system that the file, its folder or
+    its name tells."""
     streams = _streams(content, frame)
     systems = content.get("coordinate_systems") or {}
     sensors: dict[str, Path] = {}
@@ -189,10 +245,15 @@ def _name_sensors(
 
 
 def _list_sensors(systems: Mapping[str, Unchecked]) -> list[str]:
-    """Names of the coordinate systems that are sensors by their type, else of those that are nobody's parent."""
-    of_type = [name for name, system in systems.items() if "sensor" in str(system.get("type")).lower()]
+    """Names of the coordinate systems that are sensors by their type, else of those that are
+    nobody's parent."""
+    of_type = [
+        name for name, system in systems.items() if "sensor" in str(system.get("type")).lower()
+    ]
     parents = {system.get("parent") for system in systems.values()}
-    return of_type or [name for name, system in systems.items() if system.get("parent") and name not in parents]
+    return of_type or [
+        name for name, system in systems.items() if system.get("parent") and name not in parents
+    ]
 
 
 @dataclass(frozen=True)
@@ -203,7 +264,8 @@ class _Systems:
         parents: parent of each system that has one, and the system's pose in it.
         known: names of all systems.
         unplaced: systems whose pose in their parent nothing states.
-        unreadable: systems whose pose cannot be read, and why; it matters only to what is in them."""
+        unreadable: systems whose pose cannot be read, and why; it matters only to what is in
+            them."""
 
     parents: dict[str, tuple[str, Pose]]
     known: frozenset[str]
@@ -233,10 +295,12 @@ class _Systems:
 
 def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
     parents: dict[str, tuple[str, Pose]] = {}
-    unplaced, unreadable = set(), dict[str, str]()
+    unplaced = set()
+    unreadable = dict[str, str]()
     systems = content.get("coordinate_systems") or {}
     for name, system in systems.items():
-        parent, placed = str(system.get("parent") or ""), system.get("pose_wrt_parent")
+        parent = str(system.get("parent") or "")
+        placed = system.get("pose_wrt_parent")
         if placed:
             try:
                 parents[name] = parent, parse_transform(placed, f"pose of {name}")
@@ -247,14 +311,17 @@ def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
             unplaced.add(name)
     known = {*systems, *(parent for parent, _ in parents.values())}
     for title, link in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
-        source, target = str(entry(link, "src")), str(entry(link, "dst"))
+        source = str(entry(link, "src"))
+        target = str(entry(link, "dst"))
         known |= {source, target}
         try:
             dst_SE3_src = parse_transform(_find_transform(link), f"transform {title}")
         except ValueError as error:
             unreadable[source] = str(error)
             continue
-        if parents.get(target, ("",))[0] == source or (source in parents and parents[source][0] != target):
+        if parents.get(target, ("",))[0] == source or (
+            source in parents and parents[source][0] != target
+        ):
             parents[target] = source, invert(dst_SE3_src)
             unplaced.discard(target)
             unreadable.pop(target, None)
@@ -272,7 +339,8 @@ def _find_transform(transform: Unchecked) -> Unchecked:
 
 
 def parse_transform(value: Unchecked, name: str) -> Pose:
-    """Parse OpenLABEL's transform data: a matrix, or a rotation and a translation. Raises ValueError for neither."""
+    """Parse OpenLABEL's transform data: a matrix, or a rotation and a translation. Raises
+    ValueError for neither."""
     if isinstance(value, list):  # TUM Traffic, without a name
         return records.rigid_matrix(value, name)
     if "matrix4x4" in value:
@@ -289,17 +357,22 @@ def parse_transform(value: Unchecked, name: str) -> Pose:
 
 
 def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
-    """Rotation of euler_angles (rad), each about the turned axes of those before it in `sequence`."""
+    """Rotation of euler_angles (rad), each about the turned axes of those before it in
+    `sequence`."""
     from scipy.spatial.transform import Rotation
 
     angles = numbers(value["euler_angles"], 3, f"euler_angles of {name}")
     sequence = str(value.get("sequence") or "ZYX").upper()
     if len(sequence) != 3 or not set(sequence) <= set("XYZ") or not np.isfinite(angles).all():
         raise ValueError(
-            f"{name} must turn by three finite angles about a sequence of X, Y and Z, got {sequence!r:.40}"
+            f"{name} must turn by three finite angles about a sequence of X, Y and Z, got "
+            f"{sequence!r:.40}"
         )
     if np.abs(angles).max() > records.FULL_TURN:
-        raise ValueError(f"euler_angles of {name} must be radians, got {angles.tolist()}: give degrees times pi / 180")
+        raise ValueError(
+            f"euler_angles of {name} must be radians, got {angles.tolist()}: give degrees times "
+            "pi / 180"
+        )
     return np.asarray(Rotation.from_euler(sequence, angles).as_matrix())
 
 
@@ -313,7 +386,9 @@ def turn_by_quaternion(xyzw: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "3
     return np.asarray(Rotation.from_quat(xyzw / norm).as_matrix())
 
 
-def _sample(frames: dict[str, tuple[Path, str]], clouds: _Clouds, middles: Middles, name: str) -> Frame:
+def _sample(
+    frames: dict[str, tuple[Path, str]], clouds: _Clouds, middles: Middles, name: str
+) -> Frame:
     problems: Problems = {}
     file, key = frames[name]
     with named_damage(file, "OpenLABEL file"):
@@ -335,8 +410,11 @@ def _sample(frames: dict[str, tuple[Path, str]], clouds: _Clouds, middles: Middl
     found = records.labelled(rows.boxes, rows.kinds, rows.ids, problems, rows.counts)
     measured = []
     for sensor, cloud in sensors.items():
-        stamp, placed = stamps[sensor], poses[sensor]
-        measured.append(records.read_cloud(cloud, sensor, placed, problems, stamp_s=stamp, middles=middles))
+        stamp = stamps[sensor]
+        placed = poses[sensor]
+        measured.append(
+            records.read_cloud(cloud, sensor, placed, problems, stamp_s=stamp, middles=middles)
+        )
     known = records.frame_time(measured) if seconds is None else seconds
     return Frame.of_clouds(name, measured, *found, time=known, problems=problems)
 
@@ -349,8 +427,11 @@ def _stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
     return find_epoch(file.stem) if stated is None else stated
 
 
-def _place_sensors(systems: _Systems, sensors: list[str], problems: Problems) -> tuple[str | None, dict[str, Pose]]:
-    """Root system of the clouds, None if the file does not place their sensors, and the sensors' poses in it."""
+def _place_sensors(
+    systems: _Systems, sensors: list[str], problems: Problems
+) -> tuple[str | None, dict[str, Pose]]:
+    """Root system of the clouds, None if the file does not place their sensors, and the sensors'
+    poses in it."""
     placed = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
     roots = [root for root, _ in placed.values()]
     if not roots:
@@ -370,8 +451,8 @@ def _place_sensors(systems: _Systems, sensors: list[str], problems: Problems) ->
 
 @dataclass(frozen=True)
 class _Rows:
-    """Cuboids of one frame in the world frame: boxes, classes, ids, the set's counts of points, and how many of them
-    name no coordinate system."""
+    """Cuboids of one frame in the world frame: boxes, classes, ids, the set's counts of points, and
+    how many of them name no coordinate system."""
 
     boxes: BoxRows
     kinds: list[str]
@@ -381,17 +462,29 @@ class _Rows:
 
     @staticmethod
     def parse(
-        content: Unchecked, frame: Unchecked, key: str, systems: _Systems, root: str | None, problems: Problems
+        content: Unchecked,
+        frame: Unchecked,
+        key: str,
+        systems: _Systems,
+        root: str | None,
+        problems: Problems,
     ) -> "_Rows":
         """Parse the cuboids that the frame has or that hold in it."""
-        boxes, kinds, ids, counts = list[np.ndarray](), list[str](), list[str](), list[int]()
+        boxes = list[np.ndarray]()
+        kinds = list[str]()
+        ids = list[str]()
+        counts = list[int]()
         turns: list[np.ndarray] = []
         names: list[str] = []  # of each box's coordinate system
         poses: dict[str, Pose | None] = {}
         described = content.get("objects") or {}
         for track, data in _list_object_data(described, frame, key):
             cuboids = data.get("cuboid") or []
-            add_problem(problems, OTHER_SHAPES, int(not cuboids and any(data.get(shape) for shape in _SHAPES)))
+            add_problem(
+                problems,
+                OTHER_SHAPES,
+                int(not cuboids and any(data.get(shape) for shape in _SHAPES)),
+            )
             about = described.get(track) or {}
             for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
                 system = cuboid.get("coordinate_system") or data.get("coordinate_system")
@@ -407,7 +500,9 @@ class _Rows:
                 boxes.append(box)
                 turns.append(turned)
                 names.append(name)
-                kinds.append(str(data.get("type") or entry({"objects": described}, "objects", track, "type")))
+                kinds.append(
+                    str(data.get("type") or entry({"objects": described}, "objects", track, "type"))
+                )
                 ids.append(track)
                 counts.append(_count(cuboid))
         table = np.array(boxes, np.float64).reshape(-1, 7)
@@ -421,8 +516,11 @@ class _Rows:
         return _Rows(table, kinds, ids, counts, names.count(""))
 
 
-def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Iterable[tuple[str, Unchecked]]:
-    """Yield id and object_data of the objects of a frame, then of those at the top that hold in it."""
+def _list_object_data(
+    described: Unchecked, frame: Unchecked, key: str
+) -> Iterable[tuple[str, Unchecked]]:
+    """Yield id and object_data of the objects of a frame, then of those at the top that hold in
+    it."""
     for track, found in (frame.get("objects") or {}).items():
         about = found or {}
         named = {key: about[key] for key in ("coordinate_system", "type") if about.get(key)}
@@ -430,7 +528,10 @@ def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Itera
     for track, about in described.items():
         data = (about or {}).get("object_data") or {}
         intervals = about.get("frame_intervals") or [] if data else []
-        limits = [(int(as_number(each["frame_start"])), int(as_number(each["frame_end"]))) for each in intervals]
+        limits = [
+            (int(as_number(each["frame_start"])), int(as_number(each["frame_end"])))
+            for each in intervals
+        ]
         if data and (not limits or any(first <= int(key) <= last for first, last in limits)):
             yield track, data
 
@@ -454,7 +555,8 @@ def _count(cuboid: Unchecked) -> int:
 def _parse_box(
     value: Unchecked,
 ) -> tuple[Float64[np.ndarray, "7"], Float64[np.ndarray, "3 3"], Float64[np.ndarray, " n"]]:
-    """Box of a cuboid's numbers without its yaw, its rotation, and its Euler angles (rad) if it has any."""
+    """Box of a cuboid's numbers without its yaw, its rotation, and its Euler angles (rad) if it has
+    any."""
     angles = np.zeros(0)
     if np.size(np.array(value, dtype=object)) == 9:
         x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
@@ -472,14 +574,19 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
         name = f"{number:06d}"
         content = openlabel_content(sample)
         document = content["openlabel"]
-        systems, properties = document["coordinate_systems"], document["frames"]["0"]["frame_properties"]
+        systems = document["coordinate_systems"]
+        properties = document["frames"]["0"]["frame_properties"]
         for cloud in sample.clouds:
             file = f"{name}_{cloud.name}.pcd"
             records.write_cloud(folder / "point_clouds" / cloud.name / file, cloud.in_own_frame())
             placed = {"pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()}}
             systems[cloud.name] = {"type": "sensor_cs", "parent": WORLD, "children": [], **placed}
             systems[WORLD]["children"].append(cloud.name)
-            sync = {} if cloud.stamp_s is None else {"stream_properties": {"sync": {"timestamp": cloud.stamp_s}}}
+            sync = (
+                {}
+                if cloud.stamp_s is None
+                else {"stream_properties": {"sync": {"timestamp": cloud.stamp_s}}}
+            )
             stream = {"type": "lidar", "uri": f"../point_clouds/{cloud.name}/{file}", **sync}
             properties["point_cloud_file_names"].append(file)
             properties["streams"][cloud.name] = stream
@@ -487,24 +594,50 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
 
 
 def openlabel_content(sample: Frame, found: Detections | None = None) -> Unchecked:
-    """Return a frame's objects, or the detections `found` with scores as attributes, as one OpenLABEL document."""
+    """Return a frame's objects, or the detections `found` with scores as attributes, as one
+    OpenLABEL document."""
     shown: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))
-    described, objects = {}, {}
+    described = {}
+    objects = {}
     for k, (box, label) in enumerate(zip(shown.boxes, shown.labels, strict=True)):
         if found is not None:
             nums = [{"name": "score", "val": float(found.scores[k])}]
         else:
-            nums = [] if sample.counts is None else [{"name": "num_points", "val": int(sample.counts[k])}]
-        kind, half = _NAMES[LABELS[label]], box[6] / 2
-        value = [*box[:3].tolist(), 0.0, 0.0, float(np.sin(half)), float(np.cos(half)), *box[3:6].tolist()]
-        cuboid = {"name": "shape3D", "coordinate_system": WORLD, "val": value, "attributes": {"num": nums}}
+            nums = (
+                []
+                if sample.counts is None
+                else [{"name": "num_points", "val": int(sample.counts[k])}]
+            )
+        kind = _NAMES[LABELS[label]]
+        half = box[6] / 2
+        value = [
+            *box[:3].tolist(),
+            0.0,
+            0.0,
+            float(np.sin(half)),
+            float(np.cos(half)),
+            *box[3:6].tolist(),
+        ]
+        cuboid = {
+            "name": "shape3D",
+            "coordinate_system": WORLD,
+            "val": value,
+            "attributes": {"num": nums},
+        }
         track = str(ids[k])
         described[track] = {"name": f"{kind}_{track}", "type": kind}
         objects[track] = {"object_data": {"cuboid": [cuboid]}}
     properties: Unchecked = {"point_cloud_file_names": [], "streams": {}}
     properties |= {"timestamp": sample.time} if np.isfinite(sample.time) else {}
     systems = {WORLD: {"type": "scene_cs", "parent": "", "children": []}}
-    content = {"metadata": {"schema_version": "1.0.0"}, "coordinate_systems": systems, "objects": described}
+    content = {
+        "metadata": {"schema_version": "1.0.0"},
+        "coordinate_systems": systems,
+        "objects": described,
+    }
     content |= {"frame_intervals": [{"frame_start": 0, "frame_end": 0}]}
-    return {"openlabel": content | {"frames": {"0": {"frame_properties": properties, "objects": objects}}}}
+    return {
+        "openlabel": content
+        | {"frames": {"0": {"frame_properties": properties, "objects": objects}}}
+    }

@@ -1,13 +1,18 @@
-"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd, a folder per vehicle or roadside unit.
+"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd, a folder per vehicle or
+roadside unit.
 
-World frame: level, its origin at the first agent's lidar, x where that lidar faces; `map_SE3_world` is its place.
+World frame: level, its origin at the first agent's lidar, x where that lidar faces; `map_SE3_world`
+is its place.
 
-- OPV2V and V2XSet come from CARLA, whose world is **left-handed** (y right), and so are the points of their .pcd: here
-  y is negated in both. V2X-Real is measured: its points and poses are right-handed and stay (layout `v2xreal`).
-- lidar_pose is x y z **roll yaw pitch**, angles in **degrees**, turned as Unreal does; it may be a 4×4 matrix.
-- vehicles[id]: `extent` are **half** sizes, `angle` is roll yaw pitch, `center` is added to `location` unturned.
-- Only objects that this agent's lidar hit are listed: an object that another agent alone hit is in that agent's file.
-  The agents' lists are put together by id.
+- OPV2V and V2XSet come from CARLA, whose world is **left-handed** (y right), and so are the points
+  of their .pcd: here y is negated in both. V2X-Real is measured: its points and poses are
+  right-handed and stay (layout `v2xreal`).
+- lidar_pose is x y z **roll yaw pitch**, angles in **degrees**, turned as Unreal does; it may be a
+  4×4 matrix.
+- vehicles[id]: `extent` are **half** sizes, `angle` is roll yaw pitch, `center` is added to
+  `location` unturned.
+- Only objects that this agent's lidar hit are listed: an object that another agent alone hit is in
+  that agent's file. The agents' lists are put together by id.
 - A roadside unit's folder has a negative number; intensity is in the first of a .pcd's colours.
 - YAML 1.1 reads 1e-05 as a string."""
 
@@ -34,31 +39,44 @@ MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
 def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
-    """Frames of all scenarios below a folder, all agents together. Raises FileNotFoundError if there are none."""
+    """Frames of all scenarios below a folder, all agents together. Raises FileNotFoundError if
+    there are none."""
     names: dict[str, list[Path]] = {}
-    clouds: dict[Path, set[str]] = {}  # of agents; a scenario's own files, such as data_protocol.yaml, lie above
-    labelled, known = list[str](), list[str]()
+    # of agents; a scenario's own files, such as data_protocol.yaml, lie above
+    clouds: dict[Path, set[str]] = {}
+    labelled = list[str]()
+    known = list[str]()
     described: dict[Path, set[str]] = {}
     for file in records.list_files(path, "*.yaml", recursive=True):
         if file.parent not in clouds:
             clouds[file.parent] = {
-                each.stem for each in records.list_files(file.parent) if each.suffix in records.ENDINGS
+                each.stem
+                for each in records.list_files(file.parent)
+                if each.suffix in records.ENDINGS
             }
         place = file.with_suffix("").relative_to(path.parent).as_posix()
         labelled += [place] * bool(clouds[file.parent])
         described.setdefault(file.parent, set()).add(file.stem)
         if file.stem in clouds[file.parent]:
-            names.setdefault((file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []).append(file)
+            names.setdefault(
+                (file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []
+            ).append(file)
             known.append(place)
     if not names:
-        raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
+        raise FileNotFoundError(
+            f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names"
+        )
     in_order = sorted(names.items(), key=lambda frame: records.natural_order(frame[0]))
     agents = {name: sorted(files, key=_agent) for name, files in in_order}
     mirror = MIRROR if left_handed else np.eye(4)
     of_scenario: dict[Path, set[str]] = {}
     for file in (file for files in agents.values() for file in files):
         of_scenario.setdefault(file.parent.parent, set()).add(file.parent.name)
-    undescribed = sum(len(stems - described.get(agent, set())) for agent, stems in clouds.items() if agent in described)
+    undescribed = sum(
+        len(stems - described.get(agent, set()))
+        for agent, stems in clouds.items()
+        if agent in described
+    )
 
     counts = {scenario: len(members) for scenario, members in of_scenario.items()}
     load = partial(_load, agents, counts, mirror)
@@ -77,7 +95,9 @@ def _agent(file: Path) -> tuple[int, int | str]:
     return int(name.startswith("-")), abs(int(name))
 
 
-def _load(agents: Mapping[str, list[Path]], counts: Mapping[Path, int], mirror: np.ndarray, name: str) -> Frame:
+def _load(
+    agents: Mapping[str, list[Path]], counts: Mapping[Path, int], mirror: np.ndarray, name: str
+) -> Frame:
     """Frame of all agents. counts: number of agents of each scenario."""
     files = agents[name]
     problems: records.Problems = {}
@@ -86,7 +106,8 @@ def _load(agents: Mapping[str, list[Path]], counts: Mapping[Path, int], mirror: 
 
 
 def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.Problems) -> Frame:
-    contents, poses = [], []
+    contents = []
+    poses = []
     for file in files:
         with named_damage(file, "YAML file of an agent"):
             content = parse_yaml(read_text(file))
@@ -101,13 +122,19 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.
     apart = 0
     kinds: dict[object, str] = {}
     for file, content, placed in zip(files, contents, poses, strict=True):
-        recorded = next(file.with_suffix(end) for end in records.ENDINGS if lexists(file.with_suffix(end)))
-        cloud = records.read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
+        recorded = next(
+            file.with_suffix(end) for end in records.ENDINGS if lexists(file.with_suffix(end))
+        )
+        cloud = records.read_cloud(
+            recorded, file.parent.name, invert(map_SE3_world) @ placed, problems
+        )
         clouds.append(_mirror(cloud, mirror))
         with named_damage(file, "YAML file of an agent"):
             vehicles = content.get("vehicles") or {}
             if not isinstance(vehicles, dict):
-                raise ValueError(f"vehicles must be a mapping of ids to vehicles, got {str(vehicles)[:40]!r}")
+                raise ValueError(
+                    f"vehicles must be a mapping of ids to vehicles, got {str(vehicles)[:40]!r}"
+                )
             for track, each in vehicles.items():
                 box, turned = _box(each, mirror)
                 first = rows.setdefault(track, box)
@@ -119,7 +146,9 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.
     boxes[:, 6] = records.find_headings(np.array(list(turns.values())).reshape(-1, 3, 3), problems)
     boxes = records.move_boxes(invert(map_SE3_world), boxes)
     found = records.labelled(boxes, list(kinds.values()), list(rows), problems)
-    return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
+    return Frame.of_clouds(
+        name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems
+    )
 
 
 def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
@@ -132,13 +161,16 @@ def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
 
 
 def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
-    """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x, then roll."""
+    """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x,
+    then roll."""
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
 def _box(vehicle: records.Unchecked, mirror: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Box of a vehicle without its yaw, and its rotation."""
-    place = numbers(entry(vehicle, "location"), 3, "location") + numbers(entry(vehicle, "center"), 3, "center")
+    place = numbers(entry(vehicle, "location"), 3, "location") + numbers(
+        entry(vehicle, "center"), 3, "center"
+    )
     roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
     sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
     turned = mirror @ unreal_pose(roll, yaw, pitch) @ mirror
@@ -155,18 +187,28 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
 
     mirror = MIRROR if left_handed else np.eye(4)
     for number, sample in enumerate(samples):
-        name, flat = f"{number:05d}", mirror @ sample.map_SE3_world
+        name = f"{number:05d}"
+        flat = mirror @ sample.map_SE3_world
         vehicles = {}
         for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
             angle = [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0]
-            where = {"angle": angle, "center": [0.0] * 3, "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist()}
+            where = {
+                "angle": angle,
+                "center": [0.0] * 3,
+                "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
+            }
             vehicles[track] = {**where, "extent": [size / 2 for size in box[3:6]], "obj_type": kind}
         for agent, cloud in enumerate(sample.clouds):
             placed = flat @ cloud.world_SE3_sensor @ mirror
-            roll, yaw = np.arctan2(-placed[2, 1], placed[2, 2]), np.arctan2(placed[1, 0], placed[0, 0])
-            angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(placed[2, 0], -1, 1))]).tolist()  # as Unreal has them
+            roll = np.arctan2(-placed[2, 1], placed[2, 2])
+            yaw = np.arctan2(placed[1, 0], placed[0, 0])
+            # as Unreal has them
+            angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(placed[2, 0], -1, 1))]).tolist()
             content = {"lidar_pose": [*placed[:3, 3].tolist(), *angles], "vehicles": vehicles}
-            records.write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirror(cloud.in_own_frame(), mirror))
+            records.write_cloud(
+                folder / "scenario" / str(agent) / f"{name}.pcd",
+                _mirror(cloud.in_own_frame(), mirror),
+            )
             write_text(folder / "scenario" / str(agent) / f"{name}.yaml", yaml.safe_dump(content))
 
 

@@ -1,11 +1,14 @@
-"""RCooper: data/SCENE/AGENT/SEQUENCE/lidar/*.pcd, label/SCENE/AGENT/SEQUENCE/*.json, calib/lidar2world/AGENT.json.
+"""RCooper: data/SCENE/AGENT/SEQUENCE/lidar/*.pcd, label/SCENE/AGENT/SEQUENCE/*.json,
+calib/lidar2world/AGENT.json.
 
-World frame: lidar2world's, in which all agents (poles) of a scene stand; right-handed, z up. Each agent's labels
-are in its own lidar's frame and say what that agent sees; label/SCENE/coop is not read. Tracks are numbered by each
-agent for itself: boxes of one class that two agents list and that overlap are one object, the first agent's.
+World frame: lidar2world's, in which all agents (poles) of a scene stand; right-handed, z up. Each
+agent's labels are in its own lidar's frame and say what that agent sees; label/SCENE/coop is not
+read. Tracks are numbered by each agent for itself: boxes of one class that two agents list and that
+overlap are one object, the first agent's.
 
-- SCENE lists its agents, "117-118-120-119"; files are named by their time in seconds and differ by milliseconds between
-  agents: files of one time are one frame. Only if names are no times, the k-th of one belongs to the k-th of others.
+- SCENE lists its agents, "117-118-120-119"; files are named by their time in seconds and differ by
+  milliseconds between agents: files of one time are one frame. Only if names are no times, the k-th
+  of one belongs to the k-th of others.
 - Labels are as in DAIR-V2X: centre, l w h, yaw about z in radians, numbers or strings.
 - lidar2world turns by a matrix that is not quite a rotation."""
 
@@ -38,25 +41,33 @@ SAME_OBJECT = 0.3  # BEV IoU; two agents' labels of one class above it are one o
 
 
 def rcooper(path: Path) -> Listing:
-    """Frames of the whole set, each of all agents. Raises FileNotFoundError if the folder is not such a set."""
+    """Frames of the whole set, each of all agents. Raises FileNotFoundError if the folder is not
+    such a set."""
     names: dict[str, list[tuple[str, Path]]] = {}
     noted: dict[str, Problems] = {}
-    labelled, known = list[str](), list[str]()
+    labelled = list[str]()
+    known = list[str]()
     for scene in list_files(path / "data"):
         agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
-        for sequence in sorted({each.name for name in agents for each in (scene / name).iterdir() if each.is_dir()}):
+        for sequence in sorted(
+            {each.name for name in agents for each in (scene / name).iterdir() if each.is_dir()}
+        ):
             files = [(name, _clouds(scene / name / sequence / "lidar")) for name in agents]
             for name, some in files:
                 own = f"{scene.name}/{name}/{sequence}"
                 known += [f"{own}/{file.stem}" for file in some]
-                labelled += [f"{own}/{file.stem}" for file in list_files(path / "label" / own, "*.json")]
+                labelled += [
+                    f"{own}/{file.stem}" for file in list_files(path / "label" / own, "*.json")
+                ]
             groups, by_order = _match(dict(files))
             for k, group in enumerate(groups):
                 name = f"{scene.name}/{sequence}/{k:05d}"
                 names[name] = list(group.items())
                 noted[name] = {UNPAIRED: int(len(group) < len(agents)), BY_ORDER: int(by_order)}
     if not names:
-        raise FileNotFoundError(f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd")
+        raise FileNotFoundError(
+            f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd"
+        )
 
     load = partial(_sample, path, names, noted, bool(labelled))
     return Listing(tuple(names), load, labelled=labelled, known=known)
@@ -77,7 +88,9 @@ def _take(files: Mapping[str, Sequence[Path]], rows: Mapping[str, int]) -> dict[
 
 
 def _clouds(folder: Path) -> list[Path]:
-    return sorted((file for file in list_files(folder) if file.suffix.lower() in ENDINGS), key=_time)
+    return sorted(
+        (file for file in list_files(folder) if file.suffix.lower() in ENDINGS), key=_time
+    )
 
 
 def _time(file: Path) -> tuple[float, tuple[str | int, ...]]:
@@ -120,7 +133,11 @@ def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
     labels = np.concatenate([np.zeros(0, np.int64), *(part.labels for part in parts)])
     ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in parts)])
     agent = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    same = (iou_bev(boxes, boxes) > SAME_OBJECT) & (labels[:, None] == labels) & (agent[:, None] != agent)
+    same = (
+        (iou_bev(boxes, boxes) > SAME_OBJECT)
+        & (labels[:, None] == labels)
+        & (agent[:, None] != agent)
+    )
     kept: list[int] = []
     for k in range(len(boxes)):
         if not same[k, kept].any():

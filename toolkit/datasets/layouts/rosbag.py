@@ -1,14 +1,16 @@
-"""ROS bags: PointCloud2 topics with tf, of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, .mcap or .db3 files).
+"""ROS bags: PointCloud2 topics with tf, of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml,
+.mcap or .db3 files).
 
 World frame: the root of the clouds' frames in tf. A cloud whose frame no tf mentions stays in its
 frame, and is counted.
 
-- All of tf is read first: static transforms come once, and tf of a cloud's time may be recorded after the cloud
-  (`toolkit.datasets.transform_tree`).
-- Clouds of one time are one frame (`toolkit.datasets.clock_times`). Their time is the header's stamp; if the stamps of
-  two topics are of different clocks, or missing, it is the time of recording. A frame's time is its first cloud's.
-- A point's fields may be anywhere in its point_step bytes, in either order of bytes; `t`, `time` or `timestamp` is its
-  time.
+- All of tf is read first: static transforms come once, and tf of a cloud's time may be recorded
+  after the cloud (`toolkit.datasets.transform_tree`).
+- Clouds of one time are one frame (`toolkit.datasets.clock_times`). Their time is the header's
+  stamp; if the stamps of two topics are of different clocks, or missing, it is the time of
+  recording. A frame's time is its first cloud's.
+- A point's fields may be anywhere in its point_step bytes, in either order of bytes; `t`, `time` or
+  `timestamp` is its time.
 - A cloud that cannot be read, and a topic of clouds without x, y and z, is left out and counted.
 - Several files of a folder without metadata.yaml are read as one recording.
 - There are no labels in a bag. Reading needs the package rosbags."""
@@ -49,7 +51,8 @@ from toolkit.runtime.files import parse_yaml, plain_file, read_text, resolve_bel
 from toolkit.sites.site import Site
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
-TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
+TF = "tf2_msgs/msg/TFMessage"
+OLD_TF = "tf/msg/tfMessage"
 NO_TF = "clouds in a frame that no tf mentions"
 OTHER_TREE = "clouds whose frames have another root in tf than the first cloud's"
 FAR_TF = "clouds a second or more from the nearest transform of a moving frame"
@@ -58,7 +61,9 @@ NO_XYZ = "topics of PointCloud2 without x, y and z"
 NO_STAMP = "clouds without a stamp, of the time of their recording"
 SAME_SENSOR = "clouds of one frame and stamp on another topic too: one sensor's, counted twice"
 REPLAYED = "clouds with a stamp that their topic has already, as of a bag played twice"
-OTHER_CLOCKS = "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
+OTHER_CLOCKS = (
+    "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
+)
 RosObject = Any  # of rosbags, which has no types
 MAX_TF_GAP_S = 1.0
 MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
@@ -68,8 +73,8 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 
 
 class _Message(NamedTuple):
-    """A message of a bag, not parsed. recorded_ns: time of its recording; has_seq: ROS 1, whose headers begin with a
-    number."""
+    """A message of a bag, not parsed. recorded_ns: time of its recording; has_seq: ROS 1, whose
+    headers begin with a number."""
 
     topic: str
     kind: str
@@ -112,18 +117,24 @@ class Bag:
     problems: Mapping[str, int]
     site: Site | None = None
     _middles: Middles = field(default_factory=Middles, compare=False, repr=False)
-    _reading: list[tuple[int, Iterator[Frame]]] = field(default_factory=list, compare=False, repr=False)
+    _reading: list[tuple[int, Iterator[Frame]]] = field(
+        default_factory=list, compare=False, repr=False
+    )
 
     def __len__(self) -> int:
         return len(self.groups)
 
     def __getitem__(self, index: int) -> Frame:
-        """Frame of this number. The bag is read on from the last frame, or again from its beginning."""
+        """Frame of this number. The bag is read on from the last frame, or again from its
+        beginning."""
         if not 0 <= index < len(self):
-            raise IndexError(f"there is no frame {index}: {self.path} has {len(self)}, counted from 0")
+            raise IndexError(
+                f"there is no frame {index}: {self.path} has {len(self)}, counted from 0"
+            )
         following, frames = self._reading.pop() if self._reading else (0, iter(self))
         if index < following:
-            following, frames = 0, iter(self)
+            following = 0
+            frames = iter(self)
         frame = next(islice(frames, index - following, None))
         self._reading.append((index + 1, frames))
         return frame
@@ -132,7 +143,11 @@ class Bag:
         return {**self.__dict__, "_reading": []}
 
     def __iter__(self) -> Iterator[Frame]:
-        group_of = {(topic, k): number for number, group in enumerate(self.groups) for topic, k in group.items()}
+        group_of = {
+            (topic, k): number
+            for number, group in enumerate(self.groups)
+            for topic, k in group.items()
+        }
         counts = dict.fromkeys(self.topics, 0)
         waiting: dict[int, dict[str, _Message]] = {}
         number = 0
@@ -144,7 +159,9 @@ class Bag:
             if group is None:
                 continue
             waiting.setdefault(group, {})[message.topic] = message
-            while number < len(self.groups) and len(waiting.get(number, ())) == len(self.groups[number]):
+            while number < len(self.groups) and len(waiting.get(number, ())) == len(
+                self.groups[number]
+            ):
                 yield self._frame(number, waiting.pop(number))
                 number += 1
 
@@ -167,7 +184,9 @@ class Bag:
             with _damage(self.path):
                 clouds.append(self._cloud(message, cloud, attributes, roots, problems))
         time = min(self._time(message) for message in messages.values())
-        return Frame.of_clouds(f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems)
+        return Frame.of_clouds(
+            f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems
+        )
 
     def _time(self, message: _Message) -> float:
         """Time of a cloud (s): its stamp, or the time of its recording."""
@@ -182,21 +201,36 @@ class Bag:
         roots: list[str],
         problems: Problems,
     ) -> SensorCloud:
-        """A topic's cloud in the world. roots: of the frame's clouds before it, and then of this one too."""
-        frame, stamp = clean_frame(cloud.header.frame_id), _stamp(cloud.header)
-        measured = message.recorded_ns if message.topic in self.recorded else stamp or message.recorded_ns
+        """A topic's cloud in the world. roots: of the frame's clouds before it, and then of this
+        one too."""
+        frame = clean_frame(cloud.header.frame_id)
+        stamp = _stamp(cloud.header)
+        measured = (
+            message.recorded_ns if message.topic in self.recorded else stamp or message.recorded_ns
+        )
         placed = self.tree.find(frame, measured, message.recorded_ns)
         is_placed = self.tree.knows(frame)
         is_alone = not self.tree.static and not self.tree.moving and len(self.topics) == 1
         add_problem(problems, NO_TF, int(not is_placed and not is_alone))
-        add_problem(problems, OTHER_TREE, int(is_placed and bool(roots) and placed.root != roots[0]))
+        add_problem(
+            problems, OTHER_TREE, int(is_placed and bool(roots) and placed.root != roots[0])
+        )
         add_problem(problems, FAR_TF, int(placed.gap_s >= MAX_TF_GAP_S))
         roots += [placed.root] * is_placed
-        why = self.recorded.get(message.topic) or ("" if stamp or not message.recorded_ns else NO_STAMP)
+        why = self.recorded.get(message.topic) or (
+            "" if stamp or not message.recorded_ns else NO_STAMP
+        )
         add_problem(problems, why, int(bool(why)))
         seconds = self._time(message)
         name = message.topic.strip("/")
-        return build_cloud(attributes, name, placed.root_SE3_frame, problems, stamp_s=seconds, middles=self._middles)
+        return build_cloud(
+            attributes,
+            name,
+            placed.root_SE3_frame,
+            problems,
+            stamp_s=seconds,
+            middles=self._middles,
+        )
 
 
 def clean_frame(name: object) -> str:
@@ -205,10 +239,14 @@ def clean_frame(name: object) -> str:
 
 
 def rosbag(path: Path) -> Bag:
-    """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
+    """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no
+    PointCloud2."""
     if path.is_dir() and not lexists(path / "metadata.yaml") and len(files := list_bags(path)) > 1:
         names = ", ".join(file.name for file in files[:6])
-        warnings.warn(f"{path}: {names} are read as one recording: give one of them to read no other", stacklevel=2)
+        warnings.warn(
+            f"{path}: {names} are read as one recording: give one of them to read no other",
+            stacklevel=2,
+        )
     stamps: dict[str, list[int]] = {}
     recorded: dict[str, list[int]] = {}
     with_points: dict[str, bool] = {}  # topics that have a readable cloud: whether it has points
@@ -221,7 +259,9 @@ def rosbag(path: Path) -> Bag:
             continue
         if topic not in with_points:
             try:
-                with_points[topic] = {"x", "y", "z"} <= {str(column.name) for column in message.parse().fields}
+                with_points[topic] = {"x", "y", "z"} <= {
+                    str(column.name) for column in message.parse().fields
+                }
             except Exception as error:  # rosbags and its parsers raise errors of any kind
                 reason = error
         with _damage(path):
@@ -233,11 +273,20 @@ def rosbag(path: Path) -> Bag:
     own_clock = {topic: np.array(stamps[topic], np.int64) for topic in topics}
     on_record = {topic: np.array(recorded[topic], np.int64) for topic in topics}
     tree = TransformTree.from_links(links)
-    moving = [link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving]
+    moving = [
+        link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving
+    ]
     of_tf = {}
     if moving:
-        of_tf = {TF: (np.array([link.stamp_ns for link in moving]), np.array([link.recorded_ns for link in moving]))}
-    instead = _find_other_clocks({topic: (own_clock[topic], on_record[topic]) for topic in topics}, of_tf)
+        of_tf = {
+            TF: (
+                np.array([link.stamp_ns for link in moving]),
+                np.array([link.recorded_ns for link in moving]),
+            )
+        }
+    instead = _find_other_clocks(
+        {topic: (own_clock[topic], on_record[topic]) for topic in topics}, of_tf
+    )
     times = {}
     for topic in topics:
         if topic in instead:
@@ -245,19 +294,25 @@ def rosbag(path: Path) -> Bag:
         else:
             times[topic] = np.where(own_clock[topic] == 0, on_record[topic], own_clock[topic])
     start = min(int(stamps_ns.min()) for stamps_ns in times.values())
-    groups = group_by_time({topic: (stamps_ns - start) / NS_PER_S for topic, stamps_ns in times.items()})
+    groups = group_by_time(
+        {topic: (stamps_ns - start) / NS_PER_S for topic, stamps_ns in times.items()}
+    )
     problems = dict(tree.problems)
     if not instead:
         stamped = [times[times != 0] for times in own_clock.values()]
-        add_problem(problems, REPLAYED, sum(len(times) - len(np.unique(times)) for times in stamped))
+        add_problem(
+            problems, REPLAYED, sum(len(times) - len(np.unique(times)) for times in stamped)
+        )
     add_problem(problems, NO_XYZ, len(stamps) - len(topics))
     return Bag(path, tuple(groups), tree, topics, instead, problems)
 
 
 def _find_other_clocks(
-    clouds: Mapping[str, tuple[np.ndarray, np.ndarray]], moving: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    clouds: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    moving: Mapping[str, tuple[np.ndarray, np.ndarray]],
 ) -> dict[str, str]:
-    """Topics whose clouds have the time of their recording, and why: all if stamps are of different clocks.
+    """Topics whose clouds have the time of their recording, and why: all if stamps are of different
+    clocks.
 
     clouds: stamps and times of recording (ns) by topic; moving: those of moving transforms."""
     offsets_s = []
@@ -276,13 +331,20 @@ def _refuse(path: Path, has_clouds: bool, reason: Exception | None) -> None:
         with _damage(path):
             raise reason
     if has_clouds:
-        raise ValueError(f"{path} holds {CLOUD} without fields x, y and z only: convert them to points first")
+        raise ValueError(
+            f"{path} holds {CLOUD} without fields x, y and z only: convert them to points first"
+        )
     kinds: dict[str, str] = {}
     with _open(path) as readers:
         for connection in (each for reader in readers for each in reader.connections):
             kinds[str(connection.topic)] = str(connection.msgtype)
-    held = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "no topics"
-    raise ValueError(f"{path} holds no messages of {CLOUD}, but {held}: convert its lidar's messages to PointCloud2")
+    held = (
+        ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "no topics"
+    )
+    raise ValueError(
+        f"{path} holds no messages of {CLOUD}, but {held}: convert its lidar's messages to "
+        "PointCloud2"
+    )
 
 
 def _parse_links(path: Path, message: _Message) -> list[TransformLink]:
@@ -290,21 +352,29 @@ def _parse_links(path: Path, message: _Message) -> list[TransformLink]:
         content = message.parse()
         links = []
         for each in content.transforms:
-            where, turned = each.transform.translation, each.transform.rotation
+            where = each.transform.translation
+            turned = each.transform.rotation
             wxyz = np.array([turned.w, turned.x, turned.y, turned.z])
             pose = parse_link_pose(wxyz, np.array([where.x, where.y, where.z]))
             names = clean_frame(each.child_frame_id), clean_frame(each.header.frame_id)
             is_static = message.topic.rstrip("/").endswith("tf_static")
-            links.append(TransformLink(*names, pose, _stamp(each.header), message.recorded_ns, is_static))
+            links.append(
+                TransformLink(*names, pose, _stamp(each.header), message.recorded_ns, is_static)
+            )
     return links
 
 
 def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
-    """Parse the fields of a PointCloud2, a row per point. Raises ValueError if they do not fit its bytes."""
+    """Parse the fields of a PointCloud2, a row per point. Raises ValueError if they do not fit its
+    bytes."""
     order = ">" if message.is_bigendian else "<"
-    width, height, step, row_step = map(int, (message.width, message.height, message.point_step, message.row_step))
+    width, height, step, row_step = map(
+        int, (message.width, message.height, message.point_step, message.row_step)
+    )
     data = np.asarray(message.data, np.uint8)
-    names, formats, offsets = [], [], []
+    names = []
+    formats = []
+    offsets = []
     for each in message.fields:
         if each.datatype not in _TYPES or each.name in names or each.count not in (0, 1):
             continue  # padding, or several numbers
@@ -315,11 +385,16 @@ def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
         formats.append(kind)
         offsets.append(int(each.offset))
     packed_step = width * step
-    if row_step < packed_step <= len(data) // max(height, 1) or (height * row_step > len(data) == height * packed_step):
-        row_step = packed_step  # some drivers leave it 0, or do not change it with the width: rows follow one another
+    if row_step < packed_step <= len(data) // max(height, 1) or (
+        height * row_step > len(data) == height * packed_step
+    ):
+        # some drivers leave it 0, or do not change it with the width: rows follow one another
+        row_step = packed_step
     if step < 1 or row_step < width * step or len(data) < height * row_step:
         raise ValueError(f"a cloud of {height} rows of {width} points has {len(data)} bytes only")
-    packed = np.ascontiguousarray(data[: height * row_step].reshape(height, row_step)[:, : width * step])
+    packed = np.ascontiguousarray(
+        data[: height * row_step].reshape(height, row_step)[:, : width * step]
+    )
     point = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
     table = np.frombuffer(packed.tobytes(), point, width * height)
     columns = {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name in names}
@@ -332,7 +407,8 @@ def _stamp(header: RosObject) -> int:
     return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
-_damage = partial(named_damage, what="bag", kinds=(Exception,))  # rosbags and its parsers raise errors of any kind
+# rosbags and its parsers raise errors of any kind
+_damage = partial(named_damage, what="bag", kinds=(Exception,))
 
 
 @contextmanager
@@ -353,7 +429,9 @@ def _open(path: Path) -> Iterator[list[RosObject]]:
                     if str(error) != OTHER_PROFILE:
                         raise
                     remedy = "give the .bag it was made of, or convert that with rosbags-convert"
-                    raise ValueError(f"its messages are not of ROS 2 (its profile tells): {remedy}") from None
+                    raise ValueError(
+                        f"its messages are not of ROS 2 (its profile tells): {remedy}"
+                    ) from None
         yield readers
 
 
@@ -370,23 +448,35 @@ def _list_files(path: Path) -> list[Path]:
     if not files:
         raise ValueError(f"it holds no file of {', '.join(BAG_ENDINGS)}")
     if len({file.suffix.lower() for file in files}) > 1:
-        raise ValueError(f"it holds bags of several kinds, {', '.join(file.name for file in files[:6])}: give one file")
+        raise ValueError(
+            f"it holds bags of several kinds, {', '.join(file.name for file in files[:6])}: give "
+            "one file"
+        )
     return [plain_file(file) for file in files]
 
 
-def _make_parser(kind: str, readers: Iterable[RosObject], has_seq: bool) -> Callable[[bytes], RosObject]:
-    """Parser of one kind of messages, by the definition that the bag holds of this one, else by ROS 2 Humble's."""
+def _make_parser(
+    kind: str, readers: Iterable[RosObject], has_seq: bool
+) -> Callable[[bytes], RosObject]:
+    """Parser of one kind of messages, by the definition that the bag holds of this one, else by ROS
+    2 Humble's."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    connections = [each for reader in readers for each in reader.connections if each.msgtype == kind]
-    definitions = [each.msgdef for each in connections if each.msgdef.format != MessageDefinitionFormat.NONE]
+    connections = [
+        each for reader in readers for each in reader.connections if each.msgtype == kind
+    ]
+    definitions = [
+        each.msgdef for each in connections if each.msgdef.format != MessageDefinitionFormat.NONE
+    ]
     store = get_typestore(Stores.EMPTY if definitions else Stores.ROS2_HUMBLE)
     if definitions and definitions[0].format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definitions[0].data, kind))
     elif definitions:
         for text in definitions[0].data.split(f"{'=' * 80}\n"):
-            store.register(get_types_from_idl(text.split("\n", 1)[1] if text.startswith("IDL: ") else text))
+            store.register(
+                get_types_from_idl(text.split("\n", 1)[1] if text.startswith("IDL: ") else text)
+            )
     parse = store.deserialize_ros1 if has_seq else store.deserialize_cdr
     return partial(_call, parse, kind)
 
@@ -400,7 +490,9 @@ def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
     with _open(path) as readers:
         has_seq = any(file.suffix.lower() == FIRST_ENDING for file in _list_files(path))
         with _damage(path):
-            wanted = {each.msgtype for reader in readers for each in reader.connections} & set(kinds)
+            wanted = {each.msgtype for reader in readers for each in reader.connections} & set(
+                kinds
+            )
             parsers = {kind: _make_parser(kind, readers, has_seq) for kind in wanted}
             streams = []
             for reader in readers:
@@ -418,7 +510,8 @@ def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
-    """Write clouds for ROS 2: recording.mcap, a topic per sensor with tf, without labels, with a warning."""
+    """Write clouds for ROS 2: recording.mcap, a topic per sensor with tf, without labels, with a
+    warning."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -431,12 +524,18 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
             labels += len(sample.objects)
             seconds = clock_time(sample, number)
             stamp = round(seconds * 1e9)
-            stamps = {cloud.name: round(cloud_time(cloud, seconds) * 1e9) for cloud in sample.clouds}
-            links = store.types[TF](transforms=[_link(store, cloud, stamps[cloud.name]) for cloud in sample.clouds])
+            stamps = {
+                cloud.name: round(cloud_time(cloud, seconds) * 1e9) for cloud in sample.clouds
+            }
+            links = store.types[TF](
+                transforms=[_link(store, cloud, stamps[cloud.name]) for cloud in sample.clouds]
+            )
             writer.write(tf, stamp, store.serialize_cdr(links, TF))
             for cloud in sample.clouds:
                 if cloud.name not in connections:
-                    connections[cloud.name] = writer.add_connection(f"/{cloud.name}", CLOUD, typestore=store)
+                    connections[cloud.name] = writer.add_connection(
+                        f"/{cloud.name}", CLOUD, typestore=store
+                    )
                 message = _message(store, cloud, stamps[cloud.name])
                 writer.write(connections[cloud.name], stamp, store.serialize_cdr(message, CLOUD))
     if labels:
@@ -463,5 +562,8 @@ def _message(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
     names = enumerate(("x", "y", "z", "intensity"))
     fields = [make(name=name, offset=4 * k, datatype=7, count=1) for k, name in names]
     sizes = {"height": 1, "width": len(table), "point_step": 16, "row_step": 16 * len(table)}
-    data, header = np.frombuffer(table.tobytes(), np.uint8), _header(store, stamp, cloud.name)
-    return store.types[CLOUD](header=header, fields=fields, is_bigendian=False, data=data, is_dense=True, **sizes)
+    data = np.frombuffer(table.tobytes(), np.uint8)
+    header = _header(store, stamp, cloud.name)
+    return store.types[CLOUD](
+        header=header, fields=fields, is_bigendian=False, data=data, is_dense=True, **sizes
+    )

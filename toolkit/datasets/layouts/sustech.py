@@ -2,9 +2,9 @@
 
 World frame: the lidar's, as recorded; z up, which way is forward differs between recordings.
 
-- A label is {"obj_id", "obj_type", "psr": {"position", "rotation", "scale"}}: position is the centre of the box, scale
-  x y z its length, width and height, rotation x y z in radians about the turned axes, in this order; only the heading
-  of a box is kept.
+- A label is {"obj_id", "obj_type", "psr": {"position", "rotation", "scale"}}: position is the
+  centre of the box, scale x y z its length, width and height, rotation x y z in radians about the
+  turned axes, in this order; only the heading of a box is kept.
 - obj_id is a string, and the same through a scene.
 - A cloud's name may be its time, seconds or smaller units since 1970.
 - Frames nobody has labelled yet have no file: their objects are unknown, not none."""
@@ -44,9 +44,13 @@ def sustech(path: Path) -> Listing:
     return Listing(tuple(files), load, labelled=labelled, noted=noted)
 
 
-def _sample(folder: Path, files: dict[str, Path], middles: Middles, is_labelled: bool, name: str) -> Frame:
+def _sample(
+    folder: Path, files: dict[str, Path], middles: Middles, is_labelled: bool, name: str
+) -> Frame:
     problems: records.Problems = {}
-    cloud = records.read_cloud(files[name], "lidar", np.eye(4), problems, stamp_s=find_epoch(name), middles=middles)
+    cloud = records.read_cloud(
+        files[name], "lidar", np.eye(4), problems, stamp_s=find_epoch(name), middles=middles
+    )
     path = folder / "label" / f"{name}.json"
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and not lexists(path)))
     with records.named_damage(path, "list of labels"):
@@ -57,13 +61,18 @@ def _sample(folder: Path, files: dict[str, Path], middles: Middles, is_labelled:
         names = [str(entry(each, "obj_type")) for each in labels]
         ids = [each.get("obj_id", k) for k, each in enumerate(labels)]
     records.count_full_turns(turns[:, 2], problems)
-    boxes = np.column_stack([np.array(places).reshape(-1, 6), records.find_headings(_rotate(turns), problems)])
+    boxes = np.column_stack(
+        [np.array(places).reshape(-1, 6), records.find_headings(_rotate(turns), problems)]
+    )
     found = records.labelled(boxes, names, ids, problems)
-    return Frame.of_clouds(name, (cloud,), *found, time=records.frame_time([cloud]), problems=problems)
+    return Frame.of_clouds(
+        name, (cloud,), *found, time=records.frame_time([cloud]), problems=problems
+    )
 
 
 def _rotate(turns: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3 3"]:
-    """Rotations by angles (rad) about x, then the turned y, then the turned z; NaN for angles that are not finite."""
+    """Rotations by angles (rad) about x, then the turned y, then the turned z; NaN for angles that
+    are not finite."""
     from scipy.spatial.transform import Rotation
 
     finite = np.isfinite(turns).all(axis=1)
@@ -76,7 +85,8 @@ def _rotate(turns: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3 3"]:
 def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as a scene, numbered from 000000. The clouds of a frame become one.
 
-    A scene has no place for an origin: a warning names the one taken off coordinates that are far from zero."""
+    A scene has no place for an origin: a warning names the one taken off coordinates that are far
+    from zero."""
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
         if not number:
@@ -85,6 +95,10 @@ def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
         content = []
         for box, kind, track in records.list_rows(sample.objects, _NAMES):
             position, scale = (dict(zip("xyz", part, strict=True)) for part in (box[:3], box[3:6]))
-            psr = {"position": position, "rotation": {"x": 0.0, "y": 0.0, "z": box[6]}, "scale": scale}
+            psr = {
+                "position": position,
+                "rotation": {"x": 0.0, "y": 0.0, "z": box[6]},
+                "scale": scale,
+            }
             content.append({"obj_id": str(track), "obj_type": kind, "psr": psr})
         write_text(folder / "label" / f"{name}.json", json.dumps(content, indent=1))

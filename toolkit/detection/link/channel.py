@@ -1,19 +1,26 @@
 """Channels: delay, jitter, loss and rate of messages.
 
-Losses come singly or in bursts. A channel has the two states of Gilbert and Elliott: one loses every message, the other
-none (Gilbert: Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960). With a share l lost in bursts
-of b messages on average, the bad state ends after a message with probability 1 / b and begins with l / (b (1 - l)).
+Losses come singly or in bursts. A channel has the two states of Gilbert and Elliott: one loses
+every message, the other none (Gilbert: Capacity of a burst-noise channel, Bell System Technical
+Journal 39, 1960). With a share l lost in bursts of b messages on average, the bad state ends after
+a message with probability 1 / b and begins with l / (b (1 - l)).
 
-At each instant the centre has the newest frame of every sensor whose message has arrived. The combined frame holds
-measurements of different instants and the truth of now, so every scheme fuses it and is scored as usual. A message
-older than `STALE` is not shown; a sensor without one measures nothing. Traffic restarts where no track continues from
-one frame to the next (as recordings of `coview simulate` do after each block), and so do the messages.
+At each instant the centre has the newest frame of every sensor whose message has arrived. The
+combined frame holds measurements of different instants and the truth of now, so every scheme fuses
+it and is scored as usual. A message older than `STALE` is not shown; a sensor without one measures
+nothing. Traffic restarts where no track continues from one frame to the next (as recordings of
+`coview simulate` do after each block), and so do the messages.
 
-`Tracks` moves earlier detections to their current places. Each track is a Kalman filter of position and velocity in the
-ground plane (Bar-Shalom, Li and Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section
-6.2: white noise acceleration). A detection joins the nearest track of its label within a gate, the nearest pairs first.
-At ten frames a second road users move by at most a third of the distance between them, so that an optimal assignment
-would join the same pairs. A box is moved only where its speed is sure: `SURE_SPEED` times its standard deviation."""
+`Tracks` moves earlier detections to their current places. Each track is a Kalman filter of position
+    and velocity in the
+ground plane (Bar-Shalom, Li and Kirubarajan: Estimation with Applications to Tracking and
+    Navigation, 2001, section
+6.2: white noise acceleration). A detection joins the nearest track of its label within a gate, the
+    nearest pairs first.
+At ten frames a second road users move by at most a third of the distance between them, so that an
+    optimal assignment
+would join the same pairs. A box is moved only where its speed is sure: `SURE_SPEED` times its
+    standard deviation."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -37,9 +44,10 @@ STALE = 1.0  # s, age at which a message is too old to be shown
 class LinkChannel:
     """Channel of one sensor's messages.
 
-    delay: of every message (s); jitter: standard deviation of the extra delay, never below 0 (s); loss: share of lost
-    messages; burst: mean number of messages lost in a row, None for independent losses; every: the sensor sends each
-    n-th frame. Raises ValueError for what no channel can have."""
+    delay: of every message (s); jitter: standard deviation of the extra delay, never below 0 (s);
+    loss: share of lost messages; burst: mean number of messages lost in a row, None for independent
+    losses; every: the sensor sends each n-th frame. Raises ValueError for what no channel can
+    have."""
 
     delay: float = 0.0
     jitter: float = 0.0
@@ -54,7 +62,10 @@ class LinkChannel:
         if not 0 <= self.loss < 1:
             raise ValueError(f"loss must be a share from 0 to below 1, got {self.loss}")
         if self.burst is not None and not 1 / (1 - self.loss) <= self.burst < math.inf:
-            said = f"burst must be at least {1 / (1 - self.loss):g} messages where a share of {self.loss} is lost"
+            said = (
+                f"burst must be at least {1 / (1 - self.loss):g} messages where a share of "
+                f"{self.loss} is lost"
+            )
             raise ValueError(f"{said}, got {self.burst}: that is the mean of independent losses")
         if self.every < 1:
             raise ValueError(f"every must be at least 1 frame, got {self.every}")
@@ -72,14 +83,18 @@ class Line:
     """Messages of one sensor through a channel, by seed."""
 
     def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
-        self.channel, self._rng, self._sent = channel, np.random.default_rng(seed), 0
+        self.channel = channel
+        self._rng = np.random.default_rng(seed)
+        self._sent = 0
         self._bad = bool(self._rng.random() < channel.loss)
 
     def arrival(self, time: float) -> float:
         """Arrival (s) of a message, infinite if it is lost."""
-        channel, number = self.channel, self._sent
+        channel = self.channel
+        number = self._sent
         self._sent += 1
-        jitter, change = self._rng.standard_normal() * channel.jitter, self._rng.random()
+        jitter = self._rng.standard_normal() * channel.jitter
+        change = self._rng.random()
         if number % channel.every:
             return math.inf
         lost = self._bad
@@ -89,8 +104,8 @@ class Line:
 
 
 class Lagged(NamedTuple):
-    """Frame as the centre has it, and as the sensors measure now (`sent`). ages: of each sensor's measurement (s), NaN
-    without one; since: seconds since traffic restarted."""
+    """Frame as the centre has it, and as the sensors measure now (`sent`). ages: of each sensor's
+    measurement (s), NaN without one; since: seconds since traffic restarted."""
 
     frame: Frame
     ages: Float64[np.ndarray, " sensors"]
@@ -111,11 +126,12 @@ def delay_frames(
 ) -> Iterator[Lagged]:
     """Yield the centre's frame at the time of each frame.
 
-    channels: one for each sensor, or one for all, drawn apart from `seed`; frames: only the first ones; errors,
-    noise_seed: see `toolkit.datasets.recordings.read_frame`; frozen: sensors (indices) that keep sending, with current
-    times, their first measurement since traffic started; needed: numbers of a sensor's messages that must have arrived
-    to read one, None for itself alone. Raises ValueError for channels with any effect if frames are more than
-    `MOST_APART` from each other."""
+    channels: one for each sensor, or one for all, drawn apart from `seed`; frames: only the first
+    ones; errors, noise_seed: see `toolkit.datasets.recordings.read_frame`; frozen: sensors
+    (indices) that keep sending, with current times, their first measurement since traffic started;
+    needed: numbers of a sensor's messages that must have arrived to read one, None for itself
+    alone. Raises ValueError for channels with any effect if frames are more than `MOST_APART` from
+    each other."""
     count = min(len(recording), len(recording) if frames is None else frames)
     history: list[Frame] = []
     lines: list[Line] = []
@@ -124,11 +140,21 @@ def delay_frames(
         now = read_frame(recording, k, errors=errors, noise_seed=noise_seed)
         begins = not history or not np.isin(now.objects.ids, history[-1].objects.ids).any()
         if begins:
-            each = [channels] * len(now.sensors) if isinstance(channels, LinkChannel) else list(channels)
-            history, arrived = [], [[] for _ in now.sensors]
+            each = (
+                [channels] * len(now.sensors)
+                if isinstance(channels, LinkChannel)
+                else list(channels)
+            )
+            history = []
+            arrived = [[] for _ in now.sensors]
             lines = [Line(channel, [seed, k, sensor]) for sensor, channel in enumerate(each)]
-        elif (apart := now.time - history[-1].time) > MOST_APART and any(line.channel != PERFECT for line in lines):
-            said = f"frames must be at most {MOST_APART} s apart to show late or lost messages, got {apart:g} s"
+        elif (apart := now.time - history[-1].time) > MOST_APART and any(
+            line.channel != PERFECT for line in lines
+        ):
+            said = (
+                f"frames must be at most {MOST_APART} s apart to show late or lost messages, got "
+                f"{apart:g} s"
+            )
             raise ValueError(f"{said}: record with coview simulate --every 0.1")
         history.append(now)
         for times, line in zip(arrived, lines, strict=True):
@@ -136,8 +162,16 @@ def delay_frames(
         stale = sum(now.time - frame.time > STALE + 1e-9 for frame in history)
         newest: list[int | None] = []  # number of the newest frame of each sensor that can be read
         for times in arrived:
-            read = ((j, [j] if needed is None else needed(j)) for j in reversed(range(stale, len(history))))
-            newest.append(next((j for j, of in read if all(times[each] <= now.time + 1e-9 for each in of)), None))
+            read = (
+                (j, [j] if needed is None else needed(j))
+                for j in reversed(range(stale, len(history)))
+            )
+            newest.append(
+                next(
+                    (j for j, of in read if all(times[each] <= now.time + 1e-9 for each in of)),
+                    None,
+                )
+            )
         sent, _ = _put_together(history, [len(history) - 1] * len(arrived), frozen)
         yield Lagged(*_put_together(history, newest, frozen), now.time - history[0].time, sent)
 
@@ -146,7 +180,10 @@ def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
     now = history[-1]
-    sensors, measurements, shifts, ages = [], [], [], []
+    sensors = []
+    measurements = []
+    shifts = []
+    ages = []
     for sensor, k in enumerate(newest):
         shown = now if k is None else history[0 if sensor in frozen else k]
         sensors.append(shown.sensors[sensor])
@@ -159,7 +196,9 @@ def _put_together(
     return put, np.array(ages)
 
 
-GATE, WIDEST_GATE = 1.0, 8.0  # m between a detection and where its track is predicted
+# m between a detection and where its track is predicted
+GATE = 1.0
+WIDEST_GATE = 8.0
 SIGMA = 2.5  # the gate widens by this many standard deviations of that position
 MEASURED = 0.15  # m, standard deviation of a detected centre
 ACCELERATION = 3.0  # m/s², standard deviation
@@ -184,12 +223,17 @@ class Tracks:
         return len(self._state)
 
     def update(self, detections: Detections, time: float) -> None:
-        """Update with detections of a time, not before the last. Raises ValueError for boxes that are none."""
+        """Update with detections of a time, not before the last. Raises ValueError for boxes that
+        are none."""
         check_boxes(detections.boxes)
         if not (math.isfinite(time) and (time >= self._time or not len(self))):
-            raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
-        step, again = time - self._time if len(self) else 0.0, time == self._time
-        move, pushed = np.eye(4), np.array([step**2 / 2, step]) * ACCELERATION
+            raise ValueError(
+                f"detections must come in order of time, got {time} s after {self._time} s"
+            )
+        step = time - self._time if len(self) else 0.0
+        again = time == self._time
+        move = np.eye(4)
+        pushed = np.array([step**2 / 2, step]) * ACCELERATION
         move[[0, 1], [2, 3]] = step
         state = self._state @ move.T
         covariance = move @ self._covariance @ move.T + np.kron(np.outer(pushed, pushed), np.eye(2))
@@ -197,11 +241,14 @@ class Tracks:
         apart = np.linalg.norm(detections.boxes[:, None, :2] - state[None, :, :2], axis=2)
         apart[detections.labels[:, None] != self._labels[None]] = np.inf
         variance = covariance[:, 0, 0]  # as much along y
-        rows, taken = np.full(len(detections), -1, np.int64), np.zeros(len(self), bool)  # track of each detection
+        # track of each detection
+        rows = np.full(len(detections), -1, np.int64)
+        taken = np.zeros(len(self), bool)
         near = np.argwhere(apart <= np.minimum(GATE + SIGMA * np.sqrt(variance), WIDEST_GATE))
         for detection, track in near[np.argsort(apart[tuple(near.T)], kind="stable")]:
             if rows[detection] < 0 and not taken[track]:
-                rows[detection], taken[track] = track, True
+                rows[detection] = track
+                taken[track] = True
 
         if not again:  # repeated measurements add nothing
             matched = np.flatnonzero(rows >= 0)
@@ -217,7 +264,10 @@ class Tracks:
         seen = np.concatenate([self._seen, np.full(len(fresh), time)])
         seen[rows] = time
         kept = time - seen <= FORGOTTEN
-        self._time, self._detected, self._seen, self._rows = time, detections, seen[kept], (np.cumsum(kept) - 1)[rows]
+        self._time = time
+        self._detected = detections
+        self._seen = seen[kept]
+        self._rows = (np.cumsum(kept) - 1)[rows]
         self._state = np.concatenate([state, begun])[kept]
         self._covariance = np.concatenate([covariance, np.tile(spread, (len(fresh), 1, 1))])[kept]
         self._labels = np.concatenate([self._labels, detections.labels[fresh]])[kept]

@@ -1,16 +1,19 @@
-"""Differences: foreground messages that send only the changes since an earlier one: docs/reference/message-format.md.
+"""Differences: foreground messages that send only the changes since an earlier one:
+docs/reference/message-format.md.
 
-A whole image, an ordinary foreground message, comes at least every `key_every` messages; those between are differences.
-Each names the message that it refers to, and a checksum of the `Reference` that sender and reader share after it. A
-reader without it, having missed a message, refuses the difference (`MissedReference`) and waits for the next whole
-image. A difference refers to
+A whole image, an ordinary foreground message, comes at least every `key_every` messages; those
+between are differences. Each names the message that it refers to, and a checksum of the `Reference`
+that sender and reader share after it. A reader without it, having missed a message, refuses the
+difference (`MissedReference`) and waits for the next whole image. A difference refers to
 
-    previous   the message before it: the smallest, but a lost message makes all useless up to the next whole image
+    previous   the message before it: the smallest, but a lost message makes all useless up to the
+               next whole image
     key        the last whole image: a lost difference is lost alone; for links that lose messages
 
-A `Reference` has for every pixel of the last message the mean of its measurements since it last changed, so that noise
-averages out. Moving surfaces are better predicted from their neighbours, still ones from the reference; the sender
-chooses by squares of 8 x 8 pixels. All arithmetic is in whole numbers, so that both agree on every machine."""
+A `Reference` has for every pixel of the last message the mean of its measurements since it last
+changed, so that noise averages out. Moving surfaces are better predicted from their neighbours,
+still ones from the reference; the sender chooses by squares of 8 x 8 pixels. All arithmetic is in
+whole numbers, so that both agree on every machine."""
 
 import struct
 import zlib
@@ -43,34 +46,56 @@ class MissedReference(ValueError):
 
 
 class DifferenceSender:
-    """Sender of one sensor's messages, whose empty scene is `scene`. step: of measurements (m); refers_to: see above;
-    key_every: most messages, 1 to 255, from one whole image to the next. Raises ValueError for others."""
+    """Sender of one sensor's messages, whose empty scene is `scene`. step: of measurements (m);
+    refers_to: see above; key_every: most messages, 1 to 255, from one whole image to the next.
+    Raises ValueError for others."""
 
     def __init__(
-        self, scene: EmptyScene, *, step: float = 0.02, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY
+        self,
+        scene: EmptyScene,
+        *,
+        step: float = 0.02,
+        refers_to: RefersTo = "previous",
+        key_every: int = KEY_EVERY,
     ) -> None:
         check_differences(refers_to, key_every)
-        self.scene, self.step, self.refers_to, self.key_every = scene, step, refers_to, key_every
+        self.scene = scene
+        self.step = step
+        self.refers_to = refers_to
+        self.key_every = key_every
         self._reference: Reference | None = None
         self._key = 0
 
     def write(self, image: RangeImage, missing: ImageMask | None = None) -> bytes:
-        """Write the next message. Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is
-        sent whole when due, when that is smaller because few pixels stand still, and when numbers do not continue."""
+        """Write the next message. Arguments as of
+        `toolkit.detection.link.foreground.encode_foreground`. The image is sent whole when due,
+        when that is smaller because few pixels stand still, and when numbers do not continue."""
         sent, missing = foreground.check_pixels(image, self.scene, missing)
-        steps, reference, difference, stands = to_steps(image.measurement, sent, self.step), self._reference, b"", 0
+        steps = to_steps(image.measurement, sent, self.step)
+        reference = self._reference
+        difference = b""
+        stands = 0
         if reference is not None and reference.number < image.number < self._key + self.key_every:
             squares = still_squares(reference, steps, sent)
             if squares.any():
-                refers = image.number - reference.number, self.refers_to == "previous", reference.checksum
-                difference = _REFERS.pack(*refers) + encode_difference(steps, sent, reference, squares)
+                refers = (
+                    image.number - reference.number,
+                    self.refers_to == "previous",
+                    reference.checksum,
+                )
+                difference = _REFERS.pack(*refers) + encode_difference(
+                    steps, sent, reference, squares
+                )
                 stands = int(reference.standing(steps, sent).sum())
         whole = coding.encode_pixels(steps, sent) if stands < FEW_PIXELS else b""
         if reference is None or not difference or (whole and len(whole) <= len(difference)):
-            kind, content, self._key = MessageKind.FOREGROUND, whole, image.number
+            kind = MessageKind.FOREGROUND
+            content = whole
+            self._key = image.number
             self._reference = Reference.of(image.number, step_in_mm(self.step), steps, sent)
         else:
-            kind, content = MessageKind.DIFFERENCE, difference
+            kind = MessageKind.DIFFERENCE
+            content = difference
             if self.refers_to == "previous":
                 self._reference = reference.after(image.number, steps, sent)
         return foreground.write_scene_message(kind, image, self.scene, self.step, content, missing)
@@ -84,27 +109,46 @@ class DifferenceReader:
         self._reference: Reference | None = None
 
     def read(self, message: bytes) -> Restored:
-        """Read the image of a message. Raises `MissedReference` for a difference from a message that never arrived, and
-        ValueError as `decode_foreground`; the reader then stays as it was."""
+        """Read the image of a message. Raises `MissedReference` for a difference from a message
+        that never arrived, and ValueError as `decode_foreground`; the reader then stays as it
+        was."""
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
             restored = foreground.decode_foreground(message, self.scene)
-            self._reference = Reference.of(header.number, header.step_mm, restored.steps, restored.sent)
+            self._reference = Reference.of(
+                header.number, header.step_mm, restored.steps, restored.sent
+            )
             return restored
         foreground.check_scene(header, MessageKind.DIFFERENCE, self.scene)
         if len(content) < _REFERS.size:
-            raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
+            raise ValueError(
+                f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}"
+            )
         back, goes_on, checksum = _REFERS.unpack_from(content)
         if not back or goes_on > 1:
-            raise ValueError(f"a message refers 1 to {MOST_BACK} back and goes on or not, got {back}, {goes_on}")
+            raise ValueError(
+                f"a message refers 1 to {MOST_BACK} back and goes on or not, got {back}, {goes_on}"
+            )
         reference = self._reference
-        if reference is None or reference.number != header.number - back or reference.checksum != checksum:
+        if (
+            reference is None
+            or reference.number != header.number - back
+            or reference.checksum != checksum
+        ):
             has = "none" if reference is None else f"what message {reference.number} left"
-            said = f"message {header.number} refers to message {header.number - back}, of which the reader has {has}"
+            said = (
+                f"message {header.number} refers to message {header.number - back}, of which the "
+                f"reader has {has}"
+            )
             raise MissedReference(f"{said}: wait for the next whole image")
         if header.step_mm != reference.step_mm:
-            raise ValueError(f"a message has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm")
-        restored = foreground.restore(header, content, self.scene, *decode_difference(content, _REFERS.size, reference))
+            raise ValueError(
+                f"a message has steps of its reference, {reference.step_mm} mm, got "
+                f"{header.step_mm} mm"
+            )
+        restored = foreground.restore(
+            header, content, self.scene, *decode_difference(content, _REFERS.size, reference)
+        )
         if goes_on:
             self._reference = reference.after(header.number, restored.steps, restored.sent)
         return restored
@@ -116,7 +160,10 @@ def check_differences(refers_to: str, key_every: int) -> None:
         raise ValueError(f"differences refer to {' or '.join(REFERS_TO)}, got {refers_to!r}")
     whole = isinstance(key_every, int | np.integer) and not isinstance(key_every, bool)
     if not (whole and 1 <= key_every <= MOST_BACK):
-        raise ValueError(f"a whole image must come every 1 to {MOST_BACK} messages, got {key_every!r}: such as 10")
+        raise ValueError(
+            f"a whole image must come every 1 to {MOST_BACK} messages, got {key_every!r}: such as "
+            "10"
+        )
 
 
 SQUARE = 8  # pixels
@@ -129,8 +176,9 @@ _FINE = 1 << _FINE_BITS  # parts of a step
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Shared state of sender and reader after message `number`. fine: mean measurement of every pixel in 16ths of a
-    step; images: number of averaged images, 0 for pixels that the last message did not send."""
+    """Shared state of sender and reader after message `number`. fine: mean measurement of every
+    pixel in 16ths of a step; images: number of averaged images, 0 for pixels that the last message
+    did not send."""
 
     number: int
     step_mm: int
@@ -146,7 +194,12 @@ class Reference:
     def checksum(self) -> int:
         """CRC-32 of the state that sender and reader share."""
         pixels = np.flatnonzero(self.images)
-        parts = (np.array([self.number, self.step_mm]), pixels, self.fine.ravel()[pixels], self.images.ravel()[pixels])
+        parts = (
+            np.array([self.number, self.step_mm]),
+            pixels,
+            self.fine.ravel()[pixels],
+            self.images.ravel()[pixels],
+        )
         return zlib.crc32(np.concatenate(parts).astype("<i8").tobytes())
 
     @cached_property
@@ -161,12 +214,16 @@ class Reference:
 
     def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> "Reference":
         """State after one more image; means restart where pixels moved."""
-        stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
+        stands = self.standing(steps, sent)[sent]
+        images = self.images[sent]
+        measured = _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
         before = self.fine[sent]
         moved = np.where(stands, before + (measured - before + images // 2) // images, measured)
-        fine, counts = np.zeros_like(self.fine), np.zeros_like(self.images)
-        fine[sent], counts[sent] = moved, images
+        fine = np.zeros_like(self.fine)
+        counts = np.zeros_like(self.images)
+        fine[sent] = moved
+        counts[sent] = images
         return Reference(number, self.step_mm, fine, counts)
 
     def standing(self, steps: ImageSteps, sent: ImageMask) -> ImageMask:
@@ -176,21 +233,32 @@ class Reference:
 
     def predict(self, pixels: ImageMask) -> tuple[np.ndarray, np.ndarray]:
         """Mean in whole steps, and whether rounded down (1 or -1)."""
-        fine, whole = self.fine[pixels], self.whole_steps[pixels]
+        fine = self.fine[pixels]
+        whole = self.whole_steps[pixels]
         return whole, np.where(fine >= _FINE * whole, 1, -1)
 
 
-def still_squares(reference: Reference, steps: ImageSteps, sent: ImageMask) -> Bool[np.ndarray, "down across"]:
+def still_squares(
+    reference: Reference, steps: ImageSteps, sent: ImageMask
+) -> Bool[np.ndarray, "down across"]:
     """Mark squares that the reference predicts better than neighbours do."""
-    return _count_pixels(reference.standing(steps, sent)) > STILL_SHARE * _count_pixels(reference.known)
+    return _count_pixels(reference.standing(steps, sent)) > STILL_SHARE * _count_pixels(
+        reference.known
+    )
 
 
 def encode_difference(
-    steps: ImageSteps, sent: ImageMask, reference: Reference, squares: Bool[np.ndarray, "down across"]
+    steps: ImageSteps,
+    sent: ImageMask,
+    reference: Reference,
+    squares: Bool[np.ndarray, "down across"],
 ) -> bytes:
-    """Encode the sent pixels. squares: still ones. Raises ValueError for steps beyond 0 to 2^24 - 1, another shape."""
+    """Encode the sent pixels. squares: still ones. Raises ValueError for steps beyond 0 to 2^24 -
+    1, another shape."""
     if steps.shape != reference.fine.shape:
-        raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")
+        raise ValueError(
+            f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}"
+        )
     there = _count_pixels(reference.known) > 0
     still = reference.known & _spread(squares, steps.shape)
     by_reference = sent & still
@@ -204,9 +272,11 @@ def encode_difference(
     )
 
 
-def decode_difference(content: bytes, start: int, reference: Reference) -> tuple[ImageSteps, ImageMask, int]:
-    """Decode the pixels that begin at `start`: steps (0 if not sent), mask of sent pixels, and end. Raises ValueError
-    for bytes that `encode_difference` does not write."""
+def decode_difference(
+    content: bytes, start: int, reference: Reference
+) -> tuple[ImageSteps, ImageMask, int]:
+    """Decode the pixels that begin at `start`: steps (0 if not sent), mask of sent pixels, and end.
+    Raises ValueError for bytes that `encode_difference` does not write."""
     shape = (int(reference.fine.shape[0]), int(reference.fine.shape[1]))
     there = _count_pixels(reference.known) > 0
     chosen, start = coding.read_bits(content, start, np.ones(int(there.sum()), np.int64))
@@ -231,7 +301,8 @@ def decode_difference(content: bytes, start: int, reference: Reference) -> tuple
 def _count_pixels(mask: np.ndarray) -> np.ndarray:
     """Count the pixels of a mask in each square."""
     (rows, columns), (row, column) = mask.shape, np.nonzero(mask)
-    down, across = -(-rows // SQUARE), -(-columns // SQUARE)
+    down = -(-rows // SQUARE)
+    across = -(-columns // SQUARE)
     counts = np.bincount(row // SQUARE * across + column // SQUARE, minlength=down * across)
     return counts.reshape(down, across)
 
@@ -243,9 +314,10 @@ def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ForegroundDifferences(foreground.SendsForeground):
-    """Foreground scheme whose messages send only changes: the same points arrive as with `Foreground`. Pass a memory
-    from view to view (`toolkit.detection.view.View`) when frames are read in order; otherwise every image is sent
-    whole. Fields as of `Foreground` and `DifferenceSender`; raises ValueError as these do."""
+    """Foreground scheme whose messages send only changes: the same points arrive as with
+    `Foreground`. Pass a memory from view to view (`toolkit.detection.view.View`) when frames are
+    read in order; otherwise every image is sent whole. Fields as of `Foreground` and
+    `DifferenceSender`; raises ValueError as these do."""
 
     step: float = 0.02
     refers_to: RefersTo = "previous"
@@ -260,16 +332,22 @@ class ForegroundDifferences(foreground.SendsForeground):
     def dependencies(self, number: int, /) -> range:
         """Numbers of messages needed to read one, itself last."""
         whole = number - number % self.key_every
-        return range(whole, number + 1, 1 if self.refers_to == "previous" else max(number - whole, 1))
+        return range(
+            whole, number + 1, 1 if self.refers_to == "previous" else max(number - whole, 1)
+        )
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> list[int]:
         """Bits that sensors send of a frame, arrived or not."""
         return [self._send(view, sensor).bits for sensor in sensors]
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
+    def _exchange(
+        self, view: View, sensor: int, image: RangeImage, missing: ImageMask
+    ) -> tuple[bytes, Restored]:
         def begin() -> tuple[DifferenceSender, DifferenceReader]:
             scene = view.scene(sensor)
-            sender = DifferenceSender(scene, step=self.step, refers_to=self.refers_to, key_every=self.key_every)
+            sender = DifferenceSender(
+                scene, step=self.step, refers_to=self.refers_to, key_every=self.key_every
+            )
             return sender, DifferenceReader(scene)
 
         sender, reader = view.remember(sensor, self.digest, begin)

@@ -1,11 +1,12 @@
 """`Foreground`: sensors send only what stands out from their empty scene.
 
-The centre knows the empty scenes, draws them into all other pixels, and all points go through the detector together, as
-in early fusion. A pixel in the crop stands out if its measurement lies farther than some spreads from both medians of
-the scene. It is missing where the centre would draw a point of the empty scene and the sensor has none in the crop:
-nothing returned, or something stands close before the sensor. Single returns drop out in every image, and are better
-drawn than sent: missing pixels are sent where at least half of those about them (5 x 5) that should show the scene are
-missing too, three or all of them; and everywhere when all are."""
+The centre knows the empty scenes, draws them into all other pixels, and all points go through the
+detector together, as in early fusion. A pixel in the crop stands out if its measurement lies
+farther than some spreads from both medians of the scene. It is missing where the centre would draw
+a point of the empty scene and the sensor has none in the crop: nothing returned, or something
+stands close before the sensor. Single returns drop out in every image, and are better drawn than
+sent: missing pixels are sent where at least half of those about them (5 x 5) that should show the
+scene are missing too, three or all of them; and everywhere when all are."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +29,8 @@ from toolkit.sensors.sensor import Sensor, is_return
 
 
 class SendsForeground(DetectsOnce):
-    """Base of schemes that detect once in all foreground; fusing raises ValueError without scenes or images."""
+    """Base of schemes that detect once in all foreground; fusing raises ValueError without scenes
+    or images."""
 
     predicted_as: ClassVar[str] = "early"
     step: float
@@ -49,9 +51,12 @@ class SendsForeground(DetectsOnce):
 
     def _send(self, view: View, sensor: int) -> Sent[Cloud]:
         def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
-            captured, scene = view.captured(sensor), view.scene(sensor)
+            captured = view.captured(sensor)
+            scene = view.scene(sensor)
             out = standing_out(captured, scene, self.sigmas)
-            message, restored = self._exchange(view, sensor, captured.sending(out.pixels), out.missing)
+            message, restored = self._exchange(
+                view, sensor, captured.sending(out.pixels), out.missing
+            )
             measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
             drawn = draw_scene(captured, scene)
             empty = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
@@ -59,15 +64,18 @@ class SendsForeground(DetectsOnce):
 
         return view.transmit(sensor, self.digest, through)
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> "tuple[bytes, Restored]":
+    def _exchange(
+        self, view: View, sensor: int, image: RangeImage, missing: ImageMask
+    ) -> "tuple[bytes, Restored]":
         """Message of a sensor, and what is restored of it."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Foreground(SendsForeground):
-    """Early fusion with a background known to the centre. step: of measurements (m), in whole millimetres; sigmas:
-    spreads of the empty scene, above 0, within which a measurement shows it. Raises ValueError for others."""
+    """Early fusion with a background known to the centre. step: of measurements (m), in whole
+    millimetres; sigmas: spreads of the empty scene, above 0, within which a measurement shows it.
+    Raises ValueError for others."""
 
     step: float = 0.02
     sigmas: float = SIGMAS
@@ -76,9 +84,13 @@ class Foreground(SendsForeground):
     def __post_init__(self) -> None:
         wire.step_in_mm(self.step)
         if not 0 < self.sigmas < np.inf:
-            raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
+            raise ValueError(
+                f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000"
+            )
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> "tuple[bytes, Restored]":
+    def _exchange(
+        self, view: View, sensor: int, image: RangeImage, missing: ImageMask
+    ) -> "tuple[bytes, Restored]":
         scene = view.scene(sensor)
         message = encode_foreground(image, scene, missing, step=self.step)
         return message, decode_foreground(message, scene)
@@ -97,48 +109,73 @@ class Restored(NamedTuple):
 def encode_foreground(
     image: RangeImage, scene: EmptyScene, missing: ImageMask | None = None, *, step: float = 0.02
 ) -> bytes:
-    """Encode an image's foreground, all pixels that return something, and missing pixels. Raises ValueError for the
-    empty scene of another sensor, and for a missing pixel that returns something."""
+    """Encode an image's foreground, all pixels that return something, and missing pixels. Raises
+    ValueError for the empty scene of another sensor, and for a missing pixel that returns
+    something."""
     sent, missing = check_pixels(image, scene, missing)
     content = encode_pixels(to_steps(image.measurement, sent, step), sent)
     return write_scene_message(wire.MessageKind.FOREGROUND, image, scene, step, content, missing)
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
-    """Restore an image from a message and the empty scene. Raises ValueError for a message that is damaged, of another
-    version or sensor, or made with another empty scene."""
+    """Restore an image from a message and the empty scene. Raises ValueError for a message that is
+    damaged, of another version or sensor, or made with another empty scene."""
     header, content = wire.read_message(message)
     check_scene(header, wire.MessageKind.FOREGROUND, scene)
     return restore(header, content, scene, *read_pixels(content, 0, scene.model.shape))
 
 
 def restore(
-    header: wire.MessageHeader, content: bytes, scene: EmptyScene, steps: ImageSteps, sent: ImageMask, end: int
+    header: wire.MessageHeader,
+    content: bytes,
+    scene: EmptyScene,
+    steps: ImageSteps,
+    sent: ImageMask,
+    end: int,
 ) -> Restored:
-    """Draw the empty scene into all pixels without a measurement; ValueError for damaged missing ones after `end`."""
+    """Draw the empty scene into all pixels without a measurement; ValueError for damaged missing
+    ones after `end`."""
     missing = np.zeros(sent.shape, bool)
     if end < len(content):
         missing, end = decode_mask(content, end, sent.shape)
         if end != len(content) or not missing.any() or (missing & sent).any():
-            said = f"missing pixels must not be sent and must end the message: got {missing.sum()} of them"
-            raise ValueError(f"{said}, {(missing & sent).sum()} sent, and {len(content) - end} bytes more")
+            said = (
+                f"missing pixels must not be sent and must end the message: got {missing.sum()} "
+                "of them"
+            )
+            raise ValueError(
+                f"{said}, {(missing & sent).sum()} sent, and {len(content) - end} bytes more"
+            )
     measured = from_steps(steps, sent, header.step, scene.model)
     return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing, steps)
 
 
-def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None) -> tuple[ImageMask, ImageMask]:
+def check_pixels(
+    image: RangeImage, scene: EmptyScene, missing: ImageMask | None
+) -> tuple[ImageMask, ImageMask]:
     """Masks of sent and missing pixels; ValueError as `encode_foreground`."""
     if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
-        raise ValueError(f"the empty scene is of {scene.name!r}, {scene.model}, the image of {image.sensor.name!r}")
+        raise ValueError(
+            f"the empty scene is of {scene.name!r}, {scene.model}, the image of "
+            f"{image.sensor.name!r}"
+        )
     sent = is_return(image.measurement, scene.model.max_range)
     missing = np.zeros(sent.shape, bool) if missing is None else missing
     if missing.shape != sent.shape or (missing & sent).any():
-        raise ValueError(f"missing pixels are some of {sent.shape} that return nothing, got {missing.shape}: send 0")
+        raise ValueError(
+            f"missing pixels are some of {sent.shape} that return nothing, got {missing.shape}: "
+            "send 0"
+        )
     return sent, missing
 
 
 def write_scene_message(
-    kind: wire.MessageKind, image: RangeImage, scene: EmptyScene, step: float, content: bytes, missing: np.ndarray
+    kind: wire.MessageKind,
+    image: RangeImage,
+    scene: EmptyScene,
+    step: float,
+    content: bytes,
+    missing: np.ndarray,
 ) -> bytes:
     """Write a message that ends with any missing pixels."""
     header = sent_header(kind, image, step, scene_number(scene))
@@ -149,7 +186,9 @@ def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: Empty
     """Raise ValueError for a message of another kind or scene."""
     rows, columns = scene.model.shape
     number = wire.sensor_number(scene.name)
-    wire.check_header(header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene))
+    wire.check_header(
+        header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene)
+    )
 
 
 def scene_number(scene: EmptyScene) -> int:
@@ -177,7 +216,8 @@ class StandsOut(NamedTuple):
 
 def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) -> StandsOut:
     """Find the pixels that a sensor sends of an image."""
-    measured, shows = captured.measurement, scene.shows(captured.measurement, sigmas)
+    measured = captured.measurement
+    shows = scene.shows(captured.measurement, sigmas)
     pixels = np.sort(captured.pixels[~shows.ravel()[captured.pixels]])
     drawn = np.zeros(measured.shape, bool)
     drawn.ravel()[draw_scene(captured, scene).pixels] = True
@@ -208,7 +248,8 @@ def _keep_company(gone: ImageMask, expected: ImageMask) -> np.ndarray:
         return np.zeros_like(gone)
     if certain.sum() == expected.sum():
         return gone
-    missing, there = _count_around(certain), _count_around(expected)
+    missing = _count_around(certain)
+    there = _count_around(expected)
     enough = (missing >= LEAST_COMPANY) | (missing == there)
     return gone & (missing > 0) & (2 * missing >= there) & enough
 
@@ -216,5 +257,7 @@ def _keep_company(gone: ImageMask, expected: ImageMask) -> np.ndarray:
 def _count_around(mask: ImageMask) -> ImageSteps:
     """Count mask pixels in the square about each pixel."""
     side = 2 * COMPANY + 1
-    sums = np.pad(np.pad(mask, COMPANY).astype(np.int64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    sums = np.pad(
+        np.pad(mask, COMPANY).astype(np.int64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0))
+    )
     return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]

@@ -1,9 +1,10 @@
-"""Lossless coding of whole numbers and of the pixels of range images: docs/reference/message-format.md.
+"""Lossless coding of whole numbers and of the pixels of range images:
+docs/reference/message-format.md.
 
-A mask is coded by the places where it changes along the rows, or by those where it differs from its left and upper
-neighbours, whichever takes less. Measurements are predicted from earlier pixels (left, up, upper left) as in lossless
-JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transactions on Image Processing 9, 2000) if these are in the mask,
-else from those that are."""
+A mask is coded by the places where it changes along the rows, or by those where it differs from its
+left and upper neighbours, whichever takes less. Measurements are predicted from earlier pixels
+(left, up, upper left) as in lossless JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE
+Transactions on Image Processing 9, 2000) if these are in the mask, else from those that are."""
 
 import zlib
 
@@ -12,14 +13,18 @@ import numpy as np
 from toolkit.arrays import ImageMask, ImageSteps, Int64
 
 LARGEST = (1 << 32) - 1
-_SMALL, _FIRST_SIZE = 8, 4  # numbers that are their own symbol; bits of the smallest other number
+# numbers that are their own symbol; bits of the smallest other number
+_SMALL = 8
+_FIRST_SIZE = 4
 _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 
 
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
     """Pack numbers below 2^32, or raise ValueError."""
     if len(values) and not (values.min() >= 0 and values.max() <= LARGEST):
-        raise ValueError(f"numbers from 0 to {LARGEST} are packed, got {values.min()} to {values.max()}")
+        raise ValueError(
+            f"numbers from 0 to {LARGEST} are packed, got {values.min()} to {values.max()}"
+        )
     size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
     low = np.where(values < _SMALL, 0, size - 2)
     second = (values >> low) & 1
@@ -31,8 +36,8 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
 
 
 def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Unpack numbers that begin at `start`, and return their end. Raises ValueError for more than `most` numbers, or
-    bytes that `pack_integers` does not write."""
+    """Unpack numbers that begin at `start`, and return their end. Raises ValueError for more than
+    `most` numbers, or bytes that `pack_integers` does not write."""
     count, start = _read_variable(data, start)
     if count > most:
         raise ValueError(f"at most {most} packed numbers are possible, got {count}")
@@ -59,12 +64,17 @@ def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, "
     return np.packbits((np.repeat(values, width) >> _places(width)) & 1).tobytes()
 
 
-def read_bits(data: bytes, start: int, width: Int64[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " n"], int]:
+def read_bits(
+    data: bytes, start: int, width: Int64[np.ndarray, " n"]
+) -> tuple[Int64[np.ndarray, " n"], int]:
     """Read numbers of `write_bits` and their end, or raise ValueError."""
     total = int(width.sum())
     end = start + -(-total // 8)
     if end > len(data):
-        raise ValueError(f"{total} bits do not fit the {len(data) - start} bytes that follow: the message is cut off")
+        raise ValueError(
+            f"{total} bits do not fit the {len(data) - start} bytes that follow: the message is "
+            "cut off"
+        )
     bits = np.unpackbits(np.frombuffer(data, np.uint8, end - start, start)).astype(np.int64)
     if bits[total:].any():
         raise ValueError("the last byte must be filled with zeros: the message is damaged")
@@ -101,7 +111,8 @@ def _read_variable(data: bytes, start: int) -> tuple[int, int]:
 
 
 MOST_STEPS = 1 << 24  # of a measurement; 2 cm make it 335 km
-_ALONG_ROWS, _LEFT_AND_UP = 0, 1
+_ALONG_ROWS = 0
+_LEFT_AND_UP = 1
 
 
 def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
@@ -113,11 +124,15 @@ def decode_pixels(content: bytes, shape: tuple[int, int]) -> tuple[ImageSteps, I
     """Decode steps and mask of pixels, or raise ValueError."""
     steps, mask, end = read_pixels(content, 0, shape)
     if end != len(content):
-        raise ValueError(f"{mask.sum()} pixels must end the message, got {len(content) - end} bytes more")
+        raise ValueError(
+            f"{mask.sum()} pixels must end the message, got {len(content) - end} bytes more"
+        )
     return steps, mask
 
 
-def read_pixels(content: bytes, start: int, shape: tuple[int, int]) -> tuple[ImageSteps, ImageMask, int]:
+def read_pixels(
+    content: bytes, start: int, shape: tuple[int, int]
+) -> tuple[ImageSteps, ImageMask, int]:
     """Decode pixels that begin at `start`, and return their end."""
     mask, start = decode_mask(content, start, shape)
     steps, end = decode_values(content, start, mask)
@@ -130,7 +145,10 @@ def encode_mask(mask: ImageMask) -> bytes:
     across[1:] ^= mask[:-1]
     across[:, 1:] ^= across[:, :-1].copy()
     ways = {_ALONG_ROWS: np.diff(mask.ravel(), prepend=False), _LEFT_AND_UP: across.ravel()}
-    packed = {way: pack_integers(np.diff(np.flatnonzero(changes), prepend=-1)) for way, changes in ways.items()}
+    packed = {
+        way: pack_integers(np.diff(np.flatnonzero(changes), prepend=-1))
+        for way, changes in ways.items()
+    }
     return min((bytes([way]) + each for way, each in packed.items()), key=len)
 
 
@@ -151,18 +169,22 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
 
 
 def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:
-    """Encode a mask's pixels. given: others, known to the reader. Raises ValueError for steps beyond 0 to 2^24 - 1."""
+    """Encode a mask's pixels. given: others, known to the reader. Raises ValueError for steps
+    beyond 0 to 2^24 - 1."""
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
-        raise ValueError(f"measurements must be 0 to {MOST_STEPS - 1} steps, got {values.min()} to {values.max()}")
+        raise ValueError(
+            f"measurements must be 0 to {MOST_STEPS - 1} steps, got {values.min()} to "
+            f"{values.max()}"
+        )
     return pack_integers(fold(values - _predict(steps, mask, given)))
 
 
 def decode_values(
     content: bytes, start: int, mask: ImageMask, given: tuple[ImageSteps, ImageMask] | None = None
 ) -> tuple[ImageSteps, int]:
-    """Decode steps of a mask's pixels, 0 elsewhere, and return their end. given: steps and mask of other known pixels.
-    Raises ValueError for bytes that `encode_values` does not write."""
+    """Decode steps of a mask's pixels, 0 elsewhere, and return their end. given: steps and mask of
+    other known pixels. Raises ValueError for bytes that `encode_values` does not write."""
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
         raise ValueError(f"{mask.sum()} pixels are marked, got {len(residuals)} residuals")
@@ -186,9 +208,13 @@ def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = Non
     if given is not None:
         known[_pad_places(given)[0]] = steps[given]
     values = known[at] = steps[mask]
-    left, up, upper_left, upper_right = known[at - 1], known[at - wide], known[at - wide - 1], known[at - wide + 1]
+    left = known[at - 1]
+    up = known[at - wide]
+    upper_left = known[at - wide - 1]
+    upper_right = known[at - wide + 1]
     last = np.concatenate([[0], values[:-1]])[: len(values)]
-    less, more = np.minimum(left, up), np.maximum(left, up)
+    less = np.minimum(left, up)
+    more = np.maximum(left, up)
     median = np.clip(left + up - upper_left, less, more)
     corner = np.where(upper_right >= 0, upper_right, np.where(upper_left >= 0, upper_left, last))
     both = np.where(upper_left >= 0, median, (left + up) >> 1)
@@ -196,15 +222,22 @@ def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = Non
     return np.where(less >= 0, both, np.where(more >= 0, single, corner))
 
 
-def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
+def _add_up(
+    mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
     at, wide = _pad_places(mask)
     known = [-1] * ((mask.shape[0] + 1) * wide)
     if given is not None:
-        for i, value in zip(_pad_places(given[1])[0].tolist(), given[0][given[1]].tolist(), strict=True):
+        for i, value in zip(
+            _pad_places(given[1])[0].tolist(), given[0][given[1]].tolist(), strict=True
+        ):
             known[i] = value
-    values, value = list[int](), 0
+    values = list[int]()
+    value = 0
     for i, residual in zip(at.tolist(), residuals.tolist(), strict=True):
-        left, up, upper_left = known[i - 1], known[i - wide], known[i - wide - 1]
+        left = known[i - 1]
+        up = known[i - wide]
+        upper_left = known[i - wide - 1]
         if left >= 0 and up >= 0:
             less, more = (left, up) if left < up else (up, left)
             if upper_left < 0:
@@ -216,7 +249,9 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
             else:
                 value = left + up - upper_left
         else:
-            value = next((each for each in (up, left, known[i - wide + 1], upper_left) if each >= 0), value)
+            value = next(
+                (each for each in (up, left, known[i - wide + 1], upper_left) if each >= 0), value
+            )
         value += residual
         if not 0 <= value < MOST_STEPS:
             raise ValueError(f"a measurement of {value} steps is none: the message is damaged")
@@ -229,5 +264,6 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
 
 def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
     """Places of a mask's pixels in a padded image, and width."""
-    pixels, columns = np.flatnonzero(mask), mask.shape[1]
+    pixels = np.flatnonzero(mask)
+    columns = mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

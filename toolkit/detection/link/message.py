@@ -1,11 +1,13 @@
 """Messages from a sensor to the fusion centre, as docs/reference/message-format.md has them.
 
-A reader takes nothing on trust: what is cut off, damaged, of another version, sensor or scene is a ValueError.
+A reader takes nothing on trust: what is cut off, damaged, of another version, sensor or scene is a
+ValueError.
 
-Capacities of links are nominal and shared by all senders, so that a share well below 1 is needed: of 802.11p the
-default rate in a channel of 10 MHz (IEEE 802.11-2020, clause 17), of LTE-V2X a transport block of 7992 bits each ms,
-that is 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213, table 7.1.7.2.1-1, index 9), of Ethernet a cable
-(100BASE-TX). A packet of up to 1400 bytes fits an Ethernet frame with the headers of IP and UDP."""
+Capacities of links are nominal and shared by all senders, so that a share well below 1 is needed:
+of 802.11p the default rate in a channel of 10 MHz (IEEE 802.11-2020, clause 17), of LTE-V2X a
+transport block of 7992 bits each ms, that is 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213,
+table 7.1.7.2.1-1, index 9), of Ethernet a cable (100BASE-TX). A packet of up to 1400 bytes fits an
+Ethernet frame with the headers of IP and UDP."""
 
 import struct
 import zlib
@@ -18,11 +20,21 @@ import numpy as np
 from toolkit.arrays import Int64
 from toolkit.runtime.text_tables import align_columns
 
-MAGIC, MESSAGE_VERSION = b"cv", 2
+MAGIC = b"cv"
+MESSAGE_VERSION = 2
 _HEADER = struct.Struct("<2sBBIIQHHHI")
 _CHECKSUM = struct.Struct("<I")
 OVERHEAD = _HEADER.size + _CHECKSUM.size  # bytes of a message beside its content
-_LARGEST = {"sensor": 32, "number": 32, "time_us": 64, "step_mm": 16, "rows": 16, "columns": 16, "scene": 32}  # bits
+# bits
+_LARGEST = {
+    "sensor": 32,
+    "number": 32,
+    "time_us": 64,
+    "step_mm": 16,
+    "rows": 16,
+    "columns": 16,
+    "scene": 32,
+}
 
 
 class MessageKind(IntEnum):
@@ -49,9 +61,12 @@ class MessageHeader:
 
     def __post_init__(self) -> None:
         for name, bits in _LARGEST.items():
-            value, least = getattr(self, name), int(name == "step_mm")
+            value = getattr(self, name)
+            least = int(name == "step_mm")
             if not least <= value < 1 << bits:
-                raise ValueError(f"{name} of a message must be {least} to {(1 << bits) - 1}, got {value}")
+                raise ValueError(
+                    f"{name} of a message must be {least} to {(1 << bits) - 1}, got {value}"
+                )
 
     @property
     def time(self) -> float:
@@ -73,7 +88,10 @@ def step_in_mm(step: float) -> int:
     """Convert a step (m) to 1 to 65535 mm, or ValueError."""
     mm = round(step * 1000) if 0 < step < 66 else 0
     if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
-        raise ValueError(f"step must be a whole number of millimetres, 0.001 to 65.535 m, got {step}: such as 0.02")
+        raise ValueError(
+            f"step must be a whole number of millimetres, 0.001 to 65.535 m, got {step}: such as "
+            "0.02"
+        )
     return mm
 
 
@@ -93,15 +111,23 @@ def write_message(header: MessageHeader, content: bytes) -> bytes:
 def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
     """Read header and content, or raise ValueError if damaged."""
     if len(message) < OVERHEAD:
-        raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off")
+        raise ValueError(
+            f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off"
+        )
     body = message[: -_CHECKSUM.size]
     if message != body + _CHECKSUM.pack(zlib.crc32(body)):
-        raise ValueError(f"a message of {len(message)} bytes does not fit its checksum: have it sent again")
+        raise ValueError(
+            f"a message of {len(message)} bytes does not fit its checksum: have it sent again"
+        )
     magic, version, kind, *fields = _HEADER.unpack_from(body)
     if magic != MAGIC:
-        raise ValueError(f"a message begins with {MAGIC!r}, got {magic!r}: it is not a coview message")
+        raise ValueError(
+            f"a message begins with {MAGIC!r}, got {magic!r}: it is not a coview message"
+        )
     if version != MESSAGE_VERSION:
-        raise ValueError(f"the version must be {MESSAGE_VERSION}, got {version}: update sender or reader")
+        raise ValueError(
+            f"the version must be {MESSAGE_VERSION}, got {version}: update sender or reader"
+        )
     if kind not in set(MessageKind):
         kinds = ", ".join(f"{each.value} ({each.name.lower()})" for each in MessageKind)
         raise ValueError(f"a message is of kind {kinds}, got {kind}")
@@ -111,10 +137,14 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
 def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> None:
     """Raise ValueError for another kind, sensor, shape, scene or step."""
     if header.kind != kind:
-        raise ValueError(f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}")
+        raise ValueError(
+            f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}"
+        )
     for name, value in expected.items():
         if (got := getattr(header, name)) != value:
-            raise ValueError(f"expected a message whose {name} is {value}, got {got}: it belongs to another")
+            raise ValueError(
+                f"expected a message whose {name} is {value}, got {got}: it belongs to another"
+            )
 
 
 PACKET = 1400  # bytes of a message in a packet
@@ -123,8 +153,9 @@ CAPACITIES = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}  # Mbit/s
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of some sensors on a shared link, each sending at `rate` (Hz). packets: mean number per message; one_packet:
-    share of messages that fit one; shares: of each link's capacity, by name."""
+    """Load of some sensors on a shared link, each sending at `rate` (Hz). packets: mean number per
+    message; one_packet: share of messages that fit one; shares: of each link's capacity, by
+    name."""
 
     rate: float
     mbit_per_s: float
@@ -147,11 +178,15 @@ class SetLoad:
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError without a rate or messages."""
+    """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError without a
+    rate or messages."""
     if not 0 < rate < np.inf:
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
     if not bits.size:
-        raise ValueError(f"there must be a message on a link, got {bits.shape[0]} frames of {bits.shape[1]} sensors")
+        raise ValueError(
+            f"there must be a message on a link, got {bits.shape[0]} frames of {bits.shape[1]} "
+            "sensors"
+        )
     packets = -(-bits // (8 * PACKET))
     mbit = float(bits.sum(axis=1).mean()) * rate / 1e6
     shares = {name: mbit / capacity for name, capacity in CAPACITIES.items()}
@@ -162,7 +197,16 @@ def format_loads(loads: Iterable[SetLoad]) -> str:
     """Format the load of each scheme and set as lines."""
     table = [["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES]]
     for each in loads:
-        load, named = each.load, [each.scheme, ",".join(map(str, each.sensors)) or "none"]
+        load = each.load
+        named = [each.scheme, ",".join(map(str, each.sensors)) or "none"]
         shares = [f"{100 * load.shares[link]:.2f} %" for link in CAPACITIES]
-        table.append([*named, f"{load.mbit_per_s:.3f}", f"{load.packets:.2f}", f"{load.one_packet:.3f}", *shares])
+        table.append(
+            [
+                *named,
+                f"{load.mbit_per_s:.3f}",
+                f"{load.packets:.2f}",
+                f"{load.one_packet:.3f}",
+                *shares,
+            ]
+        )
     return align_columns(table, texts=2)

@@ -1,9 +1,10 @@
 """`RangeImages`: codec for range images and boxes (docs/reference/message-format.md).
 
-Points are sent as the pixels of their image and arrive within half a step of the measurement, along the pixel's ray.
-Boxes are sent in their order, in steps of 2 cm and half a degree. Yaw arrives between -180° and 180°, a score below 0
-as 0 and one above 1 as 1. A score s is sent as 511 times the square root of 1 - s: sure scores lie close together, and
-decide which of two boxes of an object stays."""
+Points are sent as the pixels of their image and arrive within half a step of the measurement, along
+the pixel's ray. Boxes are sent in their order, in steps of 2 cm and half a degree. Yaw arrives
+between -180° and 180°, a score below 0 as 0 and one above 1 as 1. A score s is sent as 511 times
+the square root of 1 - s: sure scores lie close together, and decide which of two boxes of an object
+stays."""
 
 import struct
 from dataclasses import dataclass
@@ -21,11 +22,16 @@ from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 BOX_STEP = 0.02  # m
 TURN = 720  # steps of yaw
 SCORES = 511
-_COUNT, _COLUMN = struct.Struct("<H"), struct.Struct("<Bi")
+_COUNT = struct.Struct("<H")
+_COLUMN = struct.Struct("<Bi")
 _COLUMNS = 9
-_SIZES, _YAW, _SCORE = slice(3, 6), 6, 7
+_SIZES = slice(3, 6)
+_YAW = 6
+_SCORE = 7
 MOST_BOXES = 1000
-FARTHEST, LONGEST_SENT = 2000.0, 100.0  # m: a box from its sensor, along any axis, and its longest side
+# m: a box from its sensor, along any axis, and its longest side
+FARTHEST = 2000.0
+LONGEST_SENT = 100.0
 
 
 def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
@@ -42,12 +48,17 @@ def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)
     farthest = np.abs(table).max(initial=0)
     if farthest >= 1 << 30:
-        raise ValueError(f"boxes must lie within {(1 << 30) * BOX_STEP / 1000:.0f} km, got {farthest * BOX_STEP} m")
+        raise ValueError(
+            f"boxes must lie within {(1 << 30) * BOX_STEP / 1000:.0f} km, got "
+            f"{farthest * BOX_STEP} m"
+        )
     _check_reach(table[:, :7] * BOX_STEP, sensor)
-    heads, bodies = [], []
+    heads = []
+    bodies = []
     alike = len(table) > 1 and not np.ptp(table, axis=0).any()
     for place, column in enumerate(table.astype(np.int64).T if len(table) else ()):
-        least, width = int(column.min()), int(np.ptp(column)).bit_length() or int(alike and not place)
+        least = int(column.min())
+        width = int(np.ptp(column)).bit_length() or int(alike and not place)
         heads.append(_COLUMN.pack(width, least))
         bodies.append(write_bits(column - least, width))
     return _COUNT.pack(len(detections)) + b"".join(heads + bodies)
@@ -61,42 +72,61 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
     start = _COUNT.size + _COLUMNS * _COLUMN.size
     if not count:
         if len(content) > _COUNT.size:
-            raise ValueError(f"a message without boxes must end there, got {len(content) - _COUNT.size} more bytes")
+            raise ValueError(
+                f"a message without boxes must end there, got {len(content) - _COUNT.size} more "
+                "bytes"
+            )
         return Detections.empty()
     if len(content) < start:
-        raise ValueError(f"{count} boxes need {start} bytes of columns, got {len(content)}: the message is cut off")
+        raise ValueError(
+            f"{count} boxes need {start} bytes of columns, got {len(content)}: the message is cut "
+            "off"
+        )
     heads = list(_COLUMN.iter_unpack(content[_COUNT.size : start]))
     widths = [width for width, _ in heads]
     if max(widths) > 31:
         raise ValueError(f"numbers of boxes have up to 31 bits, got {max(widths)}")
     if count > (MOST_BOXES if any(widths) else 1):
-        raise ValueError(f"a message holds at most {MOST_BOXES} boxes, of a bit at least, got {count} of {sum(widths)}")
+        raise ValueError(
+            f"a message holds at most {MOST_BOXES} boxes, of a bit at least, got {count} of "
+            f"{sum(widths)}"
+        )
     columns = []
     for width, least in heads:
         numbers, start = read_bits(content, start, np.full(count, width))
         columns.append(numbers + least)
     if start != len(content):
-        raise ValueError(f"{count} boxes must end the message, got {len(content) - start} more bytes")
+        raise ValueError(
+            f"{count} boxes must end the message, got {len(content) - start} more bytes"
+        )
     for name, place, most in (("yaw", _YAW, TURN - 1), ("scores", _SCORE, SCORES)):
         if not (columns[place].min() >= 0 and columns[place].max() <= most):
-            raise ValueError(f"{name} must be 0 to {most}, got {columns[place].min()} to {columns[place].max()}")
+            raise ValueError(
+                f"{name} must be 0 to {most}, got {columns[place].min()} to {columns[place].max()}"
+            )
     yaw = (columns[_YAW] + TURN // 2) % TURN - TURN // 2
-    boxes = np.column_stack([*(column * BOX_STEP for column in columns[:6]), yaw * (2 * np.pi / TURN)])
+    boxes = np.column_stack(
+        [*(column * BOX_STEP for column in columns[:6]), yaw * (2 * np.pi / TURN)]
+    )
     _check_reach(check_boxes(boxes), sensor)
     return Detections(boxes, 1 - (columns[_SCORE] / SCORES) ** 2, columns[-1])
 
 
 def _check_reach(boxes: Float64[np.ndarray, "n 7"], sensor: Sensor) -> None:
     """Raise ValueError for boxes that a sensor cannot have detected."""
-    away, size = np.abs(boxes[:, :3] - sensor.position).max(initial=0), boxes[:, _SIZES].max(initial=0)
+    away = np.abs(boxes[:, :3] - sensor.position).max(initial=0)
+    size = boxes[:, _SIZES].max(initial=0)
     if away > FARTHEST or size > LONGEST_SENT:
         raise ValueError(
-            f"boxes in messages must lie within {FARTHEST:.0f} m of sensor {sensor.name!r} and measure at most "
-            f"{LONGEST_SENT:.0f} m, got {away:.0f} m away and {size:.0f} m: check the pose, or drop these boxes"
+            f"boxes in messages must lie within {FARTHEST:.0f} m of sensor {sensor.name!r} and "
+            f"measure at most {LONGEST_SENT:.0f} m, got {away:.0f} m away and {size:.0f} m: check "
+            "the pose, or drop these boxes"
         )
 
 
-BITS_PER_PIXEL, BITS_PER_BOX = 5.0, 75.0  # expected, at 2 cm; see docs/concepts/messages.md
+# expected, at 2 cm; see docs/concepts/messages.md
+BITS_PER_PIXEL = 5.0
+BITS_PER_BOX = 75.0
 STEPS = (0.02, 0.04, 0.08)  # m, the usual ones
 
 
@@ -113,20 +143,30 @@ class RangeImages(Parameters):
         """Encode the pixels of an image that return something."""
         sent = is_return(image.measurement, image.sensor.model.max_range)
         header = sent_header(wire.MessageKind.RANGE_IMAGE, image, self.step)
-        content = wire.write_message(header, encode_pixels(to_steps(image.measurement, sent, self.step), sent))
+        content = wire.write_message(
+            header, encode_pixels(to_steps(image.measurement, sent, self.step), sent)
+        )
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
-        """Decode an image, 0 where nothing was sent. Raises ValueError for damage, and messages of another sensor."""
+        """Decode an image, 0 where nothing was sent. Raises ValueError for damage, and messages of
+        another sensor."""
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
-        expected = {"sensor": wire.sensor_number(sensor.name), "rows": rows, "columns": columns, "scene": 0}
+        expected = {
+            "sensor": wire.sensor_number(sensor.name),
+            "rows": rows,
+            "columns": columns,
+            "scene": 0,
+        }
         wire.check_header(header, wire.MessageKind.RANGE_IMAGE, **expected)
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
         """Raise ValueError: points alone do not say their pixels."""
-        raise ValueError(f"{self} sends images, got {len(points)} points alone: use PaperCodec without images")
+        raise ValueError(
+            f"{self} sends images, got {len(points)} points alone: use PaperCodec without images"
+        )
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
         """Raise ValueError, as `encode_points`."""
@@ -139,23 +179,31 @@ class RangeImages(Parameters):
         return Message(content, 8 * len(content))
 
     def decode_boxes(self, message: Message, sensor: Sensor, /) -> Detections:
-        """Decode boxes. Raises ValueError for a message that is damaged, of another sensor, or of impossible boxes."""
+        """Decode boxes. Raises ValueError for a message that is damaged, of another sensor, or of
+        impossible boxes."""
         header, content = wire.read_message(message.content)
         expected = {"sensor": wire.sensor_number(sensor.name), "step_mm": wire.step_in_mm(BOX_STEP)}
         wire.check_header(header, wire.MessageKind.BOXES, **expected, rows=0, columns=0, scene=0)
         return decode_boxes(content, sensor)
 
-    def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
+    def bits(
+        self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1
+    ) -> Float64[np.ndarray, "*shape"]:
         """Estimate the bits, which depend on a message's content."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD)
 
 
-def sent_header(kind: wire.MessageKind, origin: Origin | RangeImage, step: float, scene: int = 0) -> wire.MessageHeader:
+def sent_header(
+    kind: wire.MessageKind, origin: Origin | RangeImage, step: float, scene: int = 0
+) -> wire.MessageHeader:
     """Header of a message that holds an image, or boxes."""
     rows, columns = origin.sensor.model.shape if isinstance(origin, RangeImage) else (0, 0)
-    sensor, time_us = wire.sensor_number(origin.sensor.name), wire.time_in_us(origin.time)
-    return wire.MessageHeader(kind, sensor, origin.number, time_us, wire.step_in_mm(step), rows, columns, scene)
+    sensor = wire.sensor_number(origin.sensor.name)
+    time_us = wire.time_in_us(origin.time)
+    return wire.MessageHeader(
+        kind, sensor, origin.number, time_us, wire.step_in_mm(step), rows, columns, scene
+    )
 
 
 def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:
@@ -177,7 +225,8 @@ CODECS = ("paper", "range-images")
 
 
 def find_codec(name: str, *, step: float = 0.02) -> Codec:
-    """Return the codec of that name. step: of measurements (m), if it has one. Raises ValueError that lists names."""
+    """Return the codec of that name. step: of measurements (m), if it has one. Raises ValueError
+    that lists names."""
     codecs: dict[str, Codec] = dict(zip(CODECS, (PAPER, RangeImages(step)), strict=True))
     if name not in codecs:
         raise ValueError(f"unknown codec {name!r}: choose among {', '.join(CODECS)}")

@@ -35,9 +35,14 @@ def test_cars_are_found_in_a_folder_of_clouds(clouds, tmp_path, run):
 def test_shifted_grids_are_asked_for_by_number(clouds, tmp_path, run, refused):
     asked = ("detect", clouds, "--level", "plane", "--area", -40, -20, 40, 20, "--json", "--out")
     names = ("general", "general+phases3", "general+float32+phases3")
-    found = [json.loads(run(*asked, tmp_path / f"{n}.json", "--detector", n)[1])["detections"] for n in names]
+    found = [
+        json.loads(run(*asked, tmp_path / f"{n}.json", "--detector", n)[1])["detections"]
+        for n in names
+    ]
     assert min(found[1:]) >= found[0] > 0
-    assert "1 to 16 grids, got 0" in refused(*asked, tmp_path / "b.json", "--detector", "general+phases0")
+    assert "1 to 16 grids, got 0" in refused(
+        *asked, tmp_path / "b.json", "--detector", "general+phases0"
+    )
     alone = ("evaluate", clouds, "--detector", "cluster+phases2", "--out", tmp_path / "e")
     assert "leave it out" in refused(*alone)
 
@@ -45,7 +50,9 @@ def test_shifted_grids_are_asked_for_by_number(clouds, tmp_path, run, refused):
 def test_kitti_and_openlabel_text(clouds, tmp_path, run):
     cloud = sorted(clouds.glob("*/000000.pcd"))[0]
     for form in ("kitti", "openlabel"):
-        code, said, _ = run("detect", cloud, "--format", form, "--level", "none", "--out", tmp_path / form)
+        code, said, _ = run(
+            "detect", cloud, "--format", form, "--level", "none", "--out", tmp_path / form
+        )
         assert code == 0
         assert "detections in 1 clouds" in said
         assert [each.suffix for each in (tmp_path / form).iterdir() if each.suffix] == [
@@ -68,15 +75,25 @@ def test_what_is_refused(clouds, tmp_path, refused):
     assert not out.exists()
     evaluate = ("evaluate", clouds, "--out", tmp_path / "e")
     assert "--site does not go with layout folder" in refused(*evaluate, "--site", "tjunction")
-    assert "recorded clouds have errors of their own" in refused(*evaluate, "--errors", "poor", "--detector", "general")
+    assert "recorded clouds have errors of their own" in refused(
+        *evaluate, "--errors", "poor", "--detector", "general"
+    )
     assert "no sensor 'x'" in refused(*evaluate, "--sensors", "x")
 
 
 def test_evaluate_takes_the_same_folder(clouds, tmp_path, run):
     area = ("--area", -40, -20, 40, 20)
-    code, said, _ = run("evaluate", clouds, "--layout", "folder", *area, "--level", "none", "--out", tmp_path / "e")
+    code, said, _ = run(
+        "evaluate", clouds, "--layout", "folder", *area, "--level", "none", "--out", tmp_path / "e"
+    )
     assert code == 0
-    for protocol in ("vehicle, ours", "vehicle, KITTI R40", "vehicle, nuScenes", "20-35 m", "5-19 points"):
+    for protocol in (
+        "vehicle, ours",
+        "vehicle, KITTI R40",
+        "vehicle, nuScenes",
+        "20-35 m",
+        "5-19 points",
+    ):
         assert protocol in said
     table = json.loads((tmp_path / "e/table.json").read_text())
     bev = [

@@ -43,7 +43,18 @@ def ours(tmp_path, monkeypatch):
 
 
 def test_it_prints_rows_and_leaves_table_and_curves(recording, tmp_path, run):
-    arguments = ("evaluate", recording, "--schemes", "early", "late", "--sensors", "0,2,5", "all", "--iou", 0.5)
+    arguments = (
+        "evaluate",
+        recording,
+        "--schemes",
+        "early",
+        "late",
+        "--sensors",
+        "0,2,5",
+        "all",
+        "--iou",
+        0.5,
+    )
     code, out, _ = run(*arguments, "--out", tmp_path, "--json")
     rows = json.loads(out)["rows"]
     assert code == 0
@@ -54,22 +65,51 @@ def test_it_prints_rows_and_leaves_table_and_curves(recording, tmp_path, run):
         for sensors in ([0, 2, 5], everyone)
         for label in ("vehicle", "cyclist", "pedestrian", "heavy")
     ]
-    assert [each["label"] for each in json.loads(out)["classes"][:4]] == ["vehicle", "cyclist", "pedestrian", "heavy"]
+    assert [each["label"] for each in json.loads(out)["classes"][:4]] == [
+        "vehicle",
+        "cyclist",
+        "pedestrian",
+        "heavy",
+    ]
     assert (tmp_path / "pr_pedestrian_0.5.png").exists()
     assert {"ap", "recall", "kbit_per_sensor", "ms_per_frame", "iou"} <= set(rows[0])
     assert json.loads((tmp_path / "table.json").read_text())["rows"] == rows
     assert (tmp_path / "pr_0.5.png").stat().st_size > 1000
 
 
-def test_what_is_there_is_replaced_when_told_and_errors_are_written_down(recording, tmp_path, run, refused):
+def test_what_is_there_is_replaced_when_told_and_errors_are_written_down(
+    recording, tmp_path, run, refused
+):
     (tmp_path / "table.json").write_text("of another run")
-    arguments = ("evaluate", recording, "--frames", 1, "--schemes", "late", "--iou", 0.7, "--out", tmp_path)
+    arguments = (
+        "evaluate",
+        recording,
+        "--frames",
+        1,
+        "--schemes",
+        "late",
+        "--iou",
+        0.7,
+        "--out",
+        tmp_path,
+    )
     assert "--overwrite" in refused(*arguments)
     assert (tmp_path / "table.json").read_text() == "of another run"
     assert run(*arguments, "--overwrite")[0] == 0
     kbit = {}
     for errors in ("paper", "poor"):
-        given = ("--frames", 1, "--schemes", "early", "--iou", 0.5, "--errors", errors, "--out", tmp_path / errors)
+        given = (
+            "--frames",
+            1,
+            "--schemes",
+            "early",
+            "--iou",
+            0.5,
+            "--errors",
+            errors,
+            "--out",
+            tmp_path / errors,
+        )
         assert run("evaluate", recording, *given)[0] == 0
         written = json.loads((tmp_path / errors / "table.json").read_text())
         assert written["provenance"]["errors"]["profile"] == errors
@@ -80,7 +120,17 @@ def test_what_is_there_is_replaced_when_told_and_errors_are_written_down(recordi
 
 @pytest.mark.parametrize("name", ["detect", "make", "Everything"])
 def test_anybodys_detector(name, ours, recording, tmp_path, run):
-    arguments = ("--frames", 1, "--schemes", "early", "--iou", 0.7, "--out", tmp_path / "out", "--json")
+    arguments = (
+        "--frames",
+        1,
+        "--schemes",
+        "early",
+        "--iou",
+        0.7,
+        "--out",
+        tmp_path / "out",
+        "--json",
+    )
     code, out, err = run("evaluate", recording, "--detector", f"our_detectors:{name}", *arguments)
     assert (code, len(json.loads(out)["rows"])) == (0, 1), err
 
@@ -90,8 +140,14 @@ def test_anybodys_detector(name, ours, recording, tmp_path, run):
     [
         ("our_detectors:wrong", "must return toolkit.objects.Detections, got list"),
         ("our_detectors:broken", "(IndexError: list index out of range)"),
-        *(("our_detectors:thing", "must be callable, got int"), ("our_detectors:nothing", "cannot be imported")),
-        *(("no.such.module:detect", "cannot be imported"), ("our_detectors:", "named package.module:callable")),
+        *(
+            ("our_detectors:thing", "must be callable, got int"),
+            ("our_detectors:nothing", "cannot be imported"),
+        ),
+        *(
+            ("no.such.module:detect", "cannot be imported"),
+            ("our_detectors:", "named package.module:callable"),
+        ),
     ],
 )
 def test_a_detector_that_is_none(name, message, ours, recording, refused):
@@ -105,7 +161,10 @@ def test_a_detector_that_is_none(name, message, ours, recording, refused):
         (("--sensors", "0, 2, 0"), "named once"),
         (("--frames", "0"), "frames must be a whole number of at least 1, got 0"),
         (("--seed", "-1"), "seed must be a whole number of at least 0, got -1"),
-        *((("--iou", "1.5"), "--iou must lie above 0 and at most at 1, got 1.5"), (("--iou", "70"), "--iou")),
+        *(
+            (("--iou", "1.5"), "--iou must lie above 0 and at most at 1, got 1.5"),
+            (("--iou", "70"), "--iou"),
+        ),
         (("--radius", "-3"), "--radius must be at least 0"),
         (("--codec", "zip"), "choose among paper, range-images"),
         (("--step", "0.0005"), "step must be a whole number of millimetres"),
@@ -120,17 +179,38 @@ def test_wrong_arguments(arguments, message, recording, refused, tmp_path):
 
 def test_missing_recordings_folders_and_unknown_classes_are_refused(recording, refused, tmp_path):
     (tmp_path / "file").write_text("")
-    assert "give another path" in refused("evaluate", recording, "--frames", 1, "--out", tmp_path / "file" / "out")
+    assert "give another path" in refused(
+        "evaluate", recording, "--frames", 1, "--out", tmp_path / "file" / "out"
+    )
     assert "is what is read" in refused("evaluate", recording, "--frames", 1, "--out", recording)
     assert "nowhere.hdf5" in refused("evaluate", "nowhere.hdf5")
-    arguments = ("--detector", "vehicles/tjunction", "--classes", "vehicle", "cyclist", "--out", tmp_path / "out")
+    arguments = (
+        "--detector",
+        "vehicles/tjunction",
+        "--classes",
+        "vehicle",
+        "cyclist",
+        "--out",
+        tmp_path / "out",
+    )
     assert "the detector knows vehicle only, not cyclist: take one trained" in refused(
         "evaluate", recording, *arguments
     )
 
 
 def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
-    arguments = ("evaluate", recording, "--frames", 1, "--iou", 0.5, "--rate", 10, "--classes", "vehicle")
+    arguments = (
+        "evaluate",
+        recording,
+        "--frames",
+        1,
+        "--iou",
+        0.5,
+        "--rate",
+        10,
+        "--classes",
+        "vehicle",
+    )
     schemes = ("--schemes", "early", "foreground", "--codec", "range-images", "--step", 0.08)
     code, out, _ = run(*arguments, *schemes, "--out", tmp_path / "a")
     assert code == 0
@@ -141,13 +221,28 @@ def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
     assert 0 < foreground["mbit_per_s"] < early["mbit_per_s"]
     assert written["provenance"]["codec"] == "RangeImages(step=0.08)"
     assert "step=0.08" in written["provenance"]["schemes"]["foreground"]
-    assert "loads" not in json.loads(run(*arguments[:6], "--schemes", "late", "--out", tmp_path / "b", "--json")[1])
+    assert "loads" not in json.loads(
+        run(*arguments[:6], "--schemes", "late", "--out", tmp_path / "b", "--json")[1]
+    )
 
 
 def test_differences_are_taken_as_asked(recording, tmp_path, run, refused):
-    arguments = ("evaluate", recording, "--frames", 1, "--iou", 0.5, "--schemes", "differences", "--out", tmp_path)
+    arguments = (
+        "evaluate",
+        recording,
+        "--frames",
+        1,
+        "--iou",
+        0.5,
+        "--schemes",
+        "differences",
+        "--out",
+        tmp_path,
+    )
     assert run(*arguments, "--refers-to", "key", "--key-every", 5, "--step", 0.04)[0] == 0
-    digest = json.loads((tmp_path / "table.json").read_text())["provenance"]["schemes"]["differences"]
+    digest = json.loads((tmp_path / "table.json").read_text())["provenance"]["schemes"][
+        "differences"
+    ]
     assert digest.startswith("ForegroundDifferences(step=0.04, refers_to='key', key_every=5,")
     assert "--key-every" in refused(*arguments, "--key-every", 0, "--overwrite")
     assert "1 to 255" in refused(*arguments, "--key-every", 300, "--overwrite")
@@ -165,7 +260,22 @@ def test_classes_restrict_the_rows_and_a_network_has_all_by_default(recording, t
     code, out, _ = run(*arguments, "--overwrite", "--classes", "vehicle", "pedestrian")
     assert "vehicle, " in out
     assert "above the detector's threshold:" in out
-    network = ("--detector", "tjunction", "--frames", 1, "--schemes", "early", "--iou", 0.5, "--json")
+    network = (
+        "--detector",
+        "tjunction",
+        "--frames",
+        1,
+        "--schemes",
+        "early",
+        "--iou",
+        0.5,
+        "--json",
+    )
     code, out, err = run("evaluate", recording, *network, "--out", tmp_path / "network")
     assert code == 0, err
-    assert [row["label"] for row in json.loads(out)["rows"]] == ["vehicle", "cyclist", "pedestrian", "heavy"]
+    assert [row["label"] for row in json.loads(out)["rows"]] == [
+        "vehicle",
+        "cyclist",
+        "pedestrian",
+        "heavy",
+    ]

@@ -25,7 +25,9 @@ def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     assert code == 0, err
     assert json.loads(said)["card"] == str(tmp_path / "a.onnx.json")
     nodes = onnx.load(tmp_path / "a.onnx").graph.node
-    assert not [each for each in nodes if each.op_type == "ScatterND" and each.attribute]  # its threads lose summands
+    assert not [
+        each for each in nodes if each.op_type == "ScatterND" and each.attribute
+    ]  # its threads lose summands
     exported, torches = load_detector(tmp_path / "a.onnx"), load_detector(name, area=area)
     assert isinstance(exported.network, OnnxDetector)
     assert (exported.labels, exported.area) == (torches.labels, torches.area)
@@ -61,16 +63,22 @@ def test_commands_take_the_file_for_a_detector(recording, tmp_path, run, refused
     assert known.name == f"{tmp_path / 't.onnx'}+background"
     found = ("detect", recording, "--detector", tmp_path / "t.onnx")
     assert run(*found, *area, "--level", "none", "--out", tmp_path / "boxes.json")[0] == 0
-    assert "got -9 -20 9 20" in refused(*found, "--area", -9, -20, 9, 20, "--out", tmp_path / "b.json")
+    assert "got -9 -20 9 20" in refused(
+        *found, "--area", -9, -20, 9, 20, "--out", tmp_path / "b.json"
+    )
     card = tmp_path / "t.onnx.json"
     card.write_text(card.read_text().replace('"sha256"', '"sha"'))
     assert "has no sha" in refused(*found, "--out", tmp_path / "b.json")
     card.unlink()
     assert "needs NAME.onnx and its card" in refused(*found, "--out", tmp_path / "b.json")
-    assert "no such file of weights" in refused("evaluate", recording, "--detector", tmp_path / "none.onnx")
+    assert "no such file of weights" in refused(
+        "evaluate", recording, "--detector", tmp_path / "none.onnx"
+    )
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path, refused):
     assert "must end in .onnx" in refused("export", "general", tmp_path / "g.bin")
     assert "no weights named 'nothing'" in refused("export", "nothing", tmp_path / "g.onnx")
-    assert "for the area" in refused("export", "tjunction", tmp_path / "t.onnx", "--area", 0, 0, 9, 9)
+    assert "for the area" in refused(
+        "export", "tjunction", tmp_path / "t.onnx", "--area", 0, 0, 9, 9
+    )

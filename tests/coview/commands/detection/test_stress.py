@@ -6,12 +6,25 @@ from coview.studies.stress.noticing import FalseAlarms, Noticed
 
 
 def test_it_prints_a_table_and_leaves_json_and_svg(recording, tmp_path, run):
-    arguments = ("stress", recording, "--frames", 1, "--schemes", "foreground", "--kinds", "bytes", "--out", tmp_path)
+    arguments = (
+        "stress",
+        recording,
+        "--frames",
+        1,
+        "--schemes",
+        "foreground",
+        "--kinds",
+        "bytes",
+        "--out",
+        tmp_path,
+    )
     code, out, _ = run(*arguments)
     assert code == 0
     assert out.splitlines()[0].split()[:4] == ["stress", "level", "scheme", "sent"]
     written = json.loads((tmp_path / "stress.json").read_text())
-    assert [(row["scheme"], row["codec"]) for row in written["rows"]] == [("foreground", f"{s} cm") for s in (2, 4, 8)]
+    assert [(row["scheme"], row["codec"]) for row in written["rows"]] == [
+        ("foreground", f"{s} cm") for s in (2, 4, 8)
+    ]
     assert written["provenance"]["kinds"] == ["bytes"]
     assert (tmp_path / "stress.svg").stat().st_size > 1000
     assert run(*arguments)[0] == 2
@@ -21,9 +34,26 @@ def test_it_prints_a_table_and_leaves_json_and_svg(recording, tmp_path, run):
 
 def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
     arguments = (
-        "stress", recording, "--frames", 1, "--schemes", "early", "foreground", "--kinds", "mounting", "--iou", "0.5",
-        "0.7", "--table", "tjunction", "--cache", tmp_path / "kept", "--out", tmp_path / "out", "--overwrite",
-    )  # fmt: skip
+        "stress",
+        recording,
+        "--frames",
+        1,
+        "--schemes",
+        "early",
+        "foreground",
+        "--kinds",
+        "mounting",
+        "--iou",
+        "0.5",
+        "0.7",
+        "--table",
+        "tjunction",
+        "--cache",
+        tmp_path / "kept",
+        "--out",
+        tmp_path / "out",
+        "--overwrite",
+    )
     code, out, _ = run(*arguments)
     assert code == 0
     assert "highest AP" in out
@@ -38,7 +68,10 @@ def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
 
 
 def test_in_sequences_it_says_how_soon_a_fault_is_noticed(recording, tmp_path, run, monkeypatch):
-    found = (Noticed("frozen", "foreground", 6, 6, 0.2, 0.3),), (FalseAlarms("nothing wrong", "foreground", 1, 2.0),)
+    found = (
+        (Noticed("frozen", "foreground", 6, 6, 0.2, 0.3),),
+        (FalseAlarms("nothing wrong", "foreground", 1, 2.0),),
+    )
     asked = []
 
     def time_faults(_recording, _detector, run):
@@ -47,10 +80,31 @@ def test_in_sequences_it_says_how_soon_a_fault_is_noticed(recording, tmp_path, r
 
     monkeypatch.setattr("coview.studies.stress.stressing.is_sequence", lambda recording: True)
     monkeypatch.setattr("coview.studies.stress.noticing.time_faults", time_faults)
-    common = ("stress", recording, "--frames", 1, "--schemes", "late", "--seed", 3, "--overwrite", "--out", tmp_path)
+    common = (
+        "stress",
+        recording,
+        "--frames",
+        1,
+        "--schemes",
+        "late",
+        "--seed",
+        3,
+        "--overwrite",
+        "--out",
+        tmp_path,
+    )
     code, out, _ = run(*common, "--kinds", "frozen")
     assert code == 0
-    assert out.splitlines()[-6].split() == ["frozen", "foreground", "6", "6", "0.2", "s", "0.3", "s"]
+    assert out.splitlines()[-6].split() == [
+        "frozen",
+        "foreground",
+        "6",
+        "6",
+        "0.2",
+        "s",
+        "0.3",
+        "s",
+    ]
     assert out.splitlines()[-3].split() == ["nothing", "wrong", "foreground", "1", "2.0"]
     assert [(asked_run.frames, asked_run.seed) for asked_run in asked] == [(1, 3)]
     assert json.loads((tmp_path / "stress.json").read_text())["false_alarms"][0]["alarms"] == 1

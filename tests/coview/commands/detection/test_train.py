@@ -23,7 +23,19 @@ def digest(weights):
 
 def test_the_same_goes_on_and_another_is_refused(packed, tmp_path, run, refused):
     out = tmp_path / "run"
-    arguments = ("train", "--data", packed, "--epochs", 1, "--batch", 2, "--device", "cpu", "--out", out)
+    arguments = (
+        "train",
+        "--data",
+        packed,
+        "--epochs",
+        1,
+        "--batch",
+        2,
+        "--device",
+        "cpu",
+        "--out",
+        out,
+    )
     code, printed, err = run(*arguments, "--json")
     assert code == 0, err
     weights = out / "weights.safetensors"

@@ -1,4 +1,5 @@
-"""What small searches, tables and surrogates come to: figures to a tolerance that another processor keeps."""
+"""What small searches, tables and surrogates come to: figures to a tolerance that another processor
+keeps."""
 
 import json
 from pathlib import Path
@@ -15,10 +16,41 @@ COVERAGE = (*OWN, "--fidelity", "coverage", "--budget", 2)
 TABLE = ("--candidates", "paper", "--fidelity", "table", "--frames", 4)
 SEARCHES = {
     "greedy": (*OWN, "--method", "greedy", "--budget", 3, "--comm", 0.0001, "--price", 0.01),
-    "swap late mean IoU": (*COVERAGE, "--method", "swap", "--budget", 3, "--scheme", "late", "--iou", "0.5:0.95"),
+    "swap late mean IoU": (
+        *COVERAGE,
+        "--method",
+        "swap",
+        "--budget",
+        3,
+        "--scheme",
+        "late",
+        "--iou",
+        "0.5:0.95",
+    ),
     "exhaustive failing": (*OWN, "--method", "exhaustive", "--budget", 3, "--failing", 1),
-    "exhaustive levels": (*OWN, "--method", "exhaustive", "--budget", 2, "--levels", 2, "--failures", "mean"),
-    "classes": (*OWN, "--method", "greedy", "--budget", 2, "--classes", "vehicle", "cyclist", "--combine", "worst"),
+    "exhaustive levels": (
+        *OWN,
+        "--method",
+        "exhaustive",
+        "--budget",
+        2,
+        "--levels",
+        2,
+        "--failures",
+        "mean",
+    ),
+    "classes": (
+        *OWN,
+        "--method",
+        "greedy",
+        "--budget",
+        2,
+        "--classes",
+        "vehicle",
+        "cyclist",
+        "--combine",
+        "worst",
+    ),
     "foreground bytes": (*OWN, "--method", "greedy", "--budget", 2, "--scheme", "foreground"),
     "coverage cpsat": (*COVERAGE, "--method", "cpsat"),
     "coverage levels": (*COVERAGE, "--method", "greedy", "--levels", 3, "--levels-by", "mean"),
@@ -28,7 +60,19 @@ SEARCHES = {
     "table": (*TABLE, "--budget", 3),
     "table hybrid": (*TABLE, "--budget", 2, "--scheme", "hybrid", "--comm", 0.0005, "--failing", 1),
     "detector errors": (
-        *(*OWN[:-4], "--frames", 2, "--cache", "None", "--method", "raced", "--fidelity", "detector", "--budget", 2),
+        *(
+            *OWN[:-4],
+            "--frames",
+            2,
+            "--cache",
+            "None",
+            "--method",
+            "raced",
+            "--fidelity",
+            "detector",
+            "--budget",
+            2,
+        ),
         *("--errors", "paper", "poor"),
     ),
 }
@@ -49,7 +93,9 @@ def test_searches_find_as_good_a_set(name, run):
 
 @pytest.mark.slow
 def test_portfolios_judge_and_curves_have_points_as_well(run):
-    code, said, err = run("search", "tjunction", *OWN, "--frames", 12, "--budget", 2, "--judge", "surrogate", "--json")
+    code, said, err = run(
+        "search", "tjunction", *OWN, "--frames", 12, "--budget", 2, "--judge", "surrogate", "--json"
+    )
     assert code == 0, err
     found, pinned = json.loads(said), PINNED["portfolio"]
     assert found["ap"] == pytest.approx(pinned["ap"], abs=0.02)
@@ -57,7 +103,17 @@ def test_portfolios_judge_and_curves_have_points_as_well(run):
     assert found["assessment"]["ap"] == pytest.approx(pinned["ap"], abs=0.1)
     assert found["assessment"]["low"] is None, "too few frames for an interval"
     code, said, err = run(
-        "search", "tjunction", *OWN, "--budget", 3, "--curve", "--judge", "coverage", "--fidelity", "coverage", "--json"
+        "search",
+        "tjunction",
+        *OWN,
+        "--budget",
+        3,
+        "--curve",
+        "--judge",
+        "coverage",
+        "--fidelity",
+        "coverage",
+        "--json",
     )
     assert code == 0, err
     points = json.loads(said)["curve"]
@@ -68,9 +124,31 @@ def test_portfolios_judge_and_curves_have_points_as_well(run):
 @pytest.mark.slow
 def test_a_surrogate_is_fitted_as_well(tmp_path, run):
     out = tmp_path / "fit.json"
-    few = ("--frames", 8, "--poses", 4, "--sets", 16, "--schemes", "early", "--iou", 0.7, "--resamples", 0)
+    few = (
+        "--frames",
+        8,
+        "--poses",
+        4,
+        "--sets",
+        16,
+        "--schemes",
+        "early",
+        "--iou",
+        0.7,
+        "--resamples",
+        0,
+    )
     code, said, err = run(
-        "surrogate", "tjunction", "--detector", "tjunction", *few, "--out", out, "--cache", "None", "--json"
+        "surrogate",
+        "tjunction",
+        "--detector",
+        "tjunction",
+        *few,
+        "--out",
+        out,
+        "--cache",
+        "None",
+        "--json",
     )
     assert code == 0, err
     (row,) = json.loads(said)
@@ -80,10 +158,15 @@ def test_a_surrogate_is_fitted_as_well(tmp_path, run):
 
 def test_a_table_holds_the_same_figures(recording, tmp_path, run):
     out = tmp_path / "table.npz"
-    code, said, err = run("table", recording, "--out", out, "--frames", 2, "--detector", "voxelnet", "--json")
+    code, said, err = run(
+        "table", recording, "--out", out, "--frames", 2, "--detector", "voxelnet", "--json"
+    )
     assert code == 0, err
     table = load_table(out)
-    best = {scheme: {size: rows[0][1] for size, rows in sizes.items()} for scheme, sizes in json.loads(said).items()}
+    best = {
+        scheme: {size: rows[0][1] for size, rows in sizes.items()}
+        for scheme, sizes in json.loads(said).items()
+    }
     for scheme, sizes in PINNED["command table"]["best"].items():
         assert best[scheme] == pytest.approx(sizes, abs=0.03)
     assert float(np.mean(table.ap)) == pytest.approx(PINNED["command table"]["mean"], abs=0.01)

@@ -8,11 +8,24 @@ from pathlib import Path
 
 import pytest
 
-PLAN = ("plan", "tjunction", "--candidates", "paper", "--budget", 2, "--frames", 40, "--cache", "None", "--json")
+PLAN = (
+    "plan",
+    "tjunction",
+    "--candidates",
+    "paper",
+    "--budget",
+    2,
+    "--frames",
+    40,
+    "--cache",
+    "None",
+    "--json",
+)
 
 
 def work_begun_below(raylet):
-    """Process ids of a node's workers that have begun a job; Ray writes its name over their command line."""
+    """Process ids of a node's workers that have begun a job; Ray writes its name over their command
+    line."""
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
@@ -44,5 +57,7 @@ def test_a_plan_is_the_same_when_one_of_two_nodes_is_killed(two_nodes, tmp_path,
     assert killed
     code, _, err = run(*PLAN, "--workers", 1, "--out", tmp_path / "alone")
     assert code == 0, err
-    cluster_plan, plan = ((tmp_path / name / "plan.json").read_bytes() for name in ("cluster", "alone"))
+    cluster_plan, plan = (
+        (tmp_path / name / "plan.json").read_bytes() for name in ("cluster", "alone")
+    )
     assert cluster_plan == plan

@@ -45,7 +45,17 @@ def test_it_hands_on_what_it_was_given_and_prints(tmp_path, run, monkeypatch):
     assert code == 0
     assert "roundabout: 20 frames, 7 vehicles" in printed
     assert f"written to {tmp_path / 'index.html'}" in printed
-    assert (asked["site"], asked["out"], asked["frames"], asked["processes"].workers) == ("roundabout", tmp_path, 20, 2)
+    assert (asked["site"], asked["out"], asked["frames"], asked["processes"].workers) == (
+        "roundabout",
+        tmp_path,
+        20,
+        2,
+    )
     assert asked["table"] is None
     code, printed, _ = run(*arguments, "--json")
-    assert json.loads(printed) == {"site": "roundabout", "frames": 20, "vehicles": 7, "experiments": []}
+    assert json.loads(printed) == {
+        "site": "roundabout",
+        "frames": 20,
+        "vehicles": 7,
+        "experiments": [],
+    }

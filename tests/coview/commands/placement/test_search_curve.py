@@ -5,7 +5,18 @@ from toolkit.sites.files import load_site
 
 
 def test_a_curve_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkeypatch):
-    few = ("--candidates", "paper", "--budget", 3, "--frames", 4, "--fidelity", "coverage", "--cache", tmp_path / "c")
+    few = (
+        "--candidates",
+        "paper",
+        "--budget",
+        3,
+        "--frames",
+        4,
+        "--fidelity",
+        "coverage",
+        "--cache",
+        tmp_path / "c",
+    )
     asked = ("search", "tjunction", *few, "--curve", "--judge", "coverage")
     raced = []
 
@@ -24,12 +35,24 @@ def test_a_curve_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkey
         assert "o.parts holds an unfinished run made from" in line
     code, printed, _ = run(*asked, "--out", tmp_path / "o")
     assert (code, len(raced)) == (0, 4)  # the first race was not run again
-    assert "curve.json, curve.csv, curve.png, and the site with each set" in printed.splitlines()[-1]
+    assert (
+        "curve.json, curve.csv, curve.png, and the site with each set" in printed.splitlines()[-1]
+    )
     assert not (tmp_path / "o.parts").exists()
     assert run(*asked, "--out", tmp_path / "whole")[0] == 0
     assert len(raced) == 7
     files = sorted(path.name for path in (tmp_path / "o").iterdir())
-    assert files == ["curve.csv", "curve.json", "curve.png", "site_1.json", "site_2.json", "site_3.json"]
-    assert all((tmp_path / "o" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes() for name in files)
+    assert files == [
+        "curve.csv",
+        "curve.json",
+        "curve.png",
+        "site_1.json",
+        "site_2.json",
+        "site_3.json",
+    ]
+    assert all(
+        (tmp_path / "o" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+        for name in files
+    )
     assert "curve.json exists" in refused(*asked, "--out", tmp_path / "o")
     assert len(load_site(tmp_path / "o" / "site_2.json").sensors) == 2

@@ -27,18 +27,36 @@ def test_errors_by_name(recording, tmp_path, run, refused, monkeypatch):
     arguments = ("--out", tmp_path / "rough.npz", "--frames", 1, "--detector", "cluster")
     assert "far enough" in refused("table", recording, *arguments, "--errors", "poor")
     assert asked == ["poor"]
-    assert "unknown error profile 'bad'" in refused("table", recording, *arguments, "--errors", "bad")
+    assert "unknown error profile 'bad'" in refused(
+        "table", recording, *arguments, "--errors", "bad"
+    )
 
 
 def test_a_table_of_classes_is_searched(recording, tmp_path, run, refused):
-    out, classes = tmp_path / "all.npz", ("--classes", "vehicle", "pedestrian", "--combine", "worst")
+    out, classes = (
+        tmp_path / "all.npz",
+        ("--classes", "vehicle", "pedestrian", "--combine", "worst"),
+    )
     asked = ("table", recording, "--out", out, "--frames", 2, "--detector", "cluster", "--json")
     code, printed, err = run(*asked, *classes)
     assert code == 0, err
     best = json.loads(printed)["early"]["2"][0]
-    search = ("search", "tjunction", "--candidates", "paper", "--fidelity", "table", "--budget", 2, "--table", out)
+    search = (
+        "search",
+        "tjunction",
+        "--candidates",
+        "paper",
+        "--fidelity",
+        "table",
+        "--budget",
+        2,
+        "--table",
+        out,
+    )
     code, printed, err = run(*search, *classes, "--method", "exhaustive", "--json")
     assert code == 0, err
     found = json.loads(printed)
     assert found["ap"] == min(found["class_ap"].values()) >= best[1] - 1e-12
-    assert "holds vehicle, pedestrian, not cyclist" in refused(*search, "--classes", "vehicle", "cyclist")
+    assert "holds vehicle, pedestrian, not cyclist" in refused(
+        *search, "--classes", "vehicle", "cyclist"
+    )

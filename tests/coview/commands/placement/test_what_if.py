@@ -24,7 +24,21 @@ def test_before_and_after_of_a_site(run):
 
 
 def test_the_same_figures_as_json(run):
-    asked = ("what-if", "tjunction", "--move", "d0", 10, 12, "--add", "pole07", 200, 15, "--fail", "d3", *COMMON)
+    asked = (
+        "what-if",
+        "tjunction",
+        "--move",
+        "d0",
+        10,
+        12,
+        "--add",
+        "pole07",
+        200,
+        15,
+        "--fail",
+        "d3",
+        *COMMON,
+    )
     _, out, _ = run(*asked, "--json")
     found = json.loads(out)
     assert found["before"]["sensors"] == 6
@@ -41,14 +55,32 @@ price = 1500
 width = 120
 height = 90
 """
-OPTIONS = ("--budget", 2, "--money", 5500, "--iou", 0.5, "--errors", "typical", "--scheme", "late", "--capacity", 1700)
+OPTIONS = (
+    "--budget",
+    2,
+    "--money",
+    5500,
+    "--iou",
+    0.5,
+    "--errors",
+    "typical",
+    "--scheme",
+    "late",
+    "--capacity",
+    1700,
+)
 
 
 @pytest.fixture(scope="module")
 def plan_folder(tmp_path_factory):
-    """Folder of a plan that asks for nothing usual, from three poles, one of which is never used."""
+    """Folder of a plan that asks for nothing usual, from three poles, one of which is never
+    used."""
     folder = tmp_path_factory.mktemp("planned")
-    poles = [("north", [3.0, 22.0], 800), ("south", [7.6, -21.8], 900), ("spare", [7.6, 22.0], 1100)]
+    poles = [
+        ("north", [3.0, 22.0], 800),
+        ("south", [7.6, -21.8], 900),
+        ("spare", [7.6, 22.0], 1100),
+    ]
     features = [
         {
             "type": "Feature",
@@ -58,14 +90,31 @@ def plan_folder(tmp_path_factory):
         for name, at, price in poles
     ]
     away = [[30, 10], [35, 10], [35, 15], [30, 15], [30, 10]]
-    area = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [away]}}
+    area = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [away]},
+    }
     collection = {"type": "FeatureCollection", "coview_site": 1}
     (folder / "poles.geojson").write_text(json.dumps({**collection, "features": features}))
     (folder / "keep-out.geojson").write_text(json.dumps({**collection, "features": [area]}))
     (folder / "sensors.toml").write_text(CATALOGUE)
-    poles_file, sensors_file, areas_file = (folder / f for f in ("poles.geojson", "sensors.toml", "keep-out.geojson"))
+    poles_file, sensors_file, areas_file = (
+        folder / f for f in ("poles.geojson", "sensors.toml", "keep-out.geojson")
+    )
     files = ("--candidates", poles_file, "--sensors", sensors_file, "--keep-out", areas_file)
-    line = ("plan", "tjunction", *OPTIONS, *files, "--frames", 3, "--workers", 1, "--cache", folder / "cache")
+    line = (
+        "plan",
+        "tjunction",
+        *OPTIONS,
+        *files,
+        "--frames",
+        3,
+        "--workers",
+        1,
+        "--cache",
+        folder / "cache",
+    )
     assert run_line([*map(str, line), "--out", str(folder / "plan")]) == 0
     return folder / "plan"
 
@@ -73,7 +122,9 @@ def plan_folder(tmp_path_factory):
 @pytest.fixture
 def ask(plan_folder, run):
     def what_if(*changes):
-        code, out, _ = run("what-if", plan_folder, *changes, "--cache", plan_folder.parent / "cache", "--json")
+        code, out, _ = run(
+            "what-if", plan_folder, *changes, "--cache", plan_folder.parent / "cache", "--json"
+        )
         assert code == 0
         return json.loads(out)
 
@@ -85,11 +136,19 @@ def test_a_plan_brings_its_whole_question(plan_folder, ask):
     (unused,) = {"north", "south", "spare"} - {sensor["pole"] for sensor in made["sensors"]}
     found = ask("--carry", made["sensors"][0]["name"], unused)
     before, chosen = found["before"], made["chosen"]
-    assert (before["sensors"], before["frames"], before["budget"], before["currency"]) == (2, 3, 5500, "EUR")
+    assert (before["sensors"], before["frames"], before["budget"], before["currency"]) == (
+        2,
+        3,
+        5500,
+        "EUR",
+    )
     assert before["price"] == chosen["price"]
     assert before["ap"] == pytest.approx(chosen["predicted"], abs=1e-6)
     assert before["stated"]["predicted"] == chosen["predicted"]
-    assert (before["stated"]["ap"], before["stated"]["errors"]) == (chosen["judged"]["ap"], "typical")
+    assert (before["stated"]["ap"], before["stated"]["errors"]) == (
+        chosen["judged"]["ap"],
+        "typical",
+    )
     assert before["kbit"] == pytest.approx(chosen["kbit"], rel=0.5)  # that is of other traffic
     assert before["problems"] == []
     assert {link["capacity_mbit_s"] for link in before["links"]} == {17.0}
@@ -118,7 +177,14 @@ def test_the_rows_of_the_schedule_change_nothing(plan_folder, ask):
         rows = list(csv.DictReader(file))
     changes = []
     for row in rows:
-        changes += ["--move", row["sensor"], row["bearing_deg"], row["tilt_deg"], "--lift", row["sensor"]]
+        changes += [
+            "--move",
+            row["sensor"],
+            row["bearing_deg"],
+            row["tilt_deg"],
+            "--lift",
+            row["sensor"],
+        ]
         changes.append(row["height_m"])
     found = ask(*changes)
     assert found["after"]["change"] == 0.0
@@ -128,7 +194,10 @@ def test_the_rows_of_the_schedule_change_nothing(plan_folder, ask):
 
 def test_options_that_a_plan_brings_are_refused(plan_folder, refused):
     said = refused("what-if", plan_folder, "--candidates", "poles.geojson")
-    assert "--candidates does not go with the folder of a plan, which brings its own: leave it out" in said
+    assert (
+        "--candidates does not go with the folder of a plan, which brings its own: leave it out"
+        in said
+    )
 
 
 def test_an_earlier_plan_is_refused_by_name(plan_folder, refused, tmp_path):
@@ -145,7 +214,11 @@ def test_an_earlier_plan_is_refused_by_name(plan_folder, refused, tmp_path):
 def test_the_python_planner_opens_what_the_command_opens(plan_folder, ask):
     planner = LivePlanner(str(plan_folder))
     assert planner.finish().ap == pytest.approx(ask()["before"]["ap"])
-    assert (planner.currency, planner.asked.cases.names, planner.asked.fusion.name) == ("EUR", ("typical",), "late")
+    assert (planner.currency, planner.asked.cases.names, planner.asked.fusion.name) == (
+        "EUR",
+        ("typical",),
+        "late",
+    )
     assert [area.bounds for area in planner.yard.keep_out] == [(30.0, 10.0, 35.0, 15.0)]
 
 
@@ -159,7 +232,9 @@ def test_the_python_planner_opens_what_the_command_opens(plan_folder, ask):
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(tmp_path, run, options, said):
-    code, _, err = run("what-if", *(str(tmp_path) if each == "{folder}" else each for each in options), *COMMON)
+    code, _, err = run(
+        "what-if", *(str(tmp_path) if each == "{folder}" else each for each in options), *COMMON
+    )
     assert code == 2
     assert said in err
     assert len(err.strip().splitlines()) == 1

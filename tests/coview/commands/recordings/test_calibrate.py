@@ -34,10 +34,14 @@ PLACE = Site("place", np.array([-12.0, -12, 12, 12]), solids=SOLIDS, sensors=SEN
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """true.hdf5, a recording of six frames of an empty place; crooked.hdf5, whose sensor b is 1° and 10 cm off."""
+    """true.hdf5, a recording of six frames of an empty place; crooked.hdf5, whose sensor b is 1°
+    and 10 cm off."""
     folder = tmp_path_factory.mktemp("calibrate")
     images = Renderer(PLACE, [], SENSORS, threads=1).background
-    scenes = [Scene(Frame(SENSORS, images, Objects.empty(), 0.1 * k, k), np.zeros(0, np.int64)) for k in range(6)]
+    scenes = [
+        Scene(Frame(SENSORS, images, Objects.empty(), 0.1 * k, k), np.zeros(0, np.int64))
+        for k in range(6)
+    ]
     (folder / "true.hdf5").write_bytes(encode(Header(PLACE, SENSORS), scenes))
     save_site(PLACE, folder / "place.geojson")
     error = np.eye(4)
@@ -50,7 +54,14 @@ def folder(tmp_path_factory):
 def test_crooked_sensors_are_put_right_against_the_site(folder, tmp_path, run):
     out, poses = tmp_path / "corrected.hdf5", tmp_path / "poses.json"
     code, text, err = run(
-        "calibrate", folder / "crooked.hdf5", "--reference", folder / "place.geojson", "--out", out, "--poses", poses
+        "calibrate",
+        folder / "crooked.hdf5",
+        "--reference",
+        folder / "place.geojson",
+        "--out",
+        out,
+        "--poses",
+        poses,
     )
     assert code == 0, err
     assert text.startswith("a: turned by 0.0")
@@ -82,9 +93,13 @@ def test_an_earlier_recording_and_a_survey_are_references_too(folder, tmp_path, 
 
     survey = tmp_path / "survey.ply"
     points = site_surface(PLACE).points
-    save(from_points(points[np.abs(points[:, :2]).max(axis=1) < 16][::2].astype(np.float32)), survey)
+    save(
+        from_points(points[np.abs(points[:, :2]).max(axis=1) < 16][::2].astype(np.float32)), survey
+    )
     for reference in (folder / "true.hdf5", survey):
-        code, text, _ = run("calibrate", folder / "crooked.hdf5", "--reference", reference, "--json")
+        code, text, _ = run(
+            "calibrate", folder / "crooked.hdf5", "--reference", reference, "--json"
+        )
         assert code == 0
         found = np.array(json.loads(text)["b"]["world_SE3_sensor"])
         assert np.linalg.norm(found[:3, 3] - SENSORS[1].position) < 0.02
@@ -92,13 +107,19 @@ def test_an_earlier_recording_and_a_survey_are_references_too(folder, tmp_path, 
 
 def test_refusals(folder, recording, tmp_path, refused):
     assert "4 frames are too few" in refused("calibrate", recording, "--reference", "tjunction")
-    assert "no site 'nowhere'" in refused("calibrate", folder / "true.hdf5", "--reference", "nowhere")
+    assert "no site 'nowhere'" in refused(
+        "calibrate", folder / "true.hdf5", "--reference", "nowhere"
+    )
     there = tmp_path / "there.json"
     there.write_text("{}")
-    line = refused("calibrate", folder / "true.hdf5", "--reference", folder / "place.geojson", "--poses", there)
+    line = refused(
+        "calibrate", folder / "true.hdf5", "--reference", folder / "place.geojson", "--poses", there
+    )
     assert "there.json" in line
     same = folder / "true.hdf5"
-    assert "true.hdf5" in refused("calibrate", same, "--reference", "tjunction", "--out", same, "--overwrite")
+    assert "true.hdf5" in refused(
+        "calibrate", same, "--reference", "tjunction", "--out", same, "--overwrite"
+    )
 
 
 def test_without_a_reference_sensors_are_fitted_to_a_held_one(folder, refused, run):
@@ -107,8 +128,12 @@ def test_without_a_reference_sensors_are_fitted_to_a_held_one(folder, refused, r
     said = json.loads(text)
     assert said["a"]["moved_m"] == 0.0
     assert said["b"]["moved_m"] > 0.0
-    assert said["b"]["unobserved"], "they look at opposite faces, which says nothing of where these are"
-    line = refused("calibrate", folder / "crooked.hdf5", "--held", "a", "--reference", folder / "place.geojson")
+    assert said["b"]["unobserved"], (
+        "they look at opposite faces, which says nothing of where these are"
+    )
+    line = refused(
+        "calibrate", folder / "crooked.hdf5", "--held", "a", "--reference", folder / "place.geojson"
+    )
     assert "leave them or --reference out" in line
 
 

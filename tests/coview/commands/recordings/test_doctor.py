@@ -5,7 +5,9 @@ import json
 from coview.outputs import SUSPECTED
 
 
-def test_it_has_nothing_to_say_of_a_healthy_recording_and_much_of_a_broken_one(recording, tmp_path, run):
+def test_it_has_nothing_to_say_of_a_healthy_recording_and_much_of_a_broken_one(
+    recording, tmp_path, run
+):
     assert run("doctor", recording, "--json")[:2] == (0, "[]\n")
     broken = tmp_path / "broken.hdf5"
     broken.write_bytes(recording.read_bytes()[:5000])
@@ -15,9 +17,24 @@ def test_it_has_nothing_to_say_of_a_healthy_recording_and_much_of_a_broken_one(r
 
 
 def test_it_looks_at_recordings_of_clouds(recording, tmp_path, run, refused):
-    assert run("doctor", recording, "--layout", "hdf5", "--frames", 1)[:2] == (0, "nothing suspected\n")
+    assert run("doctor", recording, "--layout", "hdf5", "--frames", 1)[:2] == (
+        0,
+        "nothing suspected\n",
+    )
     assert (
-        run("convert", recording, "--layout", "hdf5", "--to", "folder", "--frames", 1, "--out", tmp_path / "f")[0] == 0
+        run(
+            "convert",
+            recording,
+            "--layout",
+            "hdf5",
+            "--to",
+            "folder",
+            "--frames",
+            1,
+            "--out",
+            tmp_path / "f",
+        )[0]
+        == 0
     )
     labels = tmp_path / "f" / "labels.json"
     content = json.loads(labels.read_text())
@@ -34,7 +51,19 @@ def test_it_looks_at_recordings_of_clouds(recording, tmp_path, run, refused):
 
 def test_clouds_without_a_label_are_no_healthy_ones(recording, tmp_path, run):
     assert (
-        run("convert", recording, "--layout", "hdf5", "--to", "folder", "--frames", 1, "--out", tmp_path / "f")[0] == 0
+        run(
+            "convert",
+            recording,
+            "--layout",
+            "hdf5",
+            "--to",
+            "folder",
+            "--frames",
+            1,
+            "--out",
+            tmp_path / "f",
+        )[0]
+        == 0
     )
     labels = tmp_path / "f" / "labels.json"
     content = json.loads(labels.read_text())

@@ -16,12 +16,24 @@ def clouds(tmp_path):
         save(from_points(np.float32([[1.0, 0.0, 1.0], [50.0, 0.0, 1.0]])), tmp_path / f"{name}.ply")
     shifted = np.eye(4)
     shifted[1, 3] = 5.0
-    (tmp_path / "poses.json").write_text(json.dumps({"a": np.eye(4).tolist(), "b": shifted.tolist()}))
+    (tmp_path / "poses.json").write_text(
+        json.dumps({"a": np.eye(4).tolist(), "b": shifted.tolist()})
+    )
     return tmp_path / "a.ply", tmp_path / "b.ply"
 
 
 def test_it_places_and_crops_clouds(clouds, tmp_path, run):
-    arguments = ("--poses", tmp_path / "poses.json", "--area", -10, -10, 10, 10, "--out", tmp_path / "new" / "ab.ply")
+    arguments = (
+        "--poses",
+        tmp_path / "poses.json",
+        "--area",
+        -10,
+        -10,
+        10,
+        10,
+        "--out",
+        tmp_path / "new" / "ab.ply",
+    )
     code, out, _ = run("fuse", *clouds, *arguments, "--json")
     assert (code, json.loads(out)["points"]) == (0, 2)
     assert (tmp_path / "new" / "ab.ply").exists()
@@ -47,7 +59,9 @@ def test_poses_may_come_from_a_pipe(clouds, tmp_path, run):
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-def test_an_area_without_a_point_is_refused_and_says_where_they_lie(inverted, clouds, tmp_path, refused):
+def test_an_area_without_a_point_is_refused_and_says_where_they_lie(
+    inverted, clouds, tmp_path, refused
+):
     flags = ("--inverted",) if inverted else ()
     arguments = ("--poses", tmp_path / "poses.json", *flags, "--out", tmp_path / "new" / "ab.ply")
     line = refused("fuse", *clouds, *arguments, "--area", 100, 100, 200, 200)

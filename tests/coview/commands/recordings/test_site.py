@@ -58,9 +58,14 @@ def test_a_site_is_replaced_only_when_told_and_an_import_has_no_sensors(run, ref
     assert f"it has no sensors yet: coview plan {site} says which to build" in out
     assert load_site(site).sensors == ()
     line = refused("simulate", site, "--frames", 2, "--out", tmp_path / "own.hdf5")
-    assert "site 'own-junction' has no sensors: coview plan or coview search --out says which to build" in line
+    assert (
+        "site 'own-junction' has no sensors: coview plan or coview search --out says which to build"
+        in line
+    )
     assert not (tmp_path / "own.hdf5").exists()
-    assert "has no sensors of its own" in refused("search", site, "--candidates", "paper", "--frames", 1)
+    assert "has no sensors of its own" in refused(
+        "search", site, "--candidates", "paper", "--frames", 1
+    )
 
 
 DOCS = Path(__file__).parents[4] / "docs"
@@ -89,7 +94,9 @@ def test_sensors_that_are_asked_for_are_placed_by_coverage(run, refused, tmp_pat
     assert code == 0
     assert "2 sensors placed by coverage: from" in out
     assert len(load_site(site).sensors) == 2
-    assert "--sensors must be at least 1, got 0" in refused("site", "import", *OWN, "--sensors", 0, "--out", "x.json")
+    assert "--sensors must be at least 1, got 0" in refused(
+        "site", "import", *OWN, "--sensors", 0, "--out", "x.json"
+    )
     assert "own.json exists" in refused("site", "import", *OWN, "--out", site)
 
 
@@ -100,10 +107,15 @@ def test_an_export_lies_where_the_map_does(run, refused, tmp_path):
     collection = json.loads((tmp_path / "own.geojson").read_text(encoding="utf-8"))
     (area,) = [each for each in collection["features"] if each["properties"]["layer"] == "area"]
     corners = np.array(area["geometry"]["coordinates"][0])
-    # 35 m east and 25 m north of 8.0 49.5, where a degree is 72,437 m of longitude and 111,228 m of latitude
+    # 35 m east and 25 m north of 8.0 49.5, where a degree is 72,437 m of longitude and 111,228 m of
+    # latitude
     assert corners.max(axis=0) == pytest.approx([8 + 35 / 72437, 49.5 + 25 / 111228], abs=1e-7)
-    assert "own.geojson exists" in refused("site", "export", tmp_path / "own.json", "--out", tmp_path / "own.geojson")
-    assert "is what is read" in refused("site", "export", tmp_path / "own.json", "--out", tmp_path / "own.json")
+    assert "own.geojson exists" in refused(
+        "site", "export", tmp_path / "own.json", "--out", tmp_path / "own.geojson"
+    )
+    assert "is what is read" in refused(
+        "site", "export", tmp_path / "own.json", "--out", tmp_path / "own.json"
+    )
     nowhere = refused("site", "export", "tjunction", "--out", tmp_path / "t.geojson")
     assert "does not say where on earth it is" in nowhere
     assert not (tmp_path / "t.geojson").exists()

@@ -25,4 +25,6 @@ def test_errors_by_name(recording, run, refused):
     code, out, _ = run("survey", recording, "--errors", "poor", "--json")
     assert code == 0
     assert json.loads(out)["provenance"]["errors"]["profile"] == "poor"
-    assert "unknown error profile 'bad': choose among paper" in refused("survey", recording, "--errors", "bad")
+    assert "unknown error profile 'bad': choose among paper" in refused(
+        "survey", recording, "--errors", "bad"
+    )

@@ -23,7 +23,9 @@ def test_our_recording_becomes_a_page(recording, tmp_path, run):
     (sample, *_) = read(recording, "hdf5")
     points = len(sample.points())
     assert (figures["frames"], figures["of_frames"], figures["points"]) == (1, 4, points)
-    assert figures["said"] == [f"000000: {points} points, {len(sample.objects)} labelled, 0 detected"]
+    assert figures["said"] == [
+        f"000000: {points} points, {len(sample.objects)} labelled, 0 detected"
+    ]
     assert "few.hdf5" in out.read_text()
     assert "exists" in run("view", recording, "--out", out)[2]
 
@@ -39,12 +41,16 @@ def test_clouds_with_what_is_detected(clouds, tmp_path, run):
 def test_one_frame_as_a_picture(clouds, tmp_path, run, refused, monkeypatch):
     """Without viser, of some sensors and classes; the frame is one of those that are chosen."""
     monkeypatch.setattr(viser_scene, "find_spec", lambda name: None)
-    (tmp_path / "finds.py").write_text("import toolkit.objects as o\ndef none(points): return o.Detections.empty()\n")
+    (tmp_path / "finds.py").write_text(
+        "import toolkit.objects as o\ndef none(points): return o.Detections.empty()\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     sensor = next(read(clouds, "folder")).clouds[0].name
     options = ("--layout", "folder", "--level", "none", "--colour", "height", "--sensors", sensor)
     chosen = ("--classes", "vehicle", "--detector", "finds:none", "--area", -40, -20, 40, 20)
-    code, said, problems = run("view", clouds, *options, *chosen, "--still", tmp_path / "a.png", "--json")
+    code, said, problems = run(
+        "view", clouds, *options, *chosen, "--still", tmp_path / "a.png", "--json"
+    )
     assert code == 0, problems
     figures = json.loads(said)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
@@ -52,10 +58,14 @@ def test_one_frame_as_a_picture(clouds, tmp_path, run, refused, monkeypatch):
     assert ", 0 detected (0 hits, " in figures["said"]
     assert figures["said"].endswith("0 false alarms, 0 ignored)")
     arguments = ("view", clouds, "--layout", "folder", "--still")
-    assert "there is no frame 1: 1 are chosen" in refused(*arguments, tmp_path / "b.png", "--frame", 1)
+    assert "there is no frame 1: 1 are chosen" in refused(
+        *arguments, tmp_path / "b.png", "--frame", 1
+    )
     assert "must end in .png or .svg" in refused(*arguments, tmp_path / "b.jpg")
     assert "--overwrite" in refused(*arguments, tmp_path / "a.png")
-    assert "give one of them" in refused(*arguments, tmp_path / "b.png", "--out", tmp_path / "b.html")
+    assert "give one of them" in refused(
+        *arguments, tmp_path / "b.png", "--out", tmp_path / "b.html"
+    )
     assert "no sensor 'west'" in refused(*arguments, tmp_path / "b.png", "--sensors", "west")
     assert sorted(each.name for each in tmp_path.iterdir() if each.suffix != ".py") in (
         ["a.png"],

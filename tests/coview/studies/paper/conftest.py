@@ -1,4 +1,5 @@
-"""Stored detections that are made up: vehicles at the T-junction, points by chance, hits where there are points."""
+"""Stored detections that are made up: vehicles at the T-junction, points by chance, hits where
+there are points."""
 
 import numpy as np
 import pytest
@@ -17,19 +18,28 @@ def cars(xy):
 
 
 def frame_run(truth, run, rng):
-    """Vehicles with points are found, well by early fusion, sometimes with an ignored box or a false alarm beside."""
+    """Vehicles with points are found, well by early fusion, sometimes with an ignored box or a
+    false alarm beside."""
     points = truth.points[:, list(run.sensors)].sum(axis=1)
     found = np.flatnonzero(points > rng.integers(0, 40, len(points)))
     best = np.zeros(len(points))
-    best[found] = np.clip(0.45 + 0.07 * np.log(points[found]) + rng.normal(0, 0.06, len(found)), 0.3, 0.99)
+    best[found] = np.clip(
+        0.45 + 0.07 * np.log(points[found]) + rng.normal(0, 0.06, len(found)), 0.3, 0.99
+    )
     alarms = rng.uniform([-40, -20], [40, 20], (rng.integers(0, 3), 2))
     boxes = np.concatenate([truth.boxes[found], cars(alarms)])
-    scores = np.concatenate([0.3 * best[found] + 0.6 * rng.random(len(found)), rng.uniform(0.1, 0.7, len(alarms))])
+    scores = np.concatenate(
+        [0.3 * best[found] + 0.6 * rng.random(len(found)), rng.uniform(0.1, 0.7, len(alarms))]
+    )
     misses = np.where(rng.random(len(alarms)) < 0.3, IGNORED, FALSE_ALARM)
-    hit = np.array([np.concatenate([np.where(best[found] >= iou, found, FALSE_ALARM), misses]) for iou in IOUS])
+    hit = np.array(
+        [np.concatenate([np.where(best[found] >= iou, found, FALSE_ALARM), misses]) for iou in IOUS]
+    )
     published = np.where(hit >= 0, 0, hit)
     bits = rng.integers(100, 1000, len(run.sensors))
-    return FrameRun(boxes, scores, hit.astype(np.int64), published, best, bits, rng.uniform(10, 20, 1))
+    return FrameRun(
+        boxes, scores, hit.astype(np.int64), published, best, bits, rng.uniform(10, 20, 1)
+    )
 
 
 def make_stored(site="tjunction", frames=12, seed=0):
@@ -39,10 +49,14 @@ def make_stored(site="tjunction", frames=12, seed=0):
     for _ in range(frames):
         count = int(rng.integers(0, 9))
         low, high = place.area[:2], place.area[2:]
-        points = np.where(rng.random((count, len(sensors))) < 0.5, 0, rng.integers(1, 300, (count, len(sensors))))
+        points = np.where(
+            rng.random((count, len(sensors))) < 0.5, 0, rng.integers(1, 300, (count, len(sensors)))
+        )
         sent = np.sort(rng.integers(100, 900, (3, len(sensors))), axis=0)[::-1]
         truths.append(FrameTruth(cars(rng.uniform(low, high, (count, 2))), points, sent.copy()))
-    found = {run: tuple(frame_run(truth, run, rng) for truth in truths) for run in dict.fromkeys(runs)}
+    found = {
+        run: tuple(frame_run(truth, run, rng) for truth in truths) for run in dict.fromkeys(runs)
+    }
     return StoredDetections(place, sensors, tuple(truths), found, "made up", "made up")
 
 
@@ -58,12 +72,16 @@ def make_exact_table(site="tjunction", detector="made up", frames=12):
     ap = all_subsets(len(place.sensors)) @ sensor_shares(len(place.sensors))
     figures = np.stack([ap, 0.9 * ap, 0.95 * ap], axis=1)[:, :, None] * [0.9, 0.8, 0.4]
     names = tuple(sensor.name for sensor in place.sensors)
-    origin = Origin(site, names, hash_site(place, place.sensors), frames, 50, "made up", detector, 0, "")
+    origin = Origin(
+        site, names, hash_site(place, place.sensors), frames, 50, "made up", detector, 0, ""
+    )
     return Table(origin, figures.clip(0, 1), figures.clip(0, 1), figures[:, :, 0] * 100)
 
 
 stored = pytest.fixture(scope="session")(lambda: make_stored())
-stored_roundabout = pytest.fixture(scope="session")(lambda: make_stored("roundabout", frames=8, seed=1))
+stored_roundabout = pytest.fixture(scope="session")(
+    lambda: make_stored("roundabout", frames=8, seed=1)
+)
 exact_table = pytest.fixture(scope="session")(lambda: make_exact_table())
 
 

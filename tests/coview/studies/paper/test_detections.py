@@ -33,7 +33,8 @@ def cars(x):
 
 @dataclass
 class Street:
-    """Cars, one of them heavy, near the places; each of three sensors has points on some; frame 2 is empty."""
+    """Cars, one of them heavy, near the places; each of three sensors has points on some; frame 2
+    is empty."""
 
     frames: int = 5
     site = Site("street", np.array([-40.0, -20.0, 40.0, 20.0]), hybrid_radius=12.0)
@@ -42,7 +43,9 @@ class Street:
 
     def clouds(self, k, c):
         rng = np.random.default_rng([k, c])
-        return np.column_stack([rng.uniform(-25, 25, 60), rng.uniform(-1, 1, 60), rng.uniform(0, 1, 60)]).astype("f4")
+        return np.column_stack(
+            [rng.uniform(-25, 25, 60), rng.uniform(-1, 1, 60), rng.uniform(0, 1, 60)]
+        ).astype("f4")
 
     def objects(self, k):
         if k == 2:
@@ -104,7 +107,10 @@ def test_figures_are_those_of_the_protocol_against_the_best_iou(whole):
     boxes = street.objects(3).boxes[:4]
     assert whole.truths[3].boxes.tolist() == boxes.tolist()
     for c in range(3):
-        assert whole.truths[3].points[:, c].tolist() == count_points(street.clouds(3, c), boxes).tolist()
+        assert (
+            whole.truths[3].points[:, c].tolist()
+            == count_points(street.clouds(3, c), boxes).tolist()
+        )
     both = np.concatenate([truth.points[:, [0, 2]].sum(axis=1) for truth in whole.truths])
     assert whole.points((0, 2)).tolist() == both.tolist()
     far = np.abs(np.linalg.norm(street.clouds(0, 1)[:, :2], axis=1)) > 12.0
@@ -142,7 +148,12 @@ def test_all_that_is_kept_is_not_detected_again(tmp_path, whole):
     never = Guess(fails=1)
     same(
         detections.detect_runs(
-            Street(), never, RUNS, memo=Cache(memo), frames=5, processes=Processes(progress=lambda *_: 1 / 0)
+            Street(),
+            never,
+            RUNS,
+            memo=Cache(memo),
+            frames=5,
+            processes=Processes(progress=lambda *_: 1 / 0),
         ),
         whole,
     )
@@ -162,10 +173,14 @@ def test_runs_cost_themselves_alone_and_others_share_nothing(tmp_path):
     other.digest = "other"
     detections.detect_runs(Street(), other, RUNS[3:], memo=Cache(memo), frames=2)
     elsewhere = Guess()
-    detections.detect_runs(Street(digest="elsewhere"), elsewhere, RUNS[3:], memo=Cache(memo), frames=2)
+    detections.detect_runs(
+        Street(digest="elsewhere"), elsewhere, RUNS[3:], memo=Cache(memo), frames=2
+    )
     assert (other.calls, elsewhere.calls) == (2, 2)
     with pytest.raises(ValueError, match="has none: add one"):
-        detections.detect_runs(Street(), lambda points: Detections.empty(), RUNS, memo=Cache(), frames=1)
+        detections.detect_runs(
+            Street(), lambda points: Detections.empty(), RUNS, memo=Cache(), frames=1
+        )
 
 
 def test_damaged_memos_and_processes_change_nothing(tmp_path, whole):
@@ -179,7 +194,12 @@ def test_damaged_memos_and_processes_change_nothing(tmp_path, whole):
     same(again, whole)
     same(
         detections.detect_runs(
-            Street(), Guess(), RUNS, memo=Cache(tmp_path / "memo"), frames=5, processes=Processes(workers=2)
+            Street(),
+            Guess(),
+            RUNS,
+            memo=Cache(tmp_path / "memo"),
+            frames=5,
+            processes=Processes(workers=2),
         ),
         whole,
     )
@@ -191,7 +211,9 @@ def test_a_flipped_byte_costs_one_frame(tmp_path, whole):
     detections.detect_runs(Street(), Guess(), RUNS, memo=memo, frames=5)
     database = memo._database()
     key, value = database.execute("SELECT key, value FROM entries LIMIT 1").fetchone()
-    database.execute("UPDATE entries SET value = ? WHERE key = ?", (value[:-1] + bytes([value[-1] ^ 1]), key))
+    database.execute(
+        "UPDATE entries SET value = ? WHERE key = ?", (value[:-1] + bytes([value[-1] ^ 1]), key)
+    )
     counts = []
     same(
         detections.detect_runs(
@@ -217,14 +239,21 @@ ALL = detections.SchemeRun("early", (0, 1, 2, 3, 4, 5))
 
 
 def by_hand(stored, run, iou, region):
-    """Object by object: score, and whether it is a hit, of all that counts; and how many there are to find."""
+    """Object by object: score, and whether it is a hit, of all that counts; and how many there are
+    to find."""
     scores, hits, to_find = [], [], 0
     sensors = [stored.sensors[c] for c in region]
     for truth, found in zip(stored.truths, stored.runs[run], strict=True):
         there = [bool(detections.in_view_of_all(sensors, box[None])[0]) for box in truth.boxes]
         to_find += sum(there)
-        for box, score, what in zip(found.boxes, found.scores, found.truth[IOUS.index(iou)], strict=True):
-            counts = there[what] if what >= 0 else what != IGNORED and detections.in_view_of_all(sensors, box[None])[0]
+        for box, score, what in zip(
+            found.boxes, found.scores, found.truth[IOUS.index(iou)], strict=True
+        ):
+            counts = (
+                there[what]
+                if what >= 0
+                else what != IGNORED and detections.in_view_of_all(sensors, box[None])[0]
+            )
             if counts:
                 scores.append(score)
                 hits.append(what >= 0)
@@ -245,9 +274,16 @@ def test_score_is_that_of_each_object_by_hand(stored, region, iou):
 
 
 def test_pinned_figures_of_regions(stored):
-    ours, one = detections.score_run(stored, ALL), detections.score_run(stored, detections.SchemeRun("early", (4,)))
-    assert (ours.ap, ours.recall, ours.hit_iou) == pytest.approx((0.942694, 1.0, 0.875427), abs=1e-6)
-    assert (one.ap, one.recall, *one.interval) == pytest.approx((0.324744, 0.446809, 0.199134, 0.472934), abs=1e-6)
+    ours, one = (
+        detections.score_run(stored, ALL),
+        detections.score_run(stored, detections.SchemeRun("early", (4,))),
+    )
+    assert (ours.ap, ours.recall, ours.hit_iou) == pytest.approx(
+        (0.942694, 1.0, 0.875427), abs=1e-6
+    )
+    assert (one.ap, one.recall, *one.interval) == pytest.approx(
+        (0.324744, 0.446809, 0.199134, 0.472934), abs=1e-6
+    )
     assert detections.compute_published_ap(stored, ALL) == pytest.approx(0.949172, abs=1e-6)
     assert detections.score_run(stored, ALL, 0.9).ap == pytest.approx(0.187133, abs=1e-6)
     near, side, behind = np.zeros((3, 7))
@@ -276,30 +312,51 @@ def test_ignored_detections_and_frames_without_vehicles(stored):
     empty = next(k for k, count in enumerate(stored.to_find) if not count)
     found = stored.runs[ALL][empty]
     alarm = found._replace(
-        boxes=np.zeros((1, 7)), scores=np.ones(1), truth=np.full((3, 1), -1), published=np.full((3, 1), -1)
+        boxes=np.zeros((1, 7)),
+        scores=np.ones(1),
+        truth=np.full((3, 1), -1),
+        published=np.full((3, 1), -1),
     )
     runs = (*stored.runs[ALL][:empty], alarm, *stored.runs[ALL][empty + 1 :])
     worse = replace(stored, runs={ALL: runs})
     assert detections.score_run(worse, ALL).ap < detections.score_run(stored, ALL).ap
-    assert detections.compute_published_ap(worse, ALL) == detections.compute_published_ap(stored, ALL)
+    assert detections.compute_published_ap(worse, ALL) == detections.compute_published_ap(
+        stored, ALL
+    )
 
 
 def test_costs_shares_and_curves_also_without_vehicles(stored):
     frames = stored.runs[ALL]
-    assert detections.kbit_per_sensor(stored, ALL) == pytest.approx(np.mean([f.bits for f in frames]) / 1000)
+    assert detections.kbit_per_sensor(stored, ALL) == pytest.approx(
+        np.mean([f.bits for f in frames]) / 1000
+    )
     assert detections.ms_per_frame(stored, ALL) == pytest.approx(np.median([f.ms for f in frames]))
     points = np.concatenate([truth.points for truth in stored.truths])
     assert detections.visible_share(stored, (4,)) == pytest.approx((points[:, 4] > 0).mean())
-    assert detections.visible_share(stored, (3, 4)) == pytest.approx((points[:, [3, 4]] > 0).any(axis=1).mean())
-    there = detections.in_view_of_all([stored.sensors[4]], np.concatenate([truth.boxes for truth in stored.truths]))
-    assert detections.visible_share(stored, (4,), (4,)) == pytest.approx((points[there, 4] > 0).mean())
+    assert detections.visible_share(stored, (3, 4)) == pytest.approx(
+        (points[:, [3, 4]] > 0).any(axis=1).mean()
+    )
+    there = detections.in_view_of_all(
+        [stored.sensors[4]], np.concatenate([truth.boxes for truth in stored.truths])
+    )
+    assert detections.visible_share(stored, (4,), (4,)) == pytest.approx(
+        (points[there, 4] > 0).mean()
+    )
     curve = detections.score_run(stored, ALL).curve
     assert curve.recall[-1] == pytest.approx(detections.score_run(stored, ALL).recall)
     empty = next(k for k, count in enumerate(stored.to_find) if not count)
     runs = {ALL: (stored.runs[ALL][empty],)}
-    nothing = detections.StoredDetections(stored.site, stored.sensors, (stored.truths[empty],), runs, "", "")
+    nothing = detections.StoredDetections(
+        stored.site, stored.sensors, (stored.truths[empty],), runs, "", ""
+    )
     ours = detections.score_run(nothing, ALL)
     assert np.isnan(
-        [ours.ap, ours.recall, *ours.interval, ours.hit_iou, detections.compute_published_ap(nothing, ALL)]
+        [
+            ours.ap,
+            ours.recall,
+            *ours.interval,
+            ours.hit_iou,
+            detections.compute_published_ap(nothing, ALL),
+        ]
     ).all()
     assert np.isnan(detections.visible_share(nothing, (0,)))

@@ -14,7 +14,12 @@ NOTHING = Curve(np.zeros(0), np.zeros(0), np.zeros(0))
 
 def test_precision_recall_and_needed_density_by_their_points():
     assert (reproduction.max_recall(CURVE), reproduction.max_recall(NOTHING)) == (0.96, 0.0)
-    assert [reproduction.interpolate_precision(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [1.0, 0.95, 0.95, 0.0]
+    assert [reproduction.interpolate_precision(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [
+        1.0,
+        0.95,
+        0.95,
+        0.0,
+    ]
     curve = Curve(np.ones(4), np.array([0.0001, 0.0002, 0.5, 0.5002]), np.ones(4))
     assert reproduction.steps(curve).tolist() == [False, True, False, True]
     assert reproduction.steps(NOTHING).tolist() == []
@@ -34,13 +39,20 @@ def test_curves_have_their_rows_and_files(stored):
     made = reproduction.curve_experiment(stored, "tjunction", "12 frames")
     rows = {row.labels: row for row in made.rows}
     for run, paper in zip(
-        reproduction.curve_runs("tjunction"), (0.9870, 0.9441, 0.8653, 0.7123, 0.5365, 0.2862), strict=True
+        reproduction.curve_runs("tjunction"),
+        (0.9870, 0.9441, 0.8653, 0.7123, 0.5365, 0.2862),
+        strict=True,
     ):
-        row, ours = rows["AP@0.7", ",".join(map(str, run.sensors))], detections.score_run(stored, run)
+        row, ours = (
+            rows["AP@0.7", ",".join(map(str, run.sensors))],
+            detections.score_run(stored, run),
+        )
         assert (row.ours, row.interval, row.paper) == (ours.ap, ours.interval, paper)
         assert bool(row.reason) == row.large
     one = rows["greatest recall", "4"]
-    assert one.ours == pytest.approx(detections.score_run(stored, reproduction.curve_runs("tjunction")[-1]).recall)
+    assert one.ours == pytest.approx(
+        detections.score_run(stored, reproduction.curve_runs("tjunction")[-1]).recall
+    )
     assert (one.paper, one.relation) == (0.30, "is")
     everyone = rows["precision at recall 0.95", "0,1,2,3,4,5"]
     assert (everyone.relation, everyone.paper) == ("more than", 0.95)
@@ -76,12 +88,18 @@ def test_pictures_of_the_roundabout_and_their_bins(stored_roundabout, tmp_path):
 
 
 def test_curve_and_density_rows_are_cumulative_shares(stored):
-    rows = {row.labels: row for row in reproduction.density_experiment(stored, "tjunction", "").rows}
+    rows = {
+        row.labels: row for row in reproduction.density_experiment(stored, "tjunction", "").rows
+    }
     points = np.concatenate([truth.points for truth in stored.truths])
     none = [(truth.points[:, [3, 4]].sum(axis=1) == 0).sum() for truth in stored.truths]
     row = rows["no points", "3,4"]
     assert row.ours == pytest.approx((points[:, [3, 4]].sum(axis=1) == 0).mean())
-    assert (row.paper, row.relation, row.interval) == (0.30, "more than", ratio_interval(none, list(stored.to_find)))
+    assert (row.paper, row.relation, row.interval) == (
+        0.30,
+        "more than",
+        ratio_interval(none, list(stored.to_find)),
+    )
     few = rows["below 300 points", "0,2,5"]
     assert few.ours == pytest.approx((points[:, [0, 2, 5]].sum(axis=1) < 300).mean())
     assert (few.paper, few.relation) == (0.90, "is")
@@ -91,7 +109,15 @@ def test_curve_and_density_rows_are_cumulative_shares(stored):
     assert rows["median of the points", "4"].ours == np.median(points[:, 4])
     assert len(rows) == 18
     ((_, lines),) = reproduction.density_experiment(stored, "tjunction", "").curves
-    assert lines[0] == ("points, at most", "0,1,2,3,4,5", "0,1,3,4,5", "1,3,4,5", "0,2,5", "3,4", "4")
+    assert lines[0] == (
+        "points, at most",
+        "0,1,2,3,4,5",
+        "0,1,3,4,5",
+        "1,3,4,5",
+        "0,2,5",
+        "3,4",
+        "4",
+    )
     table = np.array(lines[1:], float)
     assert table[0, 0] == 0
     assert table[0, 6] == pytest.approx((points[:, 4] == 0).mean(), abs=1e-6)
@@ -109,15 +135,17 @@ def test_log_curves_are_fitted_by_the_weight_of_bins():
     assert bins.vehicles.tolist() == [2, 2, 1]
     density = np.array([0.0, 10, 50, 200, 1000])
     fit = reproduction.fit_log(
-        reproduction.BinnedIou(density, 0.2 + 0.1 * np.log(np.maximum(density, 1)), np.array([5, 1, 4, 2, 9]))
+        reproduction.BinnedIou(
+            density, 0.2 + 0.1 * np.log(np.maximum(density, 1)), np.array([5, 1, 4, 2, 9])
+        )
     )
     assert fit == pytest.approx((0.2, 0.1))
     assert fit.density_needed(0.7) == pytest.approx(np.exp(5))
     assert reproduction.LogFit(0.2, -0.1).density_needed(0.7) == np.inf
     assert np.isnan(
-        reproduction.fit_log(reproduction.BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, int))).density_needed(
-            0.7
-        )
+        reproduction.fit_log(
+            reproduction.BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, int))
+        ).density_needed(0.7)
     )
     density, iou = np.array([10.0, 100.0, 1000.0]), np.array([0.4, 0.7, 0.8])
     alone = reproduction.fit_log(reproduction.BinnedIou(density[:2], iou[:2], np.array([1, 1])))
@@ -150,12 +178,16 @@ def test_iou_rows(stored):
     density, iou = reproduction.densities_and_ious(stored, "tjunction")
     rows = {row.labels[0]: row for row in made.rows}
     assert rows["mean, below 70 points"].ours == pytest.approx(iou[density < 70].mean())
-    assert rows["mean, 70 to 100 points"].ours == pytest.approx(iou[(density >= 70) & (density <= 100)].mean())
+    assert rows["mean, 70 to 100 points"].ours == pytest.approx(
+        iou[(density >= 70) & (density <= 100)].mean()
+    )
     assert rows["mean, above 100 points"].ours == pytest.approx(iou[density > 100].mean())
     fit = reproduction.fit_log(reproduction.bin_iou(density[density > 0], iou[density > 0]))
     for wanted in (0.5, 0.6, 0.7, 0.8, 0.9):
         needed = fit.density_needed(wanted)
-        assert rows[f"density for IoU {wanted:g}, measured"].ours == reproduction.density_needed(density, iou, wanted)
+        assert rows[f"density for IoU {wanted:g}, measured"].ours == reproduction.density_needed(
+            density, iou, wanted
+        )
         assert rows[f"density for IoU {wanted:g}, by the fit"].ours == (
             max(needed, 1.0) if needed <= density.max() else None
         )

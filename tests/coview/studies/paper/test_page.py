@@ -8,7 +8,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from coview.studies.paper.comparison import Compared, Experiment, draw_agreement, draw_log_fit, draw_pairs, paper_page
+from coview.studies.paper.comparison import (
+    Compared,
+    Experiment,
+    draw_agreement,
+    draw_log_fit,
+    draw_pairs,
+    paper_page,
+)
 from placement_env.analysis.intervals import Interval
 
 INTERVAL = Interval(0.85, 0.95)
@@ -16,13 +23,17 @@ ROWS = (
     Compared(("early",), "AP", 0.99, 0.71, Interval(0.98, 1.0), reason="more is seen & found <A>"),
     *(Compared(("late",), "AP", 0.71, 0.70), Compared(("sent",), "kbit", 516.0, 516.0)),
 )
-MADE = Experiment("one", "Title & more", "table 1", ("scheme",), ROWS, "2 frames", "So it is.", lambda out: None)
+MADE = Experiment(
+    "one", "Title & more", "table 1", ("scheme",), ROWS, "2 frames", "So it is.", lambda out: None
+)
 
 
 @pytest.fixture(scope="module")
 def page():
     about = {"frames": "2", "made by": "coview <reproduce>"}
-    return paper_page("Ours & theirs", [MADE], {"one": b"<svg/>"}, conditions=about, causes={"A": "Because."})
+    return paper_page(
+        "Ours & theirs", [MADE], {"one": b"<svg/>"}, conditions=about, causes={"A": "Because."}
+    )
 
 
 def test_pages_request_nothing_and_stand_side_by_side(page):
@@ -35,7 +46,11 @@ def test_pages_request_nothing_and_stand_side_by_side(page):
     first = re.findall(r"<td[^>]*>(.*?)</td>", cells[0])
     figures = ["early", "AP", "0.9900", "0.9800–1.0000", "0.7100", "+0.2800"]
     assert first == [*figures, "more is seen &amp; found &lt;A&gt;"]
-    assert [re.findall(r"<td[^>]*>(.*?)</td>", row)[5] for row in cells] == ["+0.2800", "+0.0100", "+0.00"]
+    assert [re.findall(r"<td[^>]*>(.*?)</td>", row)[5] for row in cells] == [
+        "+0.2800",
+        "+0.0100",
+        "+0.00",
+    ]
     assert "1 of 2 AP values differ from the paper's by more than 0.05" in page
     assert page.count('<tr class="large">') == 1
     assert "@media print" in page
@@ -44,7 +59,14 @@ def test_pages_request_nothing_and_stand_side_by_side(page):
 
 def test_pages_are_closed_and_escaped(page):
     for text in (
-        *("Ours &amp; theirs", "Title &amp; more", "coview &lt;reproduce&gt;", "So it is.", "2 frames", "Because."),
+        *(
+            "Ours &amp; theirs",
+            "Title &amp; more",
+            "coview &lt;reproduce&gt;",
+            "So it is.",
+            "2 frames",
+            "Because.",
+        ),
     ):
         assert text in page
 
@@ -77,8 +99,12 @@ SETS = {"early": [("0,2", 0.5, 0.6)], "late": [("0,1,2,3", 0.7, 0.8)]}
     "draw",
     [
         *(pairs, partial(draw_agreement, SETS, title="Sets")),
-        partial(draw_log_fit, np.array([10.0, 100.0]), np.array([0.4, 0.8]), (0.0, 0.17), title="Fit"),
-        partial(draw_log_fit, np.zeros(0), np.zeros(0), (float("nan"), float("nan")), title="Nothing"),
+        partial(
+            draw_log_fit, np.array([10.0, 100.0]), np.array([0.4, 0.8]), (0.0, 0.17), title="Fit"
+        ),
+        partial(
+            draw_log_fit, np.zeros(0), np.zeros(0), (float("nan"), float("nan")), title="Nothing"
+        ),
     ],
 )
 def test_svg_is_sound_and_the_same_each_time(draw, tmp_path):

@@ -14,7 +14,15 @@ from toolkit.objects import Detections
 from toolkit.runtime.run import Processes
 
 FRAMES = 3
-NAMES = ("schemes", "sensor_sets", "pr_curves", "shared_regions", "point_density", "iou_density", "benchmarks")
+NAMES = (
+    "schemes",
+    "sensor_sets",
+    "pr_curves",
+    "shared_regions",
+    "point_density",
+    "iou_density",
+    "benchmarks",
+)
 
 
 class Guess:
@@ -39,13 +47,21 @@ class Guess:
 
 def run(out, detector, table, **settings):
     return run_reproduction(
-        "tjunction", out, frames=FRAMES, recorded=FRAMES, detector=lambda recording: detector, table=table, **settings
+        "tjunction",
+        out,
+        frames=FRAMES,
+        recorded=FRAMES,
+        detector=lambda recording: detector,
+        table=table,
+        **settings,
     )
 
 
 def files(out):
     kept = ("recording", "detections", "table_")
-    return {path.name: path.read_bytes() for path in out.iterdir() if not path.name.startswith(kept)}
+    return {
+        path.name: path.read_bytes() for path in out.iterdir() if not path.name.startswith(kept)
+    }
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +75,9 @@ def table(tmp_path_factory, exact_table_of):
 def made(tmp_path_factory, table):
     """The result, the detector, what was written, and the stages."""
     out, detector, stages = tmp_path_factory.mktemp("paper"), Guess(), []
-    result = run(out, detector, table, processes=Processes(progress=lambda *each: stages.append(each)))
+    result = run(
+        out, detector, table, processes=Processes(progress=lambda *each: stages.append(each))
+    )
     return result, detector, out, stages
 
 
@@ -67,7 +85,13 @@ def test_every_experiment_has_its_files_and_figures(made):
     result, _, out, _ = made
     assert tuple(each.name for each in result.experiments) == NAMES
     assert {f"{name}.{kind}" for name in NAMES for kind in ("csv", "svg")} <= set(files(out))
-    more = {"pr_curves_points.csv", "point_density_curves.csv", "iou_density_bins.csv", PAGE, FIGURES}
+    more = {
+        "pr_curves_points.csv",
+        "point_density_curves.csv",
+        "iou_density_bins.csv",
+        PAGE,
+        FIGURES,
+    }
     assert set(files(out)) == more | {f"{name}.{kind}" for name in NAMES for kind in ("csv", "svg")}
     assert result.page == out / PAGE
     result, _, out, _ = made
@@ -84,7 +108,9 @@ def test_every_experiment_has_its_files_and_figures(made):
     result, _, out, _ = made
     rows = list(csv.DictReader((out / "schemes.csv").read_text().splitlines()))
     values = json.loads((out / FIGURES).read_text())
-    assert [float(row["ours"]) for row in rows] == [row["ours"] for row in values["experiments"][0]["rows"]]
+    assert [float(row["ours"]) for row in rows] == [
+        row["ours"] for row in values["experiments"][0]["rows"]
+    ]
     assert [each["name"] for each in values["experiments"]] == list(NAMES)
     assert values["conditions"]["sensor sets"] == "exact table of 12 frames, 50 vehicles"
     assert result.as_dict()["frames"] == FRAMES
@@ -118,21 +144,30 @@ def test_the_same_bytes_again_without_the_detector(made, table):
 
 def test_a_killed_run_resumes(made, table, tmp_path):
     _, whole, out, _ = made
-    (tmp_path / f"recording_{FRAMES}.hdf5").write_bytes((out / f"recording_{FRAMES}.hdf5").read_bytes())
+    (tmp_path / f"recording_{FRAMES}.hdf5").write_bytes(
+        (out / f"recording_{FRAMES}.hdf5").read_bytes()
+    )
     killed, rest = Guess(fails=whole.calls - 3), Guess()
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path, killed, table)
     assert not (tmp_path / PAGE).exists()
     run(tmp_path, rest, table)
     assert rest.calls < whole.calls / 2
-    for name in ("sensor_sets.csv", "shared_regions.csv", "pr_curves_points.csv", "iou_density_bins.csv"):
+    for name in (
+        "sensor_sets.csv",
+        "shared_regions.csv",
+        "pr_curves_points.csv",
+        "iou_density_bins.csv",
+    ):
         assert (tmp_path / name).read_bytes() == (out / name).read_bytes()
 
 
 def test_fewer_frames_need_no_detector(made, table, unwritten):
     _, _, out, _ = made
     never = Guess(fails=1)
-    fewer = run_reproduction("tjunction", out, frames=1, recorded=FRAMES, detector=lambda _: never, table=table)
+    fewer = run_reproduction(
+        "tjunction", out, frames=1, recorded=FRAMES, detector=lambda _: never, table=table
+    )
     assert (fewer.frames, never.calls) == (1, 0)
 
 
@@ -146,7 +181,10 @@ def test_a_table_that_does_not_fit_is_refused(made, tmp_path, exact_table_of):
     _, _, out, _ = made
     save_table(exact_table_of("another"), tmp_path / "another.npz")
     save_table(exact_table_of("guess", "roundabout"), tmp_path / "elsewhere.npz")
-    for name, words in (("another", "measured with another detector"), ("elsewhere", "with other sensors")):
+    for name, words in (
+        ("another", "measured with another detector"),
+        ("elsewhere", "with other sensors"),
+    ):
         with pytest.raises(ValueError, match=words):
             run(out, Guess(fails=1), tmp_path / f"{name}.npz")
 
@@ -180,7 +218,9 @@ def test_a_table_is_made_and_kept_if_none_fits(made, exact_table_of, monkeypatch
 
 @pytest.mark.parametrize("site", ["general", "site.json", ""])
 def test_the_paper_has_figures_for_two_sites(site):
-    with pytest.raises(ValueError, match=f"the paper has figures for tjunction and roundabout, not for '{site}'"):
+    with pytest.raises(
+        ValueError, match=f"the paper has figures for tjunction and roundabout, not for '{site}'"
+    ):
         check_paper_site(site)
 
 

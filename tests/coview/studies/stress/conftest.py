@@ -1,4 +1,5 @@
-"""Ground with a block that drives, two cameras over it, and a detector that knows the block: for tests of this room."""
+"""Ground with a block that drives, two cameras over it, and a detector that knows the block: for
+tests of this room."""
 
 from functools import lru_cache
 
@@ -21,7 +22,8 @@ SPEED = 10.0  # m/s
 
 
 class Driving:
-    """A block that drives along x on flat ground, 0.3 m a side seen from above: a column of points for its detector."""
+    """A block that drives along x on flat ground, 0.3 m a side seen from above: a column of points
+    for its detector."""
 
     site = Site("plain", AREA)
     sensors = SENSORS
@@ -50,7 +52,11 @@ def scene(box, time, index, sensors):
         x, y = sensor.position[0] + rays[0] * top, sensor.position[1] + rays[1] * top
         cx, cy = box[0, :2]
         on = (np.abs(x - cx) < 2) & (np.abs(y - cy) < 1) & (rays[2] < -0.05)
-        images.append(np.where(on, top, np.where((rays[2] < -0.05) & (ground < 60), ground, 0)).astype(np.float32))
+        images.append(
+            np.where(on, top, np.where((rays[2] < -0.05) & (ground < 60), ground, 0)).astype(
+                np.float32
+            )
+        )
     objects = Objects(box.copy(), np.array([0]), np.array([1]))
     return Frame(sensors, tuple(images), objects, time, index)
 

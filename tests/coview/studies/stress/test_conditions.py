@@ -20,13 +20,26 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
     assert set(IN_SEQUENCE) < set(KINDS)
     made = make_conditions("pose", [])
     assert [(each.amount, each.level) for each in made] == [
-        *((0, "0 m, 0°"), (0.1, "0.1 m, 0.1°"), (0.2, "0.2 m, 0.2°"), (0.4, "0.4 m, 0.4°"), (0.6, "0.6 m, 0.6°")),
+        *(
+            (0, "0 m, 0°"),
+            (0.1, "0.1 m, 0.1°"),
+            (0.2, "0.2 m, 0.2°"),
+            (0.4, "0.4 m, 0.4°"),
+            (0.6, "0.6 m, 0.6°"),
+        ),
         (1, "1 m, 1°"),
     ]
-    assert [each.errors.terms[-1] for each in made] == [Calibration(np.deg2rad(m.amount), m.amount) for m in made]
+    assert [each.errors.terms[-1] for each in made] == [
+        Calibration(np.deg2rad(m.amount), m.amount) for m in made
+    ]
     assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms and each.redrawn for each in made)
     made = make_conditions("mounting", [])
-    assert [each.level for each in made[:4]] == ["0°, 0 cm", "0.1°, 1 cm", "0.2°, 2 cm", "0.4°, 4 cm"]
+    assert [each.level for each in made[:4]] == [
+        "0°, 0 cm",
+        "0.1°, 1 cm",
+        "0.2°, 2 cm",
+        "0.4°, 4 cm",
+    ]
     assert made[-1].errors.terms[-1] == Calibration(np.deg2rad(1.0), 0.1)
     assert all(each.redrawn for each in made)
     with pytest.raises(ValueError, match="choose among bytes, pose, mounting, silent"):
@@ -49,7 +62,11 @@ def test_channels_and_schemes_come_in_their_kinds():
     ]
     assert delays[0].channel == LinkChannel(delay=0.1, jitter=0.01)
     losses = [each.channel for each in make_conditions("loss", [])[::2]]
-    assert losses == [LinkChannel(loss=0.1), LinkChannel(loss=0.3), LinkChannel(loss=0.3, burst=5.0)]
+    assert losses == [
+        LinkChannel(loss=0.1),
+        LinkChannel(loss=0.3),
+        LinkChannel(loss=0.3, burst=5.0),
+    ]
     assert [each.level for each in make_conditions("loss", [])[-2:]] == [
         "30% in bursts of 5",
         "30% in bursts of 5, tracks",
@@ -60,8 +77,12 @@ def test_channels_and_schemes_come_in_their_kinds():
     assert names([Early()]) == [("early", each) for each in ("paper", *steps)]
     assert names([Hybrid()]) == [("hybrid", each) for each in ("paper", *steps)]
     assert names([Foreground()]) == [("foreground", each) for each in steps]
-    assert [each.scheme for each in make_systems([Foreground()], "bytes")] == [Foreground(x) for x in STEPS]
-    assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [RangeImages(x) for x in STEPS]
+    assert [each.scheme for each in make_systems([Foreground()], "bytes")] == [
+        Foreground(x) for x in STEPS
+    ]
+    assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [
+        RangeImages(x) for x in STEPS
+    ]
     assert names([Late(), Early()], "delay") == [(n, "2 cm") for n in ("late", "early")]
 
 

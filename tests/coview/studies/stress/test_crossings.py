@@ -15,20 +15,32 @@ LEVELS = (0.0, 0.2, 0.4)
 
 def row(scheme, amount, ap, *, kind="pose", iou=0.7, frames=8):
     """Of each frame of ten, so many tenths are found, in turn more and less of them."""
-    found = [min(10, round(10 * ap) + (1 if k % 8 < 4 else -1) * (0 < ap < 1)) for k in range(frames)]
-    tally = Tally.of_frames([np.full(n, 0.9) for n in found], [np.ones(n, bool) for n in found], [10] * frames)
+    found = [
+        min(10, round(10 * ap) + (1 if k % 8 < 4 else -1) * (0 < ap < 1)) for k in range(frames)
+    ]
+    tally = Tally.of_frames(
+        [np.full(n, 0.9) for n in found], [np.ones(n, bool) for n in found], [10] * frames
+    )
     judged = Judgement(ap, ap, ap, ap, 1.0, 10 * frames, frames)
-    return StressRow(kind, f"{amount}", scheme, "2 cm", judged, 1.0, 0.0, "vehicle", iou, amount, tally)
+    return StressRow(
+        kind, f"{amount}", scheme, "2 cm", judged, 1.0, 0.0, "vehicle", iou, amount, tally
+    )
 
 
 def rows(**schemes):
-    return [row(name, x, ap) for name, each in schemes.items() for x, ap in zip(LEVELS, each, strict=True)]
+    return [
+        row(name, x, ap)
+        for name, each in schemes.items()
+        for x, ap in zip(LEVELS, each, strict=True)
+    ]
 
 
 def test_levels_where_schemes_change_places_or_never():
     levels = np.array([0.0, 0.2, 0.4])
     assert crossing_level(levels, np.array([-0.1, 0.1, 0.3])) == pytest.approx(0.1)
-    assert crossing_level(levels, np.array([0.1, -0.1, 0.1])) == pytest.approx(0.3)  # the last time it comes to lead
+    assert crossing_level(levels, np.array([0.1, -0.1, 0.1])) == pytest.approx(
+        0.3
+    )  # the last time it comes to lead
     assert crossing_level(levels, np.array([0.1, 0.1, 0.1])) == 0
     assert crossing_level(levels, np.array([0.0, 0.1, 0.1])) == 0
     assert crossing_level(levels, np.array([-0.1, 0.2, 0.0])) == math.inf
@@ -39,8 +51,12 @@ def test_levels_where_schemes_change_places_or_never():
     assert found.high == pytest.approx(0.2)
     assert found.share == 1
     assert find_crossings(rows(early=(0.9, 0.8, 0.7), late=(0.7, 0.7, 0.6))) == ()
-    assert find_crossings([each for each in rows(early=(0.9, 0.6, 0.2)) if each.amount is not None]) == ()
-    always = Tally.of_frames([np.full(6, 0.9)] * 8, [np.ones(6, bool)] * 8, [10] * 8)  # 0.6 in every draw
+    assert (
+        find_crossings([each for each in rows(early=(0.9, 0.6, 0.2)) if each.amount is not None])
+        == ()
+    )
+    # 0.6 in every draw
+    always = Tally.of_frames([np.full(6, 0.9)] * 8, [np.ones(6, bool)] * 8, [10] * 8)
     steady = [StressRow(**{**vars(row("late", x, 0.5)), "tally": always}) for x in LEVELS]
     varied = [row("early", x, ap) for x, ap in zip(LEVELS, (0.9, 0.7, 0.3), strict=True)]
     (found,) = find_crossings([*steady, *varied])
@@ -50,7 +66,8 @@ def test_levels_where_schemes_change_places_or_never():
     assert found.high == pytest.approx(0.3)  # of the better ones: 1, 0.8, 0.4
     unsure = [row("late", x, ap) for x, ap in zip(LEVELS, (0.2, 0.2, 0.5), strict=True)]
     leading = [row("early", x, ap) for x, ap in zip(LEVELS, (1.0, 1.0, 0.0), strict=True)]
-    last = StressRow(**{**vars(leading[2]), "tally": row("early", 0.4, 0.5).tally})  # as good in every draw
+    # as good in every draw
+    last = StressRow(**{**vars(leading[2]), "tally": row("early", 0.4, 0.5).tally})
     (found,) = find_crossings([*unsure, *leading[:2], last])  # the figure itself is never left out
     assert (found.low, found.high, found.share) == (found.level, math.inf, 0)
     best = best_schemes(rows(early=(0.9, 0.6, 0.2), hybrid=(0.8, 0.7, 0.3), late=(0.6, 0.6, 0.5)))

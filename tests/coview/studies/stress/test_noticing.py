@@ -11,7 +11,9 @@ from toolkit.sensors.sensor import Sensor
 @pytest.fixture(scope="module")
 def found(driving, tops):
     fine = driving(30)  # in images nine times as fine
-    fine.sensors = tuple(Sensor(s.name, DepthCamera(width=135, height=90, stride=1), s.pose) for s in driving.sensors)
+    fine.sensors = tuple(
+        Sensor(s.name, DepthCamera(width=135, height=90, stride=1), s.pose) for s in driving.sensors
+    )
     return time_faults(fine, tops(), Run(frames=28))
 
 
@@ -39,6 +41,9 @@ def test_faults_are_noticed_both_ways_and_false_alarms_are_of_losses(found):
 def test_few_pixels_and_short_traffic_tell_nothing(driving, tops):
     noticed = {(each.fault, each.sent_as): each for each in time_faults(driving(28), tops())[0]}
     assert noticed["frozen", "whole images"].noticed == 2
-    assert (noticed["frozen", "foreground"].noticed, noticed["frozen", "foreground"].worst) == (0, float("inf"))
+    assert (noticed["frozen", "foreground"].noticed, noticed["frozen", "foreground"].worst) == (
+        0,
+        float("inf"),
+    )
     with pytest.raises(ValueError, match="no stretch of traffic is 2 s long"):
         time_faults(driving(10), tops())

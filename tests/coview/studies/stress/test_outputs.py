@@ -27,9 +27,13 @@ def test_rows_as_text_and_files_so_far(tmp_path):
     ]
     crossed = outputs.Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)
     outputs.write_stress(
-        outputs.StressResults(tuple(ROWS), (crossed,), noticed=(NOTICED,)), {"site": "plain"}, tmp_path / "out"
+        outputs.StressResults(tuple(ROWS), (crossed,), noticed=(NOTICED,)),
+        {"site": "plain"},
+        tmp_path / "out",
     )
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(outputs.STRESS_FILES)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(
+        outputs.STRESS_FILES
+    )
     content = json.loads((tmp_path / "out" / "stress.json").read_text())
     assert content["provenance"] == {"site": "plain"}
     assert content["rows"][1]["age"] is None
@@ -48,7 +52,18 @@ def test_rows_as_text_and_files_so_far(tmp_path):
 def test_crossings_faults_and_failures_as_text():
     crossed = [outputs.Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)]
     rows = [
-        StressRow("pose", "", name, "2 cm", Judgement(ap, ap, ap, 1.0, 1.0, 1, 1), 1.0, 0.0, "vehicle", 0.7, level)
+        StressRow(
+            "pose",
+            "",
+            name,
+            "2 cm",
+            Judgement(ap, ap, ap, 1.0, 1.0, 1, 1),
+            1.0,
+            0.0,
+            "vehicle",
+            0.7,
+            level,
+        )
         for name, aps in (("early", (0.9, 0.1)), ("late", (0.5, 0.5)))
         for level, ap in zip((0.0, 0.4), aps, strict=True)
     ]
@@ -59,8 +74,14 @@ def test_crossings_faults_and_failures_as_text():
         "pose       0.7  early   late        0.25    0.20 to inf       97%",
     ]
     assert outputs.format_crossings(ROWS, []) == ""
-    assert outputs.format_noticed([NOTICED], [FalseAlarms("loss 10%", "foreground", 3, 12.54)]).splitlines() == [
-        *("fault   sent as     cases  noticed  median  worst", "frozen  foreground      6        5   0.2 s  inf s", ""),
+    assert outputs.format_noticed(
+        [NOTICED], [FalseAlarms("loss 10%", "foreground", 3, 12.54)]
+    ).splitlines() == [
+        *(
+            "fault   sent as     cases  noticed  median  worst",
+            "frozen  foreground      6        5   0.2 s  inf s",
+            "",
+        ),
         "false alarms: link  sent as     alarms  sensor-minutes",
         "loss 10%            foreground       3            12.5",
     ]
@@ -72,7 +93,10 @@ def test_crossings_faults_and_failures_as_text():
 
 def test_tables_say_what_is_left_or_lack_values():
     table = load_table("tjunction")
-    found = {(each.scheme, each.iou, each.failing): each for each in outputs.exact_failures(table, ious=(0.7, 0.9))}
+    found = {
+        (each.scheme, each.iou, each.failing): each
+        for each in outputs.exact_failures(table, ious=(0.7, 0.9))
+    }
     assert len(found) == 3 * 2 * 2
     early = table.ap[:, 0, 0]
     one = found["early", 0.7, 1]

@@ -1,4 +1,5 @@
-"""Sensors on mounts: what they see at any height, heading and tilt is what full rendering says, nearly."""
+"""Sensors on mounts: what they see at any height, heading and tilt is what full rendering says,
+nearly."""
 
 from dataclasses import replace
 
@@ -17,7 +18,10 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount
 
 CAMERA, LIDAR = DepthCamera(width=200, height=150), SpinningLidar(channels=32, azimuth_step=0.02)
-MOUNTS = (Mount("a", np.array([-22.0, -15.0, 0.1]), 4.0, 5.0), Mount("b", np.array([19.0, 13.0, -0.2]), 3.0, 4.2))
+MOUNTS = (
+    Mount("a", np.array([-22.0, -15.0, 0.1]), 4.0, 5.0),
+    Mount("b", np.array([19.0, 13.0, -0.2]), 3.0, 4.2),
+)
 
 
 def hung(*aims, models=(CAMERA,)):
@@ -28,8 +32,12 @@ def hung(*aims, models=(CAMERA,)):
         at = pose(x, y, z + h, yaw=yaw, pitch=tilt)
         sensors.append(Sensor(str(k), models[model], at @ models[model].body_SE3_sensor))
     mount = np.array([each[0] for each in aims])
-    factors = np.column_stack([mount, *[np.zeros(len(aims), np.int64)] * 3, [each[4] for each in aims]])
-    return Candidates(tuple(sensors), MOUNTS, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
+    factors = np.column_stack(
+        [mount, *[np.zeros(len(aims), np.int64)] * 3, [each[4] for each in aims]]
+    )
+    return Candidates(
+        tuple(sensors), MOUNTS, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +58,13 @@ def agreeing(found, exact):
 def test_it_agrees_with_rendering_and_panoramas_at_any_aim(traffic, view):
     rng = np.random.default_rng(0)
     aims = [
-        (m, rng.uniform(4.0, 4.2), (0.7, -2.4)[m] + rng.uniform(-0.4, 0.4), rng.uniform(0.1, 0.6), 0)
+        (
+            m,
+            rng.uniform(4.0, 4.2),
+            (0.7, -2.4)[m] + rng.uniform(-0.4, 0.4),
+            rng.uniform(0.1, 0.6),
+            0,
+        )
         for m in (0, 1)
         for _ in range(6)
     ]
@@ -92,12 +106,16 @@ def test_panoramas_of_a_mount_are_made_once(traffic, monkeypatch):
     view.see(hung((1, 6.6, -2.4, 0.3, 0)))  # higher than its mount says
     assert asked[6:] == [[6.3, 6.8]] * 2
     view.limit(10)
-    view.see(hung((0, 4.0, 0.7, 0.3, 1), models=(CAMERA, LIDAR)))  # what is made anew drops what is old
+    # what is made anew drops what is old
+    view.see(hung((0, 4.0, 0.7, 0.3, 1), models=(CAMERA, LIDAR)))
     assert list(view._kept) == [(-22.0, -15.0, 4.1)]
 
 
 def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, monkeypatch):
-    cache, some = Cache(tmp_path / "cache.sqlite"), hung((0, 4.3, 0.7, 0.3, 0), (0, 5.0, 0.1, 0.2, 0))
+    cache, some = (
+        Cache(tmp_path / "cache.sqlite"),
+        hung((0, 4.3, 0.7, 0.3, 0), (0, 5.0, 0.1, 0.2, 0)),
+    )
     first = LiveView(traffic, cache=cache).see(some)
     assert len(cache) == 3
     monkeypatch.setattr(SuccessiveStrips, "of", None)
@@ -115,7 +133,9 @@ def test_classes_are_those_asked_for_and_nothing_may_move(traffic):
     exact = see(traffic, some, labels=labels, rendering="full")
     np.testing.assert_array_equal(found.labels, exact.labels)
     assert agreeing(found, exact) > 0.97
-    empty = replace(traffic.snapshots[0], objects=traffic.snapshots[0].objects[:0], bodies=np.zeros(0, np.int64))
+    empty = replace(
+        traffic.snapshots[0], objects=traffic.snapshots[0].objects[:0], bodies=np.zeros(0, np.int64)
+    )
     found = LiveView(replace(traffic, snapshots=(empty,))).see(hung((0, 4.5, 0.7, 0.5, 0)))
     assert found.points.shape == (1, 0)
     assert found.sent[0, 0] > 0

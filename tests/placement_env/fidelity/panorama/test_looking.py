@@ -20,7 +20,11 @@ MODELS = {"camera": DepthCamera(), "spinning": SpinningLidar(), "solid": SolidSt
 def hung(model, tilts, roll=0.0):
     """Sensors at each place, of three headings and these tilts."""
     return [
-        Sensor(f"{p}_{h}_{t}", model, pose(*at, yaw=h * 2.1 - 2.0, pitch=tilt, roll=roll) @ model.body_SE3_sensor)
+        Sensor(
+            f"{p}_{h}_{t}",
+            model,
+            pose(*at, yaw=h * 2.1 - 2.0, pitch=tilt, roll=roll) @ model.body_SE3_sensor,
+        )
         for p, at in enumerate(PLACES)
         for h in range(3)
         for t, tilt in enumerate(tilts)
@@ -29,7 +33,10 @@ def hung(model, tilts, roll=0.0):
 
 def agreement(traffic, sensors, labels=(VEHICLE,)):
     """Share of what is seen at all that agrees, and both counts of points."""
-    exact, found = look_at(traffic, build_renderer(traffic), sensors, labels), look_round(traffic, sensors, labels)
+    exact, found = (
+        look_at(traffic, build_renderer(traffic), sensors, labels),
+        look_round(traffic, sensors, labels),
+    )
     both = np.maximum(exact.points, found.points) > 0
     off = np.abs(found.points - exact.points)
     return (off <= np.maximum(0.03 * exact.points, 8))[both].mean(), exact, found
@@ -58,10 +65,14 @@ def test_a_strip_counts_for_its_object_and_for_what_is_sent():
     angles = [[0.8, 1.0, 1.0], [1.0, 1.2, 1.2], [-0.2, -0.2, 0.0], [0.0, 0.0, 0.2]]
     left, right, bottom, top = np.array(angles, np.float32)
     shows = np.array([WITHIN, BEYOND, OUTSIDE], np.int32)
-    strips = Strips(np.zeros(3, np.int32), np.array([0, 1, 2], np.int32), left, right, bottom, top, shows)
+    strips = Strips(
+        np.zeros(3, np.int32), np.array([0, 1, 2], np.int32), left, right, bottom, top, shows
+    )
     cells = 240 * (120 + 350 + 170)
     still = Still(np.full(cells, 125, np.uint8), np.full(cells, 0, np.uint8))
-    surround = Surround.of(strips, ScoredItems(np.arange(3), np.array([0, 1, 1]), 3, 2), {model: still})
+    surround = Surround.of(
+        strips, ScoredItems(np.arange(3), np.array([0, 1, 1]), 3, 2), {model: still}
+    )
     towards, away = (Lookup.of(Sensor("a", model, pose(z=5.0, yaw=yaw))) for yaw in (1.0, -2.0))
     np.testing.assert_allclose(still.alone(towards), [800, 0], rtol=1e-5)
     points, sent, far = surround.seen(towards)

@@ -1,4 +1,5 @@
-"""Panoramas of all frames: which sensors they serve, what is kept, and that processes make no difference."""
+"""Panoramas of all frames: which sensors they serve, what is kept, and that processes make no
+difference."""
 
 import pickle
 from dataclasses import replace
@@ -32,7 +33,12 @@ def seen(small_traffic):
 def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_traffic):
     elsewhere = Sensor("e", CAMERA, look((0.0, 0.0, 5.0), 0.0))
     for sensors, quick in (
-        *((SENSORS, True), (SENSORS[:3], False), ([*SENSORS, elsewhere], False), ([*SENSORS * 2, elsewhere], True)),
+        *(
+            (SENSORS, True),
+            (SENSORS[:3], False),
+            ([*SENSORS, elsewhere], False),
+            ([*SENSORS * 2, elsewhere], True),
+        ),
     ):
         assert choose_quick(sensors, small_traffic, "auto").tolist() == [quick] * len(sensors)
     assert not choose_quick(SENSORS, small_traffic, "full").any()
@@ -52,7 +58,10 @@ def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatc
     monkeypatch.setattr(seeing, "FRAMES_AT_ONCE", 2)
     told: list[int] = []
     assert same(
-        look_round(small_traffic, SENSORS, (VEHICLE,), Run(progress=lambda *stage: told.append(stage[1]))), seen
+        look_round(
+            small_traffic, SENSORS, (VEHICLE,), Run(progress=lambda *stage: told.append(stage[1]))
+        ),
+        seen,
     )
     assert told == [1, 3, 4]
     job = seeing._RoundLook(small_traffic, tuple(SENSORS), (VEHICLE,))

@@ -25,7 +25,11 @@ from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 
 CAMERA = DepthCamera(width=120, height=90)
-MODELS: list[Any] = [CAMERA, SpinningLidar(channels=16, azimuth_step=0.03), SolidStateLidar(rows=20, columns=60)]
+MODELS: list[Any] = [
+    CAMERA,
+    SpinningLidar(channels=16, azimuth_step=0.03),
+    SolidStateLidar(rows=20, columns=60),
+]
 
 
 def angles(model, heading, tilt, roll=0.0):
@@ -38,20 +42,29 @@ def rectangles(rng, count):
     """With edges between places of the grid, so that no ray lies on one."""
     left = rng.integers(0, AZIMUTHS, count)
     low = rng.integers(0, 3000, count)
-    places = np.stack([left, left + rng.integers(1, 900, count), low, low + rng.integers(1, 600, count)])
-    azimuth, elevation = places[:2] * 2 * np.pi / AZIMUTHS - np.pi, places[2:] * np.pi / 3600 - np.pi / 2
+    places = np.stack(
+        [left, left + rng.integers(1, 900, count), low, low + rng.integers(1, 600, count)]
+    )
+    azimuth, elevation = (
+        places[:2] * 2 * np.pi / AZIMUTHS - np.pi,
+        places[2:] * np.pi / 3600 - np.pi / 2,
+    )
     return [each.astype(np.float32) for each in (*azimuth, *elevation)]
 
 
 def counted(model, rects, heading, tilt, roll=0.0):
     azimuth, elevation = (each[:, None] for each in angles(model, heading, tilt, roll))
     left, right, bottom, top = (each.astype(np.float64) for each in rects)
-    across = sum((left <= azimuth + turn) & (azimuth + turn < right) for turn in (0, 2 * np.pi, 4 * np.pi))
+    across = sum(
+        (left <= azimuth + turn) & (azimuth + turn < right) for turn in (0, 2 * np.pi, 4 * np.pi)
+    )
     return (across * ((bottom <= elevation) & (elevation < top))).sum(axis=0)
 
 
 def whole(table, rects, heading=0.0, more=0.0):
-    where, counts = table.counts(Rectangles.of(*rects), np.float32(heading * PER_TURN), np.float32(more * PER_STEEP))
+    where, counts = table.counts(
+        Rectangles.of(*rects), np.float32(heading * PER_TURN), np.float32(more * PER_STEEP)
+    )
     every = np.zeros(len(rects[0]), np.int64)
     every[where] = counts
     return every
@@ -63,7 +76,9 @@ def test_they_are_counted(model, tilt):
     rects = rectangles(np.random.default_rng(1), 300)
     expected = counted(model, rects, 0.0, tilt)
     assert expected.max() > 50
-    assert (np.abs(whole(RayTable(model, tilt, 0.0), rects) - expected) <= 1 + 0.01 * expected).all()
+    assert (
+        np.abs(whole(RayTable(model, tilt, 0.0), rects) - expected) <= 1 + 0.01 * expected
+    ).all()
 
 
 def test_sensors_are_looked_up_by_tilt_and_turned_back():
@@ -74,21 +89,31 @@ def test_sensors_are_looked_up_by_tilt_and_turned_back():
     every = [np.array([each], np.float32) for each in (-np.pi, np.pi, -np.pi / 2, np.pi / 2)]
     for model in MODELS:
         for heading in (0.0, 1.0, -3.0):
-            assert whole(RayTable(model, 0.4, 0.0), every, heading).tolist() == [np.prod(model.shape)]
+            assert whole(RayTable(model, 0.4, 0.0), every, heading).tolist() == [
+                np.prod(model.shape)
+            ]
     rects = rectangles(np.random.default_rng(3), 400)
     more = float(np.deg2rad(0.5))
     exact = whole(RayTable(CAMERA, 0.3 + more, 0.0), rects)
-    near, far = whole(RayTable(CAMERA, 0.3, 0.0), rects, more=more), whole(RayTable(CAMERA, 0.3, 0.0), rects)
+    near, far = (
+        whole(RayTable(CAMERA, 0.3, 0.0), rects, more=more),
+        whole(RayTable(CAMERA, 0.3, 0.0), rects),
+    )
     assert np.abs(near - exact).mean() < 0.3 * np.abs(far - exact).mean()
     large = exact > 100
     assert np.abs(near[large] / exact[large] - 1).mean() < 0.02
     steady, tilted = (
-        Lookup.of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt)))) for tilt in (15.0, 15.4)
+        Lookup.of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt))))
+        for tilt in (15.0, 15.4)
     )
     assert steady.table is tilted.table
     assert tuple(steady[:3]) == (CAMERA, pytest.approx(np.deg2rad(15.0)), 0.0)
-    np.testing.assert_allclose([steady.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5)
-    np.testing.assert_allclose([steady.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5)
+    np.testing.assert_allclose(
+        [steady.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5
+    )
+    np.testing.assert_allclose(
+        [steady.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5
+    )
 
 
 def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(monkeypatch):
@@ -101,9 +126,9 @@ def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(monkeypatch):
         table.cell_rays, np.unique(column * (len(CELL_EDGES) - 1) + row, return_counts=True)[1]
     )
     middle = CELL_COLUMNS // 2
-    assert find_cells(np.array([0.001, -np.pi, np.pi]), np.array([-np.pi / 2, 0.0, np.pi / 2]))[0].tolist() == [
-        *(middle, 0, 0)
-    ]
+    assert find_cells(np.array([0.001, -np.pi, np.pi]), np.array([-np.pi / 2, 0.0, np.pi / 2]))[
+        0
+    ].tolist() == [*(middle, 0, 0)]
     rows = find_cells(np.zeros(3), np.array([-np.pi / 2, cell_elevations()[200], np.pi / 2]))[1]
     assert rows.tolist() == [0, 200, len(CELL_EDGES) - 2]
     large = SolidStateLidar(rows=300, columns=300)
@@ -120,7 +145,9 @@ def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(monkeypatch):
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
-@pytest.mark.parametrize(("heading", "tilt", "roll"), [(0.5, 0.2, 0.0), (-3.0, -0.1, 0.4), (2.0, np.pi / 2, 0.0)])
+@pytest.mark.parametrize(
+    ("heading", "tilt", "roll"), [(0.5, 0.2, 0.0), (-3.0, -0.1, 0.4), (2.0, np.pi / 2, 0.0)]
+)
 def test_an_aim_is_that_of_the_pose(model, heading, tilt, roll):
     at = pose(1.0, 2.0, 5.0, yaw=heading, pitch=tilt, roll=roll)
     aim = compute_aim(Sensor("s", model, at @ model.body_SE3_sensor))

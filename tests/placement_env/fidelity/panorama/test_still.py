@@ -33,7 +33,9 @@ def empty(small_traffic):
 )
 def test_it_is_what_rays_see(empty, sensor):
     exact = look_at(empty, build_renderer(empty), [sensor])
-    sent, far = Still.of(build_renderer(empty), empty.site, sensor.position, sensor.model).alone(Lookup.of(sensor))
+    sent, far = Still.of(build_renderer(empty), empty.site, sensor.position, sensor.model).alone(
+        Lookup.of(sensor)
+    )
     assert exact.sent[0, 0] > 150
     assert sent == pytest.approx(exact.sent[0, 0], rel=0.05)
     assert far == pytest.approx(exact.far[0, 0], rel=0.05, abs=20)
@@ -41,12 +43,17 @@ def test_it_is_what_rays_see(empty, sensor):
 
 def test_behind_strips_it_is_that_of_the_direction(empty):
     still = Still.of(build_renderer(empty), empty.site, np.array((0.0, -10.0, 4.0)), LIDAR)
-    azimuth, elevation = np.meshgrid(np.arange(240) * np.deg2rad(1.5) - np.pi + 0.01, np.deg2rad([-60.2, -20.05, 40.3]))
+    azimuth, elevation = np.meshgrid(
+        np.arange(240) * np.deg2rad(1.5) - np.pi + 0.01, np.deg2rad([-60.2, -20.05, 40.3])
+    )
     azimuth, elevation = (each.ravel().astype(np.float32) for each in (azimuth, elevation))
     sent, far = still.behind(azimuth, elevation)
     for turn in (2, -2):
-        np.testing.assert_array_equal(still.behind(azimuth + np.float32(turn * np.pi), elevation)[0], sent)
-    rows = [59, 120 + 99, 120 + 350 + 70]  # half degrees from -90, tenths from -30, half degrees from 5 on
+        np.testing.assert_array_equal(
+            still.behind(azimuth + np.float32(turn * np.pi), elevation)[0], sent
+        )
+    # half degrees from -90, tenths from -30, half degrees from 5 on
+    rows = [59, 120 + 99, 120 + 350 + 70]
     np.testing.assert_allclose(sent, still.sent.reshape(240, 640)[:, rows].T.ravel() / 250)
     assert sent[240:480].max() > 0.8
     assert (far <= sent).all()

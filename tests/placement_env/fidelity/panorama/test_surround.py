@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.panorama import AZIMUTHS, PER_TURN, Lookup, RayTable, ScoredItems, Still, Surround
+from placement_env.fidelity.panorama import (
+    AZIMUTHS,
+    PER_TURN,
+    Lookup,
+    RayTable,
+    ScoredItems,
+    Still,
+    Surround,
+)
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 
@@ -18,7 +26,15 @@ def strips():
     angles = (start, start + rng.uniform(0.003, 0.1, 600), low, low + rng.uniform(0.002, 0.2, 600))
     item, shows = rng.integers(ITEMS, size=600), rng.choice([OUTSIDE, WITHIN, BEYOND], 600)
     left, right, bottom, top = (each.astype(np.float32) for each in angles)
-    return Strips(np.zeros(600, np.int32), item.astype(np.int32), left, right, bottom, top, shows.astype(np.int32))
+    return Strips(
+        np.zeros(600, np.int32),
+        item.astype(np.int32),
+        left,
+        right,
+        bottom,
+        top,
+        shows.astype(np.int32),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +58,9 @@ def test_strips_are_sorted_and_only_what_is_scored_counts(strips, scored):
     assert (np.diff(left) >= 0).all()
     assert left[0] >= 0
     assert left[-1] <= AZIMUTHS
-    np.testing.assert_allclose(left, np.sort((strips.left + np.pi) % (2 * np.pi)) * PER_TURN, atol=2e-3)
+    np.testing.assert_allclose(
+        left, np.sort((strips.left + np.pi) % (2 * np.pi)) * PER_TURN, atol=2e-3
+    )
     width = np.sort(around.rectangles.right - left)
     np.testing.assert_allclose(width, np.sort(strips.right - strips.left) * PER_TURN, atol=2e-3)
     around = Surround.of(strips, scored, {LIDAR: still(0, 0)})

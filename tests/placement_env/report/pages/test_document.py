@@ -50,7 +50,11 @@ def test_headings_and_names_are_text_with_units():
 
 
 HOSTILE = "<script>alert('x')</script>\" onload=\"y"
-SCENE = Scene("<html></script><!--</html>", (Layer(HOSTILE, "/sensors/0", "#112233", HOSTILE),), (("/a 0",), ("/a 1",)))
+SCENE = Scene(
+    "<html></script><!--</html>",
+    (Layer(HOSTILE, "/sensors/0", "#112233", HOSTILE),),
+    (("/a 0",), ("/a 1",)),
+)
 
 
 class Outline(HTMLParser):
@@ -89,7 +93,10 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     assert len(links) == 13
     pictures = outline.all("img")
     assert len(pictures) == 17  # four of them views of sensors
-    assert all(len(each["alt"]) > 20 and each["src"].startswith("data:image/svg+xml;base64,") for each in pictures)
+    assert all(
+        len(each["alt"]) > 20 and each["src"].startswith("data:image/svg+xml;base64,")
+        for each in pictures
+    )
     for tag, attributes in outline.elements:
         for name in ("src", "href", "action", "poster", "data"):
             address = attributes.get(name) or "#"
@@ -105,7 +112,9 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
 
 def test_documents_keep_their_data_and_bytes(document):
     page = to_html(document, SCENE)
-    (data,) = re.findall(r'<script type="application/json" id="scene-data">(.*?)</script>', page, re.DOTALL)
+    (data,) = re.findall(
+        r'<script type="application/json" id="scene-data">(.*?)</script>', page, re.DOTALL
+    )
     assert data == script_data({"html": SCENE.html, "frames": SCENE.frames})
     assert "<" not in data
     first = to_pdf(document)
@@ -123,11 +132,16 @@ def test_plans_without_sensors_or_scene_have_pages(nothing_chosen):
 
 
 TYPST = '#panic("x") $x^2$ `raw` \\ @ref <label> *b* _i_ // /* ] [ } { "'
-SQUARE = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><rect width="9" height="9"/></svg>'
+SQUARE = (
+    '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><rect width="9" '
+    'height="9"/></svg>'
+)
 
 
 def count_pages(pdf):
-    return max(int(count) for count in re.findall(rb"/Type\s*/Pages.*?/Count (\d+)", pdf, re.DOTALL))
+    return max(
+        int(count) for count in re.findall(rb"/Type\s*/Pages.*?/Count (\d+)", pdf, re.DOTALL)
+    )
 
 
 def small(*blocks):
@@ -144,12 +158,16 @@ def test_texts_are_no_markup_and_long_tables_go_over_pages():
         Drawing(SQUARE, TYPST, TYPST),
         TableBlock(TYPST, columns, rows),
     )
-    hostile = Document(TYPST, TYPST, (Section("one", TYPST, TYPST, (*blocks, SceneView(TYPST, TYPST))),))
+    hostile = Document(
+        TYPST, TYPST, (Section("one", TYPST, TYPST, (*blocks, SceneView(TYPST, TYPST))),)
+    )
     assert count_pages(to_pdf(hostile)) == 1
     many = tuple((Cell(f"pole {k}"), Cell(str(k), float(k))) for k in range(300))
     poles = TableBlock("Poles", (Column("Pole", digits=None), Column("k")), many)
     assert count_pages(to_pdf(small(poles))) > 3
-    with pytest.raises(ValueError, match=r"the PDF cannot be set: .*: the drawings must be SVG") as caught:
+    with pytest.raises(
+        ValueError, match=r"the PDF cannot be set: .*: the drawings must be SVG"
+    ) as caught:
         to_pdf(small(Drawing("no picture", "A caption.", "alt")))
     assert "\n" not in str(caught.value)
 

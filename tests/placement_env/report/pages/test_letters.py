@@ -18,7 +18,9 @@ def planned(example, monkeypatch) -> Iterator[Planned]:
     """The example with other names of poles, on a computer without fonts of its own."""
     monkeypatch.setattr(fonts, "list_system_fonts", lambda: ())
     fonts._choose.cache_clear()
-    plan = replace_texts(example.plan, lambda text: re.sub("|".join(NAMES), lambda found: NAMES[found[0]], text))
+    plan = replace_texts(
+        example.plan, lambda text: re.sub("|".join(NAMES), lambda found: NAMES[found[0]], text)
+    )
     (mount, *others) = example.site.mounts
     yield replace(
         example,
@@ -30,7 +32,10 @@ def planned(example, monkeypatch) -> Iterator[Planned]:
 
 
 def test_a_pole_whose_name_cannot_be_set_has_a_number(planned, tmp_path):
-    with pytest.warns(UserWarning, match="no font here can set the letters .*'信号灯杆一' is pole 1: install a font"):
+    with pytest.warns(
+        UserWarning,
+        match="no font here can set the letters .*'信号灯杆一' is pole 1: install a font",
+    ):
         write_report(planned, tmp_path)
     page = (tmp_path / "report.html").read_text("utf-8")
     assert not set(NAMES["post00"]) & set(page)

@@ -6,7 +6,13 @@ from inspect import signature
 import numpy as np
 
 from placement_env.handover.ground import GroundShares
-from placement_env.report.content import BreakdownRow, ClassSeen, Judgement, SchemeFigures, SensorWorth
+from placement_env.report.content import (
+    BreakdownRow,
+    ClassSeen,
+    Judgement,
+    SchemeFigures,
+    SensorWorth,
+)
 from placement_env.report.pages import document, report
 
 
@@ -21,32 +27,47 @@ def judged(ap, half=0.02):
 
 
 def test_the_weakest_part_is_named_where_intervals_tell_it(example):
-    rows = (BreakdownRow("west", judged(0.8)), BreakdownRow("east", judged(0.9)), BreakdownRow("far", None))
+    rows = (
+        BreakdownRow("west", judged(0.8)),
+        BreakdownRow("east", judged(0.9)),
+        BreakdownRow("far", None),
+    )
     plan = replace(example.plan, by_zone=rows, by_range=(), by_approach=())
     section = read(report.detection_section, plan)
     assert section.conclusion == (
-        "Detection is weakest at “west”, AP 0.80 (0.78–0.82, 40 vehicles), and best at “east”, AP 0.90 "
-        "(0.88–0.92, 40 vehicles)."
+        "Detection is weakest at “west”, AP 0.80 (0.78–0.82, 40 vehicles), and best at “east”, "
+        "AP 0.90 (0.88–0.92, 40 vehicles)."
     )
     drawing, table = section.blocks[:2]
-    assert drawing.caption == "By zone, AP ranges from 0.80 at “west” to 0.90 at “east”; the intervals do not overlap."
+    assert (
+        drawing.caption
+        == "By zone, AP ranges from 0.80 at “west” to 0.90 at “east”; the intervals do not overlap."
+    )
     assert [cell.text for cell in table.rows[2]] == ["far", "–", "no vehicle", "–", "0", "–", "–"]
     near = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
-    section = read(report.detection_section, replace(example.plan, by_zone=near, by_range=(), by_approach=()))
+    section = read(
+        report.detection_section, replace(example.plan, by_zone=near, by_range=(), by_approach=())
+    )
     assert section.conclusion.startswith(
         "No part of the site is clearly worse than another: the weakest, “west”, has AP"
     )
     assert section.blocks[0].caption.endswith("; the intervals overlap.")
     only = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", None))
-    plan = replace(example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=())
+    plan = replace(
+        example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=()
+    )
     drawing, _, distance, *_ = read(report.detection_section, plan).blocks
     assert drawing.caption == "By zone, only “west” had vehicles: AP 0.87 (0.85–0.89, 40 vehicles)."
     assert distance.text == "AP by distance is unknown: there was no vehicle to detect."
-    seen = (ClassSeen("vehicle", 40, 10, 0.99), ClassSeen("cyclist", 1, 1, 0.5), ClassSeen("heavy", 0, 10, None))
+    seen = (
+        ClassSeen("vehicle", 40, 10, 0.99),
+        ClassSeen("cyclist", 1, 1, 0.5),
+        ClassSeen("heavy", 0, 10, None),
+    )
     *_, said, table = read(report.detection_section, replace(example.plan, by_class=seen)).blocks
     assert said.text == (
-        "The class covered least is cyclist: 50% of 1 road user had at least 1 point on them. These are shares "
-        "of coverage, not AP."
+        "The class covered least is cyclist: 50% of 1 road user had at least 1 point on them. "
+        "These are shares of coverage, not AP."
     )
     assert "AP" not in [column.title for column in table.columns]
     assert [cell.text for cell in table.rows[2]] == ["heavy", "0", "10", "–"]
@@ -56,11 +77,16 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     def scheme(name, ap, kbit, iou=0.7):
         return SchemeFigures(name, iou, judged(ap), kbit)
 
-    mine = (scheme("early", 0.9, 1500.0), scheme("late", 0.8, 300.0), scheme("late", 0.99, 300.0, 0.5))
+    mine = (
+        scheme("early", 0.9, 1500.0),
+        scheme("late", 0.8, 300.0),
+        scheme("late", 0.99, 300.0, 0.5),
+    )
     section = read(report.schemes_section, replace(example.plan, schemes=mine))
     assert section.conclusion == (
-        "Early fusion has the highest AP, 0.90 (0.88–0.92), against 0.80 (0.78–0.82) with late fusion as "
-        "planned, and the difference is not due to chance; late fusion sends 300 kbit per sensor and frame, the least."
+        "Early fusion has the highest AP, 0.90 (0.88–0.92), against 0.80 (0.78–0.82) with late "
+        "fusion as planned, and the difference is not due to chance; late fusion sends 300 kbit "
+        "per sensor and frame, the least."
     )
     alike = (replace(mine[0], as_good=True), *mine[1:])
     said = read(report.schemes_section, replace(example.plan, schemes=alike)).conclusion
@@ -83,15 +109,25 @@ def test_levels_and_error_profiles_have_tables(example):
     )
     assert plain.conclusion == section.conclusion
     assert len(section.blocks) > len(plain.blocks)
-    said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By level of traffic")]
-    assert said[0].startswith("By level of traffic, AP ranges from 0.90 at “dense traffic” to 0.97 at “thin traffic”")
+    said = [
+        each.caption
+        for each in section.blocks
+        if getattr(each, "caption", "").startswith("By level of traffic")
+    ]
+    assert said[0].startswith(
+        "By level of traffic, AP ranges from 0.90 at “dense traffic” to 0.97 at “thin traffic”"
+    )
     rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
     plain, section = (
         read(report.detection_section, example.plan),
         read(report.detection_section, replace(example.plan, by_errors=rows)),
     )
     assert plain.conclusion == section.conclusion
-    said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By error profile")]
+    said = [
+        each.caption
+        for each in section.blocks
+        if getattr(each, "caption", "").startswith("By error profile")
+    ]
     assert said[0].startswith("By error profile, AP ranges from 0.90 at “poor” to 0.97 at “paper”")
 
 
@@ -99,28 +135,36 @@ SHARES = GroundShares((0.8, 0.5, 0.25), 0.2, 0.05, {"d0": 400.0, "d1": 1000.0}, 
 
 
 def test_shares_and_density_are_those_of_lanes(example):
-    section = read(report.ground_section, replace(example.plan, ground=SHARES), example.site, example.ground)
+    section = read(
+        report.ground_section, replace(example.plan, ground=SHARES), example.site, example.ground
+    )
     assert section.conclusion == (
-        "At least one sensor sees 80% of the open ground, and two or more see 50%; no sensor sees 400 m², or 5% of the "
-        "lanes."
+        "At least one sensor sees 80% of the open ground, and two or more see 50%; no sensor "
+        "sees 400 m², or 5% of the lanes."
     )
     *maps, areas, scene = section.blocks
     assert scene.kind == "scene"
     assert [block.kind for block in maps] == ["drawing"] * 3
     assert "50% of the open ground" in maps[0].caption
     assert maps[2].caption.startswith("400 m², 20% of the open ground,")
-    assert [[cell.text for cell in row] for row in areas.rows] == [["d0", "400", "20.0"], ["d1", "1,000", "50.0"]]
+    assert [[cell.text for cell in row] for row in areas.rows] == [
+        ["d0", "400", "20.0"],
+        ["d1", "1,000", "50.0"],
+    ]
     ground = example.ground
     density = np.zeros_like(ground.density)
     density[0][ground.lanes], density[1][ground.lanes] = 1.5, 1.0
     sparse = np.argwhere(ground.lanes)[: int(ground.lanes.sum()) // 4]
     density[:, sparse[:, 0], sparse[:, 1]] = 0.2
     section = read(
-        report.ground_section, replace(example.plan, ground=SHARES), example.site, replace(ground, density=density)
+        report.ground_section,
+        replace(example.plan, ground=SHARES),
+        example.site,
+        replace(ground, density=density),
     )
     assert section.blocks[1].caption == (
-        "25% of the lanes' ground gets fewer than 1 point per m² in a frame, too few to tell what is there; the other "
-        "lanes get 2 per m² in the middle case."
+        "25% of the lanes' ground gets fewer than 1 point per m² in a frame, too few to tell "
+        "what is there; the other lanes get 2 per m² in the middle case."
     )
     bare = replace(example.ground, lanes=np.zeros_like(example.ground.lanes))
     section = read(report.ground_section, example.plan, example.site, bare)
@@ -130,16 +174,25 @@ def test_shares_and_density_are_those_of_lanes(example):
 
 def test_worth_and_synergy_of_one_two_and_many(example):
     mine = (
-        *(SensorWorth("a", 0.6, {"b": 0.05, "c": -0.1}), SensorWorth("b", 0.3, {"a": 0.05, "c": 0.0})),
+        *(
+            SensorWorth("a", 0.6, {"b": 0.05, "c": -0.1}),
+            SensorWorth("b", 0.3, {"a": 0.05, "c": 0.0}),
+        ),
         SensorWorth("c", 0.1, {"a": -0.1, "b": 0.0}),
     )
     section = read(report.worth_section, replace(example.plan, worth=mine))
     assert section.conclusion == (
-        "a is worth most, 0.600 AP, and c least, 0.100. a and b complement each other best (+0.050). a and c duplicate "
-        "each other most (-0.100)."
+        "a is worth most, 0.600 AP, and c least, 0.100. a and b complement each other best "
+        "(+0.050). a and c duplicate each other most (-0.100)."
     )
     assert section.blocks[1].caption == "a accounts for 60% of what all sensors add."
-    assert [cell.text for cell in section.blocks[2].rows[0]] == ["a", "0.600", "–", "+0.050", "-0.100"]
+    assert [cell.text for cell in section.blocks[2].rows[0]] == [
+        "a",
+        "0.600",
+        "–",
+        "+0.050",
+        "-0.100",
+    ]
     two = (SensorWorth("a", 0.7, {"b": -0.09}), SensorWorth("b", 0.2, {"a": -0.09}))
     assert read(report.worth_section, replace(example.plan, worth=two)).conclusion == (
         "a is worth most, 0.700 AP, and b least, 0.200. a and b duplicate each other most (-0.090)."
@@ -152,16 +205,17 @@ def test_worth_and_synergy_of_one_two_and_many(example):
 def test_failures_and_the_order_of_building(example):
     section = read(report.failures_section, example.plan)
     assert section.conclusion == (
-        "All sensors together give AP 0.962 (0.932–0.992, 412 vehicles). If 1 sensor fails, the worst loss is that of "
-        "d3: AP 0.780 (0.750–0.810, 412 vehicles) is left. If 2 sensors fail, the worst loss is that of d0 and d3: AP "
-        "0.520 (0.490–0.550, 412 vehicles) is left."
+        "All sensors together give AP 0.962 (0.932–0.992, 412 vehicles). If 1 sensor fails, the "
+        "worst loss is that of d3: AP 0.780 (0.750–0.810, 412 vehicles) is left. If 2 sensors "
+        "fail, the worst loss is that of d0 and d3: AP 0.520 (0.490–0.550, 412 vehicles) is "
+        "left."
     )
     assert section.blocks[0].caption == ("In 0 of 6 cases no more than 0.01 of the AP is lost.")
     assert [cell.text for cell in section.blocks[1].rows[0]][-1] == "0.052"
     section = read(report.order_section, example.plan)
     assert section.conclusion == (
-        "Build d3 first: for 1.50 EUR it alone gives AP 0.710 (0.680–0.740, 412 vehicles); the last, d5, brings it to "
-        "AP 0.962 (0.932–0.992, 412 vehicles)."
+        "Build d3 first: for 1.50 EUR it alone gives AP 0.710 (0.680–0.740, 412 vehicles); the "
+        "last, d5, brings it to AP 0.962 (0.932–0.992, 412 vehicles)."
     )
     assert section.blocks[0].caption == ("Every sensor adds more than 0.01 of AP.")
     *others, last = example.plan.order

@@ -22,11 +22,15 @@ def report(example, tmp_path_factory):
 
 @pytest.fixture
 def page(browser, report):
-    """The report opened from disk; afterwards nothing was asked from anywhere and nothing went wrong."""
+    """The report opened from disk; afterwards nothing was asked from anywhere and nothing went
+    wrong."""
     opened = browser.new_page(viewport={"width": 620, "height": 440})
     troubles, asked = [], []
     opened.on("pageerror", lambda error: troubles.append(str(error)))
-    opened.on("console", lambda message: troubles.append(message.text) if message.type == "error" else None)
+    opened.on(
+        "console",
+        lambda message: troubles.append(message.text) if message.type == "error" else None,
+    )
     opened.on("request", lambda request: asked.append(request.url))
     opened.set_default_timeout(60_000)
     opened.goto(f"file://{report}/report.html")
@@ -48,7 +52,9 @@ def test_the_files_are_the_same_every_time(example, tmp_path):
     for folder in ("once", "again/and/again"):
         write_report(quick, tmp_path / folder)
     for name in ("report.html", "report.pdf"):
-        assert (tmp_path / "once" / name).read_bytes() == (tmp_path / "again/and/again" / name).read_bytes()
+        assert (tmp_path / "once" / name).read_bytes() == (
+            tmp_path / "again/and/again" / name
+        ).read_bytes()
 
 
 def test_neither_file_is_written_where_one_fails(nothing_chosen, tmp_path, monkeypatch):
@@ -64,9 +70,14 @@ def test_plans_without_sensors_have_reports_in_sentences(nothing_chosen, tmp_pat
     document = build_document(nothing_chosen.plan, nothing_chosen.site, nothing_chosen.ground)
     assert tuple(section.key for section in document.sections) == ORDER
     assert document.subtitle == "VoxelNet; AP at IoU 0.7; late fusion"
-    assert [section.key for section in document.sections if section.blocks] == ["decision", "method"]
+    assert [section.key for section in document.sections if section.blocks] == [
+        "decision",
+        "method",
+    ]
     assert all(section.conclusion.endswith(".") for section in document.sections)
-    plan = replace(nothing_chosen.plan, detector="", verdict=Verdict(False, "No set can be planned."))
+    plan = replace(
+        nothing_chosen.plan, detector="", verdict=Verdict(False, "No set can be planned.")
+    )
     document = build_document(plan, nothing_chosen.site, None)
     assert document.subtitle == "No set was judged"
     assert document.sections[0].conclusion == "No set can be planned."
@@ -101,10 +112,15 @@ def test_the_scene_turns_and_hides_what_is_switched_off(page):
     scene = next(frame for frame in page.frames if frame.parent_frame)
 
     def shown(node):
-        return scene.evaluate("node => window.__viserSceneTree.getState()[node].effectiveVisibility", node)
+        return scene.evaluate(
+            "node => window.__viserSceneTree.getState()[node].effectiveVisibility", node
+        )
 
     def wait_until(node, expected):
-        js = "([node, expected]) => window.__viserSceneTree.getState()[node].effectiveVisibility === expected"
+        js = (
+            "([node, expected]) => window.__viserSceneTree.getState()[node].effectiveVisibility "
+            "=== expected"
+        )
         scene.wait_for_function(js, arg=[node, expected])
         page.wait_for_timeout(500)
 
@@ -206,9 +222,10 @@ FAINT = """() => {  // texts whose contrast is below 4.5 (WCAG 2.1 AA)
 def test_nothing_is_cut_or_overlaps_at_any_width_and_all_is_legible(page, width):
     page.set_viewport_size({"width": width, "height": 800})
     page.wait_for_function("(width) => innerWidth === width", arg=width)
+    # laid out anew
     page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
-    )  # laid out anew
+    )
     page.wait_for_timeout(300)  # and what scripts do then
     assert page.evaluate(OVERFLOWING) == []
     for scheme in ("light", "dark"):
@@ -225,13 +242,20 @@ def test_the_tabulator_goes_down_the_page(page):
     page.set_viewport_size({"width": 1280, "height": 800})
     order = "a[href], button, input, summary, iframe"
     count = page.evaluate(
-        "(order) => [...document.querySelectorAll(order)].filter(e => e.getClientRects().length).length", order
+        (
+            "(order) => [...document.querySelectorAll(order)].filter(e => "
+            "e.getClientRects().length).length"
+        ),
+        order,
     )
     places = []
     for _ in range(count):
         page.keyboard.press("Tab")
         places.append(
-            page.evaluate("(order) => [...document.querySelectorAll(order)].indexOf(document.activeElement)", order)
+            page.evaluate(
+                "(order) => [...document.querySelectorAll(order)].indexOf(document.activeElement)",
+                order,
+            )
         )
         if places[-1] >= 0 and page.evaluate("document.activeElement.id") == "scene-frame":
             break  # the scene has an order of its own
@@ -271,10 +295,24 @@ def test_one_sensor_and_nothing_more_is_known_of_it(example):
     full = example.plan
     one = replace(full.chosen, sensors=full.chosen.sensors[:1], judged=None)
     verdict = Verdict(None, "Best of all.")
-    plan = Plan(full.question, full.site, full.detector, 0.7, "late", "", verdict, one, sensors=full.sensors[:1])
+    plan = Plan(
+        full.question,
+        full.site,
+        full.detector,
+        0.7,
+        "late",
+        "",
+        verdict,
+        one,
+        sensors=full.sensors[:1],
+    )
     document = build_document(plan, replace(example.site, sensors=example.site.sensors[:1]), None)
     said = {section.key: section.conclusion for section in document.sections}
-    assert said["decision"] == ("Build 1 depth camera on pole post00. The price is that of 6 ordinary poles.")
+    assert said["decision"] == (
+        "Build 1 depth camera on pole post00. The price is that of 6 ordinary poles."
+    )
     assert said["worth"] == "The worth of the sensors was not computed."
     assert said["failures"] == "No failure leaves a working sensor."
-    assert said["others"] == "No other judged set comes near the chosen one, costs less or sends less."
+    assert (
+        said["others"] == "No other judged set comes near the chosen one, costs less or sends less."
+    )

@@ -39,7 +39,9 @@ def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
     ]
     assert [each.colour for each in sensors] == [sensor_colour(k) for k in range(4)]
     assert [each.node for each in boxes] == ["/truth", "/hit", "/missed", "/false"]
-    assert boxes[1] == Layer("Detections that hit", "/hit", OUTCOME["hit"].colour, "thick solid boxes")
+    assert boxes[1] == Layer(
+        "Detections that hit", "/hit", OUTCOME["hit"].colour, "thick solid boxes"
+    )
     assert len({each.colour for each in boxes}) == len({each.mark for each in boxes}) == 4
     assert len(scene.frames) == 3
     assert scene.frames[1][:2] == ("/sensors/0/points 1", "/sensors/1/points 1")
@@ -103,7 +105,10 @@ def test_visible_ground_covers_the_seen_cells_and_no_other(seed):
     assert area(mesh) == pytest.approx(0.25 * seen.sum())
     np.testing.assert_allclose(mesh.vertices[:, 2], FIELD.ground(mesh.vertices[:, :2]) + 0.08)
     corners = mesh.vertices[mesh.triangles].mean(1)
-    columns, rows = np.floor(corners[:, 0] / 0.5).astype(int), np.round(corners[:, 1] / 0.5 - 0.5).astype(int)
+    columns, rows = (
+        np.floor(corners[:, 0] / 0.5).astype(int),
+        np.round(corners[:, 1] / 0.5 - 0.5).astype(int),
+    )
     assert seen[rows.clip(0, 7), columns.clip(0, 23)].all()
 
 

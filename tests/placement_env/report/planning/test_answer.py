@@ -23,10 +23,14 @@ def answered(ask, street):
         sets = np.array([[1, 0, 0, 0], [0, 1, 0, 1], [1, 1, 0, 0]], bool)
         found = Entrants(sets, street.objective.scores(sets).ap, ((), (), ("greedy",)), 30)
         choice = choose_set(street.objective, found, street.judge, min_ap=question.min_ap)
-        ground = visible_ground(street.site, [street.candidates.sensors[c] for c in choice.members], cell=4.0)
+        ground = visible_ground(
+            street.site, [street.candidates.sensors[c] for c in choice.members], cell=4.0
+        )
         empty = Traffic(street.site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
         excluded = ("The links exclude 1 of 5 candidates.",)
-        findings = Findings(question, found, choice, street.objective, "general", excluded, [empty] * 3)
+        findings = Findings(
+            question, found, choice, street.objective, "general", excluded, [empty] * 3
+        )
         return build_plan(findings, street.judge, ground)
 
     return answered
@@ -36,8 +40,14 @@ def test_figures_fit_together_or_say_why_not(answered):
     plan = answered()
     # of the two sets with AP 0.75 the first costs 11 + 23 and the second 11 + 11
     assert plan.chosen.sensors == ("post0_eye", "post1_eye")
-    assert (plan.chosen.price, plan.chosen.judged.ap, plan.chosen.searches) == (22.0, 0.75, ("greedy",))
-    assert plan.chosen.kbit_per_sensor == 4.8  # as measured in the final traffic: 50 points of 96 bits
+    assert (plan.chosen.price, plan.chosen.judged.ap, plan.chosen.searches) == (
+        22.0,
+        0.75,
+        ("greedy",),
+    )
+    assert (
+        plan.chosen.kbit_per_sensor == 4.8
+    )  # as measured in the final traffic: 50 points of 96 bits
     assert [option.price for option in plan.considered] == [34.0, 22.0, 11.0]
     assert plan.near_optimal == ()  # two blocks of frames tell nothing apart
     assert plan.best.sensors == plan.chosen.sensors
@@ -50,7 +60,9 @@ def test_figures_fit_together_or_say_why_not(answered):
     assert set(plan.ground.sensor_m2) == {"post0_eye", "post1_eye"}
     plan = answered(min_ap=0.9)
     assert plan.verdict.met is False
-    assert plan.verdict.reasons[0].startswith("The best set found, 2 sensors for the price of 22 ordinary poles")
+    assert plan.verdict.reasons[0].startswith(
+        "The best set found, 2 sensors for the price of 22 ordinary poles"
+    )
     assert plan.verdict.reasons[-1] == "The links exclude 1 of 5 candidates."
     assert {row.as_good for row in plan.schemes} == {False}
     assert answered(min_ap=0.5).chosen.sensors == ("post0_eye",)
@@ -91,7 +103,14 @@ def test_large_sets_are_sampled_by_the_fidelity_of_the_searches(street, pair, mo
 def test_failures_worst_first(chosen, pair):
     cases = chosen(0, 1, 3, names=("a", "b", "c")).failures()
     assert [(case.failed, case.judged.ap) for case in cases] == [
-        *((("b",), 0.5), (("a",), 0.75), (("c",), 0.75), (("a", "b"), 0.25), (("a", "c"), 0.5), (("b", "c"), 0.5))
+        *(
+            (("b",), 0.5),
+            (("a",), 0.75),
+            (("c",), 0.75),
+            (("a", "b"), 0.25),
+            (("a", "c"), 0.5),
+            (("b", "c"), 0.5),
+        )
     ]
     assert chosen(0, names=("a",)).failures() == ()
     assert [case.failed for case in pair.failures()] == [("post0_eye",), ("post1_eye",)]
@@ -102,10 +121,9 @@ def test_what_adds_most_is_built_first_and_rows_are_subsets(chosen):
     assert [step.sensor for step in steps] == ["b", "d", "c"]
     assert [step.price for step in steps] == [11.0, 34.0, 44.5]
     assert [step.judged.ap for step in steps] == pytest.approx([0.5, 0.75, 0.8])
-    assert chosen(1, 3, names=("a", "b")).rows(np.array([[True, False], [True, True]])).astype(int).tolist() == [
-        [0, 1, 0, 0],
-        [0, 1, 0, 1],
-    ]
+    assert chosen(1, 3, names=("a", "b")).rows(np.array([[True, False], [True, True]])).astype(
+        int
+    ).tolist() == [[0, 1, 0, 0], [0, 1, 0, 1]]
 
 
 class Reader:
@@ -142,7 +160,9 @@ def test_provenance_holds_every_input_by_its_digest(ask, street, tmp_path):
     assert {key for key in before if before[key] != changed[key]} == {"poles_sha256"}
     question = ask(street.site)
     before = trace(street, question)
-    assert trace(street, ask(replace(street.site, height=5.0)))["site_sha256"] != before["site_sha256"]
+    assert (
+        trace(street, ask(replace(street.site, height=5.0)))["site_sha256"] != before["site_sha256"]
+    )
     fenced = ask(street.site, keep_out=(shapely.box(0, 0, 1, 1),))
     assert trace(street, fenced)["keep_out_sha256"] != before["keep_out_sha256"]
     assert trace(street, ask(street.site, errors=("typical",)))["errors"] != before["errors"]

@@ -38,8 +38,14 @@ def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
     assert np.array_equal(scored.boxes[hit], scored.truths[truth[hit]])
     assert scored.points.tolist() == [25, 25, 0, 25] * 8
     assert scored.frame.tolist() == np.repeat(np.arange(8), 4).tolist()
-    west, east = by_group(scored, ["west", "east"], lambda boxes: (boxes[:, 0] > -6).astype(np.int64), 0)
-    assert (west.judged.vehicles, west.judged.ap, west.judged.precision) == (8, 0.5, 0.5)  # with the ghost
+    west, east = by_group(
+        scored, ["west", "east"], lambda boxes: (boxes[:, 0] > -6).astype(np.int64), 0
+    )
+    assert (west.judged.vehicles, west.judged.ap, west.judged.precision) == (
+        8,
+        0.5,
+        0.5,
+    )  # with the ghost
     assert (east.judged.vehicles, east.judged.recall, east.judged.precision) == (24, 2 / 3, 1.0)
     assert west.mean_points == 25.0
     assert east.mean_points == pytest.approx(50 / 3)
@@ -56,7 +62,13 @@ def test_zones_ranges_approaches_and_levels(street, scored):
     assert list(counts.values()) == [8, 24 - 8, 8, None, None]
     assert rows[2].judged.precision == 1.0
     rows = by_range(scored, [street.candidates.sensors[0], street.candidates.sensors[2]], 0)
-    assert [row.name for row in rows] == ["0 to 10 m", "10 to 20 m", "20 to 30 m", "30 to 40 m", "beyond 40 m"]
+    assert [row.name for row in rows] == [
+        "0 to 10 m",
+        "10 to 20 m",
+        "20 to 30 m",
+        "30 to 40 m",
+        "beyond 40 m",
+    ]
     assert [row.judged and row.judged.vehicles for row in rows] == [None, 24, 8, None, None]
     assert rows[2].judged.recall == 1.0  # the car in the middle, 21 m from both
     assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [
@@ -64,7 +76,9 @@ def test_zones_ranges_approaches_and_levels(street, scored):
     ]
     assert by_level(scored, street.judge, (0, 2)) == ()
     levels = (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7]))
-    thin, dense = by_level(scored, Judge((street.detected,), Cases(levels=2), levels=levels), (0, 2))
+    thin, dense = by_level(
+        scored, Judge((street.detected,), Cases(levels=2), levels=levels), (0, 2)
+    )
     assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
     assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
     assert thin.mean_points == dense.mean_points == 75 / 4
@@ -74,7 +88,12 @@ def test_zones_ranges_approaches_and_levels(street, scored):
 
 def test_classes_and_moments_are_seen_or_not(street):
     vehicle, walker, heavy = by_class(street.judge, (0, 2), ("vehicle", "pedestrian", "heavy"))
-    assert (vehicle.label, vehicle.objects, vehicle.least_points, vehicle.share) == ("vehicle", 32, 20, 0.75)
+    assert (vehicle.label, vehicle.objects, vehicle.least_points, vehicle.share) == (
+        "vehicle",
+        32,
+        20,
+        0.75,
+    )
     assert (walker.objects, walker.share) == (8, 0.0)
     assert (heavy.objects, heavy.share) == (0, None)
     assert fuse_clouds(street.detected, (), 0).shape == (0, 3)
@@ -86,7 +105,10 @@ def test_classes_and_moments_are_seen_or_not(street):
     assert shot.truth_ignored.tolist() == [False, False, False, False, True]  # a walker
     places = shot.detections.boxes[:, :2].tolist()
     assert len(places) == 4
-    assert dict(zip(map(tuple, places), shot.detection_hit.tolist(), strict=True))[(-14.0, -14.0)] is False
+    assert (
+        dict(zip(map(tuple, places), shot.detection_hit.tolist(), strict=True))[(-14.0, -14.0)]
+        is False
+    )
     assert shot.detection_hit.sum() == 3
     assert not shot.detection_ignored.any()
     assert [len(cloud) for cloud in shot.clouds] == [10, 10]
@@ -95,17 +117,22 @@ def test_classes_and_moments_are_seen_or_not(street):
 
 def test_groups_of_classes_and_thresholds_are_combined(street):
     old = street.detected
-    judge = Judge((Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "pedestrian"))),))
+    judge = Judge(
+        (Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "pedestrian"))),)
+    )
     scored = score_boxes(judge, (0, 2))
     assert scored.truth_label.tolist() == [0, 0, 0, 0, 2] * 8
     assert scored.label.tolist() == [0] * 32
     rows = by_group(scored, ["walker", "cars"], lambda boxes: (boxes[:, 3] > 1).astype(np.int64), 0)
     assert (rows[0].judged.ap, rows[0].judged.vehicles) == (0.0, 8)
-    alone = by_group(score_boxes(street.judge, (0, 2)), ["cars"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
+    alone = by_group(
+        score_boxes(street.judge, (0, 2)), ["cars"], lambda boxes: np.zeros(len(boxes), np.int64), 0
+    )
     assert rows[1].judged.ap == alone[0].judged.ap
     (together,) = by_group(scored, ["all"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
     assert together.judged.ap == alone[0].judged.ap / 2
-    # Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is counted by itself.
+    # Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is
+    # counted by itself.
     cases = Cases(iou=(0.7, 0.9))
     scored = score_boxes(Judge((street.detected.at(0.7, cases.ious),), cases), (0, 2))
     loose, strict = scored.hits
@@ -125,7 +152,9 @@ def test_error_profiles(street, scored):
     hazy = Thin(street.site, street.detected.renders.sensors)
     hazy.digest = "thin"
     rough = Detected(hazy, street.detected.detector, "early")
-    exact, other = by_errors(Judge((street.detected, rough), Cases(errors=("paper", "poor"))), (0, 2))
+    exact, other = by_errors(
+        Judge((street.detected, rough), Cases(errors=("paper", "poor"))), (0, 2)
+    )
     assert (exact.name, other.name) == ("paper", "poor")
     assert exact.judged == street.judge.judge(np.array([[1, 0, 1, 0]], bool))[0]
     assert other.judged == Judge((rough,)).judge(np.array([[1, 0, 1, 0]], bool))[0]

@@ -18,7 +18,13 @@ def test_a_set_is_judged_as_the_detector_scores_it_at_any_iou(street):
     first, both, all_of_them, none = street.judge.judge(
         np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0], [0, 0, 0, 0]], bool)
     )
-    assert (first.ap, first.recall, first.precision, first.vehicles, first.frames) == (0.5, 0.5, 1.0, 32, 8)
+    assert (first.ap, first.recall, first.precision, first.vehicles, first.frames) == (
+        0.5,
+        0.5,
+        1.0,
+        32,
+        8,
+    )
     assert both.ap == 0.75
     assert np.isnan([both.low, both.high]).all()  # two blocks
     assert all_of_them.precision == 0.8  # the ghost in every frame
@@ -63,7 +69,9 @@ class Walkers:
 
     def __call__(self, points, /):
         self.calls += 1
-        walker = Detections(np.array([[5.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array([0.4]), np.array([2]))
+        walker = Detections(
+            np.array([[5.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array([0.4]), np.array([2])
+        )
         return Detections.merge([self.reader(points), *([walker] if self.calls <= 3 else [])])
 
 
@@ -84,19 +92,35 @@ def test_several_classes_are_judged_together_and_each_by_itself(walked, combine)
     assert (vehicle.label, vehicle.iou, vehicle.weight) == ("vehicle", 0.7, 0.5)
     assert (walker.label, walker.iou, walker.weight) == ("pedestrian", 0.5, 0.5)
     assert vehicle.judged.ap == 0.75
-    assert (walker.judged.ap, walker.judged.vehicles, walker.judged.kind) == (0.375, 8, "pedestrian")
+    assert (walker.judged.ap, walker.judged.vehicles, walker.judged.kind) == (
+        0.375,
+        8,
+        "pedestrian",
+    )
     assert both.ap == {"mean": 0.5625, "worst": 0.375}[combine]
     assert (both.vehicles, both.kind, both.precision) == (40, "object", 1.0)
-    assert both.ap == pytest.approx(float(judge.detected(np.array([[1, 1, 0, 0]], bool)).ap[0]), abs=1e-12)
+    assert both.ap == pytest.approx(
+        float(judge.detected(np.array([[1, 1, 0, 0]], bool)).ap[0]), abs=1e-12
+    )
     _, (draws,) = judge.judge_drawn(np.array([[1, 1, 0, 0]], bool), judge.cases)
-    (walker,) = judge.of_classes(Classes(("pedestrian",))).judge_drawn(np.array([[1, 1, 0, 0]], bool), judge.cases)[1]
-    assert sorted(set(walker.round(6))) == [0.0, 0.375, 0.75]  # found in three frames of the first of two blocks
-    if combine == "mean":  # vehicles are found alike in every frame, so all that varies is the walker
+    (walker,) = judge.of_classes(Classes(("pedestrian",))).judge_drawn(
+        np.array([[1, 1, 0, 0]], bool), judge.cases
+    )[1]
+    assert sorted(set(walker.round(6))) == [
+        0.0,
+        0.375,
+        0.75,
+    ]  # found in three frames of the first of two blocks
+    if (
+        combine == "mean"
+    ):  # vehicles are found alike in every frame, so all that varies is the walker
         assert draws == pytest.approx((0.75 + walker) / 2)
 
 
 def test_vehicles_alone_and_classes_without_objects(walked, street):
-    (mine,), (plain,) = (j.judge(np.array([[1, 1, 0, 0]], bool)) for j in (walked(VEHICLES), street.judge))
+    (mine,), (plain,) = (
+        j.judge(np.array([[1, 1, 0, 0]], bool)) for j in (walked(VEHICLES), street.judge)
+    )
     assert mine == plain
     assert mine.kind == "vehicle"
     assert [row.label for row in street.judge.by_class((0,))] == ["vehicle"]
@@ -108,7 +132,8 @@ def test_vehicles_alone_and_classes_without_objects(walked, street):
 
 
 def test_several_thresholds_give_means_of_ap_and_resamples(street):
-    """Found at both thresholds as at one: the reader's boxes are exact, so the mean is the AP of each."""
+    """Found at both thresholds as at one: the reader's boxes are exact, so the mean is the AP of
+    each."""
     cases = Cases(iou=(0.7, 0.9))
     judge = Judge((street.detected.at(0.7, cases.ious),), cases)
     (both,) = judge.judge(np.array([[1, 1, 0, 0]], bool))
@@ -164,16 +189,25 @@ def rush(street):
 
 @pytest.mark.parametrize(
     ("failing", "levels", "over", "left"),
-    [(0, "worst", 0.5, None), (0, "mean", 0.625, None), (1, "worst", 0.5, 0.0), (1, "mean", 0.625, 0.25)],
+    [
+        (0, "worst", 0.5, None),
+        (0, "mean", 0.625, None),
+        (1, "worst", 0.5, 0.0),
+        (1, "mean", 0.625, 0.25),
+    ],
 )
 def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over, left):
-    """Of four cars 0 and 1 find three, and two where 0 is blind; without 1 it is two and none, without 0 two."""
+    """Of four cars 0 and 1 find three, and two where 0 is blind; without 1 it is two and none,
+    without 0 two."""
     judge = rush(Cases(failing=failing, levels=2, levels_by=levels))
     sets = np.array([[1, 1, 0, 0], [0, 1, 0, 0]], bool)
     both, alone = judge.judge(sets)
     assert (both.ap, alone.ap) == (0.625, 0.5)
     drawn = judge.judge_drawn(sets, judge.intact)[1]
-    assert [sorted(set(each.round(6))) for each in drawn] == [[0.5, 0.625, 0.75], [0.5]]  # of two blocks
+    assert [sorted(set(each.round(6))) for each in drawn] == [
+        [0.5, 0.625, 0.75],
+        [0.5],
+    ]  # of two blocks
     found, draws = judge.judge_cases(sets)
     both, alone = (each.over_levels for each in found)
     assert (both.ap, both.recall) == (over, over)
@@ -182,7 +216,9 @@ def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over,
     assert (both.vehicles, both.frames) == ((16, 4) if levels == "worst" else (32, 8))
     thin, dense = judge.by_level((0, 1))
     assert (thin.ap, dense.ap, dense.vehicles, dense.frames) == (0.75, 0.5, 16, 4)
-    assert [each.left and each.left.ap for each in found] == ([None] * 2 if left is None else [left, 0.0])
+    assert [each.left and each.left.ap for each in found] == (
+        [None] * 2 if left is None else [left, 0.0]
+    )
     raced = judge.evaluator.evaluate(sets[:1], np.arange(8))
     assert raced.ap == pytest.approx([over if left is None else left], abs=1e-5)
     assert np.quantile(raced.resamples, [0.025, 0.975]) == pytest.approx([raced.ap[0]] * 2)
@@ -207,7 +243,9 @@ def test_a_level_with_nothing_to_find_says_nothing(street):
             there = super().objects(k)
             return there[4:] if k < 4 else there
 
-    detected = Detected(Late(street.site, street.detected.renders.sensors), street.detected.detector, "early")
+    detected = Detected(
+        Late(street.site, street.detected.renders.sensors), street.detected.detector, "early"
+    )
     judge = Judge((detected,), Cases(levels=2), levels=LEVELS)
     first, second = judge.by_level((1,))
     assert first is None
@@ -217,8 +255,8 @@ def test_a_level_with_nothing_to_find_says_nothing(street):
 
 @pytest.fixture
 def hazy(street):
-    """A judge with exact sensors, and in a haze, where sensor 1 sees nothing in the last four frames and sensor 3
-    nothing at all."""
+    """A judge with exact sensors, and in a haze, where sensor 1 sees nothing in the last four
+    frames and sensor 3 nothing at all."""
 
     class Hazy(type(street.detected.renders)):  # type: ignore[misc]
         def clouds(self, k, c):
@@ -230,7 +268,9 @@ def hazy(street):
     rough = Detected(renders, street.detected.detector, "early")
 
     def judge(parts=(), **cases):
-        return Judge((street.detected, rough), Cases(errors=("paper", "poor"), **cases), levels=parts)
+        return Judge(
+            (street.detected, rough), Cases(errors=("paper", "poor"), **cases), levels=parts
+        )
 
     return judge
 
@@ -248,7 +288,9 @@ def test_figures_over_drawings_of_a_site_are_means(street, rush):
     assert draws == pytest.approx(np.mean([drawn[0] for _, drawn in alone], axis=0))
     assert (judged.vehicles, judged.frames) == (32, 8)
     raced = both.evaluator.evaluate(SETS, np.arange(8))
-    assert raced.ap == pytest.approx([judged.ap, np.mean([each.judge(SETS)[1].ap for each in both.alone])], abs=1e-6)
+    assert raced.ap == pytest.approx(
+        [judged.ap, np.mean([each.judge(SETS)[1].ap for each in both.alone])], abs=1e-6
+    )
     each_kbit = [each.evaluator.evaluate(SETS, np.arange(8)).kbit for each in both.alone]
     assert raced.kbit == pytest.approx(np.mean(each_kbit, axis=0))
     each_raced = [each.evaluator.evaluate(SETS, np.arange(8)).resamples for each in both.alone]
@@ -266,21 +308,30 @@ def test_figures_over_drawings_of_a_site_are_means(street, rush):
 @pytest.mark.parametrize(
     ("failing", "levels", "combine", "paper", "poor", "over"),
     [
-        *((0, 1, "worst", 0.75, 0.625, 0.625), (0, 1, "mean", 0.75, 0.625, 0.6875), (0, 2, "worst", 0.75, 0.5, 0.5)),
+        *(
+            (0, 1, "worst", 0.75, 0.625, 0.625),
+            (0, 1, "mean", 0.75, 0.625, 0.6875),
+            (0, 2, "worst", 0.75, 0.5, 0.5),
+        ),
         *((1, 1, "worst", 0.5, 0.25, 0.25), (1, 2, "mean", 0.5, 0.0, 0.25)),
     ],
 )
 def test_error_profiles_are_judged_by_themselves(hazy, failing, levels, combine, paper, poor, over):
-    """Of four cars 0 and 1 find three; in the haze two in the last four frames, and without 0 none there."""
+    """Of four cars 0 and 1 find three; in the haze two in the last four frames, and without 0 none
+    there."""
     judge = hazy(LEVELS if levels == 2 else (), failing=failing, levels=levels, errors_by=combine)
     assert [each.ap for each in judge.judge(SETS)] == [0.75, 0.25]  # at the first profile
     both, alone = (each.over_errors for each in judge.judge_cases(SETS)[0])
     assert both.ap == pytest.approx(over)
     assert alone.ap == (0.0 if failing or combine == "worst" else 0.125)
     each = judge.by_errors((0, 1))
-    assert {name: judged.ap for name, judged in each.items()} == pytest.approx({"paper": paper, "poor": poor})
+    assert {name: judged.ap for name, judged in each.items()} == pytest.approx(
+        {"paper": paper, "poor": poor}
+    )
     assert both.recall == pytest.approx(over)
-    assert judge.evaluator.evaluate(SETS, np.arange(8)).ap == pytest.approx([both.ap, alone.ap], abs=1e-5)
+    assert judge.evaluator.evaluate(SETS, np.arange(8)).ap == pytest.approx(
+        [both.ap, alone.ap], abs=1e-5
+    )
 
 
 def test_the_interval_over_profiles_is_of_the_worst_in_each_resample(hazy):

@@ -1,4 +1,5 @@
-"""Folders of plans: everything comes back, and what does not fit is refused with file, member, rule and value."""
+"""Folders of plans: everything comes back, and what does not fit is refused with file, member, rule
+and value."""
 
 import importlib.util
 import json
@@ -12,7 +13,11 @@ import pytest
 from placement_env import LivePlanner
 from placement_env.cases import Cases
 from placement_env.report.content import PLAN_VERSION
-from placement_env.report.planning.plan_folder import found_nothing, is_plan_folder, read_plan_folder
+from placement_env.report.planning.plan_folder import (
+    found_nothing,
+    is_plan_folder,
+    read_plan_folder,
+)
 from placement_env.report.planning.question import Question, Stock
 from placement_env.setting import Setting
 from toolkit.runtime.run import Run
@@ -38,18 +43,27 @@ def test_everything_comes_back(question, folder):
     found = read_plan_folder(folder)
     before, after = question.setting, found.setting
     assert (after.cases, after.counted, after.fusion, after.codec) == (
-        before.cases, before.counted, before.fusion, before.codec,
-    )  # fmt: skip
+        before.cases,
+        before.counted,
+        before.fusion,
+        before.codec,
+    )
     assert (after.most_price, found.sensors, found.frames, found.seed) == (9000.0, 3, 3, 5)
     stock, pool, again = after.candidates, before.pool, after.pool
     assert stock.catalogue == replace(PLANS.CATALOGUE, report={"client": "City of Elm"})
     assert [area.wkt for area in stock.keep_out] == [area.wkt for area in PLANS.KEEP_OUT]
     assert [sensor.name for sensor in again.sensors] == [sensor.name for sensor in pool.sensors]
     assert again.axes.prices == pool.axes.prices == (1500.0, 4000.0)
-    assert [(m.name, m.price, m.capacity) for m in again.mounts] == [(m.name, m.price, m.capacity) for m in pool.mounts]
+    assert [(m.name, m.price, m.capacity) for m in again.mounts] == [
+        (m.name, m.price, m.capacity) for m in pool.mounts
+    ]
     assert {mount.capacity for mount in again.mounts} == {1234.0}
-    np.testing.assert_allclose([s.pose for s in again.sensors], [s.pose for s in pool.sensors], atol=1e-9)
-    assert [sensor.name for sensor in after.place.sensors] == [pool.mounts[pool.mount[k]].name for k in (3, 500)]
+    np.testing.assert_allclose(
+        [s.pose for s in again.sensors], [s.pose for s in pool.sensors], atol=1e-9
+    )
+    assert [sensor.name for sensor in after.place.sensors] == [
+        pool.mounts[pool.mount[k]].name for k in (3, 500)
+    ]
     assert (found.stated.ap, found.stated.errors, found.stated.predicted) == (0.75, "typical", 0.7)
     assert math.isnan(found.stated.low)
     assert found.stated.objects == 70
@@ -60,7 +74,9 @@ def test_sensors_that_hang_already_come_back_in_their_poses(tmp_path):
     PLANS.write_plan_folder(question, [1, 4], tmp_path / "plan")
     found, pool = read_plan_folder(tmp_path / "plan").setting.pool, question.setting.pool
     assert [sensor.name for sensor in found.sensors] == [sensor.name for sensor in pool.sensors]
-    np.testing.assert_allclose([s.pose for s in found.sensors], [s.pose for s in pool.sensors], atol=1e-8)
+    np.testing.assert_allclose(
+        [s.pose for s in found.sensors], [s.pose for s in pool.sensors], atol=1e-8
+    )
     assert found.mount.tolist() == pool.mount.tolist()
     assert found.axes.prices == ()
 
@@ -125,14 +141,29 @@ def drop(*path):
         ),
         (put("question", "iou", 7), "iou must lie in"),
         (put("question", "iou", []), "IoU thresholds must be one or several"),
-        (put("question", "errors", ["own"]), "question.errors has a profile 'own' that is not one of paper"),
+        (
+            put("question", "errors", ["own"]),
+            "question.errors has a profile 'own' that is not one of paper",
+        ),
         (put("question", "scheme", "psychic"), "question.scheme must be one of early"),
-        (put("question", "codec", "zip"), "question.codec must belong to paper or range-images, got 'zip'"),
+        (
+            put("question", "codec", "zip"),
+            "question.codec must belong to paper or range-images, got 'zip'",
+        ),
         (put("question", "money", -1), "question.money must be from 0 to 1e.15, got -1"),
         (put("question", "frames", [3, 3]), "question.frames must be 3 numbers, got 2"),
-        (put("question", "frames", [0, 3, 3]), "question.frames must be three whole numbers from 1"),
-        (put("question", "frames", [1e9, 3, 3]), "question.frames must be three whole numbers from 1"),
-        (put("question", "class_ious", [0.5]), "class_ious must hold one for each of vehicle, pedestrian, got 1"),
+        (
+            put("question", "frames", [0, 3, 3]),
+            "question.frames must be three whole numbers from 1",
+        ),
+        (
+            put("question", "frames", [1e9, 3, 3]),
+            "question.frames must be three whole numbers from 1",
+        ),
+        (
+            put("question", "class_ious", [0.5]),
+            "class_ious must hold one for each of vehicle, pedestrian, got 1",
+        ),
         (put("question", "keep", ["nobody"]), "no sensor may stand on a pole 'nobody'"),
         (put("sensors", [None]), r"sensors\[0\] must be an object"),
         (put("sensors", []), "plan and site must have the same sensors"),
@@ -140,15 +171,33 @@ def drop(*path):
         (put("sensors", 0, "pole", "post05"), "m from its pole post05, more than 1.5 m"),
         (put("stock", {}), "stock.poles is missing"),
         (put("stock", "poles", []), "stock must hold a pole and a model"),
-        (put("stock", "poles", 2, "x", 1e300), r"stock.poles\[2\].x must be from -1e.08 to 1e.08, got 1e.300"),
-        (put("stock", "poles", 2, "price", "much"), r"stock.poles\[2\].price must be a finite number, got much"),
+        (
+            put("stock", "poles", 2, "x", 1e300),
+            r"stock.poles\[2\].x must be from -1e.08 to 1e.08, got 1e.300",
+        ),
+        (
+            put("stock", "poles", 2, "price", "much"),
+            r"stock.poles\[2\].price must be a finite number, got much",
+        ),
         (put("stock", "poles", 2, "name", "post00"), "must differ, got 'post00' twice"),
-        (put("stock", "models", 0, "price", None), "stock.models must all have a price where there is a catalogue"),
-        (put("stock", "models", 0, "model", "type", "Eye"), r"stock.models\[0\].model.type must be one of"),
+        (
+            put("stock", "models", 0, "price", None),
+            "stock.models must all have a price where there is a catalogue",
+        ),
+        (
+            put("stock", "models", 0, "model", "type", "Eye"),
+            r"stock.models\[0\].model.type must be one of",
+        ),
         (put("stock", "headings", 10**9), "stock.headings must be a whole number from 1 to 360"),
         (put("stock", "tilts_deg", [200]), "tilts must lie in"),
-        (put("stock", "keep_out_wkt", ["POINT (0 0)"]), r"stock.keep_out_wkt\[0\] must be a sound polygon"),
-        (put("stock", "keep_out_wkt", ["somewhere"]), r"stock.keep_out_wkt\[0\] must be a polygon as well-known text"),
+        (
+            put("stock", "keep_out_wkt", ["POINT (0 0)"]),
+            r"stock.keep_out_wkt\[0\] must be a sound polygon",
+        ),
+        (
+            put("stock", "keep_out_wkt", ["somewhere"]),
+            r"stock.keep_out_wkt\[0\] must be a polygon as well-known text",
+        ),
         (put("stock", "sensors", []), "stock.sensors must hold one sensor or more"),
         (put("stock", "catalogue", "rates", {"tea": 1}), "stock.catalogue.rates.tea is unknown"),
     ],
@@ -168,7 +217,9 @@ def test_what_is_no_folder_of_a_plan_is_said(folder, tmp_path):
     assert is_plan_folder(folder)
     assert not is_plan_folder(folder / "plan.json")
     assert not is_plan_folder("tjunction")
-    with pytest.raises(FileNotFoundError, match=r"is no folder of a plan: it needs plan\.json and site\.json"):
+    with pytest.raises(
+        FileNotFoundError, match=r"is no folder of a plan: it needs plan\.json and site\.json"
+    ):
         read_plan_folder(tmp_path)
     (folder / "site.json").unlink()
     with pytest.raises(FileNotFoundError, match=r"site\.json is missing"):
@@ -177,7 +228,12 @@ def test_what_is_no_folder_of_a_plan_is_said(folder, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "nothing"),
-    [('{"verdict": {"met": false}}', True), ('{"verdict": {"met": null}}', False), ("[1]", False), ("{", False)],
+    [
+        ('{"verdict": {"met": false}}', True),
+        ('{"verdict": {"met": null}}', False),
+        ("[1]", False),
+        ("{", False),
+    ],
 )
 def test_a_plan_that_found_nothing_may_be_replaced(text, nothing, tmp_path):
     (tmp_path / "plan.json").write_text(text)

@@ -1,4 +1,5 @@
-"""Plans of the T-junction's own sensors by the shipped network: whole, repeated, interrupted, and refused."""
+"""Plans of the T-junction's own sensors by the shipped network: whole, repeated, interrupted, and
+refused."""
 
 import json
 import math
@@ -15,7 +16,13 @@ from placement_env.report.content import Judgement, Plan, Planned, PlanOption, V
 from placement_env.report.pages.decision import decision_section
 from placement_env.report.planning import planning
 from placement_env.report.planning.judging import SetJudgement
-from placement_env.report.planning.planning import find_buildable, format_json, judge_finally, plan, write_plan
+from placement_env.report.planning.planning import (
+    find_buildable,
+    format_json,
+    judge_finally,
+    plan,
+    write_plan,
+)
 from placement_env.search.order import describe_exclusions
 from placement_env.setting import Setting
 from toolkit.objects import Detections
@@ -30,7 +37,12 @@ SITE = load_site("tjunction")
 @pytest.fixture(scope="module")
 def asked(ask, tmp_path_factory):
     """Builds the small question, with other options; all of them keep their work in one cache."""
-    plain = {"sensors": 2, "candidates": "paper", "frames": 5, "cache": tmp_path_factory.mktemp("cache")}
+    plain = {
+        "sensors": 2,
+        "candidates": "paper",
+        "frames": 5,
+        "cache": tmp_path_factory.mktemp("cache"),
+    }
     return lambda **options: ask(**{"site": SITE} | plain | options)
 
 
@@ -59,14 +71,22 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     assert {(row.scheme, row.iou) for row in made.schemes} == {
         (s, i) for s in ("early", "late", "hybrid") for i in (0.7, 0.8, 0.9)
     }
-    assert next(row for row in made.schemes if (row.scheme, row.iou) == ("early", 0.7)).judged == judged
+    assert (
+        next(row for row in made.schemes if (row.scheme, row.iou) == ("early", 0.7)).judged
+        == judged
+    )
     for rows in (made.by_zone, made.by_range, made.by_approach):
         assert sum(row.judged.vehicles for row in rows if row.judged) == judged.vehicles
     assert made.by_class[0].objects == judged.vehicles
     assert sum(worth.shapley for worth in made.worth) == pytest.approx(judged.ap)
     assert [len(case.failed) for case in made.failures] == [1, 1]
     assert made.order[-1].judged == judged
-    assert made.order[-1].price == made.chosen.price == sum(item.price for item in made.materials) == 2.0
+    assert (
+        made.order[-1].price
+        == made.chosen.price
+        == sum(item.price for item in made.materials)
+        == 2.0
+    )
     assert len(made.poles_unused) == 4
     assert made.links[0].mbit_s == pytest.approx(made.sensors[0].kbit / 100)
     assert 0 < made.ground.seen_by[0] <= 1
@@ -74,11 +94,18 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     assert len(planned.moments) == 5
     assert made.detector == "tjunction"
     parts = planned.plan.provenance["traffic"]
-    assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [0, 1000003, 2000006]
+    assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [
+        0,
+        1000003,
+        2000006,
+    ]
     assert len({part["sha256"] for part in parts.values()}) == 3
     considered = planned.plan.considered
     assert {option.judged.frames for option in considered if option.judged} == {5}
-    rank = [(not each.judged, -(each.judged.ap if each.judged else each.predicted)) for each in considered]
+    rank = [
+        (not each.judged, -(each.judged.ap if each.judged else each.predicted))
+        for each in considered
+    ]
     assert rank == sorted(rank)  # the best first, then what was only predicted
     assert len({judged for judged, _ in rank}) == 2
 
@@ -105,14 +132,21 @@ def test_other_detector_other_figures(asked):
             return Detections.empty()
 
     made = plan(asked(detector=Blind(), min_ap=0.5)).plan
-    assert (made.detector, made.chosen.judged.ap, made.chosen.judged.precision) == ("Blind", 0.0, None)
+    assert (made.detector, made.chosen.judged.ap, made.chosen.judged.precision) == (
+        "Blind",
+        0.0,
+        None,
+    )
     assert made.verdict.met is False
     assert "AP 0.00 (no interval from fewer than 80 frames)" in made.verdict.reasons[0]
     assert len(made.chosen.sensors) == 1  # of equal sets the cheapest
 
 
 def test_requirements_and_limits_decide_by_the_ap_of_an_evaluation(planned, asked):
-    one = min((o for o in planned.plan.considered if o.judged and len(o.sensors) == 1), key=lambda o: -o.judged.ap)
+    one = min(
+        (o for o in planned.plan.considered if o.judged and len(o.sensors) == 1),
+        key=lambda o: -o.judged.ap,
+    )
     made = plan(asked(min_ap=one.judged.ap / 2)).plan
     assert len(made.chosen.sensors) == 1
     assert made.verdict.met is (made.chosen.judged.ap >= one.judged.ap / 2)
@@ -123,7 +157,9 @@ def test_requirements_and_limits_decide_by_the_ap_of_an_evaluation(planned, aske
     # As the detector gives it on the third part of the traffic.
     run = asked().run.part(2)
     candidates = paper_candidates(SITE)
-    detected = Preparation(Setting(SITE, candidates=candidates, fidelity="detector"), run).fidelity()
+    detected = Preparation(
+        Setting(SITE, candidates=candidates, fidelity="detector"), run
+    ).fidelity()
     row = np.isin([sensor.name for sensor in candidates.sensors], planned.plan.chosen.sensors)
     estimate = detected(row[None])
     assert estimate.ap[0] == planned.plan.chosen.judged.ap
@@ -133,24 +169,43 @@ def test_requirements_and_limits_decide_by_the_ap_of_an_evaluation(planned, aske
 def test_a_sensor_may_send_exactly_what_is_allowed(street):
     most = street.objective.sent.max()
     over = np.flatnonzero(street.objective.sent == most)
-    assert len(find_buildable(street.objective, None)) == len(find_buildable(street.objective, most)) == 4
+    assert (
+        len(find_buildable(street.objective, None))
+        == len(find_buildable(street.objective, most))
+        == 4
+    )
     assert describe_exclusions(street.objective, most) == ()
     fewer = find_buildable(street.objective, np.nextafter(most, 0))
     assert sorted([*fewer, *over]) == [0, 1, 2, 3]
-    assert f"excludes {len(over)} of 4" in describe_exclusions(street.objective, np.nextafter(most, 0))[0]
+    assert (
+        f"excludes {len(over)} of 4"
+        in describe_exclusions(street.objective, np.nextafter(most, 0))[0]
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
         ({"sensors": 0}, "The budget is 0 sensors"),
-        ({"site": Site("bare", np.array([-9.0, -9, 9, 9]))}, "has no road network, so there is no traffic"),
-        ({"candidates": "pool", "keep_out": (shapely.box(-500, -500, 500, 500),)}, "There is no candidate: site"),
+        (
+            {"site": Site("bare", np.array([-9.0, -9, 9, 9]))},
+            "has no road network, so there is no traffic",
+        ),
+        (
+            {"candidates": "pool", "keep_out": (shapely.box(-500, -500, 500, 500),)},
+            "There is no candidate: site",
+        ),
         ({"capacity_kbit": 5.0}, "The links exclude 6 of 6 candidates"),
         ({"max_kbit": 5.0}, "The limit of 5 kbit per sensor and frame excludes 6 of 6"),
         ({"money": 0.5}, "The sum of the price of 0.5 ordinary poles excludes 6 of 6"),
-        ({"money": 1.5, "keep": ("post00", "post01")}, "Sensors on post00 and post01, as asked, cost together"),
-        ({"capacity_kbit": 5.0, "keep": ("post01",)}, "Pole post01 must carry a sensor, but cannot: each pose sends"),
+        (
+            {"money": 1.5, "keep": ("post00", "post01")},
+            "Sensors on post00 and post01, as asked, cost together",
+        ),
+        (
+            {"capacity_kbit": 5.0, "keep": ("post01",)},
+            "Pole post01 must carry a sensor, but cannot: each pose sends",
+        ),
     ],
 )
 def test_none_can_and_why(asked, options, reason):
@@ -166,14 +221,22 @@ def test_poles_to_be_kept_are_built_and_said(asked, planned):
     assert others[0] in made.chosen.poles
     assert all(others[0] in option.poles for option in made.considered)
     assert json.loads(format_json(made))["question"]["keep"] == others[:1]
-    assert f" {others[0]} had to carry a sensor, as asked." in str(decision_section(made, SITE, None))
+    assert f" {others[0]} had to carry a sensor, as asked." in str(
+        decision_section(made, SITE, None)
+    )
 
 
 def test_a_site_without_vehicles(asked, monkeypatch):
     for module in ("visibility", "occlusion"):
-        monkeypatch.setattr(f"placement_env.fidelity.{module}.scored", lambda objects, *_: np.zeros(len(objects), bool))
+        monkeypatch.setattr(
+            f"placement_env.fidelity.{module}.scored",
+            lambda objects, *_: np.zeros(len(objects), bool),
+        )
     made = plan(asked(seed=77, cache=None))
-    assert "No vehicle enters the detection area of site 'tjunction' in 5 frames" in made.plan.verdict.reasons[0]
+    assert (
+        "No vehicle enters the detection area of site 'tjunction' in 5 frames"
+        in made.plan.verdict.reasons[0]
+    )
 
 
 def test_the_search_knows_no_errors_and_the_judges_do(ask):
@@ -202,7 +265,11 @@ def test_mean_iou_and_a_failure_decide_and_are_said_from_their_own_cache(planned
     assert "what is left in the worst case when 1 sensor fails" in made.verdict.sentence
     assert "IoU 0.7 to 0.9 (mean of 3 thresholds)" in made.verdict.sentence
     own = {row.iou: row.judged.ap for row in made.schemes if row.scheme == "early"}
-    assert own[(0.7, 0.8, 0.9)] == pytest.approx(np.mean([own[iou] for iou in (0.7, 0.8, 0.9)])) == chosen.judged.ap
+    assert (
+        own[(0.7, 0.8, 0.9)]
+        == pytest.approx(np.mean([own[iou] for iou in (0.7, 0.8, 0.9)]))
+        == chosen.judged.ap
+    )
     for rows in (made.by_zone, made.by_range, made.by_approach):
         assert sum(row.judged.vehicles for row in rows if row.judged) == chosen.judged.vehicles
     assert sum(worth.shapley for worth in made.worth) == pytest.approx(chosen.judged.ap)
@@ -232,10 +299,14 @@ def test_levels_of_traffic_decide_and_are_said(planned, asked):
     assert planned.plan.by_level == ()
     assert planned.plan.chosen.over_levels is None
     alone = {option.sensors: option.predicted for option in planned.plan.considered}
-    both = [(each.predicted, alone[each.sensors]) for each in made.considered if each.sensors in alone]
+    both = [
+        (each.predicted, alone[each.sensors]) for each in made.considered if each.sensors in alone
+    ]
     assert both
     assert all(worst <= all_traffic for worst, all_traffic in both)
-    assert any(worst < all_traffic for worst, all_traffic in both)  # searched over levels, not taken from the cache
+    assert any(
+        worst < all_traffic for worst, all_traffic in both
+    )  # searched over levels, not taken from the cache
 
 
 def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
@@ -258,7 +329,12 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
         return SimpleNamespace(frames=run.frames), Sure(run.frames)
 
     monkeypatch.setattr(planning, "_prepare_judge", prepare)
-    for width, frames in ((None, [60]), (0.04, [60, 120]), (0.021, [60, 120, 364]), (0.001, [60, 120, 1200])):
+    for width, frames in (
+        (None, [60]),
+        (0.04, [60, 120]),
+        (0.021, [60, 120, 364]),
+        (0.001, [60, 120, 1200]),
+    ):
         asked.clear()
         question = SimpleNamespace(part=lambda name: Run(frames=60), width=width, run=Run())
         _, judge = judge_finally(question, [], np.zeros(4, bool))
@@ -283,24 +359,36 @@ def test_error_profiles_decide_and_are_said(planned, asked):
     assert {option.over_errors is None for option in made.considered if option.judged} == {False}
     assert (planned.plan.by_errors, planned.plan.chosen.over_errors) == ((), None)
     alone = {option.sensors: option.predicted for option in planned.plan.considered}
-    assert all(alone[each.sensors] == each.predicted for each in made.considered if each.sensors in alone)
+    assert all(
+        alone[each.sensors] == each.predicted for each in made.considered if each.sensors in alone
+    )
 
 
 PLAN = Plan(
-    {"site": "Straße", "money": float("inf")}, "Straße", "Reader", 0.7, "early", "", Verdict(None, "So."),
+    {"site": "Straße", "money": float("inf")},
+    "Straße",
+    "Reader",
+    0.7,
+    "early",
+    "",
+    Verdict(None, "So."),
     PlanOption(("a",), 1.0, 2.0, 2.0, float("nan"), Judgement(0.5, 0.25, 0.75, 0.5, None, 4, 2)),
-)  # fmt: skip
+)
 
 
 def test_plans_in_json_and_files_that_are_written_whole(tmp_path):
     text = format_json(PLAN)
     read = json.loads(text, parse_constant=pytest.fail)
-    assert (read["question"], read["chosen"]["predicted"]) == ({"site": "Straße", "money": None}, None)
+    assert (read["question"], read["chosen"]["predicted"]) == (
+        {"site": "Straße", "money": None},
+        None,
+    )
     assert read["chosen"]["judged"]["precision"] is None
     assert read["chosen"]["judged"]["low"] == 0.25
     assert "Straße" in text
     assert text.endswith("}\n")
-    # Without ground there is nothing to hand over, so the schedule of another plan must not stay beside this
+    # Without ground there is nothing to hand over, so the schedule of another plan must not stay
+    # beside this
     # one.
     planned = Planned(replace(PLAN, chosen=None), Site("s", np.array([0.0, 0, 1, 1])))
     out = tmp_path / "new" / "plan"
@@ -310,5 +398,10 @@ def test_plans_in_json_and_files_that_are_written_whole(tmp_path):
     written = write_plan(planned, out)
     assert [path.name for path in written] == ["plan.json", "report.html", "report.pdf"]
     assert (out / "plan.json").read_text(encoding="utf-8") == format_json(planned.plan)
-    assert sorted(each.name for each in out.iterdir()) == ["mine.txt", "plan.json", "report.html", "report.pdf"]
+    assert sorted(each.name for each in out.iterdir()) == [
+        "mine.txt",
+        "plan.json",
+        "report.html",
+        "report.pdf",
+    ]
     assert (out / "mine.txt").read_text() == "old"

@@ -12,7 +12,9 @@ from toolkit.sensors.models import DepthCamera
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")
-CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),), "EUR", 4000.0, "abc")
+CATALOGUE = SensorCatalogue(
+    (PricedModel("eye", DepthCamera(width=80), 1500.0),), "EUR", 4000.0, "abc"
+)
 
 
 @pytest.mark.parametrize(
@@ -26,15 +28,24 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"min_ap": 0.0}, "min_ap must lie above 0 and up to 1, got 0.0"),
         ({"min_ap": 90.0}, "min_ap must lie above 0 and up to 1, got 90.0"),
         ({"classes": ("vehicle", "tram")}, "there is no class 'tram', it counts as heavy: choose"),
-        *(({"classes": ()}, "classes must be one or several different ones"), ({"scheme": "middle"}, "middle")),
+        *(
+            ({"classes": ()}, "classes must be one or several different ones"),
+            ({"scheme": "middle"}, "middle"),
+        ),
         *(({"iou": 0.0}, "iou must lie in"), ({"iou": (0.7, 0.7)}, "several different ones")),
         ({"failing": 3}, "failing must be 0 to 2 sensors, got 3"),
         ({"levels": 5}, "traffic has 1 to 4 levels, got 5"),
         ({"sensors": 2, "failing": 2}, "of 2 sensors nothing is left when 2 fail"),
-        ({"sensors": 1, "keep": ("a", "b")}, "2 poles must carry a sensor and a budget of 1 is allowed"),
+        (
+            {"sensors": 1, "keep": ("a", "b")},
+            "2 poles must carry a sensor and a budget of 1 is allowed",
+        ),
         ({"frames": 0}, "frames must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),
-        ({"candidates": "paper", "catalogue": CATALOGUE}, "the site's own sensors have their models"),
+        (
+            {"candidates": "paper", "catalogue": CATALOGUE},
+            "the site's own sensors have their models",
+        ),
     ],
 )
 def test_bad_questions(ask, wrong, message):
@@ -63,8 +74,14 @@ def test_prices_links_and_stocks_are_as_asked(ask):
 
 
 def test_options_are_in_words_with_digests_of_files(ask, tmp_path):
-    words = ask(SITE, money=9000.0, catalogue=CATALOGUE, candidates=tmp_path / "poles.geojson").as_dict()
-    assert (words["money"], words["catalogue"], words["candidates"]) == (9000.0, ["eye"], "poles.geojson")
+    words = ask(
+        SITE, money=9000.0, catalogue=CATALOGUE, candidates=tmp_path / "poles.geojson"
+    ).as_dict()
+    assert (words["money"], words["catalogue"], words["candidates"]) == (
+        9000.0,
+        ["eye"],
+        "poles.geojson",
+    )
     assert words["frames"] == [60, 120, 120]
     assert words["detector"] == "shipped"
     assert str(tmp_path) not in str(words)
@@ -78,8 +95,14 @@ def test_options_are_in_words_with_digests_of_files(ask, tmp_path):
 
 def test_classes_thresholds_and_error_profiles_are_written_down(ask):
     plain = ask(SITE).as_dict()
-    assert (plain["classes"], plain["class_weights"], plain["combine"]) == (["vehicle"], [1.0], "mean")
-    words = ask(SITE, classes=Classes(("pedestrian", "vehicle"), combine="worst"), iou=0.8).as_dict()
+    assert (plain["classes"], plain["class_weights"], plain["combine"]) == (
+        ["vehicle"],
+        [1.0],
+        "mean",
+    )
+    words = ask(
+        SITE, classes=Classes(("pedestrian", "vehicle"), combine="worst"), iou=0.8
+    ).as_dict()
     assert (words["classes"], words["combine"]) == (["vehicle", "pedestrian"], "worst")
     assert words["class_ious"] == [0.8, 0.5]
     assert ask(SITE, classes=("cyclist",)).setting.counted == Classes(("cyclist",))
@@ -98,4 +121,6 @@ def test_classes_thresholds_and_error_profiles_are_written_down(ask):
     assert (judged.cases.names, judged.fidelity) == (("typical",), "detector")
     parts = [question.part(name) for name in ("search", "comparison", "judgement")]
     assert [(each.seed, each.frames) for each in parts] == [(4, 3), (1000007, 3), (2000010, 3)]
-    assert ask(SITE, candidates="paper", scheme="foreground", iou=0.63).searched.fidelity == "coverage"
+    assert (
+        ask(SITE, candidates="paper", scheme="foreground", iou=0.63).searched.fidelity == "coverage"
+    )

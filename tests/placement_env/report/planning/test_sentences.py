@@ -8,7 +8,14 @@ import pytest
 
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.classes import Classes
-from placement_env.report.content import FailureCase, Judgement, Plan, PlanOption, SchemeFigures, Verdict
+from placement_env.report.content import (
+    FailureCase,
+    Judgement,
+    Plan,
+    PlanOption,
+    SchemeFigures,
+    Verdict,
+)
 from placement_env.report.planning import sentences
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.sites.site import Mount, Relief, Site, Solid
@@ -21,10 +28,22 @@ EVERY = ("vehicle", "cyclist", "pedestrian", "heavy")
 
 def explain(question, considered=9, near=(), schemes=(), failures=()):
     plan = Plan(
-        {}, "street", "Reader", 0.7, "early", "", Verdict(None, ""), OPTION,
-        considered=(OPTION,), near_optimal=near, schemes=schemes, failures=failures,
-    )  # fmt: skip
-    return sentences.explain_choice(question, plan, OPTION, "best", considered=considered, fidelity="surrogate")
+        {},
+        "street",
+        "Reader",
+        0.7,
+        "early",
+        "",
+        Verdict(None, ""),
+        OPTION,
+        considered=(OPTION,),
+        near_optimal=near,
+        schemes=schemes,
+        failures=failures,
+    )
+    return sentences.explain_choice(
+        question, plan, OPTION, "best", considered=considered, fidelity="surrogate"
+    )
 
 
 def assume(question, fidelity="surrogate", sampled=False):
@@ -37,18 +56,30 @@ def assume(question, fidelity="surrogate", sampled=False):
         *(({}, ""), ({"levels": 3}, ", at the worst of 3 levels of traffic,")),
         (
             {"levels": 2, "levels_by": "mean", "failing": 1},
-            ", what is left in the worst case when 1 sensor fails, averaged over 2 levels of traffic,",
+            (
+                ", what is left in the worst case when 1 sensor fails, averaged over 2 levels of "
+                "traffic,"
+            ),
         ),
     ],
 )
 def test_cases_of_the_ap(ask, asked, words):
     question = ask(SITE, **asked)
     assert sentences.describe_cases(question) == words
-    assert f"120 frames){words} at IoU 0.7" in sentences.build_verdict(question, OPTION, OPTION, ()).sentence
-    compared = [line for line in explain(question) if line.startswith("The AP by which sets are compared is ")]
+    assert (
+        f"120 frames){words} at IoU 0.7"
+        in sentences.build_verdict(question, OPTION, OPTION, ()).sentence
+    )
+    compared = [
+        line
+        for line in explain(question)
+        if line.startswith("The AP by which sets are compared is ")
+    ]
     assert len(compared) == bool(words)
     if asked == {"levels": 3}:
-        assert compared == ["The AP by which sets are compared is that at the worst of 3 levels of traffic."]
+        assert compared == [
+            "The AP by which sets are compared is that at the worst of 3 levels of traffic."
+        ]
 
 
 def test_verdicts_on_cases_and_error_profiles(ask):
@@ -56,15 +87,23 @@ def test_verdicts_on_cases_and_error_profiles(ask):
     assert sentences.describe_cases(both) == ", at the worst of the error profiles paper and poor,"
     said = assume(both)
     assert "errors of profile paper (OwnNoise) and of profile poor (Glass, Paint, DropOut" in said
-    assert "The AP by which they are compared is that at the worst of the error profiles paper and poor; every" in said
+    assert (
+        "The AP by which they are compared is that at the worst of the error profiles paper and "
+        "poor; every"
+    ) in said
     assert "are with profile paper, the first one given" in said
     assert "Poses are exact" not in said
     assert "Poses are exact" in assume(ask(SITE))
-    named = "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
+    named = (
+        "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
+    )
     assert named in assume(ask(SITE, errors=("typical",)))
     asked = sentences.build_verdict(ask(SITE), OPTION, OPTION, ())
     assert asked.met is None
-    words = "AP 0.910 (95 % interval 0.850 to 0.950, 812 vehicles in 120 frames) at IoU 0.7 with 2 sensors"
+    words = (
+        "AP 0.910 (95 % interval 0.850 to 0.950, 812 vehicles in 120 frames) at IoU 0.7 with 2 "
+        "sensors"
+    )
     assert words in asked.sentence
     met = sentences.build_verdict(ask(SITE, min_ap=0.9), OPTION, OPTION, ())
     assert (met.met, "reaches below it" in met.sentence) == (True, True)
@@ -73,14 +112,18 @@ def test_verdicts_on_cases_and_error_profiles(ask):
     missed = sentences.build_verdict(ask(SITE, min_ap=0.95), OPTION, OPTION, ("Because.",))
     assert (missed.met, missed.reasons[-1]) == (False, "Because.")
     assert "is not met" in missed.sentence
-    frail = replace(OPTION, left=replace(FINAL, ap=0.5, low=0.4, high=0.6))  # the AP asked for is what is left
+    # the AP asked for is what is left
+    frail = replace(OPTION, left=replace(FINAL, ap=0.5, low=0.4, high=0.6))
     verdict = sentences.build_verdict(ask(SITE, min_ap=0.8, failing=1), OPTION, frail, ())
     assert (verdict.met, "has AP 0.500" in verdict.sentence) == (False, True)
 
 
 def test_choices_and_assumptions_follow_the_question(ask):
     schemes = (SchemeFigures("early", 0.7, FINAL, 500.0), SchemeFigures("late", 0.7, FINAL, 2.0))
-    failures = (FailureCase(("a",), FINAL), FailureCase(("b",), Judgement(0.4, 0.3, 0.5, 0.4, 0.9, 812, 120)))
+    failures = (
+        FailureCase(("a",), FINAL),
+        FailureCase(("b",), Judgement(0.4, 0.3, 0.5, 0.4, 0.9, 812, 120)),
+    )
     said = " ".join(explain(ask(SITE), 12345, near=(OPTION,), schemes=schemes, failures=failures))
     assert "12,345 sets were scored by the surrogate, a quick estimate; 1 of them" in said
     assert "greedy and swap" in said
@@ -93,15 +136,26 @@ def test_choices_and_assumptions_follow_the_question(ask):
     assert "AP is of vehicles alone, heavy ones not counted, centred in the detection area" in plain
     assert "No catalogue was given" in plain
     assert "by coverage" not in plain
-    other = assume(ask(SITE, classes=Classes(EVERY, (3.0, 1.0, 1.0, 3.0))), "coverage", sampled=True)
+    other = assume(
+        ask(SITE, classes=Classes(EVERY, (3.0, 1.0, 1.0, 3.0))), "coverage", sampled=True
+    )
     assert "did not count" not in other
-    assert "AP is the mean of 0.38 vehicle, 0.12 cyclist (IoU 0.5), 0.12 pedestrian (IoU 0.5) and 0.38 heavy" in other
+    assert (
+        "AP is the mean of 0.38 vehicle, 0.12 cyclist (IoU 0.5), 0.12 pedestrian (IoU 0.5) and "
+        "0.38 heavy"
+    ) in other
     assert "searches went by coverage" in other
     assert "For a set this large" in other
-    assert "AP is of pedestrian alone, centred" in assume(ask(SITE, classes=Classes(("pedestrian",))))
+    assert "AP is of pedestrian alone, centred" in assume(
+        ask(SITE, classes=Classes(("pedestrian",)))
+    )
     assert "kbit count 96 bits for a point and 256 for a box" in assume(ask(SITE))
-    assert "kbit are of messages as RangeImages(step=0.04) writes" in assume(ask(SITE, codec=RangeImages(0.04)))
-    assert "kbit are of messages as RangeImages(step=0.02) writes" in assume(ask(SITE, scheme="foreground"))
+    assert "kbit are of messages as RangeImages(step=0.04) writes" in assume(
+        ask(SITE, codec=RangeImages(0.04))
+    )
+    assert "kbit are of messages as RangeImages(step=0.02) writes" in assume(
+        ask(SITE, scheme="foreground")
+    )
     assert len(sentences.list_unknowns(FINAL)) == 4
     few = Judgement(1.0, math.nan, math.nan, 1.0, 1.0, 3, 4)
     assert "How far AP 1.00 may be off" in sentences.list_unknowns(few)[-1]
@@ -112,8 +166,8 @@ def test_refusals_say_how_short_of_the_requirement(ask, street):
     question = ask(street.site)
     assert "has no road network" in sentences.refuse_question(question)[0]
     assert sentences.refuse_traffic(question, ["vehicle"], 1, "simulated") == (
-        "No vehicle enters the detection area of site 'street' in 1 frame of simulated traffic: increase --frames, "
-        "change --seed, or enlarge the area.",
+        "No vehicle enters the detection area of site 'street' in 1 frame of simulated traffic: "
+        "increase --frames, change --seed, or enlarge the area.",
     )
     assert sentences.refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith(
         "No cyclist and no heavy enters"
@@ -121,14 +175,22 @@ def test_refusals_say_how_short_of_the_requirement(ask, street):
     final = Judgement(0.8, 0.7, 0.9, 0.8, 1.0, 50, 20)
     best = PlanOption(("a", "b"), 5500.0, 1.0, 2.0, 0.9, replace(final, ap=0.85))
     question = ask(street.site, sensors=2, money=6000.0, min_ap=0.95)
-    first, number, left, excluded = sentences.explain_shortfall(question, best, final, ("The links exclude all.",))
+    first, number, left, excluded = sentences.explain_shortfall(
+        question, best, final, ("The links exclude all.",)
+    )
     assert "2 sensors" in first
-    assert "AP 0.80 (0.70 to 0.90) on 50 vehicles in the final traffic and 0.85 in the traffic it was" in first
+    assert (
+        "AP 0.80 (0.70 to 0.90) on 50 vehicles in the final traffic and 0.85 in the traffic it was"
+        in first
+    )
     assert "0.95 is required" in first
     assert "The budget of 2 sensors is used up" in number
     assert "it leaves the price of 500 ordinary poles" in left
     assert excluded == "The links exclude all."
-    assert len(sentences.explain_shortfall(ask(street.site, sensors=9, min_ap=0.95), best, final, ())) == 1
+    assert (
+        len(sentences.explain_shortfall(ask(street.site, sensors=9, min_ap=0.95), best, final, ()))
+        == 1
+    )
 
 
 def test_a_requirement_that_is_just_reached_is_met(ask):
@@ -165,7 +227,10 @@ def test_schemes_at_the_plans_iou_and_single_failures_are_said(ask):
     assert not any("hurts most" in line for line in explain(ask(SITE), failures=failures[:1]))
     found = [line for line in lines if line.startswith("It comes from ")]
     assert found == [
-        "It comes from greedy and swap; its predicted AP is 0.930, its AP among the judged sets 0.910 (0.850 to 0.950)."
+        (
+            "It comes from greedy and swap; its predicted AP is 0.930, its AP among the judged "
+            "sets 0.910 (0.850 to 0.950)."
+        )
     ]
 
 
@@ -190,10 +255,14 @@ def test_assumptions_name_what_was_asked_and_no_more(ask):
 
 
 def test_origins_are_drawn_things_but_poles_and_the_uneven_ground():
-    assert sentences.describe_origins(replace(SITE, road_origin="drawn")).startswith("Everything at the site is drawn")
+    assert sentences.describe_origins(replace(SITE, road_origin="drawn")).startswith(
+        "Everything at the site is drawn"
+    )
     assert sentences.describe_origins(SITE).startswith("Nothing at the site is marked as drawn")
     pole = Mount("p", np.zeros(3), origin="drawn")
-    assert sentences.describe_origins(replace(SITE, mounts=(pole,))).startswith("Nothing at the site is marked")
+    assert sentences.describe_origins(replace(SITE, mounts=(pole,))).startswith(
+        "Nothing at the site is marked"
+    )
     square = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])
     wall = Solid(square, 0.0, 5.0, "wall", origin="drawn")
     drawn = replace(SITE, mounts=(pole,), solids=(wall,))

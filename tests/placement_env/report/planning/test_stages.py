@@ -20,10 +20,24 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import Ground
 from placement_env.objective import Objective
 from placement_env.racing import Contest
-from placement_env.report.content import BreakdownRow, DrawingResult, Judgement, Plan, Planned, PlanOption, Verdict
+from placement_env.report.content import (
+    BreakdownRow,
+    DrawingResult,
+    Judgement,
+    Plan,
+    Planned,
+    PlanOption,
+    Verdict,
+)
 from placement_env.report.planning import judging, planning, question as questions, sentences
 from placement_env.report.planning.judging import Choice, Judge
-from placement_env.report.planning.planning import ChosenSet, measure_blind_streets, pick_moments, plan, write_plan
+from placement_env.report.planning.planning import (
+    ChosenSet,
+    measure_blind_streets,
+    pick_moments,
+    plan,
+    write_plan,
+)
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.portfolio import NEAR_TIE
 from placement_env.setting import AP_ONLY
@@ -39,19 +53,36 @@ WHOLE = Plan({}, "s", "Reader", 0.7, "early", "", Verdict(None, "So."), None)
 
 @pytest.fixture
 def staged(ask, street, monkeypatch):
-    """Plans on the street: searches answer at once, and what they, the choice and the pictures are asked is noted."""
+    """Plans on the street: searches answer at once, and what they, the choice and the pictures are
+    asked is noted."""
     site = replace(street.site, network="<net><edge/></net>")
-    monkeypatch.setattr("placement_env.setting.choose_candidates", lambda *_, **__: street.candidates)
+    monkeypatch.setattr(
+        "placement_env.setting.choose_candidates", lambda *_, **__: street.candidates
+    )
     monkeypatch.setattr(questions, "choose_candidates", lambda *_, **__: street.candidates)
     traffic = Traffic(site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
     noted = SimpleNamespace(
-        searched=[], others=[], chosen=[], moments=[], parts=[], labels=np.array([0, 0, 2]), judge=street.judge
+        searched=[],
+        others=[],
+        chosen=[],
+        moments=[],
+        parts=[],
+        labels=np.array([0, 0, 2]),
+        judge=street.judge,
     )
 
     class Prepared:
         def __init__(self, setting, run):
-            self.setting, self.run, self.frames, self.traffic, self.network = setting, run, 8, traffic, "general"
-            self.visibility = SimpleNamespace(labels=noted.labels, select=lambda rows: ("seen", rows.tolist()))
+            self.setting, self.run, self.frames, self.traffic, self.network = (
+                setting,
+                run,
+                8,
+                traffic,
+                "general",
+            )
+            self.visibility = SimpleNamespace(
+                labels=noted.labels, select=lambda rows: ("seen", rows.tolist())
+            )
             self.plain = "plain"
 
     def moved(preparation, candidates, visibility, weights):
@@ -107,7 +138,11 @@ def test_every_stage_has_its_seed_and_its_part_of_the_traffic(staged, tmp_path):
     ((given, asked),) = staged.moments
     assert (given[1], asked) == ((0,), {"seed": 7})  # the cheapest that finds two of five
     made = planned.plan
-    assert made.chosen.sensors == tuple(sensor.name for sensor in planned.site.sensors) == ("post0_eye",)
+    assert (
+        made.chosen.sensors
+        == tuple(sensor.name for sensor in planned.site.sensors)
+        == ("post0_eye",)
+    )
     assert made.chosen.kbit == made.chosen.kbit_per_sensor == 4.8
     assert [part["seed"] for part in made.provenance["traffic"].values()] == [7, 1000010, 2000013]
     assert made.provenance["network"] == "general"
@@ -135,10 +170,14 @@ def test_classes_that_are_not_there_are_refused_and_some_objects_are_enough(stag
     staged.labels = np.array([2, 2])
     refused = staged.plan().plan
     assert refused.chosen is None
-    assert refused.verdict.reasons[0].startswith("No vehicle enters the detection area of site 'street' in 8 frames")
+    assert refused.verdict.reasons[0].startswith(
+        "No vehicle enters the detection area of site 'street' in 8 frames"
+    )
     staged.labels = np.array([0, 3])
     old = staged.judge.detected
-    staged.judge = Judge((Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "heavy"))),))
+    staged.judge = Judge(
+        (Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "heavy"))),)
+    )
     refused = staged.plan().plan  # there when searched, not where sets are compared
     assert refused.verdict.reasons[0].startswith("No heavy enters")
     assert "of judging traffic" in refused.verdict.reasons[0]
@@ -148,7 +187,11 @@ def test_classes_that_are_not_there_are_refused_and_some_objects_are_enough(stag
     ("asked", "most"),
     [
         *(({"sensors": 3}, 3), ({"sensors": 9}, 4), ({"sensors": None, "money": 55.5}, 4)),
-        *(({"sensors": 3, "money": 21.5}, 2), ({"sensors": 3, "money": 21.4}, 1), ({"sensors": 3, "money": 1.0}, 1)),
+        *(
+            ({"sensors": 3, "money": 21.5}, 2),
+            ({"sensors": 3, "money": 21.4}, 1),
+            ({"sensors": 3, "money": 1.0}, 1),
+        ),
     ],
 )
 def test_searches_go_to_the_size_that_number_money_and_mounts_allow(street, ask, asked, most):
@@ -157,8 +200,8 @@ def test_searches_go_to_the_size_that_number_money_and_mounts_allow(street, ask,
 
 
 def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(street, ask):
-    """Poles cost 1, 1, 0.5 and 3, the models 10 and 20. Where each pole carries two, the second on it costs 10, 10, 10
-    and 20. Post 3 is unused here."""
+    """Poles cost 1, 1, 0.5 and 3, the models 10 and 20. Where each pole carries two, the second on
+    it costs 10, 10, 10 and 20. Post 3 is unused here."""
     mounts = tuple(replace(mount, max_sensors=2) for mount in street.candidates.mounts)
     double = replace(street.candidates, mounts=mounts).select(np.array([0, 1, 2]))
     free = replace(double, axes=Axes(*vars(double.axes).values()))
@@ -170,7 +213,9 @@ def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(st
 
 def test_money_alone_buys_a_dozen_at_most(ask, make):
     site = Site("s", np.array([0.0, 0, 9, 9]))
-    assert planning._most_sensors(ask(site, sensors=None, money=1e6), make(mounts=20).candidates) == 12
+    assert (
+        planning._most_sensors(ask(site, sensors=None, money=1e6), make(mounts=20).candidates) == 12
+    )
 
 
 def test_blind_lanes_are_measured_by_street():
@@ -187,8 +232,14 @@ def test_blind_lanes_are_measured_by_street():
     ground = np.ones((2, 6), bool)
     ground[1, 1] = False
     made = Ground(x, y, seen, np.zeros((2, 2, 6), np.float32), ground, lanes, ~lanes)
-    assert measure_blind_streets(site, made) == {"Oak Road in the east": 8.0, "Elm Road in the west": 4.0}
-    assert list(measure_blind_streets(site, made)) == ["Oak Road in the east", "Elm Road in the west"]
+    assert measure_blind_streets(site, made) == {
+        "Oak Road in the east": 8.0,
+        "Elm Road in the west": 4.0,
+    }
+    assert list(measure_blind_streets(site, made)) == [
+        "Oak Road in the east",
+        "Elm Road in the west",
+    ]
     assert measure_blind_streets(site, replace(made, seen=np.ones((2, 2, 6), bool))) == {}
 
 
@@ -199,13 +250,21 @@ def test_errors_are_drawn_ten_times_and_a_tenth_is_below(street, monkeypatch, fr
             self.errors = errors
 
     monkeypatch.setattr(planning, "Renders", Stub)
-    monkeypatch.setattr(planning, "_judge_draw", lambda judge, detected, renders, chosen, seed: seed**2 / 100)
-    profiles = [SimpleNamespace(renders=each) for each in (Stub(PAPER_ERRORS), Stub(POOR), "others")]
+    monkeypatch.setattr(
+        planning, "_judge_draw", lambda judge, detected, renders, chosen, seed: seed**2 / 100
+    )
+    profiles = [
+        SimpleNamespace(renders=each) for each in (Stub(PAPER_ERRORS), Stub(POOR), "others")
+    ]
     told: list[tuple[str, int, int | None]] = []
     run = Run(progress=lambda *stage: told.append(stage))
     (row,) = planning.by_draw(SimpleNamespace(profiles=profiles, frames=frames), (0,), run)
     assert told == [("draws of the errors poor", done, 10) for done in range(1, 11)]
-    assert (row.profile, row.aps, row.frames) == ("poor", tuple(n**2 / 100 for n in range(1, 11)), drawn)
+    assert (row.profile, row.aps, row.frames) == (
+        "poor",
+        tuple(n**2 / 100 for n in range(1, 11)),
+        drawn,
+    )
     assert (row.mean, row.tenth) == pytest.approx((0.385, 0.01 + 0.9 * 0.03))
 
 
@@ -234,10 +293,17 @@ def test_schemes_are_judged_at_every_threshold_and_as_good_only_at_the_plans(str
     judge = Judge((street.detected.at(0.7, (0.7, 0.9)),), Cases(iou=(0.7, 0.9)))
     rows = ChosenSet((0, 1), ("a", "b"), judge, street.objective).schemes()
     assert [row.iou for row in rows] == [0.7, 0.8, 0.9, (0.7, 0.9)] * 3
-    monkeypatch.setattr(planning, "is_as_good", lambda drawn, own, blocks: blocks == 2 and (drawn == own).all())
+    monkeypatch.setattr(
+        planning, "is_as_good", lambda drawn, own, blocks: blocks == 2 and (drawn == own).all()
+    )
     single = ChosenSet((0, 1), ("a", "b"), street.judge, street.objective)
     assert [row.as_good for row in single.schemes()] == [True, False, False] * 3
-    odd = ChosenSet((0, 1), ("a", "b"), Judge((street.detected.at(0.75, (0.75,)),), Cases(iou=0.75)), street.objective)
+    odd = ChosenSet(
+        (0, 1),
+        ("a", "b"),
+        Judge((street.detected.at(0.75, (0.75,)),), Cases(iou=0.75)),
+        street.objective,
+    )
     assert [row.iou for row in odd.schemes()] == [0.7, 0.75, 0.8, 0.9] * 3
 
     class Rough(type(street.detected.detector)):  # type: ignore[misc]
@@ -250,13 +316,18 @@ def test_schemes_are_judged_at_every_threshold_and_as_good_only_at_the_plans(str
             return Detections(boxes, found.scores)
 
     rough = Judge((Detected(street.detected.renders, Rough(), "early"),))
-    aps = {row.iou: row.judged.ap for row in ChosenSet((0, 1), ("a", "b"), rough, street.objective).schemes()[:3]}
+    aps = {
+        row.iou: row.judged.ap
+        for row in ChosenSet((0, 1), ("a", "b"), rough, street.objective).schemes()[:3]
+    }
     assert aps == {0.7: 0.75, 0.8: 0.75, 0.9: 0.0}
 
 
 def test_what_a_plan_hands_over_and_what_an_earlier_one_left(street, tmp_path, monkeypatch):
     handed = []
-    monkeypatch.setattr(planning, "write_report", lambda planned, folder: (folder / "report.html").write_text("x"))
+    monkeypatch.setattr(
+        planning, "write_report", lambda planned, folder: (folder / "report.html").write_text("x")
+    )
 
     def noted(folder, site, sensors, ground, *, unused, currency):
         handed.append((site.name, ground, [mount.name for mount in unused], currency))
@@ -268,7 +339,10 @@ def test_what_a_plan_hands_over_and_what_an_earlier_one_left(street, tmp_path, m
         tmp_path / name for name in ("plan.json", "report.html", "schedule.csv")
     ]
     assert handed == [("street", "ground", ["post1", "post3"], "EUR")]
-    for planned in (Planned(made, street.site, street.candidates), Planned(made, street.site, None, "ground")):
+    for planned in (
+        Planned(made, street.site, street.candidates),
+        Planned(made, street.site, None, "ground"),
+    ):
         assert [path.name for path in write_plan(planned, tmp_path)] == ["plan.json", "report.html"]
         assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.json", "report.html"]
     assert len(handed) == 1
@@ -281,7 +355,10 @@ def test_what_a_plan_hands_over_and_what_an_earlier_one_left(street, tmp_path, m
     [
         *(({"width": 0.0}, "width of the interval"), ({"width": 1.0}, "got 1.0: 0.02 is narrow")),
         *(({"confidence": 0.0}, "confidence must lie"), ({"confidence": 1.0}, "0.95 is usual")),
-        *(({"drawings": 0}, "drawings must be a whole"), ({"drawings": 2}, "nothing was drawn at site 'street'")),
+        *(
+            ({"drawings": 0}, "drawings must be a whole"),
+            ({"drawings": 2}, "nothing was drawn at site 'street'"),
+        ),
         *(
             ({"sensors": 1, "failing": 1}, "of 1 sensors nothing"),
             ({"max_kbit": math.inf}, "max_kbit must be a finite"),
@@ -294,13 +371,22 @@ def test_widths_confidences_and_drawings_are_checked(ask, street, wrong, message
 
 
 def test_what_may_just_be_asked(ask, street, monkeypatch):
-    asked = ask(street.site, width=0.999, confidence=0.001, max_kbit=0.0, min_ap=1.0, sensors=2, failing=1)
+    asked = ask(
+        street.site, width=0.999, confidence=0.001, max_kbit=0.0, min_ap=1.0, sensors=2, failing=1
+    )
     assert ask(street.site).as_dict() | {"sensors": 2} == ask(street.site, sensors=2).as_dict()
     said = asked.as_dict()
-    assert (said["width"], said["confidence"], said["max_kbit"], said["min_ap"]) == (0.999, 0.001, 0.0, 1.0)
+    assert (said["width"], said["confidence"], said["max_kbit"], said["min_ap"]) == (
+        0.999,
+        0.001,
+        0.0,
+        1.0,
+    )
     assert asked.at_drawings == (asked,)
     assert ask(street.site, sensors=0, failing=1).sensors == 0  # refused in words of its own
-    monkeypatch.setattr(questions, "redraw", lambda site, seed: replace(site, name=f"{site.name} {seed}"))
+    monkeypatch.setattr(
+        questions, "redraw", lambda site, seed: replace(site, name=f"{site.name} {seed}")
+    )
     several = ask(replace(street.site, furnished="dense"), drawings=3).at_drawings
     assert [each.drawings for each in several] == [3, 1, 1]
     assert [each.site.name for each in several] == ["street", "street 7001", "street 7002"]
@@ -309,7 +395,9 @@ def test_what_may_just_be_asked(ask, street, monkeypatch):
 def test_results_at_drawings_come_through_and_the_cheapest_that_just_reaches_counts(street):
     """Both sets find two of four cars; the second is cheaper."""
     options = tuple(
-        PlanOption((name,), price, 1.0, 1.0, 0.5, Judgement(0.5, 0.4, 0.6, 0.5, 1.0, 32, 8), poles=(name,))
+        PlanOption(
+            (name,), price, 1.0, 1.0, 0.5, Judgement(0.5, 0.4, 0.6, 0.5, 1.0, 32, 8), poles=(name,)
+        )
         for name, price in (("a", 2.0), ("b", 1.0))
     )
     both = replace(street.judge, drawings=(street.judge,))
@@ -323,7 +411,8 @@ def test_results_at_drawings_come_through_and_the_cheapest_that_just_reaches_cou
 
 def test_sets_near_the_best_are_listed_from_the_cheapest(street):
     options = tuple(
-        PlanOption((name,), price, 1.0, 1.0, 0.5, None) for name, price in (("a", 3.0), ("b", 1.0), ("c", 2.0))
+        PlanOption((name,), price, 1.0, 1.0, 0.5, None)
+        for name, price in (("a", 3.0), ("b", 1.0), ("c", 2.0))
     )
     choice = Choice(options, SETS, 0, 0, (0, 2, 1), "best")
     assert [option.sensors for option in choice.near_optimal] == [("b",), ("c",), ("a",)]
@@ -334,8 +423,12 @@ def test_pictures_are_drawn_by_the_seed(street, monkeypatch):
         def clouds(self, k, c):
             return np.random.default_rng(c).normal(size=(200, 3)).astype(np.float32)
 
-    detected = Detected(Dense(street.site, street.detected.renders.sensors), street.detected.detector, "early")
-    monkeypatch.setattr(planning, "_moment", lambda detected, chosen, k, points, seed: (k, points, seed))
+    detected = Detected(
+        Dense(street.site, street.detected.renders.sensors), street.detected.detector, "early"
+    )
+    monkeypatch.setattr(
+        planning, "_moment", lambda detected, chosen, k, points, seed: (k, points, seed)
+    )
     asked: list[Any] = [*pick_moments(detected, (0,), count=1)]
     assert asked == [(0, 2500, 0)]
     asked = [*pick_moments(detected, (0,), count=2, points=9, seed=5)]
@@ -347,7 +440,9 @@ def test_what_is_refused_alone_is_not_built_whatever_it_sends(street):
     poor = street.objective.weighed(street.objective.weights, most_price=11.0)
     assert planning.find_buildable(poor, None).tolist() == [0, 1, 2]
     least = float(poor.sent.min())
-    assert planning.find_buildable(poor, least).tolist() == [c for c in range(3) if poor.sent[c] == least]
+    assert planning.find_buildable(poor, least).tolist() == [
+        c for c in range(3) if poor.sent[c] == least
+    ]
 
 
 def test_a_number_that_is_none_never_gets_into_a_plan(monkeypatch):
@@ -372,14 +467,21 @@ def test_failures_and_levels_alone_are_judged_at_the_first_profile(street):
         def clouds(self, k, c):
             return super().clouds(k, c)[: 0 if c == 0 else None]
 
-    rough = Detected(Hazy(street.site, street.detected.renders.sensors), street.detected.detector, "early")
+    rough = Detected(
+        Hazy(street.site, street.detected.renders.sensors), street.detected.detector, "early"
+    )
     cases = Cases(failing=1, levels=2, errors=("paper", "poor"))
     judge = Judge((street.detected, rough), cases, levels=(np.arange(4), np.arange(4, 8)))
     ((found,), _) = judge.judge_cases(np.array([[1, 1, 0, 0]], bool))
     figures = [each.ap for each in (found.judged, found.over_levels, found.left, found.over_errors)]
     assert figures == [0.75, 0.75, 0.5, 0.0]
     other = judge.of_classes(Classes(("pedestrian",)))
-    assert (other.levels, other.drawings, other.cases, len(other.profiles)) == ((), (), judge.intact, 1)
+    assert (other.levels, other.drawings, other.cases, len(other.profiles)) == (
+        (),
+        (),
+        judge.intact,
+        1,
+    )
 
 
 def test_other_classes_that_the_detector_knows_are_judged_too(street):
@@ -387,13 +489,22 @@ def test_other_classes_that_the_detector_knows_are_judged_too(street):
         labels, digest = ("vehicle", "pedestrian", "heavy"), "knowing"
 
         def __call__(self, points, /):
-            walker = Detections(np.array([[5.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array([0.4]), np.array([2]))
+            walker = Detections(
+                np.array([[5.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array([0.4]), np.array([2])
+            )
             return Detections.merge([street.detected.detector(points), walker])
 
     judge = Judge((Detected(street.detected.renders, Knowing(), "early"),))
     (walker,) = judge.by_other_class((0, 1))
-    assert (walker.label, walker.weight, walker.judged.ap, walker.judged.vehicles) == ("pedestrian", 0.0, 1.0, 8)
-    assert street.judge.by_other_class((0, 1)) == ()  # of a detector that does not say what it knows
+    assert (walker.label, walker.weight, walker.judged.ap, walker.judged.vehicles) == (
+        "pedestrian",
+        0.0,
+        1.0,
+        8,
+    )
+    assert (
+        street.judge.by_other_class((0, 1)) == ()
+    )  # of a detector that does not say what it knows
 
 
 def test_an_answer_as_good_as_the_best_is_set_beside_it(ask, street):
@@ -402,7 +513,9 @@ def test_an_answer_as_good_as_the_best_is_set_beside_it(ask, street):
     cheap = PlanOption(("a",), 1.0, 5.0, 5.0, 0.8, replace(judged, ap=0.905))
     made = replace(WHOLE, best=best, considered=(best, cheap))
     for rule, said in (("as good", True), ("best", False)):
-        lines = sentences.explain_choice(ask(street.site), made, cheap, rule, considered=9, fidelity="surrogate")
+        lines = sentences.explain_choice(
+            ask(street.site), made, cheap, rule, considered=9, fidelity="surrogate"
+        )
         beside = "The best set, 2 sensors, has AP 0.910 for the price of 2 ordinary poles, +0.005."
         assert (beside in lines) is said
         assert "No other is surely within 0.01 of the best on the same frames." in lines
@@ -445,7 +558,9 @@ def test_links_carry_the_share_of_frames_that_was_asked_for(staged, street, monk
     kbit = np.linspace(100.0, 800.0, 2 * 8).reshape(2, 8)
     monkeypatch.setattr(judging.Judge, "kbit", lambda judge, members: kbit)
     made = staged.plan(link_share=share).plan
-    assert [link.load_mbit_s for link in made.links] == pytest.approx((of(kbit, axis=1) * 10.0 / 1000.0).tolist())
+    assert [link.load_mbit_s for link in made.links] == pytest.approx(
+        (of(kbit, axis=1) * 10.0 / 1000.0).tolist()
+    )
 
 
 def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
@@ -463,7 +578,9 @@ def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
 
 def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkeypatch):
     monkeypatch.setattr(planning, "Preparation", lambda setting, run, compares: (setting, run))
-    monkeypatch.setattr(Judge, "of", staticmethod(lambda prepared, seed: replace(street.judge, seed=seed)))
+    monkeypatch.setattr(
+        Judge, "of", staticmethod(lambda prepared, seed: replace(street.judge, seed=seed))
+    )
     each = [SimpleNamespace(judged=lambda candidates, n=n: (n, candidates)) for n in range(2)]
     asked: Any = SimpleNamespace(at_drawings=each, run=Run(seed=5))
     objectives: Any = [SimpleNamespace(candidates="a"), SimpleNamespace(candidates="b")]
@@ -509,7 +626,8 @@ def test_levels_with_few_road_users_are_named(vehicles, few):
 
 
 def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street, monkeypatch):
-    """Eighty frames: in half of each block of four sensor 0 is blind, so that resamples differ by the seed."""
+    """Eighty frames: in half of each block of four sensor 0 is blind, so that resamples differ by
+    the seed."""
 
     class Long(type(street.detected.renders)):  # type: ignore[misc]
         def clouds(self, k, c):
@@ -518,11 +636,15 @@ def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street, monkey
     renders = Long(street.site, street.detected.renders.sensors, frames=80)
     detected = Detected(renders, street.detected.detector, "early")
     row = np.array([[1, 0, 0, 0]], bool)
-    first, again, other = (Judge((detected,), seed=seed).judge_drawn(row, Cases())[1] for seed in (0, 0, 1))
+    first, again, other = (
+        Judge((detected,), seed=seed).judge_drawn(row, Cases())[1] for seed in (0, 0, 1)
+    )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
-    (found,) = Judge((detected,)).judge(np.array([[0, 1, 0, 0]], bool))  # half of four in every frame
-    wilson = binomtest(40, 80).proportion_ci(0.95, method="wilson")  # 320 vehicles, each in four frames
+    # half of four in every frame
+    (found,) = Judge((detected,)).judge(np.array([[0, 1, 0, 0]], bool))
+    # 320 vehicles, each in four frames
+    wilson = binomtest(40, 80).proportion_ci(0.95, method="wilson")
     assert (found.low, found.high) == pytest.approx((wilson.low, wilson.high))
     monkeypatch.setattr(judging, "CONFIDENCE", 0.8)
     (found,) = Judge((detected,)).judge(np.array([[0, 1, 0, 0]], bool))
@@ -534,8 +656,14 @@ def test_a_set_just_near_the_highest_ap_may_be_best(street):
     """Within three quarters of the tolerance the greater mean AP decides, also at just that."""
     highest, least = 1.0, 1.0 - NEAR_TIE
     options = tuple(
-        PlanOption((name,), 1.0, 1.0, 1.0, 0.5, Judgement(ap, 0.9, 1.0, ap, 1.0, 320, 80), mean_ap=mean)
-        for name, ap, mean in (("a", highest, 0.7), ("b", least, 0.8), ("c", np.nextafter(least, 0), 0.9))
+        PlanOption(
+            (name,), 1.0, 1.0, 1.0, 0.5, Judgement(ap, 0.9, 1.0, ap, 1.0, 320, 80), mean_ap=mean
+        )
+        for name, ap, mean in (
+            ("a", highest, 0.7),
+            ("b", least, 0.8),
+            ("c", np.nextafter(least, 0), 0.9),
+        )
     )
     draws = {i: np.linspace(0.0, 1.0, 100) ** (i + 1) for i in range(3)}
     assert judging.choose(options, draws)[0] == 1
@@ -545,14 +673,21 @@ def test_a_hit_of_the_very_first_vehicle_counts_in_its_group(street):
     scored = planning.score_boxes(street.judge, (0,))
     assert (scored.hits == 0).sum() == 1
     far = scored.boxes.copy()
-    far[scored.hits[0] == 0, 0] = 40.0  # the detection lies in the other group, the vehicle does not
+    far[scored.hits[0] == 0, 0] = (
+        40.0  # the detection lies in the other group, the vehicle does not
+    )
     rows = planning.by_group(
-        replace(scored, boxes=far), ["west", "east"], lambda boxes: (boxes[:, 0] > 20).astype(int), 0
+        replace(scored, boxes=far),
+        ["west", "east"],
+        lambda boxes: (boxes[:, 0] > 20).astype(int),
+        0,
     )
     assert (rows[0].judged.recall, rows[1].judged) == (0.5, None)
 
 
-def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_judged(street, monkeypatch):
+def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_judged(
+    street, monkeypatch
+):
     """Of one sensor each, sets end at 1, 0.75 and just below; a quarter is near."""
     asked = []
 
@@ -566,14 +701,17 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
     monkeypatch.setattr(judging, "NEAR", 0.25)
     sets = np.eye(4, dtype=bool)[:3]
     found = Entrants(sets, np.zeros(3), ((),) * 3, 3)
-    choice = judging.choose_set(street.objective, found, street.judge, confidence=0.6, run=Run(seed=5))
+    choice = judging.choose_set(
+        street.objective, found, street.judge, confidence=0.6, run=Run(seed=5)
+    )
     assert asked == [{"confidence": 0.6, "seed": 5, "frames": judging.RACED}]
     assert [option.judged is not None for option in choice.options] == [True, True, False]
     assert choice.confidence is None  # of 8 frames
 
 
 def test_other_iou_thresholds_say_which_likely_ties_are_judged():
-    """Of six sets in the order of their race, the last is too far behind; means are those of the shared frames."""
+    """Of six sets in the order of their race, the last is too far behind; means are those of the
+    shared frames."""
     expected = 1.0 - judging.LIKELY_TIE * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
     ran = Contest(np.arange(6), expected, np.array([24, 24, 12, 12, 12, 12]), 0.8, 24, expected)
     asked = []
@@ -587,7 +725,9 @@ def test_other_iou_thresholds_say_which_likely_ties_are_judged():
     assert found.tolist() == [0, 4, 2]
     assert asked == [([1, 2, 3, 4], list(range(12)))]
     alone = replace(ran, expected=expected - np.array([0.0, 1, 1, 1, 1, 1]))
-    assert judging._find_rivals(alone, np.eye(6, dtype=bool), evaluator, np.arange(60)).tolist() == [0, 1, 2]
+    assert judging._find_rivals(
+        alone, np.eye(6, dtype=bool), evaluator, np.arange(60)
+    ).tolist() == [0, 1, 2]
 
 
 def test_what_may_be_built_at_every_drawing_is_kept_in_the_order_of_the_first(street):
@@ -603,7 +743,10 @@ def test_what_may_be_built_at_every_drawing_is_kept_in_the_order_of_the_first(st
     first, second, third = (street.objective.weighed(street.objective.weights) for _ in range(3))
     second = second.weighed(second.weights, most_price=11.0)
     rows = {id(first): [0, 1, 2, 3], id(second): [0, 1, 2], id(third): [1, 2, 3]}
-    prepared: Any = [SimpleNamespace(setting=SimpleNamespace(pool=Pool(k)), visibility=Pool(-k)) for k in (1, 2, 3)]
+    prepared: Any = [
+        SimpleNamespace(setting=SimpleNamespace(pool=Pool(k)), visibility=Pool(-k))
+        for k in (1, 2, 3)
+    ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planning, "find_buildable", lambda each, most: np.array(rows[id(each)]))
         kept: Any = planning._keep_buildable(prepared, [first, second, third], None)
@@ -632,16 +775,25 @@ def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
     choices = [judging.choose_set(street.objective, found, each) for each in (sound, blind)]
     ((judged,), _) = sound.judge_cases(choices[0].sets[[choices[0].chosen]])
     ((unseen,), _) = blind.judge_cases(choices[0].sets[[choices[0].chosen]])
-    findings = [SimpleNamespace(choice=each, question=ask(street.site), objective=street.objective) for each in choices]
+    findings = [
+        SimpleNamespace(choice=each, question=ask(street.site), objective=street.objective)
+        for each in choices
+    ]
     planning.check_stages(findings[0], judged.judged)
     planning.check_stages(findings[1], unseen.judged)
-    with pytest.raises(ValueError, match=r"AP 0\.000 in the comparison \(192 .*, but AP 0\.\d+ in the judgement"):
+    with pytest.raises(
+        ValueError, match=r"AP 0\.000 in the comparison \(192 .*, but AP 0\.\d+ in the judgement"
+    ):
         planning.check_stages(findings[1], judged.judged)
-    with pytest.raises(ValueError, match=r"AP 0\.\d+ in the comparison .*, but AP 0\.000 in the judgement"):
+    with pytest.raises(
+        ValueError, match=r"AP 0\.\d+ in the comparison .*, but AP 0\.000 in the judgement"
+    ):
         planning.check_stages(findings[0], unseen.judged)
     known = judging._Options(street.objective, found, sound)
     known.judge_rows([2])
-    with pytest.raises(ValueError, match=r"AP 0\.00 in the race \(96 to find in 24 frames\), but AP 0\."):
+    with pytest.raises(
+        ValueError, match=r"AP 0\.00 in the race \(96 to find in 24 frames\), but AP 0\."
+    ):
         known.check_race(2, 0.0, np.arange(24))
 
 
@@ -652,12 +804,18 @@ def test_judging_of_the_closest_sets_and_of_the_schemes_is_counted_frame_by_fram
     told: list[tuple[str, int, int | None]] = []
     run = Run(progress=lambda *stage: told.append(stage))
     choice = judging.choose_set(street.objective, found, judge, run=run)
-    assert {("frames of the closest sets", done, 48) for done in range(1, 25)} <= set(told)  # the race saw the others
-    planning.ChosenSet(choice.members, choice.option.sensors, judge, street.objective, run).schemes()
+    assert {("frames of the closest sets", done, 48) for done in range(1, 25)} <= set(
+        told
+    )  # the race saw the others
+    planning.ChosenSet(
+        choice.members, choice.option.sensors, judge, street.objective, run
+    ).schemes()
     assert {("frames of the fusion schemes", done, 48) for done in range(1, 49)} <= set(told)
 
 
-def test_sureness_is_that_of_the_chosen_set_on_all_frames_and_never_below_what_the_judgement_shows(street):
+def test_sureness_is_that_of_the_chosen_set_on_all_frames_and_never_below_what_the_judgement_shows(
+    street,
+):
     found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
     frames = type(street.detected.renders)(street.site, street.detected.renders.sensors, 48)
     judge = judging.Judge((Detected(frames, street.detected.detector, "early"),))

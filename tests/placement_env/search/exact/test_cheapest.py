@@ -26,13 +26,17 @@ def junction(make):
     def junction(fidelity, seed=0, **more):
         candidates = make(5, 2, seed=seed).candidates
         rng = np.random.default_rng(seed)
-        points = np.where(rng.random((10, 64)) < 0.35, rng.lognormal(4, 1.0, (10, 64)), 0).astype(np.float32)
+        points = np.where(rng.random((10, 64)) < 0.35, rng.lognormal(4, 1.0, (10, 64)), 0).astype(
+            np.float32
+        )
         boxes = np.zeros((64, 7))
         sent = np.full((10, 8), 100.0, np.float32)
         near = np.full((10, 64), 20.0, np.float32)
         seen = Visibility(points, near, np.repeat(np.arange(8), 8), boxes, sent, sent)
         scored_by = Coverage(seen) if fidelity == "coverage" else Surrogate(seen, "early", MODEL)
-        return Objective(Setting(candidates=candidates, fidelity=scored_by, **more), visibility=seen)
+        return Objective(
+            Setting(candidates=candidates, fidelity=scored_by, **more), visibility=seen
+        )
 
     return junction
 
@@ -49,7 +53,9 @@ def test_the_cheapest_coverage_is_proven(junction, seed):
     objective = junction("coverage", seed)
     best = objective.scores(all_subsets(10)[1:]).ap
     for share in (0.4, 0.7):
-        least = cheapest_of_all(objective, 4, lambda row, s=share: objective.scores(row[None]).ap[0] >= s)
+        least = cheapest_of_all(
+            objective, 4, lambda row, s=share: objective.scores(row[None]).ap[0] >= s
+        )
         found = cheapest.search(objective, 4, demand=Demand(at_least=share))
         if least is None:
             assert found.best.subset == ()
@@ -71,7 +77,9 @@ def test_whichever_sensor_fails_and_in_every_part_of_the_traffic(junction, seed)
     def left(row):
         members = np.flatnonzero(row)
         covered = objective.visibility.points >= 20
-        return min(covered[[m for m in members if m != gone]].any(axis=0).mean() for gone in members)
+        return min(
+            covered[[m for m in members if m != gone]].any(axis=0).mean() for gone in members
+        )
 
     def worst_part(row):
         covered = (objective.visibility.points[row] >= 20).any(axis=0)
@@ -92,7 +100,9 @@ def test_whichever_sensor_fails_and_in_every_part_of_the_traffic(junction, seed)
 def test_by_a_surrogate_the_answer_reaches_it_and_no_set_is_cheaper_than_the_bound(junction, seed):
     objective = junction("surrogate", seed)
     for ap in (0.3, 0.6):
-        least = cheapest_of_all(objective, 4, lambda row, ap=ap: objective.scores(row[None]).ap[0] >= ap)
+        least = cheapest_of_all(
+            objective, 4, lambda row, ap=ap: objective.scores(row[None]).ap[0] >= ap
+        )
         found = cheapest.search(objective, 4, demand=Demand(at_least=ap))
         if least is None:
             assert found.best.subset == ()
@@ -112,8 +122,14 @@ def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked
     seed = 3 + CONDITIONS.index(asked)
     objective = junction("surrogate", seed)
     seen = objective.visibility
-    order = np.argsort(np.bincount(seen.frame), kind="stable") if "levels" in asked else np.arange(8)
-    halves = [np.sort(half) for half in np.split(order, 2)] if {"levels", "parts"} & set(asked) else [np.arange(8)]
+    order = (
+        np.argsort(np.bincount(seen.frame), kind="stable") if "levels" in asked else np.arange(8)
+    )
+    halves = (
+        [np.sort(half) for half in np.split(order, 2)]
+        if {"levels", "parts"} & set(asked)
+        else [np.arange(8)]
+    )
     by = [Surrogate(of_frames(seen, half), "early", MODEL) for half in halves]
 
     def reached(row):
@@ -122,7 +138,11 @@ def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked
             left = [np.where(np.arange(10) == gone, False, row) for gone in np.flatnonzero(row)]
         return min(float(each(case[None]).ap[0]) for each in by for case in left)
 
-    worst = max(reached(row) for row in all_subsets(10)[1:] if row.sum() <= 4 and objective.feasible(row[None])[0])
+    worst = max(
+        reached(row)
+        for row in all_subsets(10)[1:]
+        if row.sum() <= 4 and objective.feasible(row[None])[0]
+    )
     for ap in (0.6 * worst, 0.9 * worst):
         least = cheapest_of_all(objective, 4, lambda row, ap=ap: reached(row) >= ap)
         found = cheapest.search(objective, 4, demand=Demand(at_least=ap, **asked))
@@ -138,7 +158,9 @@ def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked
 
 def test_bounds_under_failures_and_steps_of_shares(junction):
     objective = junction("surrogate", 5)
-    plain, failing = (cheapest.search(objective, 4, demand=Demand(at_least=0.3, failing=each)) for each in (0, 1))
+    plain, failing = (
+        cheapest.search(objective, 4, demand=Demand(at_least=0.3, failing=each)) for each in (0, 1)
+    )
     assert len(failing.best.subset) >= 2
     assert plain.certificate.bound < failing.certificate.bound
     surrogate = junction("surrogate", 1).scored_by
@@ -162,7 +184,9 @@ def test_bounds_under_failures_and_steps_of_shares(junction):
 
 
 def test_impossible_demands_and_what_it_cannot_prove(junction, make):
-    found = cheapest.search(junction("coverage", 1, most_price=1.0), 4, demand=Demand(at_least=0.99))
+    found = cheapest.search(
+        junction("coverage", 1, most_price=1.0), 4, demand=Demand(at_least=0.99)
+    )
     assert found.best.subset == ()
     assert found.certificate.note == "no set within the budget covers 99% of the objects"
     best = junction("surrogate", 1, most_price=1.0)

@@ -50,7 +50,11 @@ def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
     seen, mount = np.random.default_rng(0).random((300, 400)) < 0.1, np.repeat(np.arange(30), 10)
     start = cpsat.greedy_cover(seen, np.ones(400, np.int64), mount, 5, 1)
     cover = cpsat.cover_most(seen, single(mount), 5, limits=programme.SolverLimits(seconds=1e-3))
-    assert (seen[cover.chosen].sum(axis=0) > 0).sum() == cover.figure >= (seen[start].sum(axis=0) > 0).sum()
+    assert (
+        (seen[cover.chosen].sum(axis=0) > 0).sum()
+        == cover.figure
+        >= (seen[start].sum(axis=0) > 0).sum()
+    )
     assert cover.figure <= cover.bound <= 400
     assert not cover.optimal
     seen = np.array([[1, 1, 0, 0, 1], [0, 0, 1, 0, 1]], bool)
@@ -68,13 +72,17 @@ def test_bound_holds_wherever_it_is_taken(seed, views):
     seen, mount = np.random.default_rng(seed).random((12, 30)) < 0.3, np.repeat(np.arange(4), 3)
     weight = np.ones(30, np.int64)
     for chosen in ([], [0], [0, 4], cpsat.greedy_cover(seen, weight, mount, 3, views)):
-        assert cpsat.prove_bound(seen, weight, mount, 3, views=views, chosen=chosen) >= most(seen, mount, 3, views)
+        assert cpsat.prove_bound(seen, weight, mount, 3, views=views, chosen=chosen) >= most(
+            seen, mount, 3, views
+        )
 
 
 def visible(objective, seed=0, objects=80):
     rng = np.random.default_rng(seed)
     n = len(objective.candidates)
-    points = np.where(rng.random((n, objects)) < 0.3, rng.integers(20, 400, (n, objects)), 5).astype(np.float32)
+    points = np.where(
+        rng.random((n, objects)) < 0.3, rng.integers(20, 400, (n, objects)), 5
+    ).astype(np.float32)
     sent = np.full((n, 4), 500.0, np.float32)
     frame = np.repeat(np.arange(4), objects // 4)
     return Visibility(points, points * 0 + 20, frame, np.zeros((objects, 7)), sent, sent)
@@ -85,7 +93,8 @@ def test_search_beats_greedy_and_proves_it(make, views):
     parts = make(6, 2)
     seen = visible(parts)
     objective = Objective(
-        Setting(candidates=parts.candidates, fidelity=Coverage(seen, views=views), scheme="early"), visibility=seen
+        Setting(candidates=parts.candidates, fidelity=Coverage(seen, views=views), scheme="early"),
+        visibility=seen,
     )
     found = cpsat.search(objective, 3, views=views)
     assert found.certificate.kind == "optimal"
@@ -104,7 +113,9 @@ def test_other_objectives_and_seeds_have_their_answers(make):
         cpsat.search(objective, 3)
     objective = make(8, 3)
     seen = visible(objective)
-    first, again = (cpsat.search(objective, 3, visibility=seen, seed=3).best.subset for _ in range(2))
+    first, again = (
+        cpsat.search(objective, 3, visibility=seen, seed=3).best.subset for _ in range(2)
+    )
     assert first == again
     seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
     cover = cpsat.cover_most(seen, single(np.arange(3)), 1, may_stand=np.array([False, True, True]))

@@ -36,7 +36,10 @@ def test_the_least_over_shares_and_failures_breaks_ties_and_is_in_words():
     assert found.recall == pytest.approx([1.0, 1.0, 2 / 3, 0.0])
     assert found.kbit.tolist() == [20.0, 10.0, 10.0, 0.0]
     assert Demand(0.9).describe(1) == ""
-    assert Demand(0.9, 1, parts=4).describe(3) == " in each of 3 parts of the traffic, whichever sensor fails"
+    assert (
+        Demand(0.9, 1, parts=4).describe(3)
+        == " in each of 3 parts of the traffic, whichever sensor fails"
+    )
 
 
 @pytest.fixture
@@ -56,7 +59,10 @@ def test_shares_of_the_traffic(seen, make):
     assert shares() == [[0, 1, 2, 3, 4, 5]]
     assert shares(parts=2) == [[0, 1, 2], [3, 4, 5]]
     assert shares(parts=6) == [[0], [2], [4], [5]]  # those with something to find
-    assert shares(levels=3) == [[0, 4], [2, 5]]  # by 0, 0, 1, 2, 2, 3 objects; the thinnest level is empty
+    assert shares(levels=3) == [
+        [0, 4],
+        [2, 5],
+    ]  # by 0, 0, 1, 2, 2, 3 objects; the thinnest level is empty
     assert shares(levels=2) == [[0, 1, 3], [2, 4, 5]]
 
 
@@ -66,7 +72,10 @@ def test_shares_of_the_traffic(seen, make):
         ({"at_least": 90.0}, "must lie above 0 and up to 1, got 90.0: 0.9 is 0.9"),
         ({"failing": 2}, "0 or 1 sensor may fail here, got failing=2"),
         ({"parts": 0}, "parts must be a whole number of at least 1"),
-        *(({"levels": 5}, "traffic has 1 to 4 levels, got 5"), ({"parts": 2, "levels": 2}, "leave one of them out")),
+        *(
+            ({"levels": 5}, "traffic has 1 to 4 levels, got 5"),
+            ({"parts": 2, "levels": 2}, "leave one of them out"),
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(asked, message):

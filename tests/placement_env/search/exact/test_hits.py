@@ -18,11 +18,15 @@ pytest.importorskip("ortools")
 def objective(make):
     candidates = make(5, 2, seed=4).candidates
     rng = np.random.default_rng(4)
-    points = np.where(rng.random((10, 50)) < 0.35, rng.lognormal(4, 1.0, (10, 50)), 0).astype(np.float32)
+    points = np.where(rng.random((10, 50)) < 0.35, rng.lognormal(4, 1.0, (10, 50)), 0).astype(
+        np.float32
+    )
     sent, near = np.full((10, 5), 100.0, np.float32), np.full((10, 50), 20.0, np.float32)
     seen = Visibility(points, near, np.repeat(np.arange(5), 10), np.zeros((50, 7)), sent, sent)
     model = HitModel("early", 0.7, -4.0, 1.8, 0.98, 0.7, 0.3, "made up", floor=5.0)
-    return Objective(Setting(candidates=candidates, fidelity=Surrogate(seen, "early", model)), visibility=seen)
+    return Objective(
+        Setting(candidates=candidates, fidelity=Surrogate(seen, "early", model)), visibility=seen
+    )
 
 
 def test_no_set_has_more(objective):

@@ -1,4 +1,5 @@
-"""Programmes against trying all sets: of most worth, the cheapest of enough, whichever sensor fails."""
+"""Programmes against trying all sets: of most worth, the cheapest of enough, whichever sensor
+fails."""
 
 from functools import partial
 from itertools import combinations
@@ -56,7 +57,11 @@ def some(seed, *, objects=12, levels=2, parties=2):
     known = rng.integers(0, 6, (6, objects)) * (rng.random((6, objects)) < 0.6)
     threshold = np.sort(rng.integers(1, 9, (levels, objects)), axis=0)
     own = rng.random((parties, objects)) < 0.7
-    return Levels(known, threshold, rng.integers(1, 5, (levels, objects)), own), np.array([0, 0, 1, 1, 2, 3]), rng
+    return (
+        Levels(known, threshold, rng.integers(1, 5, (levels, objects)), own),
+        np.array([0, 0, 1, 1, 2, 3]),
+        rng,
+    )
 
 
 @settings(max_examples=15, deadline=None)
@@ -117,19 +122,28 @@ def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
     levels = levels_of_coverage(np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]], bool))
     assert levels.worth([0, 1]) == 3
     assert surviving(levels, [0, 1]) == 2
-    assert surviving(levels, [0, 1, 2]) == 3  # without the first the first object is lost, and so on
+    assert (
+        surviving(levels, [0, 1, 2]) == 3
+    )  # without the first the first object is lost, and so on
     assert (surviving(levels, [0]), levels.whole) == (0, 4)
     levels = levels_of_coverage(np.random.default_rng(0).random((200, 300)) < 0.05)
     mount = np.arange(200)
     programme = Programme(levels, 20, single(mount), np.ones(200, bool))
-    found = solve(programme, SolverLimits(seconds=0.01), at_least=290, cost=priced(np.ones(200, np.int64), mount))
+    found = solve(
+        programme,
+        SolverLimits(seconds=0.01),
+        at_least=290,
+        cost=priced(np.ones(200, np.int64), mount),
+    )
     assert (found.chosen, found.optimal) == (None, False)
 
 
 @pytest.mark.parametrize("floor", [0.0, 30.0])
 def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
     model = HitModel("early", 0.7, -6.0, 1.8, 0.95, 0.8, 0.3, "made up", floor=floor)
-    points = np.random.default_rng(1).lognormal(3, 1.5, (5, 40)) * (np.random.default_rng(2).random((5, 40)) < 0.6)
+    points = np.random.default_rng(1).lognormal(3, 1.5, (5, 40)) * (
+        np.random.default_rng(2).random((5, 40)) < 0.6
+    )
     powers = points**model.norm
     above, middle = (levels_of_hits(powers, model, above=each) for each in (True, False))
     for chosen in ([0], [1, 3], [0, 1, 2, 3, 4]):
@@ -138,7 +152,11 @@ def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
         reached = above.known[chosen].sum(axis=0) >= above.threshold
         assert ((above.gain * reached).sum(axis=0) * 40 / GAINS >= p - 1e-6).all()
         if not floor:
-            steps = (middle.gain * (middle.known[chosen].sum(axis=0) >= middle.threshold)).sum(axis=0) * 40 / GAINS
+            steps = (
+                (middle.gain * (middle.known[chosen].sum(axis=0) >= middle.threshold)).sum(axis=0)
+                * 40
+                / GAINS
+            )
             assert np.abs(steps - p).max() <= 0.25
             assert np.abs(steps - p).mean() < 0.12
     assert levels_of_hits(np.zeros((2, 3)), model, above=True).worth([0, 1]) == 0
@@ -159,14 +177,20 @@ def test_changes_keep_the_count_and_raise_the_reward_of_what_may_be_built(make):
     assert best_of_equals(Progress(objective, 1, None, None), [], count) == []
     assert best_of_equals(Progress(objective, 1, None, 1), [worst], count) == [worst]
     objective = make(4, 2, seed=3)
-    chosen = best_of_equals(Progress(objective, 2, None, None), [0, 2], lambda sets: sets.sum(axis=1))
+    chosen = best_of_equals(
+        Progress(objective, 2, None, None), [0, 2], lambda sets: sets.sum(axis=1)
+    )
     assert objective.feasible(objective.row(chosen)[None])[0]
     assert objective.score(chosen).reward >= objective.score([0, 2]).reward
 
 
 def test_limits_and_seed_are_those_asked_for():
     parameters = SolverLimits(2.5, 7, 0.5).build_solver().parameters
-    assert (parameters.max_time_in_seconds, parameters.num_workers, parameters.random_seed) == (2.5, 1, 7)
+    assert (parameters.max_time_in_seconds, parameters.num_workers, parameters.random_seed) == (
+        2.5,
+        1,
+        7,
+    )
     assert parameters.max_deterministic_time == 0.5
     assert SolverLimits(1.0).build_solver().parameters.max_deterministic_time > 1e6
 
@@ -178,7 +202,11 @@ def test_a_missing_package_is_named(monkeypatch):
 
 
 PRICES = Prices(np.array([5, 7, 20]), np.array([10, 10, 0]), np.array([0, 0, 1]), 40)
-POLES = Poles(np.array([0, 0, 0, 1]), np.array([2, 2, 2, 1]), np.array([LINK // 2, LINK // 2, LINK // 2 + 1, 0]))
+POLES = Poles(
+    np.array([0, 0, 0, 1]),
+    np.array([2, 2, 2, 1]),
+    np.array([LINK // 2, LINK // 2, LINK // 2 + 1, 0]),
+)
 
 
 def test_shared_poles_are_paid_once(make):

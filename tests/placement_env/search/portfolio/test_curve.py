@@ -12,7 +12,12 @@ from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio import curve
 from placement_env.search.portfolio.curve import budget_curve, list_amounts
 from placement_env.search.portfolio.entrants import Effort, keep_entrants
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Schedule, race_order
+from placement_env.search.portfolio.evaluators import (
+    CasesEvaluator,
+    DetectorEvaluator,
+    Schedule,
+    race_order,
+)
 from placement_env.search.portfolio.portfolio import SET_FRAMES, Judging, contest
 from placement_env.setting import Setting
 
@@ -45,7 +50,9 @@ def test_each_number_has_its_winner_that_pays(street):
     row = street.objective.row(points[2].subset)[None]
     assert points[2].predicted == street.objective.scores(row).ap[0]
     assert "greedy" in points[1].searches
-    assert points[1].kbit == pytest.approx(street.detected.partial(street.objective.row([0, 1])[None], 8).kbit[0])
+    assert points[1].kbit == pytest.approx(
+        street.detected.partial(street.objective.row([0, 1])[None], 8).kbit[0]
+    )
 
     class Worse(CasesEvaluator):
         """Finds half as much with three sensors."""
@@ -76,10 +83,17 @@ def test_points_have_ap_by_profile_and_nothing_has_no_curve(street):
     ]
     assert [
         point.by_errors
-        for point in budget_curve(street.objective, 2, judging=Judging(evaluators=(CasesEvaluator((exact,)),) * 2))
+        for point in budget_curve(
+            street.objective, 2, judging=Judging(evaluators=(CasesEvaluator((exact,)),) * 2)
+        )
     ] == [(), ()]
     poor = Objective(
-        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
+        Setting(
+            candidates=street.candidates,
+            fidelity=street.objective.scored_by,
+            scheme="late",
+            most_price=1.0,
+        )
     )
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     assert budget_curve(poor, 2, judging=Judging(evaluators=(evaluator, evaluator))) == ()
@@ -90,12 +104,15 @@ def test_points_have_ap_by_profile_and_nothing_has_no_curve(street):
 
 
 def test_amounts_of_money_have_their_winners(street):
-    """The sensors cost 11, 11, 10.5 and 23 and see cars 0 and 1, 1 and 2, 3 beside a ghost, and 0."""
+    """The sensors cost 11, 11, 10.5 and 23 and see cars 0 and 1, 1 and 2, 3 beside a ghost, and
+    0."""
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     assert street.objective.price(np.eye(4, dtype=bool)).tolist() == [11.0, 11.0, 10.5, 23.0]
     amounts = list_amounts(street.objective, 3, 33.0)
     assert amounts == (10.5, 11.0, 21.0, 21.5, 22.0, 23.0, 31.5, 32.0, 32.5, 33.0)
-    points = budget_curve(street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator)))
+    points = budget_curve(
+        street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator))
+    )
     assert [(point.money, point.price, point.subset) for point in points[-2:]] == [
         (22.0, 22.0, (0, 1)),
         (32.5, 32.5, (0, 1, 2)),
@@ -107,13 +124,19 @@ def test_amounts_of_money_have_their_winners(street):
     assert street.objective.most_price == np.inf
     poor = street.objective.weighed(street.objective.weights, most_price=22.0)
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
-    points = budget_curve(poor, 4, amounts=(10.0, 50.0), judging=Judging(evaluators=(evaluator, evaluator)))
+    points = budget_curve(
+        poor, 4, amounts=(10.0, 50.0), judging=Judging(evaluators=(evaluator, evaluator))
+    )
     assert [(point.money, point.subset) for point in points] == [(50.0, (0, 1))]
     assert list_amounts(poor, 1, 100.0) == (10.5, 11.0)
 
 
 def test_too_many_amounts_are_spread_evenly(street, make):
-    assert list_amounts(street.objective, 4, 50.0, 3) == (11.0, 33.0, 46.0)  # up to 16.7, 33.3 and 50
+    assert list_amounts(street.objective, 4, 50.0, 3) == (
+        11.0,
+        33.0,
+        46.0,
+    )  # up to 16.7, 33.3 and 50
     many = make(40, 1, seed=3)
     spread = list_amounts(many, 8, 10.0)
     assert len(spread) == 12
@@ -141,7 +164,9 @@ class Mortal(CasesEvaluator):
 @pytest.mark.parametrize("amounts", [(), (11.0, 22.0, 33.0)])
 def test_killed_again_and_again_it_gives_the_same_curve(street, tmp_path, amounts):
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
-    whole = budget_curve(street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator)))
+    whole = budget_curve(
+        street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator))
+    )
     assert len(whole) == 3
     answers: tuple[Any, ...] = ()
     ended = []
@@ -150,17 +175,27 @@ def test_killed_again_and_again_it_gives_the_same_curve(street, tmp_path, amount
             mortal = Mortal(street.detected, max(2, lives))
             kept = Checkpoint(tmp_path, every=0.0)
             answers = budget_curve(
-                street.objective, 3, amounts=amounts, judging=Judging(evaluators=(mortal, evaluator)), checkpoint=kept
+                street.objective,
+                3,
+                amounts=amounts,
+                judging=Judging(evaluators=(mortal, evaluator)),
+                checkpoint=kept,
             )
             break
         except KeyboardInterrupt:
-            ended.append((Checkpoint(tmp_path, part="search.races").load() or {"ended": 0})["ended"])
+            ended.append(
+                (Checkpoint(tmp_path, part="search.races").load() or {"ended": 0})["ended"]
+            )
     assert answers == whole
     assert sorted(ended) == ended
     assert ended[-1] in (1, 2)
     asked = Mortal(street.detected, 0)  # no race is run twice
     again = budget_curve(
-        street.objective, 3, amounts=amounts, judging=Judging(evaluators=(asked, evaluator)), checkpoint=kept
+        street.objective,
+        3,
+        amounts=amounts,
+        judging=Judging(evaluators=(asked, evaluator)),
+        checkpoint=kept,
     )
     assert again == whole
 
@@ -186,7 +221,9 @@ def test_the_states_of_amounts_are_their_own(street):
 
 
 @pytest.mark.parametrize("amounts", [(), (22.0, 33.0)])
-def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(street, monkeypatch, amounts):
+def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(
+    street, monkeypatch, amounts
+):
     seeds, keep = [], keep_entrants
 
     def noted(*given, seed, **more):
@@ -204,7 +241,12 @@ def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(street, m
     for seconds, order in ((None, np.arange(final.frames)), (60.0, race_order(final.frames))):
         judged.clear()
         budget_curve(
-            street.objective, 2, amounts=amounts, seed=7, seconds=seconds, judging=Judging(evaluators=(raced, final))
+            street.objective,
+            2,
+            amounts=amounts,
+            seed=7,
+            seconds=seconds,
+            judging=Judging(evaluators=(raced, final)),
         )
         assert judged[0] == order[: len(judged[0])].tolist()
     assert race_order(final.frames).tolist() != list(range(final.frames))
@@ -236,21 +278,31 @@ def levelled(street, **figures):
 
 def test_a_winner_stays_where_more_money_finds_nothing_better(street):
     """All three sensors find less than the two for 22 units do, and win no race against them."""
-    points = budget_curve(street.objective, 3, amounts=(22.0, 32.5), judging=levelled(street, least=0.25))
+    points = budget_curve(
+        street.objective, 3, amounts=(22.0, 32.5), judging=levelled(street, least=0.25)
+    )
     assert [(point.money, point.subset) for point in points] == [(22.0, (0, 1))]
 
 
 def test_only_more_ap_for_more_money_pays(street, monkeypatch):
     points = budget_curve(street.objective, 3, judging=levelled(street, least=0.75, most=0.75))
-    assert [(point.ap, point.pays) for point in points] == [(0.5, True), (0.75, True), (0.75, False)]
+    assert [(point.ap, point.pays) for point in points] == [
+        (0.5, True),
+        (0.75, True),
+        (0.75, False),
+    ]
     monkeypatch.setattr(street.objective, "price", lambda rows: np.ones(len(rows)))
     points = budget_curve(street.objective, 3, judging=levelled(street, least=0.8))
-    assert [(point.ap, point.pays) for point in points] == [(0.5, False), (0.75, False), (0.8, True)]
+    assert [(point.ap, point.pays) for point in points] == [
+        (0.5, False),
+        (0.75, False),
+        (0.8, True),
+    ]
 
 
 def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypatch):
-    """Of 60 s the searches have three tenths, eight for each number; each race an equal share of the rest, with the
-    judgement."""
+    """Of 60 s the searches have three tenths, eight for each number; each race an equal share of
+    the rest, with the judgement."""
     races, efforts, shares, race, keep, limit = [], [], [], contest, keep_entrants, Schedule.limit
 
     def raced(*given, **named):
@@ -269,10 +321,15 @@ def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypat
     monkeypatch.setattr(curve, "keep_entrants", kept)
     monkeypatch.setattr(Schedule, "limit", limited)
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
-    asked = {"seed": 7, "judging": Judging(evaluators=(evaluator, evaluator), confidence=0.6, neighbours=3)}
+    asked = {
+        "seed": 7,
+        "judging": Judging(evaluators=(evaluator, evaluator), confidence=0.6, neighbours=3),
+    }
     budget_curve(street.objective, 2, seconds=60.0, evaluations=500, **asked)
     assert efforts == [Effort((1, 2), 60 * 0.3 / (8 * 2), 500, 3)]
-    assert [(each["seed"], each["confidence"], each["most"]) for each in races] == [(7, 0.6, np.inf)] * 2
+    assert [(each["seed"], each["confidence"], each["most"]) for each in races] == [
+        (7, 0.6, np.inf)
+    ] * 2
     assert shares == [(1 / 3, 1), (1 / 2, 1), (1.0,)]
     budget_curve(street.objective, 3, amounts=(11.0, 22.0), seconds=60.0, **asked)
     assert efforts[1:] == [Effort((3,), 60 * 0.3 / (8 * 2), None, 3)] * 2
@@ -287,20 +344,30 @@ def test_amounts_are_prices_of_sets_each_once(street):
     assert list_amounts(street.objective, 4, 42.8, 4) == (10.5, 21.0, 32.0, 42.5)
     assert list_amounts(street.objective, 2, 0.0) == ()
     double = replace(
-        street.candidates, mounts=tuple(replace(mount, max_sensors=2) for mount in street.candidates.mounts)
+        street.candidates,
+        mounts=tuple(replace(mount, max_sensors=2) for mount in street.candidates.mounts),
     )
     both = Objective(Setting(candidates=double, fidelity=street.objective.scored_by, scheme="late"))
     assert 21.0 in list_amounts(both, 2, 21.0)  # a second sensor on the same pole costs 10
     assert max(list_amounts(both, 2, 20.9)) == 20.5
     prices = (0.1, 0.2, 0.3, 5.0)
-    mounts = tuple(replace(m, price=p) for m, p in zip(street.candidates.mounts, prices, strict=True))
-    cheap = replace(street.candidates, mounts=mounts, axes=replace(street.candidates.axes, prices=()))
-    tenths = Objective(Setting(candidates=cheap, fidelity=street.objective.scored_by, scheme="late"))
-    assert list_amounts(tenths, 3, 0.6) == pytest.approx((0.1, 0.2, 0.3, 0.4, 0.5, 0.6))  # 0.1 + 0.2 is 0.3
+    mounts = tuple(
+        replace(m, price=p) for m, p in zip(street.candidates.mounts, prices, strict=True)
+    )
+    cheap = replace(
+        street.candidates, mounts=mounts, axes=replace(street.candidates.axes, prices=())
+    )
+    tenths = Objective(
+        Setting(candidates=cheap, fidelity=street.objective.scored_by, scheme="late")
+    )
+    assert list_amounts(tenths, 3, 0.6) == pytest.approx(
+        (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    )  # 0.1 + 0.2 is 0.3
 
 
 def test_the_winner_of_the_amount_before_stays_however_many_there_are(street):
-    """All three sensors find less than two, which only the winner of 22 units brings into the race for 32.5."""
+    """All three sensors find less than two, which only the winner of 22 units brings into the race
+    for 32.5."""
     asked = levelled(street, least=0.25)
     points = budget_curve(street.objective, 3, amounts=(32.5, 11.0, 22.0), judging=asked)
     assert [(point.money, len(point.subset)) for point in points] == [(11.0, 1), (22.0, 2)]
@@ -315,12 +382,19 @@ def test_fewer_sensors_than_poles_that_must_carry_one_are_refused(street):
 
 def test_an_amount_that_is_the_price_of_a_set_to_the_cent_is_taken(street):
     assert list_amounts(street.objective, 3, 33.0, 3) == (11.0, 33 * 2 / 3, 33.0)
-    assert list_amounts(street.objective, 3, 33.0, 8)[0] == 11.0  # no set costs a fourth or an eighth of 33
+    assert (
+        list_amounts(street.objective, 3, 33.0, 8)[0] == 11.0
+    )  # no set costs a fourth or an eighth of 33
 
 
 def test_many_sums_are_held_coarsely(street, monkeypatch):
-    """Of prices 10.5, 11 and 23, and nothing, those that lie in the same half of 24 count once, the dearest."""
+    """Of prices 10.5, 11 and 23, and nothing, those that lie in the same half of 24 count once, the
+    dearest."""
     monkeypatch.setattr(curve, "SUMS", 4)
-    assert list_amounts(street.objective, 1, 24.0) == (10.5, 11.0, 23.0)  # four with nothing: all are held
+    assert list_amounts(street.objective, 1, 24.0) == (
+        10.5,
+        11.0,
+        23.0,
+    )  # four with nothing: all are held
     monkeypatch.setattr(curve, "SUMS", 2)
     assert list_amounts(street.objective, 1, 24.0) == (11.0, 23.0)

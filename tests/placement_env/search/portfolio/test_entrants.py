@@ -40,7 +40,11 @@ def test_every_size_has_the_best_set_for_the_money(street):
     assert street.objective.feasible(found.sets).all()
     sizes = found.sets.sum(axis=1)
     assert (np.diff(sizes) >= 0).all()
-    assert {size: found.predicted[sizes == size].max() for size in (1, 2, 3)} == {1: 0.5, 2: 0.75, 3: 1.0}
+    assert {size: found.predicted[sizes == size].max() for size in (1, 2, 3)} == {
+        1: 0.5,
+        2: 0.75,
+        3: 1.0,
+    }
     assert len(np.unique(found.sets, axis=0)) == len(found.sets)
     three = int(np.flatnonzero(sizes == 3)[found.predicted[sizes == 3].argmax()])
     assert {"exhaustive", "greedy"} <= set(found.searches[three])
@@ -48,7 +52,12 @@ def test_every_size_has_the_best_set_for_the_money(street):
     assert np.array_equal(found.predicted, street.objective.scores(found.sets).ap)
     # the sets cost 11, 11, 10.5 and 23
     tight = Objective(
-        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=22.0)
+        Setting(
+            candidates=street.candidates,
+            fidelity=street.objective.scored_by,
+            scheme="late",
+            most_price=22.0,
+        )
     )
     found = entrants(tight, Effort((1, 2, 3, 4)))
     assert tight.price(found.sets).max() == 22.0
@@ -60,7 +69,12 @@ def test_every_size_has_the_best_set_for_the_money(street):
     assert np.array_equal(first.sets, again.sets)
     assert (first.searches, first.considered) == (again.searches, again.considered)
     poor = Objective(
-        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
+        Setting(
+            candidates=street.candidates,
+            fidelity=street.objective.scored_by,
+            scheme="late",
+            most_price=1.0,
+        )
     )
     found = entrants(poor, Effort((1, 2)))
     assert (found.sets.shape, found.predicted.shape, found.searches) == ((0, 4), (0,), ())
@@ -68,7 +82,10 @@ def test_every_size_has_the_best_set_for_the_money(street):
 
 def test_poles_that_must_carry_a_sensor_do_so_in_sets_of_just_as_many_and_more(street):
     setting = Setting(
-        candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", keep=("post1", "post2")
+        candidates=street.candidates,
+        fidelity=street.objective.scored_by,
+        scheme="late",
+        keep=("post1", "post2"),
     )
     found = entrants(Objective(setting), Effort((1, 2, 3)))
     assert sorted(set(found.sets.sum(axis=1).tolist())) == [2, 3]
@@ -78,7 +95,9 @@ def test_poles_that_must_carry_a_sensor_do_so_in_sets_of_just_as_many_and_more(s
 
 def test_large_pools(make):
     stages = []
-    objective = Objective(make(mounts=6, poses=4).setting, Run(progress=lambda *stage: stages.append(stage)))
+    objective = Objective(
+        make(mounts=6, poses=4).setting, Run(progress=lambda *stage: stages.append(stage))
+    )
     found = entrants(objective, Effort((1, 2), neighbours=3))
     done = [(done, total) for name, done, total in stages if name == "searches"]
     assert [each for each, _ in done] == sorted(each for each, _ in done)
@@ -89,8 +108,11 @@ def test_large_pools(make):
 
 
 def test_a_required_ap_brings_the_cheapest_sets_around_it(street):
-    """Sensors 0 and 1 cost 11, 2 costs 10.5; one finds half, two find three quarters, three find all."""
-    usual, asked = (entrants(street.objective, Effort((1, 2, 3), min_ap=each)) for each in (None, 0.5))
+    """Sensors 0 and 1 cost 11, 2 costs 10.5; one finds half, two find three quarters, three find
+    all."""
+    usual, asked = (
+        entrants(street.objective, Effort((1, 2, 3), min_ap=each)) for each in (None, 0.5)
+    )
     names = {name for each in asked.searches for name in each}
     assert {"swap for AP 0.45", "swap for AP 0.5", "swap for AP 0.55", "swap for AP 0.6"} <= names
     assert not any("for AP" in name for each in usual.searches for name in each)
@@ -100,7 +122,10 @@ def test_a_required_ap_brings_the_cheapest_sets_around_it(street):
 
 def test_entrants_of_several_searches_are_joined(street):
     one, two = np.eye(4, dtype=bool)[[0, 1]], np.array([[0, 1, 0, 0], [1, 1, 0, 0]], bool)
-    found = [Entrants(one, np.zeros(2), (("greedy",), ()), 5), Entrants(two, np.zeros(2), (("swap",), ("greedy",)), 6)]
+    found = [
+        Entrants(one, np.zeros(2), (("greedy",), ()), 5),
+        Entrants(two, np.zeros(2), (("swap",), ("greedy",)), 6),
+    ]
     joined = join_entrants([street.objective, street.objective], found)
     assert joined.sets.astype(int).tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [1, 1, 0, 0]]
     assert joined.searches == (("greedy",), ("swap",), ("greedy",))
@@ -114,16 +139,30 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
     first = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
     assert first.searches == entrants(street.objective, TWO, seed=1).searches
     rich = Objective(
-        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=900.0)
+        Setting(
+            candidates=street.candidates,
+            fidelity=street.objective.scored_by,
+            scheme="late",
+            most_price=900.0,
+        )
     )
-    monkeypatch.setattr("placement_env.search.portfolio.entrants.entrants", lambda *_, **__: pytest.fail("searched"))
+    monkeypatch.setattr(
+        "placement_env.search.portfolio.entrants.entrants", lambda *_, **__: pytest.fail("searched")
+    )
     again = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
     assert np.array_equal(first.sets, again.sets)
     assert np.array_equal(first.predicted, again.predicted)
     assert (first.searches, first.considered) == (again.searches, again.considered)
     for objective, effort, changes in (
-        *((street.objective, Effort((1, 2, 3)), {}), (street.objective, Effort((1, 2), evaluations=9), {})),
-        *((street.objective, TWO, {"depends_on": "b"}), (street.objective, TWO, {"seed": 2}), (rich, TWO, {})),
+        *(
+            (street.objective, Effort((1, 2, 3)), {}),
+            (street.objective, Effort((1, 2), evaluations=9), {}),
+        ),
+        *(
+            (street.objective, TWO, {"depends_on": "b"}),
+            (street.objective, TWO, {"seed": 2}),
+            (rich, TWO, {}),
+        ),
     ):
         with pytest.raises(pytest.fail.Exception, match="searched"):
             keep_entrants(objective, effort, cache, **{"depends_on": "a", "seed": 1, **changes})
@@ -131,7 +170,12 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
 
 def test_none_are_kept_too(street):
     poor = Objective(
-        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
+        Setting(
+            candidates=street.candidates,
+            fidelity=street.objective.scored_by,
+            scheme="late",
+            most_price=1.0,
+        )
     )
     cache = Cache()
     for _ in range(2):
@@ -144,7 +188,15 @@ def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, m
     asked, search = [], swap.search
 
     def noted(objective, size, **given):
-        asked.append((objective.weights.price, given["seed"], given["starts"], given["evaluations"], given["seconds"]))
+        asked.append(
+            (
+                objective.weights.price,
+                given["seed"],
+                given["starts"],
+                given["evaluations"],
+                given["seconds"],
+            )
+        )
         return search(objective, size, **given)
 
     monkeypatch.setattr(swap, "search", noted)
@@ -193,8 +245,17 @@ def searches(street, monkeypatch):
 
 def test_points_and_other_ious_bring_entrants_of_their_own(searches, monkeypatch):
     monkeypatch.setattr(module_of_entrants, "points_objective", lambda objective: "by points")
-    found = dict(searches(Effort((1, 2), seconds=9.0, evaluations=300), others={"swap at mean IoU": "at mean IoU"}))
-    assert found["greedy by points"] == ("greedy", "by points", 2, {"seconds": 9.0, "evaluations": 300})
+    found = dict(
+        searches(
+            Effort((1, 2), seconds=9.0, evaluations=300), others={"swap at mean IoU": "at mean IoU"}
+        )
+    )
+    assert found["greedy by points"] == (
+        "greedy",
+        "by points",
+        2,
+        {"seconds": 9.0, "evaluations": 300},
+    )
     search, objective, size, asked = found["swap at mean IoU"]
     assert (search, objective, size) == ("swap", "at mean IoU", 2)
     assert (asked["evaluations"], asked["checkpoint"]) == (75, "part 2.swap at mean IoU")
@@ -211,8 +272,16 @@ def test_objectives_at_other_ious_are_those_of_a_setting_there():
     np.testing.assert_array_equal(at_usual.scores(rows).ap, usual.scores(rows).ap)
     at_mean = module_of_entrants.at_other_ious(usual)["swap at mean IoU"]
     np.testing.assert_array_equal(at_mean.scores(rows).ap, mean.scores(rows).ap)
-    assert list(module_of_entrants.at_other_ious(make(0.9))) == ["swap at IoU 0.7", "swap at mean IoU"]
-    assert module_of_entrants.at_other_ious(Objective(Setting("tjunction", fidelity="coverage"), Run(frames=8))) == {}
+    assert list(module_of_entrants.at_other_ious(make(0.9))) == [
+        "swap at IoU 0.7",
+        "swap at mean IoU",
+    ]
+    assert (
+        module_of_entrants.at_other_ious(
+            Objective(Setting("tjunction", fidelity="coverage"), Run(frames=8))
+        )
+        == {}
+    )
 
 
 def test_points_count_up_to_enough_on_every_object(made_visibility):
@@ -232,11 +301,19 @@ def test_every_search_gets_its_seed_its_time_and_its_place_to_go_on(searches, st
         ("exhaustive", ("exhaustive", own, 2, limits)),
         ("greedy", ("greedy", own, 2, limits)),
         ("swap", ("swap", own, 2, swapping | {"checkpoint": "part 2.swap"})),
-        ("swap by perception entropy", ("swap", "by entropy", 2, swapping | {"checkpoint": "part 2.entropy"})),
+        (
+            "swap by perception entropy",
+            ("swap", "by entropy", 2, swapping | {"checkpoint": "part 2.entropy"}),
+        ),
         ("cpsat", ("cpsat", own, 2, {"seed": 7, "seconds": 9.0, "effort": 10.0})),
     ]
     ((name, (search, thrifty, size, asked)),) = found[5:]
-    assert (name, search, size, asked) == ("thrifty swap", "swap", 2, swapping | {"checkpoint": "part 2.thrifty"})
+    assert (name, search, size, asked) == (
+        "thrifty swap",
+        "swap",
+        2,
+        swapping | {"checkpoint": "part 2.thrifty"},
+    )
     assert thrifty.weights.price == pytest.approx(THRIFT / 13.875)
     free = searches(Effort((1, 2)))
     assert free[1] == ("greedy", ("greedy", own, 2, {"seconds": None, "evaluations": None}))
@@ -248,9 +325,16 @@ def test_required_aps_are_searched_at_the_last_size_alone_and_between_0_and_1(se
     assert len(searches(Effort((1, 2, 3), min_ap=0.5))) == 6
     found = searches(Effort((1, 2), seconds=9.0, evaluations=300, min_ap=0.5))[6:]
     around = ("0.45", "0.5", "0.55", "0.6")
-    assert [name for name, _ in found] == [f"{way} for AP {ap}" for ap in around for way in ("swap", "cheapest")]
+    assert [name for name, _ in found] == [
+        f"{way} for AP {ap}" for ap in around for way in ("swap", "cheapest")
+    ]
     (search, scored, size, asked), exact = found[0][1], found[1][1]
-    assert (search, size, asked["evaluations"], asked["checkpoint"]) == ("swap", 2, 100, "part 2.0.45")
+    assert (search, size, asked["evaluations"], asked["checkpoint"]) == (
+        "swap",
+        2,
+        100,
+        "part 2.0.45",
+    )
     assert scored.visibility == "seen"
     assert scored.weights.price == pytest.approx(THRIFT / 13.875)
     rows = np.array([[1, 0, 0, 0], [0, 0, 1, 0]], bool)
@@ -270,7 +354,11 @@ def test_searches_that_bring_nothing_new_are_left_out(searches, street, monkeypa
     free = replace(street.candidates, mounts=alike, axes=replace(street.candidates.axes, prices=()))
     same = Objective(Setting(candidates=free, fidelity=street.objective.scored_by, scheme="late"))
     monkeypatch.setattr(module_of_entrants, "entropy_objective", lambda objective: None)
-    assert [name for name, _ in searches(Effort((2,)), objective=same)] == ["exhaustive", "greedy", "swap"]
+    assert [name for name, _ in searches(Effort((2,)), objective=same)] == [
+        "exhaustive",
+        "greedy",
+        "swap",
+    ]
     monkeypatch.setattr(exhaustive, "LARGEST", 3)
     assert [name for name, _ in searches(Effort((2,)), objective=same)] == ["greedy", "swap"]
     monkeypatch.setattr(exhaustive, "LARGEST", 4)
@@ -278,7 +366,8 @@ def test_searches_that_bring_nothing_new_are_left_out(searches, street, monkeypa
 
 
 def test_neighbours_are_the_best_for_each_choice_of_mounts(make, monkeypatch):
-    """One answer of two sensors among four mounts with two headings each: the best for each other pair of mounts."""
+    """One answer of two sensors among four mounts with two headings each: the best for each other
+    pair of mounts."""
     objective = make(mounts=4, poses=2, seed=5)
     answer = np.zeros((1, 8), bool)
     answer[0, [0, 2]] = True
@@ -306,15 +395,23 @@ def test_predictions_of_several_drawings_are_means_and_sets_go_by_their_size(str
             return found._replace(ap=found.ap / 2)
 
     other = Objective(Setting(candidates=street.candidates, fidelity=Half(), scheme="late"))
-    sets = [np.array([[1, 1, 0, 0], [0, 0, 1, 0]], bool), np.array([[0, 0, 1, 0], [0, 1, 0, 0]], bool)]
-    found = [Entrants(sets[0], np.zeros(2), (("a",), ()), 5), Entrants(sets[1], np.zeros(2), (("b",), ("c",)), 6)]
+    sets = [
+        np.array([[1, 1, 0, 0], [0, 0, 1, 0]], bool),
+        np.array([[0, 0, 1, 0], [0, 1, 0, 0]], bool),
+    ]
+    found = [
+        Entrants(sets[0], np.zeros(2), (("a",), ()), 5),
+        Entrants(sets[1], np.zeros(2), (("b",), ("c",)), 6),
+    ]
     joined = join_entrants([street.objective, other], found)
     assert joined.sets.sum(axis=1).tolist() == [1, 1, 2]
     assert joined.searches == (("b",), ("c",), ("a",))
     assert joined.predicted == pytest.approx(0.75 * street.objective.scores(joined.sets).ap)
 
 
-def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_again(street, monkeypatch, tmp_path):
+def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_again(
+    street, monkeypatch, tmp_path
+):
     """At each of two sizes two searches score 7 and 5 sets, and neighbours are 3."""
     runs = []
 
@@ -326,7 +423,9 @@ def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_aga
         return name, run
 
     monkeypatch.setattr(
-        module_of_entrants, "_searches", lambda objective, size, *_: [answer("a", (0,), 7), answer("b", (1,), 5)]
+        module_of_entrants,
+        "_searches",
+        lambda objective, size, *_: [answer("a", (0,), 7), answer("b", (1,), 5)],
     )
     near = np.array([[0, 0, 1, 0]], bool)
     monkeypatch.setattr(module_of_entrants, "_neighbours", lambda *_: (list(near), 3))
@@ -340,7 +439,10 @@ def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_aga
 
 def test_entropy_is_of_the_same_candidates_and_what_they_see(street, seen, small_candidates):
     assert module_of_entrants.entropy_objective(street.objective) is None
-    objective = Objective(Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="late"), visibility=seen)
+    objective = Objective(
+        Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="late"),
+        visibility=seen,
+    )
     entropy = module_of_entrants.entropy_objective(objective)
     assert entropy is not None
     assert entropy.visibility is seen
@@ -349,16 +451,20 @@ def test_entropy_is_of_the_same_candidates_and_what_they_see(street, seen, small
     early = Setting(candidates=small_candidates, fidelity=Coverage(seen, "early"), scheme="early")
     sent = []
     for codec in (PaperCodec(), PaperCodec(bits_per_point=1)):
-        of_codec = module_of_entrants.entropy_objective(Objective(replace(early, codec=codec), visibility=seen))
+        of_codec = module_of_entrants.entropy_objective(
+            Objective(replace(early, codec=codec), visibility=seen)
+        )
         assert of_codec is not None
         sent.append(of_codec.scores(rows).kbit[0])
     assert sent[1] < sent[0] / 10
 
 
 @pytest.mark.parametrize("count", [3, 6, 7])
-def test_half_of_the_neighbours_are_those_that_no_other_beats(make, made_visibility, monkeypatch, count):
-    """In reward, perception entropy and coverage at once; the others are the best by reward. The front is made up: all,
-    from the last on."""
+def test_half_of_the_neighbours_are_those_that_no_other_beats(
+    make, made_visibility, monkeypatch, count
+):
+    """In reward, perception entropy and coverage at once; the others are the best by reward. The
+    front is made up: all, from the last on."""
     seen, candidates, asked = made_visibility(candidates=12), make(mounts=12).candidates, []
 
     def front(figures):
@@ -375,13 +481,19 @@ def test_half_of_the_neighbours_are_those_that_no_other_beats(make, made_visibil
     near = near[np.argsort(-objective.scores(near).reward, kind="stable")]
     entropy = module_of_entrants.entropy_objective(objective)
     assert entropy is not None
-    figures = [objective.scores(near).reward, entropy.scores(near).ap, Coverage(seen, "early")(near).ap]
+    figures = [
+        objective.scores(near).reward,
+        entropy.scores(near).ap,
+        Coverage(seen, "early")(near).ap,
+    ]
     assert asked[0] == pytest.approx(-np.stack(figures, axis=1))
     wanted = [*near[: count - count // 2], *near[::-1][: count // 2]]
     assert [row.tolist() for row in rows] == [row.tolist() for row in wanted]
 
 
-def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(make, street, monkeypatch):
+def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(
+    make, street, monkeypatch
+):
     objective = make(mounts=8, seed=4)
     monkeypatch.setattr(module_of_entrants, "FRONT_OF", 2)
     rows, _ = module_of_entrants._neighbours(objective, as_rows([[0, 1]], 8), 9)
@@ -446,13 +558,18 @@ def test_neighbours_of_several_answers_are_ranked_together(make):
 
 def test_searches_for_a_required_ap_choose_from_the_same_candidates(searches, street, monkeypatch):
     """An objective made from a site has its candidates from the pool, not from the setting."""
-    monkeypatch.setattr(street.objective, "setting", replace(street.objective.setting, candidates=None))
+    monkeypatch.setattr(
+        street.objective, "setting", replace(street.objective.setting, candidates=None)
+    )
     found = dict(searches(Effort((1, 2), seconds=9.0, evaluations=300, min_ap=0.5)))
     assert found["swap for AP 0.5"][1].candidates is street.objective.candidates
 
 
 def test_entropy_is_of_the_objectives_own_candidates(seen, small_candidates):
-    objective = Objective(Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="late"), visibility=seen)
+    objective = Objective(
+        Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="late"),
+        visibility=seen,
+    )
     objective.setting = replace(objective.setting, candidates=None)
     entropy = module_of_entrants.entropy_objective(objective)
     assert entropy is not None

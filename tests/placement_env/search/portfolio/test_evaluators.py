@@ -1,4 +1,5 @@
-"""Sets on some frames: the AP that the fidelity says of them, and resamples drawn alike for all sets."""
+"""Sets on some frames: the AP that the fidelity says of them, and resamples drawn alike for all
+sets."""
 
 from dataclasses import replace
 
@@ -34,7 +35,9 @@ EVERY = np.arange(8)
 @pytest.fixture
 def prepared(small_traffic):
     def prepare(**fields):
-        setting = Setting(small_traffic.site, candidates=paper_candidates(small_traffic.site), **fields)
+        setting = Setting(
+            small_traffic.site, candidates=paper_candidates(small_traffic.site), **fields
+        )
         made = Preparation(setting, Run(frames=len(small_traffic)))
         vars(made).update(traffic=small_traffic, network="general")
         return made
@@ -50,7 +53,9 @@ def test_detection_of_some_frames_in_resamples_of_blocks(street):
     assert found.ap == pytest.approx(expected.ap)
     assert found.kbit == pytest.approx(expected.kbit)
     assert found.resamples.shape == (3, 1000)
-    assert found.resamples == pytest.approx(np.repeat(found.ap[:, None], 1000, axis=1))  # all frames are alike
+    assert found.resamples == pytest.approx(
+        np.repeat(found.ap[:, None], 1000, axis=1)
+    )  # all frames are alike
     assert (evaluator.frames, evaluator.name) == (8, "detector")
     assert evaluator.count_objects(EVERY) == 32
     assert evaluator.count_objects(np.array([6, 1])) == 8
@@ -75,7 +80,9 @@ def test_detection_of_some_frames_in_resamples_of_blocks(street):
     assert found.resamples[1] == pytest.approx(1.5 * found.resamples[0])
 
 
-def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(prepared, small_traffic, blocks_of_four):
+def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(
+    prepared, small_traffic, blocks_of_four
+):
     evaluator = build_evaluator(prepared(), "coverage", seed=2)
     assert isinstance(evaluator.profiles[0], FastEvaluator)
     sets = np.eye(4, dtype=bool)[[0, 2]] | np.eye(4, dtype=bool)[[3, 3]]
@@ -116,7 +123,10 @@ def test_classes_thresholds_and_failures_are_combined(street):
     assert found.ap.tolist() == [0.0, 0.0, 0.0]  # nobody detects the walker
     evaluators = (DetectorEvaluator(street.detected, (0.7, 1.0)),)
     found = CasesEvaluator(evaluators, Cases(iou=(0.7, 1.0))).evaluate(SETS, EVERY)
-    each = [CasesEvaluator((DetectorEvaluator(street.detected, (iou,)),)).evaluate(SETS, EVERY) for iou in (0.7, 1.0)]
+    each = [
+        CasesEvaluator((DetectorEvaluator(street.detected, (iou,)),)).evaluate(SETS, EVERY)
+        for iou in (0.7, 1.0)
+    ]
     assert found.ap == pytest.approx((each[0].ap + each[1].ap) / 2)
     assert found.resamples == pytest.approx((each[0].resamples + each[1].resamples) / 2)
     whole = CasesEvaluator((DetectorEvaluator(street.detected),))
@@ -166,7 +176,8 @@ def test_levels_are_those_of_the_traffic_that_is_judged(prepared):
 
 @pytest.fixture
 def hazy(street):
-    """The street's evaluator, and one at which sensor 1 sees nothing in the first block and sensor 0 nothing at all."""
+    """The street's evaluator, and one at which sensor 1 sees nothing in the first block and sensor
+    0 nothing at all."""
 
     class Hazy(type(street.detected.renders)):  # type: ignore[misc]
         def clouds(self, k, c):
@@ -190,7 +201,9 @@ def test_each_error_profile_by_itself(hazy, combine):
     reduce = np.min if combine == "worst" else np.mean
     assert found.resamples == pytest.approx(reduce([exact.resamples, rough.resamples], axis=0))
     assert len(np.unique(found.resamples[1])) > 1
-    assert found.kbit == pytest.approx(rough.kbit if combine == "worst" else (exact.kbit + rough.kbit) / 2)
+    assert found.kbit == pytest.approx(
+        rough.kbit if combine == "worst" else (exact.kbit + rough.kbit) / 2
+    )
     ap, kbit, resamples = over.at_profiles(SETS[:2], EVERY)
     assert ap.tolist() == [exact.ap.tolist(), rough.ap.tolist()]
     assert kbit[1].tolist() == rough.kbit.tolist()
@@ -218,20 +231,31 @@ def test_each_profile_is_rendered_with_its_errors(prepared, street):
     assert [each.detected.renders.errors for each in profiles] == [PAPER_ERRORS, POOR]  # type: ignore[attr-defined]
 
 
-def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(prepared, small_traffic, blocks_of_four, monkeypatch):
-    """Five frames are two blocks: each resample is the mean of two drawn ones, moved by what the mean of both lacks."""
+def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(
+    prepared, small_traffic, blocks_of_four, monkeypatch
+):
+    """Five frames are two blocks: each resample is the mean of two drawn ones, moved by what the
+    mean of both lacks."""
     evaluator = build_evaluator(prepared(), "coverage", seed=2)
     sets = np.eye(4, dtype=bool)[[0, 2]] | np.eye(4, dtype=bool)[[3, 3]]
     seen = see(small_traffic, paper_candidates(small_traffic.site))
-    parts = np.stack([Coverage(of_frames(seen, block))(sets).ap for block in (np.arange(4), np.array([4]))], axis=1)
+    parts = np.stack(
+        [Coverage(of_frames(seen, block))(sets).ap for block in (np.arange(4), np.array([4]))],
+        axis=1,
+    )
     drawn = draws_of_blocks(np.arange(2), seed=2) / 2
     whole = Coverage(seen)(sets).ap
     found = evaluator.evaluate(sets, np.arange(5)[::-1])
-    assert found.resamples == pytest.approx(parts @ drawn.T + (whole - parts.mean(axis=1))[:, None], abs=1e-6)
+    assert found.resamples == pytest.approx(
+        parts @ drawn.T + (whole - parts.mean(axis=1))[:, None], abs=1e-6
+    )
     other = build_evaluator(prepared(), "coverage", seed=3).evaluate(sets, np.arange(5))
     assert not np.array_equal(found.resamples, other.resamples)
     usual = build_evaluator(prepared(), "coverage").evaluate(sets, np.arange(5))
-    assert np.array_equal(usual.resamples, build_evaluator(prepared(), "coverage", seed=0).evaluate(sets, EVERY[:5])[2])
+    assert np.array_equal(
+        usual.resamples,
+        build_evaluator(prepared(), "coverage", seed=0).evaluate(sets, EVERY[:5])[2],
+    )
     done = []
     nothing = evaluator.evaluate(np.zeros((1, 4), bool), np.arange(5), done.append)
     assert (nothing.ap.tolist(), nothing.kbit.tolist(), done) == ([0.0], [0.0], [5])
@@ -241,7 +265,8 @@ def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(prepared, small_
 
 
 def test_intervals_know_the_blocks_behind_their_draws(street, prepared, blocks_of_four):
-    """Of eighty frames in twenty blocks, each of two levels has ten, and a fast fidelity scores twelve batches."""
+    """Of eighty frames in twenty blocks, each of two levels has ten, and a fast fidelity scores
+    twelve batches."""
     draws, frames = np.random.default_rng(0).normal(0.6, 0.1, 1000), np.arange(80)
     whole = CasesEvaluator((DetectorEvaluator(street.detected),))
 
@@ -253,7 +278,9 @@ def test_intervals_know_the_blocks_behind_their_draws(street, prepared, blocks_o
     assert interval(replace(whole, levels=(frames[:40], frames[40:]))) == figure_interval(
         0.6, draws, blocks=10, objects=count
     )
-    assert np.isnan(replace(whole, levels=(frames[:40], frames[40:])).interval(0.6, draws, frames[:76])).all()
+    assert np.isnan(
+        replace(whole, levels=(frames[:40], frames[40:])).interval(0.6, draws, frames[:76])
+    ).all()
     fast = build_evaluator(prepared(), "coverage")
     assert interval(fast) == figure_interval(0.6, draws, blocks=12)
     assert fast.interval(0.6, draws, frames[:44]) == figure_interval(0.6, draws, blocks=11)
@@ -271,7 +298,9 @@ def test_a_mean_ap_is_over_three_thresholds_and_all_drawings(street):
             return Detections(boxes, found.scores)
 
     exact = CasesEvaluator((DetectorEvaluator(street.detected),))
-    rough = CasesEvaluator((DetectorEvaluator(Detected(street.detected.renders, Rough(), "early")),))
+    rough = CasesEvaluator(
+        (DetectorEvaluator(Detected(street.detected.renders, Rough(), "early")),)
+    )
     assert exact.mean_ap(SETS[:2], EVERY) == pytest.approx([0.5, 0.75])
     assert rough.mean_ap(SETS[:2], EVERY) == pytest.approx([1 / 3, 0.5])  # not at 0.9
     both = replace(exact, drawings=(rough,))
@@ -279,7 +308,11 @@ def test_a_mean_ap_is_over_three_thresholds_and_all_drawings(street):
 
 
 def test_orders_of_races_are_those_of_seed_0_unless_given():
-    assert race_order(96).tolist() == race_order(96, seed=0).tolist() != race_order(96, seed=1).tolist()
+    assert (
+        race_order(96).tolist()
+        == race_order(96, seed=0).tolist()
+        != race_order(96, seed=1).tolist()
+    )
     assert sorted(race_order(13).tolist()) == list(range(13))
 
 
@@ -288,13 +321,16 @@ def test_over_drawings_of_a_site_all_figures_are_means(hazy):
     both = replace(exact, drawings=(rough,))
     found, each = both.evaluate(SETS, EVERY), [one.evaluate(SETS, EVERY) for one in (exact, rough)]
     for name in ("ap", "kbit", "resamples"):
-        assert getattr(found, name) == pytest.approx(np.mean([getattr(one, name) for one in each], axis=0))
+        assert getattr(found, name) == pytest.approx(
+            np.mean([getattr(one, name) for one in each], axis=0)
+        )
     assert found.ap.shape == (3,)
 
 
 @pytest.mark.parametrize("frames", [96, 93])
 def test_frames_of_a_race_follow_a_permutation_of_the_blocks(frames, blocks_of_four):
-    """The seed's first permutation is that of the blocks, so orders of equally many blocks go alike."""
+    """The seed's first permutation is that of the blocks, so orders of equally many blocks go
+    alike."""
     blocks = np.random.default_rng(6).permutation(24)
     order = race_order(frames, seed=6)
     whole = race_order(96, seed=6)
@@ -303,15 +339,22 @@ def test_frames_of_a_race_follow_a_permutation_of_the_blocks(frames, blocks_of_f
 
 
 def test_resamples_of_detections_are_drawn_by_the_seed(hazy):
-    """In the haze sensor 1 finds two of four cars in the second block alone: an AP of one half, as often as drawn."""
+    """In the haze sensor 1 finds two of four cars in the second block alone: an AP of one half, as
+    often as drawn."""
     _, rough = hazy
-    for made, seed in ((replace(rough, seed=5), 5), (rough, 0), (DetectorEvaluator(rough.detected), 0)):
+    for made, seed in (
+        (replace(rough, seed=5), 5),
+        (rough, 0),
+        (DetectorEvaluator(rough.detected), 0),
+    ):
         resamples = CasesEvaluator((made,)).evaluate(SETS[1:2], EVERY).resamples[0]
         drawn = draws_of_blocks(np.arange(2), seed=seed)[:, 1]
         assert resamples == pytest.approx(0.5 * drawn / 2)
 
 
-def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_silently(small_traffic, monkeypatch):
+def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_silently(
+    small_traffic, monkeypatch
+):
     """It looks with the processes and the cache of its run, but tells nobody how far it is."""
     stages, runs = [], []
 
@@ -323,7 +366,9 @@ def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_sile
     for only, classes in (([1], ("vehicle",)), ([0, 2], ("vehicle", "pedestrian"))):
         candidates = paper_candidates(small_traffic.site).select(np.array(only))
         setting = Setting(small_traffic.site, candidates=candidates, classes=classes)
-        made = Preparation(setting, Run(frames=len(small_traffic), progress=lambda *stage: stages.append(stage)))
+        made = Preparation(
+            setting, Run(frames=len(small_traffic), progress=lambda *stage: stages.append(stage))
+        )
         vars(made).update(traffic=small_traffic, network="general")
         evaluator = build_evaluator(made, "coverage")
         seen = see(small_traffic, candidates, labels=made.setting.counted.labels)

@@ -15,7 +15,13 @@ from placement_env.protocol import Estimate
 from placement_env.racing import Contest, RaceRules, race_until
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, Schedule, race_order
+from placement_env.search.portfolio.evaluators import (
+    CasesEvaluator,
+    DetectorEvaluator,
+    Evaluated,
+    Schedule,
+    race_order,
+)
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting, Weights
 from toolkit.runtime.run import Run
@@ -44,7 +50,9 @@ class Truth:
         draws = np.random.default_rng(4).standard_normal(500) * self.noise / np.sqrt(len(frames))
         if progress is not None:
             progress(len(frames))
-        return Evaluated(ap, 100.0 * sets.sum(axis=1), ap[:, None] + np.outer(np.arange(len(sets)), draws))
+        return Evaluated(
+            ap, 100.0 * sets.sum(axis=1), ap[:, None] + np.outer(np.arange(len(sets)), draws)
+        )
 
     def interval(self, ap, resamples, frames):
         return figure_interval(ap, resamples, blocks=len(frames) / 4)
@@ -85,7 +93,10 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(st
         judging=Judging(evaluators=(race, final), confidence=0.9, contenders=True),
     )
     said = found.assessment
-    assert (found.method, found.best.subset) == ("portfolio", (1, 2))  # a neighbour of what all searches answered
+    assert (found.method, found.best.subset) == (
+        "portfolio",
+        (1, 2),
+    )  # a neighbour of what all searches answered
     assert (said.by, said.frames, said.objects) == ("detector", 80, 560)
     assert said.ap == pytest.approx(0.55 - 0.05)
     assert said.low <= said.ap <= said.high
@@ -102,11 +113,19 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(st
     assert (own.predicted, own.ap, own.curse) == pytest.approx((0.7, 0.35, 0.35))
     assert [len(sets) for sets, _ in final.asked] == [2]
     unasked = Truth(frames=80)
-    alone = portfolio.search(deceived(None), 2, judging=Judging(evaluators=(race, unasked))).assessment
+    alone = portfolio.search(
+        deceived(None), 2, judging=Judging(evaluators=(race, unasked))
+    ).assessment
     assert (alone.contenders, [len(sets) for sets, _ in unasked.asked]) == ((), [1])
-    assert {stage[0] for stage in stages} == {"sets scored", "searches", "frames raced", "frames judged"}
+    assert {stage[0] for stage in stages} == {
+        "sets scored",
+        "searches",
+        "frames raced",
+        "frames judged",
+    }
     assert found.certificate.note == (
-        f"the best of {said.entrants} sets compared by the detector; an estimate ruled out the others"
+        f"the best of {said.entrants} sets compared by the detector; an estimate ruled out the "
+        "others"
     )
 
 
@@ -122,13 +141,20 @@ class Rough(Truth):
 def test_profiles_are_judged_and_what_does_not_fit_refused(deceived):
     """With exact sensors 1 and 2 are the best two; with the others 1 and 3."""
     errors = Cases(errors=("paper", "poor"))
-    race, final = (CasesEvaluator((Truth(shift=shift), Rough(shift=shift)), errors) for shift in (0.0, -0.05))
+    race, final = (
+        CasesEvaluator((Truth(shift=shift), Rough(shift=shift)), errors) for shift in (0.0, -0.05)
+    )
     found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)))
     assert found.best.subset == (1, 3)
     said = found.assessment
     assert (said.ap, said.errors_by) == (pytest.approx(0.45), "worst")
-    assert [(each.name, each.ap) for each in said.by_errors] == [("paper", pytest.approx(0.45)), ("poor", said.ap)]
-    final = CasesEvaluator((Truth(shift=0.1), Rough(shift=-0.1)), Cases(errors=("paper", "poor"), errors_by="mean"))
+    assert [(each.name, each.ap) for each in said.by_errors] == [
+        ("paper", pytest.approx(0.45)),
+        ("poor", said.ap),
+    ]
+    final = CasesEvaluator(
+        (Truth(shift=0.1), Rough(shift=-0.1)), Cases(errors=("paper", "poor"), errors_by="mean")
+    )
     said = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final))).assessment
     assert (said.ap, said.errors_by) == (pytest.approx(0.5), "mean")
     assert [each.ap for each in said.by_errors] == pytest.approx([0.6, 0.4])
@@ -138,7 +164,9 @@ def test_profiles_are_judged_and_what_does_not_fit_refused(deceived):
     with pytest.raises(ValueError, match="a portfolio needs fresh traffic"):
         portfolio.search(deceived, 2)
     for confidence in (0.0, 1.0):
-        with pytest.raises(ValueError, match=f"confidence must lie between 0 and 1, got {confidence}"):
+        with pytest.raises(
+            ValueError, match=f"confidence must lie between 0 and 1, got {confidence}"
+        ):
             Judging(confidence=confidence)
     with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
         portfolio.search(deceived, 0, judging=Judging(evaluators=(Truth(), Truth())))
@@ -146,29 +174,55 @@ def test_profiles_are_judged_and_what_does_not_fit_refused(deceived):
 
 def test_what_sets_cost_counts_and_nothing_may_pay(street):
     poor = Objective(
-        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=0.01))
+        Setting(
+            candidates=street.candidates,
+            fidelity=Deceived(),
+            scheme="late",
+            weights=Weights(price=0.01),
+        )
     )
     ran = portfolio.contest(poor, np.eye(4, dtype=bool), Truth())
     prices = poor.price(np.eye(4, dtype=bool))
     assert ran.ranking[0] == (VALUE - 0.01 * prices).argmax()
     assert ran.figures[0] == pytest.approx((VALUE - 0.01 * prices).max())
     linked = Objective(
-        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(comm=0.001))
+        Setting(
+            candidates=street.candidates,
+            fidelity=Deceived(),
+            scheme="late",
+            weights=Weights(comm=0.001),
+        )
     )
     sets = np.array([[0, 1, 1, 0], [0, 0, 0, 0]], bool)
     assert portfolio.weigh_costs(linked, sets, np.array([400.0, 0.0])) == pytest.approx([0.2, 0.0])
     costly = Objective(
-        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=1.0))
+        Setting(
+            candidates=street.candidates,
+            fidelity=Deceived(),
+            scheme="late",
+            weights=Weights(price=1.0),
+        )
     )
     found = portfolio.search(costly, 2, judging=Judging(evaluators=(Truth(), Truth())))
     assert (found.best.subset, found.assessment) == ((), None)
-    poor = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", most_price=1.0))
-    assert portfolio.search(poor, 2, judging=Judging(evaluators=(Truth(), Truth()))).best.subset == ()
+    poor = Objective(
+        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", most_price=1.0)
+    )
+    assert (
+        portfolio.search(poor, 2, judging=Judging(evaluators=(Truth(), Truth()))).best.subset == ()
+    )
     barely = Objective(
-        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=0.01))
+        Setting(
+            candidates=street.candidates,
+            fidelity=Deceived(),
+            scheme="late",
+            weights=Weights(price=0.01),
+        )
     )
     said = portfolio.search(barely, 1, judging=Judging(evaluators=(Truth(), Truth()))).assessment
-    assert said.expected == pytest.approx(said.ap, abs=0.001)  # an AP, with the price that the race took off
+    assert said.expected == pytest.approx(
+        said.ap, abs=0.001
+    )  # an AP, with the price that the race took off
     worse = Truth(shift=-1.0)
     lost = portfolio.search(barely, 1, judging=Judging(evaluators=(worse, worse)))
     assert (lost.best.subset, lost.assessment) == ((), None)
@@ -180,11 +234,15 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
 
     def noted(rewards, sets, order, rules, *, predicted):
         given.update(rewards=rewards, sets=sets, order=order, rules=rules, predicted=predicted)
-        return Contest(np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
+        return Contest(
+            np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4])
+        )
 
     monkeypatch.setattr(portfolio, "race_until", noted)
     weights = Weights(comm=0.001, price=0.01)
-    both = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights))
+    both = Objective(
+        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
+    )
     sets, frames = np.array([[0, 1, 1, 0], [1, 0, 0, 0]], bool), np.array([9, 3, 0, 11, 8])
     portfolio.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
     assert given["order"].tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
@@ -202,7 +260,9 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
 
 def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatch):
     made = []
-    monkeypatch.setattr(portfolio, "Preparation", lambda setting, run, *, compares: (setting, run, compares))
+    monkeypatch.setattr(
+        portfolio, "Preparation", lambda setting, run, *, compares: (setting, run, compares)
+    )
 
     def built(*given, **named):
         made.append((*given, named))
@@ -222,7 +282,10 @@ def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatc
     assert [(own, *rest) for (own, *_), *rest in made] == [(setting, "coverage", {"seed": 7})] * 2
     made.clear()
     judging.build_evaluators(objective, Schedule())
-    assert [(run.frames, named) for (_, run, _), _, named in made] == [(33, {"seed": 0}), (44, {"seed": 0})]
+    assert [(run.frames, named) for (_, run, _), _, named in made] == [
+        (33, {"seed": 0}),
+        (44, {"seed": 0}),
+    ]
     assert (Judging().race_frames, Judging().final_frames) == (96, 120)
 
 
@@ -236,10 +299,14 @@ def test_with_failures_what_is_best_intact_races_too(street, monkeypatch):
         asked.append((intact, effort, seed, checkpoint))
         return Entrants(sets[intact], objective.scores(sets[intact]).ap, (("greedy",),), 10)
 
-    setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", cases=Cases(failing=1))
+    setting = Setting(
+        candidates=street.candidates, fidelity=Deceived(), scheme="late", cases=Cases(failing=1)
+    )
     objective = Objective(setting, Run(seed=4))
     plain = replace(setting, cases=Cases(), candidates=None)
-    prepared: Any = SimpleNamespace(plain=SimpleNamespace(setting=plain), run=objective.run, setting=setting)
+    prepared: Any = SimpleNamespace(
+        plain=SimpleNamespace(setting=plain), run=objective.run, setting=setting
+    )
     objective.preparation = prepared
     monkeypatch.setattr(objective, "describe_origin", lambda subset: {})
     monkeypatch.setattr(portfolio, "keep_entrants", kept)
@@ -252,10 +319,12 @@ def test_with_failures_what_is_best_intact_races_too(street, monkeypatch):
 
 
 def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(street, monkeypatch):
-    """Sets 0 to 3 end at 0.9, 0.895, 0.892 and 0.9 on fewer frames; the second and the third lie within 0.0075 or
-    without."""
+    """Sets 0 to 3 end at 0.9, 0.895, 0.892 and 0.9 on fewer frames; the second and the third lie
+    within 0.0075 or without."""
     figures, means = [0.9, 0.895, 0.892, 0.9], {0: 0.5, 1: 0.6, 2: 0.9, 3: 0.9}
-    ended = Contest(np.arange(4), np.array(figures), np.array([8, 8, 8, 4]), 0.9, 28, np.array(figures))
+    ended = Contest(
+        np.arange(4), np.array(figures), np.array([8, 8, 8, 4]), 0.9, 28, np.array(figures)
+    )
     asked = []
 
     def mean_ap(sets, frames):
@@ -273,7 +342,12 @@ def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(stre
     means.update({0: 0.7, 1: 0.7})
     dear = objective.price(np.eye(4, dtype=bool)) + np.array([1.0, 0, 0, 0])
     monkeypatch.setattr(objective, "price", lambda rows: dear[rows.argmax(axis=1)])
-    assert portfolio.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [1, 0, 2, 3]
+    assert portfolio.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [
+        1,
+        0,
+        2,
+        3,
+    ]
 
 
 def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
@@ -312,14 +386,22 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
 
     monkeypatch.setattr(portfolio, "contest", asked)
     for seconds in (None, 60.0):
-        portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds)
+        portfolio.search(
+            deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds
+        )
     assert most == [portfolio.SET_FRAMES, np.inf]
-    assert shares == [(0.5, 1), (0.5, 1), *[(1.0,)] * (len(shares) - 2)]  # races take half of the time
+    assert shares == [
+        (0.5, 1),
+        (0.5, 1),
+        *[(1.0,)] * (len(shares) - 2),
+    ]  # races take half of the time
 
 
 def test_it_detects_on_a_real_evaluator(street):
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
-    found = portfolio.search(street.objective, 3, judging=Judging(evaluators=(evaluator, evaluator)))
+    found = portfolio.search(
+        street.objective, 3, judging=Judging(evaluators=(evaluator, evaluator))
+    )
     ap = street.detected.partial(street.objective.row(found.best.subset)[None], 8).ap[0]
     assert found.assessment.ap == pytest.approx(ap)
     assert found.assessment.ap == pytest.approx(0.8)
@@ -377,8 +459,14 @@ def test_a_set_that_is_worth_just_its_price_is_not_built(street, monkeypatch):
 
     monkeypatch.setattr(portfolio, "contest", ended)
     judging = Judging(evaluators=(Truth(), Truth()))
-    for weights, built in ((Weights(price=0.001), False), (Weights(comm=1e-5), False), (Weights(), True)):
-        setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
+    for weights, built in (
+        (Weights(price=0.001), False),
+        (Weights(comm=1e-5), False),
+        (Weights(), True),
+    ):
+        setting = Setting(
+            candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights
+        )
         assert bool(portfolio.search(Objective(setting), 1, judging=judging).best.subset) is built
 
 
@@ -416,7 +504,9 @@ def test_only_the_first_must_be_worth_what_it_costs(street, monkeypatch):
 
     monkeypatch.setattr(portfolio, "contest", ended)
     weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.001))
-    assert portfolio.search(Objective(weighed), 1, judging=Judging(evaluators=(Truth(), Truth()))).best.subset
+    assert portfolio.search(
+        Objective(weighed), 1, judging=Judging(evaluators=(Truth(), Truth()))
+    ).best.subset
 
 
 def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, monkeypatch):
@@ -425,7 +515,9 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
 
     def noted(rewards, sets, order, rules, *, predicted):
         given.update(rewards=rewards, order=order)
-        return Contest(np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
+        return Contest(
+            np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4])
+        )
 
     class Cut(Truth):
         def evaluate(self, sets, frames, progress=None):
@@ -441,10 +533,15 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
     objective.watch = lambda *better: told.append(better)
     found = given["rewards"](sets, np.array([9, 3, 0, 21, 33]))
     assert told == [((1, 2), pytest.approx(0.55 - 0.215), 3)]
-    assert (found.frames, found.blocks) == (3, 2.0)  # 9 lies in the third block, 3 and 0 in the first
+    assert (found.frames, found.blocks) == (
+        3,
+        2.0,
+    )  # 9 lies in the third block, 3 and 0 in the first
 
 
-def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(deceived, monkeypatch):
+def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
+    deceived, monkeypatch
+):
     figures, asked = [0.0, -portfolio.NEAR_TIE], []
 
     def mean_ap(sets, frames):
@@ -452,7 +549,12 @@ def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
         return np.arange(len(sets), dtype=float)
 
     ends = iter(
-        [Contest(np.arange(2), np.array(figures), np.array([8, k]), 0.9, 8 + k, np.array(figures)) for k in (8, 4)]
+        [
+            Contest(
+                np.arange(2), np.array(figures), np.array([8, k]), 0.9, 8 + k, np.array(figures)
+            )
+            for k in (8, 4)
+        ]
     )
     monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: next(ends))
     truth = Truth(frames=20)
@@ -465,7 +567,8 @@ def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
 
 
 class Clock:
-    """A schedule with so much time left when it is asked, and evaluators that do so many frames, None for all."""
+    """A schedule with so much time left when it is asked, and evaluators that do so many frames,
+    None for all."""
 
     seconds = 1.0
 
@@ -479,7 +582,12 @@ class Clock:
     def limit(self, evaluator):
         def evaluate(sets, frames, report=None):
             self.judged.append((sets.argmax(axis=1).tolist(), len(frames)))
-            return Evaluated(np.zeros(len(sets)), np.zeros(len(sets)), np.zeros((len(sets), 1)), next(self.counts))
+            return Evaluated(
+                np.zeros(len(sets)),
+                np.zeros(len(sets)),
+                np.zeros((len(sets), 1)),
+                next(self.counts),
+            )
 
         return SimpleNamespace(evaluate=evaluate)
 

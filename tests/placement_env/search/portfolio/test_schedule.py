@@ -13,7 +13,8 @@ SETS = np.eye(3, dtype=bool)
 
 
 class Slow:
-    """AP of a set: its number, and how many frames it was evaluated on. seconds: for a frame that is new."""
+    """AP of a set: its number, and how many frames it was evaluated on. seconds: for a frame that
+    is new."""
 
     name, frames = "slow", 40
 
@@ -50,7 +51,10 @@ def test_an_evaluator_goes_on_until_time_is_up_and_does_one_part_at_least():
     timed = TimedEvaluator(slow, time.monotonic() - 1, at_once=4)
     assert timed.evaluate(SETS, np.arange(10)).frames == 4
     assert slow.asked == [[0, 1, 2, 3], [0, 1, 2, 3]]
-    assert TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).frames == 7
+    assert (
+        TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).frames
+        == 7
+    )
 
 
 def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
@@ -61,9 +65,9 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     assert slow.asked == [[0, 1, 2], [3], [0, 1, 2, 3], [4, 5, 6], [7], list(range(8))]
     assert timed.evaluate(SETS, np.arange(4)).frames is None
     assert slow.asked[-1] == [0, 1, 2, 3]
-    assert [Schedule(seconds).frames(96) for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)] == [
-        96, 96, 96, 48, 24, 16, 8
-    ]  # fmt: skip
+    assert [
+        Schedule(seconds).frames(96) for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)
+    ] == [96, 96, 96, 48, 24, 16, 8]
     assert Schedule(1.0).frames(6) == 6
     cluster = SimpleNamespace(ray="local", alone=False, count=1)
     runs = (Run(), Run(workers=4), cluster)
@@ -72,7 +76,11 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     assert whole.searching(5) == pytest.approx(6.0)
     now, least = time.monotonic(), []
     for each, seconds in (
-        *((whole.limit(slow, 1 / 2, 1), 50), (whole.limit(slow, 1 / 4, 1), 25), (whole.limit(slow), 100)),
+        *(
+            (whole.limit(slow, 1 / 2, 1), 50),
+            (whole.limit(slow, 1 / 4, 1), 25),
+            (whole.limit(slow), 100),
+        ),
     ):
         assert isinstance(each, TimedEvaluator)
         assert each.until - now == pytest.approx(seconds, abs=1)

@@ -16,7 +16,11 @@ from toolkit.datasets.layouts.argoverse import (
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
-LOG = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[5] / "shared")) / "real" / "av2_two_lidars"
+LOG = (
+    Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[5] / "shared"))
+    / "real"
+    / "av2_two_lidars"
+)
 recorded = pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
 
 
@@ -35,7 +39,8 @@ def test_the_two_lidars_are_apart():
     clouds = argoverse(LOG)[0].clouds
     assert [cloud.name for cloud in clouds] == list(LASERS)
     for cloud in clouds:
-        # A spinning lidar's frame is its own: each laser sweeps a cone about the axis, so nothing lies near the axis.
+        # A spinning lidar's frame is its own: each laser sweeps a cone about the axis, so nothing
+        # lies near the axis.
         assert np.hypot(*cloud.in_sensor()[:, :2].T).min() > 0.5
 
 

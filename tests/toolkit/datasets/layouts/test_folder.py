@@ -23,10 +23,16 @@ def test_sensors_share_names_or_go_by_order(tmp_path):
     for name in ("north/0.npy", "south/0.npy", "south/1.npy"):
         put(tmp_path / "same" / name)
     samples = list(folder(tmp_path / "same"))
-    assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [["north", "south"], ["south"]]
+    assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [
+        ["north", "south"],
+        ["south"],
+    ]
     for name in ("north/100.npy", "north/200.npy", "south/101.npy", "south/201.npy"):
         put(tmp_path / "order" / name)
-    assert [(sample.name, len(sample.clouds)) for sample in folder(tmp_path / "order")] == [("100", 2), ("200", 2)]
+    assert [(sample.name, len(sample.clouds)) for sample in folder(tmp_path / "order")] == [
+        ("100", 2),
+        ("200", 2),
+    ]
     put(tmp_path / "one.npy")
     put(tmp_path / "two.npy")
     assert [sample.name for sample in folder(tmp_path / "one.npy")] == ["one"]
@@ -86,7 +92,11 @@ def test_labels_beside_the_clouds(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "time"),
-    [("1646667310.044", 1646667310.044), ("1646667310044", 1646667310.044), ("1646667310044000000", 1646667310.044)],
+    [
+        ("1646667310.044", 1646667310.044),
+        ("1646667310044", 1646667310.044),
+        ("1646667310044000000", 1646667310.044),
+    ],
 )
 def test_names_that_are_times(name, time):
     assert parse_epoch(name) == pytest.approx(time)

@@ -1,4 +1,5 @@
-"""Recorded clouds in one HDF5 file: what is written comes back to the bit, whatever a sample has."""
+"""Recorded clouds in one HDF5 file: what is written comes back to the bit, whatever a sample
+has."""
 
 from dataclasses import replace
 
@@ -35,7 +36,12 @@ def test_frames_are_samples_with_all_returns_in_the_frames_of_sensors(recording)
     in_crop = sum(map(len, frame_points(frame, area=CoopDataset(recording).site)))
     xmin, ymin, xmax, ymax = sample.complete.area
     points = sample.points()
-    inside = (points[:, 0] >= xmin) & (points[:, 0] <= xmax) & (points[:, 1] >= ymin) & (points[:, 1] <= ymax)
+    inside = (
+        (points[:, 0] >= xmin)
+        & (points[:, 0] <= xmax)
+        & (points[:, 1] >= ymin)
+        & (points[:, 1] <= ymax)
+    )
     assert (inside & (points[:, 2] > 0) & (points[:, 2] < 4)).sum() == in_crop
     assert count_points(points, sample.objects.boxes).max() > 50
     (sample,) = hdf5(recording)
@@ -61,7 +67,9 @@ def test_sensors_with_errors_and_points_off_their_rays_keep_their_places(recordi
     (plain,) = hdf5(recording)
     for k, (own, other) in enumerate(zip(shifted.clouds, plain.clouds, strict=True)):
         by = [0.5, 0.0, -0.25] if k == 1 else [0.0, 0.0, 0.0]
-        np.testing.assert_allclose(own.in_world() - other.in_world(), np.tile(by, (len(own.points), 1)), atol=1e-4)
+        np.testing.assert_allclose(
+            own.in_world() - other.in_world(), np.tile(by, (len(own.points), 1)), atol=1e-4
+        )
 
 
 BOXES = np.array([[1.0, 2, 0.8, 4.2, 1.8, 1.6, 3.1], [5.0, -2, 0.9, 0.6, 0.5, 1.7, -0.2]])
@@ -78,7 +86,9 @@ def sample(name="1646667310.044", time=1646667310.0440001, complete=AREA):
         intensity=rng.uniform(0, 255, 500).astype(np.float32),
         ring=rng.integers(0, 32, 500),
     )
-    plain = SensorCloud("south/2", rng.normal(0, 9, (7, 3)).astype(np.float32), pose(5.0, 0.1, 4.0), "world")
+    plain = SensorCloud(
+        "south/2", rng.normal(0, 9, (7, 3)).astype(np.float32), pose(5.0, 0.1, 4.0), "world"
+    )
     none = SensorCloud("dark", np.zeros((0, 3), np.float32), np.eye(4))
     others = OtherObjects(BOXES[:1] + 0.5, ("Animal",), np.array([4]))
     return Frame.of_clouds(
@@ -102,8 +112,16 @@ def equal(a, b):
     np.testing.assert_array_equal(a.time, b.time)
     assert [(c.name, c.frame) for c in a.clouds] == [(c.name, c.frame) for c in b.clouds]
     columns = [
-        *((a.objects.boxes, b.objects.boxes), (a.objects.labels, b.objects.labels), (a.objects.ids, b.objects.ids)),
-        *((a.counts, b.counts), (a.others.boxes, b.others.boxes), (a.others.counts, b.others.counts)),
+        *(
+            (a.objects.boxes, b.objects.boxes),
+            (a.objects.labels, b.objects.labels),
+            (a.objects.ids, b.objects.ids),
+        ),
+        *(
+            (a.counts, b.counts),
+            (a.others.boxes, b.others.boxes),
+            (a.others.counts, b.others.counts),
+        ),
         (a.map_SE3_world, b.map_SE3_world),
     ]
     for one, two in zip(a.clouds, b.clouds, strict=True):
@@ -156,15 +174,27 @@ def changed(file, name, value):
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
-        (lambda file: changed(file, "samples/0/boxes", np.zeros((2, 7))), "boxes must be finite boxes"),
-        (lambda file: changed(file, "samples/0/boxes", np.zeros((2, 6))), "boxes must be finite boxes"),
+        (
+            lambda file: changed(file, "samples/0/boxes", np.zeros((2, 7))),
+            "boxes must be finite boxes",
+        ),
+        (
+            lambda file: changed(file, "samples/0/boxes", np.zeros((2, 6))),
+            "boxes must be finite boxes",
+        ),
         (lambda file: changed(file, "samples/0/labels", np.array([0, 9])), "label"),
-        (lambda file: changed(file, "samples/0/clouds/0/points", np.full((500, 3), np.nan)), "points must be finite"),
+        (
+            lambda file: changed(file, "samples/0/clouds/0/points", np.full((500, 3), np.nan)),
+            "points must be finite",
+        ),
         (
             lambda file: changed(file, "samples/0/clouds/0/time", np.zeros(3)),
             "clouds/0/time must be of 500 points, got 3",
         ),
-        (lambda file: changed(file, "samples/0/clouds/1/pose", np.ones((4, 4))), "must turn by a rotation"),
+        (
+            lambda file: changed(file, "samples/0/clouds/1/pose", np.ones((4, 4))),
+            "must turn by a rotation",
+        ),
         (lambda file: changed(file, "samples/0/counts", np.array([1])), "2 objects but 1 counts"),
         (lambda file: changed(file, "samples/0/about", "{}"), "no entry sensors"),
         (lambda file: changed(file, "names", '["a", "a"]'), "the same name"),

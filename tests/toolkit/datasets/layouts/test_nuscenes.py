@@ -15,27 +15,66 @@ QUARTER = [0.70710678, 0.0, 0.0, 0.70710678]  # w first
 
 def tables():
     return {
-        "sample": [{"token": "late", "timestamp": 2_000_000}, {"token": "s", "timestamp": 1_500_000}],
+        "sample": [
+            {"token": "late", "timestamp": 2_000_000},
+            {"token": "s", "timestamp": 1_500_000},
+        ],
         "sample_data": [
-            {"token": "d", "sample_token": "s", "ego_pose_token": "e", "calibrated_sensor_token": "c",
-             "timestamp": 1_500_000, "is_key_frame": True, "filename": "samples/LIDAR_TOP/a.pcd.bin"},
-            {"token": "d2", "sample_token": "s", "ego_pose_token": "e", "calibrated_sensor_token": "c",
-             "timestamp": 1_550_000, "is_key_frame": False, "filename": "sweeps/LIDAR_TOP/b.pcd.bin"},
+            {
+                "token": "d",
+                "sample_token": "s",
+                "ego_pose_token": "e",
+                "calibrated_sensor_token": "c",
+                "timestamp": 1_500_000,
+                "is_key_frame": True,
+                "filename": "samples/LIDAR_TOP/a.pcd.bin",
+            },
+            {
+                "token": "d2",
+                "sample_token": "s",
+                "ego_pose_token": "e",
+                "calibrated_sensor_token": "c",
+                "timestamp": 1_550_000,
+                "is_key_frame": False,
+                "filename": "sweeps/LIDAR_TOP/b.pcd.bin",
+            },
         ],
         "ego_pose": [{"token": "e", "translation": [600.0, 1600.0, 0.0], "rotation": QUARTER}],
         "calibrated_sensor": [
-            {"token": "c", "sensor_token": "l", "translation": [1.0, 0.0, 1.8], "rotation": [1, 0, 0, 0]}
+            {
+                "token": "c",
+                "sensor_token": "l",
+                "translation": [1.0, 0.0, 1.8],
+                "rotation": [1, 0, 0, 0],
+            }
         ],
         "sensor": [{"token": "l", "channel": "LIDAR_TOP", "modality": "lidar"}],
         "sample_annotation": [
-            {"token": "a", "sample_token": "s", "instance_token": "i", "translation": [600.0, 1620.0, 1.0],
-             "size": [1.9, 4.6, 1.7], "rotation": QUARTER, "num_lidar_pts": 5},
-            {"token": "b", "sample_token": "s", "instance_token": "j", "translation": [600.0, 1605.0, 1.0],
-             "size": [0.5, 0.5, 1.0], "rotation": QUARTER, "num_lidar_pts": 2},
+            {
+                "token": "a",
+                "sample_token": "s",
+                "instance_token": "i",
+                "translation": [600.0, 1620.0, 1.0],
+                "size": [1.9, 4.6, 1.7],
+                "rotation": QUARTER,
+                "num_lidar_pts": 5,
+            },
+            {
+                "token": "b",
+                "sample_token": "s",
+                "instance_token": "j",
+                "translation": [600.0, 1605.0, 1.0],
+                "size": [0.5, 0.5, 1.0],
+                "rotation": QUARTER,
+                "num_lidar_pts": 2,
+            },
         ],
         "instance": [{"token": "i", "category_token": "k"}, {"token": "j", "category_token": "n"}],
-        "category": [{"token": "k", "name": "vehicle.car"}, {"token": "n", "name": "movable_object.trafficcone"}],
-    }  # fmt: skip
+        "category": [
+            {"token": "k", "name": "vehicle.car"},
+            {"token": "n", "name": "movable_object.trafficcone"},
+        ],
+    }
 
 
 def root(tmp_path, content):
@@ -48,7 +87,8 @@ def root(tmp_path, content):
 
 
 def test_a_sample_by_hand(tmp_path):
-    """The vehicle heads north (a quarter turn): 20 m north of it is 20 m ahead; size is width, length, height."""
+    """The vehicle heads north (a quarter turn): 20 m north of it is 20 m ahead; size is width,
+    length, height."""
     (sample,) = nuscenes(root(tmp_path, tables()))
     np.testing.assert_allclose(sample.objects.boxes, [[20, 0, 1, 4.6, 1.9, 1.7, 0]], atol=1e-6)
     assert sample.counts.tolist() == [5]
@@ -82,7 +122,15 @@ def test_damage_names_the_table(tmp_path, table, change, names):
 
 
 @pytest.mark.parametrize(
-    "angles", [(0.0, 0.0, 0.0), (3.1, 0.0, 0.0), (0.0, 1.5, 0.0), (0.0, 0.0, 3.1), (1.0, 2.0, 3.0), (-2.0, 0.5, -1.0)]
+    "angles",
+    [
+        (0.0, 0.0, 0.0),
+        (3.1, 0.0, 0.0),
+        (0.0, 1.5, 0.0),
+        (0.0, 0.0, 3.1),
+        (1.0, 2.0, 3.0),
+        (-2.0, 0.5, -1.0),
+    ],
 )
 def test_quaternions_of_poses(angles):
     yaw, pitch, roll = angles
@@ -98,23 +146,37 @@ def test_numbers_that_stand_for_other_classes_in_other_samples_keep_their_classe
     cloud = SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4))
     labels = [[0, 2], [2, 0], [3, 2], [0, 2]]
     samples = [
-        Frame.of_clouds(str(k), (cloud,), Objects(boxes, np.array(row), np.arange(2))) for k, row in enumerate(labels)
+        Frame.of_clouds(str(k), (cloud,), Objects(boxes, np.array(row), np.arange(2)))
+        for k, row in enumerate(labels)
     ]
     write_nuscenes(samples, tmp_path)
     back = list(nuscenes(tmp_path))
     assert [sample.objects.labels.tolist() for sample in back] == labels
     assert [sample.objects.ids.tolist() for sample in (back[0], back[3])] == [[0, 1], [0, 1]]
     instances = json.loads((tmp_path / "v1.0-coview" / "instance.json").read_text())
-    assert sorted(each["token"] for each in instances) == ["0", "0_heavy", "0_pedestrian", "1", "1_vehicle"]
+    assert sorted(each["token"] for each in instances) == [
+        "0",
+        "0_heavy",
+        "0_pedestrian",
+        "1",
+        "1_vehicle",
+    ]
 
 
 def test_each_lidar_stands_where_the_vehicle_was_at_its_own_time(tmp_path):
-    """The vehicle drives north; the second lidar measures 3 m later and is 3 m ahead of the world, the first's."""
+    """The vehicle drives north; the second lidar measures 3 m later and is 3 m ahead of the world,
+    the first's."""
     content = tables()
     later = {"token": "d3", "ego_pose_token": "f", "filename": "samples/LIDAR_TOP/a.pcd.bin"}
-    content["sample_data"].append(content["sample_data"][0] | later | {"calibrated_sensor_token": "c2"})
-    content["ego_pose"].append({"token": "f", "translation": [600.0, 1603.0, 0.0], "rotation": QUARTER})
-    content["calibrated_sensor"].append(content["calibrated_sensor"][0] | {"token": "c2", "sensor_token": "m"})
+    content["sample_data"].append(
+        content["sample_data"][0] | later | {"calibrated_sensor_token": "c2"}
+    )
+    content["ego_pose"].append(
+        {"token": "f", "translation": [600.0, 1603.0, 0.0], "rotation": QUARTER}
+    )
+    content["calibrated_sensor"].append(
+        content["calibrated_sensor"][0] | {"token": "c2", "sensor_token": "m"}
+    )
     content["sensor"].append({"token": "m", "channel": "LIDAR_BACK", "modality": "lidar"})
     (sample,) = nuscenes(root(tmp_path, content))
     np.testing.assert_allclose(sample.points(), [[3, 0, 0.8], [6, 0, 0.8]], atol=1e-5)

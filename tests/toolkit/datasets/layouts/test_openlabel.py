@@ -9,7 +9,8 @@ from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
 from toolkit.point_files import pcd_bytes
 
-# A quarter turn about z is (0, 0, sin 45°, cos 45°) as x y z w; read as w x y z it would be half a turn about y and z.
+# A quarter turn about z is (0, 0, sin 45°, cos 45°) as x y z w; read as w x y z it would be half a
+# turn about y and z.
 
 
 def content(**data):
@@ -20,14 +21,20 @@ def content(**data):
     }
     data = {"name": "CAR_1", "type": "CAR", "cuboid": cuboid, **data}
     frame = {
-        "frame_properties": {"timestamp": 1646667310.044, "point_cloud_file_names": ["1646667310_044.pcd"]},
+        "frame_properties": {
+            "timestamp": 1646667310.044,
+            "point_cloud_file_names": ["1646667310_044.pcd"],
+        },
         "objects": {"b1d0-44": {"object_data": data}},
     }
     return {"openlabel": {"metadata": {"schema_version": "1.0.0"}, "frames": {"0": frame}}}
 
 
 def folder(tmp_path, document):
-    for name in ("labels_point_clouds/s110_lidar_ouster_south", "point_clouds/s110_lidar_ouster_south"):
+    for name in (
+        "labels_point_clouds/s110_lidar_ouster_south",
+        "point_clouds/s110_lidar_ouster_south",
+    ):
         (tmp_path / name).mkdir(parents=True, exist_ok=True)
     text = document if isinstance(document, str) else json.dumps(document)
     (tmp_path / "labels_point_clouds/s110_lidar_ouster_south/1646667310_044.json").write_text(text)
@@ -39,7 +46,9 @@ def folder(tmp_path, document):
 
 def test_labels_by_hand_in_the_standards_own_forms(tmp_path):
     (sample,) = openlabel(folder(tmp_path, content()))
-    np.testing.assert_allclose(sample.objects.boxes, [[10, -4, -6, 4.2, 1.8, 1.5, np.pi / 2]], atol=1e-7)
+    np.testing.assert_allclose(
+        sample.objects.boxes, [[10, -4, -6, 4.2, 1.8, 1.5, np.pi / 2]], atol=1e-7
+    )
     assert sample.time == 1646667310.044
     assert sample.counts.tolist() == [37]
     assert [cloud.name for cloud in sample.clouds] == ["s110_lidar_ouster_south"]
@@ -76,12 +85,21 @@ def test_sensors_stand_somewhere_and_detections_have_scores(tmp_path):
     [
         (lambda d: d["openlabel"].pop("frames"), "no entry openlabel.frames"),
         (
-            lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["cuboid"].pop("val"),
+            lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"][
+                "cuboid"
+            ].pop("val"),
             "no entry val",
         ),
-        (lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"].pop("type"), "no entry objects"),
         (
-            lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["cuboid"]["val"].append(1),
+            lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"].pop(
+                "type"
+            ),
+            "no entry objects",
+        ),
+        (
+            lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["cuboid"][
+                "val"
+            ].append(1),
             "must be 10 numbers",
         ),
     ],
@@ -93,7 +111,9 @@ def test_damage_names_the_file(tmp_path, change, names):
         list(openlabel(folder(tmp_path, document)))
 
 
-def test_sensors_are_the_streams_in_their_places_else_folders_and_labels_without_a_cloud_are_counted(tmp_path):
+def test_sensors_are_the_streams_in_their_places_else_folders_and_labels_without_a_cloud_are_counted(
+    tmp_path,
+):
     document = content()
     properties = document["openlabel"]["frames"]["0"]["frame_properties"]
     properties["streams"] = {"north": {}, "unused": {}}
@@ -102,7 +122,9 @@ def test_sensors_are_the_streams_in_their_places_else_folders_and_labels_without
     own = tmp_path / "point_clouds/s110_lidar_ouster_south"
     (own.parent / "east").mkdir()
     for name in ("south/b.pcd", "east/c.pcd"):
-        (own.parent / name.replace("south", own.name)).write_bytes((own / "1646667310_044.pcd").read_bytes())
+        (own.parent / name.replace("south", own.name)).write_bytes(
+            (own / "1646667310_044.pcd").read_bytes()
+        )
     properties["point_cloud_file_names"] = ["1646667310_044.pcd", "b.pcd", "c.pcd"]
     (sample,) = openlabel(folder(tmp_path, document))
     assert [cloud.name for cloud in sample.clouds] == ["north", "unused", "east"]

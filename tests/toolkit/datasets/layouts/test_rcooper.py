@@ -48,7 +48,8 @@ def test_agents_stand_in_one_world_by_their_calibration(scene):
     assert sample.time == 1692685344.4
     assert [cloud.name for cloud in sample.clouds] == ["106", "105"]
     np.testing.assert_allclose(sample.points()[[0, 2]], [[1, 1, 7], [19, -1, 7]])
-    # the second agent's 9.8 m is 10.2 m in the world, and its -30 m is 50 m: both are cars of the first one too
+    # the second agent's 9.8 m is 10.2 m in the world, and its -30 m is 50 m: both are cars of the
+    # first one too
     np.testing.assert_allclose(sample.objects.boxes[:, 0], [10, 50])
     assert sample.objects.boxes[:, 2].tolist() == [1, 1]
     (scene / "calib/lidar2world/105.json").unlink()

@@ -15,7 +15,8 @@ pytest.importorskip("rosbags")
 
 
 NS = 10**9
-FIELDS = (("x", 4, 7), ("y", 8, 7), ("z", 12, 7), ("intensity", 20, 7), ("t", 24, 6))  # 4 bytes of padding at 0 and 16
+# 4 bytes of padding at 0 and 16
+FIELDS = (("x", 4, 7), ("y", 8, 7), ("z", 12, 7), ("intensity", 20, 7), ("t", 24, 6))
 
 
 def point_cloud(store, stamp, frame, points, order="<", ros1=False):
@@ -31,27 +32,45 @@ def point_cloud(store, stamp, frame, points, order="<", ros1=False):
     for k, axis in enumerate("xyz"):
         table[axis] = np.array(points)[:, k]
     table["intensity"], table["t"] = 5.0, np.arange(len(points)) * 1000
-    fields = [types["sensor_msgs/msg/PointField"](name=n, offset=o, datatype=d, count=1) for n, o, d in FIELDS]
+    fields = [
+        types["sensor_msgs/msg/PointField"](name=n, offset=o, datatype=d, count=1)
+        for n, o, d in FIELDS
+    ]
     return types[CLOUD](
-        header=header(store, stamp, frame, ros1), height=1, width=len(points), fields=fields, is_bigendian=order == ">",
-        point_step=32, row_step=32 * len(points), data=np.frombuffer(table.tobytes(), np.uint8), is_dense=True,
-    )  # fmt: skip
+        header=header(store, stamp, frame, ros1),
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=order == ">",
+        point_step=32,
+        row_step=32 * len(points),
+        data=np.frombuffer(table.tobytes(), np.uint8),
+        is_dense=True,
+    )
 
 
 def header(store, stamp, frame, ros1=False):
     time = store.types["builtin_interfaces/msg/Time"](sec=stamp // NS, nanosec=stamp % NS)
-    return store.types["std_msgs/msg/Header"](**({"seq": 0} if ros1 else {}), stamp=time, frame_id=frame)
+    return store.types["std_msgs/msg/Header"](
+        **({"seq": 0} if ros1 else {}), stamp=time, frame_id=frame
+    )
 
 
 def transforms(store, stamp, links, ros1=False):
     types = store.types
     each = []
     for parent, child, x, yaw in links:
-        turned = types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2)))
+        turned = types["geometry_msgs/msg/Quaternion"](
+            x=0.0, y=0.0, z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2))
+        )
         moved = types["geometry_msgs/msg/Vector3"](x=float(x), y=0.0, z=0.0)
         where = types["geometry_msgs/msg/Transform"](translation=moved, rotation=turned)
         stamped = types["geometry_msgs/msg/TransformStamped"]
-        each.append(stamped(header=header(store, stamp, parent, ros1), child_frame_id=child, transform=where))
+        each.append(
+            stamped(
+                header=header(store, stamp, parent, ros1), child_frame_id=child, transform=where
+            )
+        )
     return types[TF](transforms=each)
 
 
@@ -60,21 +79,30 @@ def write_ros2(path, messages, plugin=StoragePlugin.MCAP):
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         kinds = {topic: kind for topic, kind, _, _ in messages}
-        topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+        topics = {
+            topic: writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in kinds.items()
+        }
         for topic, kind, stamp, made in messages:
             writer.write(topics[topic], stamp, store.serialize_cdr(made(store), kind))
     return path
 
 
 def recording(frame="os_sensor"):
-    """Two rounds of two lidars; the second one's tf comes after its clouds, the base moves 4 m a second."""
+    """Two rounds of two lidars; the second one's tf comes after its clouds, the base moves 4 m a
+    second."""
     still = [("base", "os_sensor", 1.0, 0.0)]
     return [
         ("/tf_static", TF, NS, lambda s: transforms(s, NS, still)),
         ("/tf", TF, NS, lambda s: transforms(s, NS, [("map", "base", 10.0, 0.0)])),
         ("/north", CLOUD, NS, lambda s: point_cloud(s, NS, frame, [(1, 2, 3), (4, 5, 6)])),
         ("/south", CLOUD, NS, lambda s: point_cloud(s, NS, "base", [(1, 2, 3)])),
-        ("/north", CLOUD, NS + NS // 2, lambda s: point_cloud(s, NS + NS // 2, frame, [(0, 0, 1), (np.nan, 0, 0)])),
+        (
+            "/north",
+            CLOUD,
+            NS + NS // 2,
+            lambda s: point_cloud(s, NS + NS // 2, frame, [(0, 0, 1), (np.nan, 0, 0)]),
+        ),
         ("/tf", TF, 2 * NS, lambda s: transforms(s, 2 * NS, [("map", "base", 14.0, 0.0)])),
     ]
 
@@ -89,7 +117,8 @@ def test_a_bag_of_ros2(tmp_path, plugin):
     assert first.clouds[0].intensity.tolist() == [5, 5]
     np.testing.assert_allclose(first.clouds[0].time, [0, 1e-6])
     assert (first.time, second.time) == (1.0, 1.5)
-    np.testing.assert_allclose(second.points(), [[13, 0, 1]])  # half way between 10 and 14, and the sensor's 1
+    # half way between 10 and 14, and the sensor's 1
+    np.testing.assert_allclose(second.points(), [[13, 0, 1]])
     assert second.problems == {"points with NaN or infinite numbers": 1, UNPAIRED: 1}
 
 
@@ -140,7 +169,10 @@ def test_bags_without_tf_or_clouds(tmp_path):
         rosbag(tmp_path / "text.bag")
     cloud = SensorCloud("lidar", np.ones((1, 3), np.float32), np.eye(4))
     with pytest.warns(UserWarning, match="no place for labels, 1 are not in it"):
-        write_rosbag([Frame.of_clouds("0", (cloud,), Objects(np.array([[0, 0, 0, 1, 1, 1, 0.0]])))], tmp_path / "out")
+        write_rosbag(
+            [Frame.of_clouds("0", (cloud,), Objects(np.array([[0, 0, 0, 1, 1, 1, 0.0]])))],
+            tmp_path / "out",
+        )
 
 
 def test_transforms_in_a_circle_and_between_two_times(tmp_path):

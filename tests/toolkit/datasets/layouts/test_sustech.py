@@ -47,7 +47,10 @@ def test_labels_by_hand_or_of_nobody(tmp_path):
     [
         *(("{}", "must be a list"), ("[1]", "no entry psr")),
         (json.dumps(LABEL).replace('"scale"', '"size"'), "no entry scale"),
-        *((json.dumps(LABEL).replace("1.25", '"left"'), "rotation.z must be a number"), ("[", "not JSON from line 1")),
+        *(
+            (json.dumps(LABEL).replace("1.25", '"left"'), "rotation.z must be a number"),
+            ("[", "not JSON from line 1"),
+        ),
     ],
 )
 def test_damage_names_the_file(tmp_path, content, names):

@@ -35,7 +35,9 @@ def test_channels_have_delays_rates_and_sensors_that_freeze():
     assert which == [[k, 0] for k in range(12)]
     assert lagged[9].ages.tolist() == [0, 0]
     lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
-    assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]
+    assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [
+        [k, 0] for k in range(12)
+    ]
     far = recording(apart=5.0)
     assert shown(LinkChannel(), far)[0] == [[k, k] for k in range(12)]
     assert len(shown(LinkChannel(delay=0.1), recording(apart=0.5))[0]) == 12
@@ -62,7 +64,10 @@ def test_losses_are_as_many_and_as_long_as_said(burst):
     [
         *(({"delay": -0.1}, "delay must be"), ({"jitter": math.nan}, "jitter must be")),
         *(({"loss": 1.0}, "loss must be"), ({"loss": -0.1}, "loss must be")),
-        *(({"loss": 0.5, "burst": 1.5}, "burst must be at least 2"), ({"every": 0}, "every must be")),
+        *(
+            ({"loss": 0.5, "burst": 1.5}, "burst must be at least 2"),
+            ({"every": 0}, "every must be"),
+        ),
         *(({name: math.inf}, f"{name} must be") for name in ("delay", "jitter", "burst")),
     ],
 )
@@ -118,7 +123,12 @@ def test_channels_are_each_sensors_own_and_what_is_lost_leaves_the_one_before():
     stale, _ = shown([LinkChannel(every=30), LinkChannel()], recording(25))
     assert [row[0] for row in stale] == [0] * 11 + [-1] * 14
     which, lagged = shown(LinkChannel(delay=0.1), recording(anew=(6,)))
-    assert which == [[-1, -1], *([k, k] for k in range(5)), [-1, -1], *([k, k] for k in range(6, 11))]
+    assert which == [
+        [-1, -1],
+        *([k, k] for k in range(5)),
+        [-1, -1],
+        *([k, k] for k in range(6, 11)),
+    ]
     assert [round(each.since, 1) for each in lagged] == [0, 0.1, 0.2, 0.3, 0.4, 0.5] * 2
 
 
@@ -136,12 +146,17 @@ class Lossy:
     [
         (None, [0, 1, 1, 3, 4, 4, 6, 7, 8, 9, 9, 11]),
         (ForegroundDifferences(key_every=5).dependencies, [0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]),
-        (ForegroundDifferences(key_every=5, refers_to="key").dependencies, [0, 1, 1, 3, 4, 4, 4, 4, 4, 4, 4, 4]),
+        (
+            ForegroundDifferences(key_every=5, refers_to="key").dependencies,
+            [0, 1, 1, 3, 4, 4, 4, 4, 4, 4, 4, 4],
+        ),
         (ForegroundDifferences(key_every=3).dependencies, [0, 1, 1, 3, 4, 4, 6, 7, 8, 9, 9, 9]),
     ],
 )
 def test_what_was_lost_takes_with_it_what_cannot_be_read_without(needed, expected, monkeypatch):
-    monkeypatch.setattr("toolkit.detection.link.channel.Line", lambda channel, seed: Lossy({2, 5, 10}))
+    monkeypatch.setattr(
+        "toolkit.detection.link.channel.Line", lambda channel, seed: Lossy({2, 5, 10})
+    )
     which, lagged = shown(LinkChannel(), needed=needed)
     assert [row[0] for row in which] == expected
     assert [int(each.sent.images[0][0, 0]) - 1 for each in lagged] == list(range(12))
@@ -164,7 +179,12 @@ def slowly(channel, seed, times):
 @pytest.mark.parametrize(
     "channel",
     [
-        *(LinkChannel(), LinkChannel(0.2, 0.1), LinkChannel(loss=0.4), LinkChannel(loss=0.2, burst=4.0)),
+        *(
+            LinkChannel(),
+            LinkChannel(0.2, 0.1),
+            LinkChannel(loss=0.4),
+            LinkChannel(loss=0.2, burst=4.0),
+        ),
         *(LinkChannel(0.1, 0.05, 0.3, 2.0, 2), LinkChannel(loss=0.1, every=3)),
     ],
 )
@@ -175,7 +195,9 @@ def test_every_message_arrives_when_an_oracle_says(channel):
         assert [line.arrival(time) for time in times] == list(slowly(channel, seed, times))
 
 
-def test_lines_are_drawn_from_the_seed_the_frame_that_traffic_began_with_and_the_sensor(monkeypatch):
+def test_lines_are_drawn_from_the_seed_the_frame_that_traffic_began_with_and_the_sensor(
+    monkeypatch,
+):
     asked = []
 
     def noted(channel, seed):
@@ -196,13 +218,20 @@ def test_lines_are_drawn_from_the_seed_the_frame_that_traffic_began_with_and_the
 @pytest.mark.parametrize(("delay", "shown_at"), [(1.0, 10), (1.2, None)])
 def test_what_is_just_a_second_old_is_shown_and_nothing_older(delay, shown_at):
     which, _ = shown(LinkChannel(delay=delay), recording(15))
-    assert [row[0] for row in which] == [k - 10 if shown_at and k >= shown_at else -1 for k in range(15)]
+    assert [row[0] for row in which] == [
+        k - 10 if shown_at and k >= shown_at else -1 for k in range(15)
+    ]
 
 
 @pytest.mark.parametrize("apart", [0.5, 0.6])
 def test_frames_half_a_second_apart_still_show_late_messages(apart):
     if apart == 0.5:
-        assert [row[0] for row in shown(LinkChannel(delay=0.5), recording(4, apart))[0]] == [-1, 0, 1, 2]
+        assert [row[0] for row in shown(LinkChannel(delay=0.5), recording(4, apart))[0]] == [
+            -1,
+            0,
+            1,
+            2,
+        ]
     else:
         with pytest.raises(ValueError, match=r"frames must be at most 0\.5 s apart"):
             shown(LinkChannel(delay=0.5), recording(4, apart))
@@ -234,14 +263,20 @@ def test_frames_too_far_apart_for_any_channel_are_refused_by_how_far():
     frames = recording(4)
     late = [*frames[:3], replace(frames[3], time=3.2)]
     assert len(shown(LinkChannel(), late)[0]) == 4
-    with pytest.raises(ValueError, match=r"frames must be at most 0\.5 s apart .*, got 3 s: record"):
+    with pytest.raises(
+        ValueError, match=r"frames must be at most 0\.5 s apart .*, got 3 s: record"
+    ):
         shown([LinkChannel(), LinkChannel(delay=0.1)], late)
 
 
 def test_points_stay_off_their_rays_by_as_much_as_they_were_measured():
-    """The first sensor's message takes a frame, the second's none, and shifts are known from the second frame on."""
+    """The first sensor's message takes a frame, the second's none, and shifts are known from the
+    second frame on."""
     frames = recording(4)
-    shifts = [tuple(np.full((2, 2, 3), k + 0.1 * sensor, np.float32) for sensor in range(2)) for k in range(4)]
+    shifts = [
+        tuple(np.full((2, 2, 3), k + 0.1 * sensor, np.float32) for sensor in range(2))
+        for k in range(4)
+    ]
     known = [frames[0], *(replace(frames[k], shifts=shifts[k]) for k in range(1, 4))]
     lagged = delay_frames(known, [LinkChannel(delay=0.1), LinkChannel()], noise_seed=None)
     found = [each.frame.shifts for each in lagged]
@@ -250,6 +285,11 @@ def test_points_stay_off_their_rays_by_as_much_as_they_were_measured():
     assert found[1][1] is shifts[1][1]
     assert all(found[k][0] is shifts[k - 1][0] and found[k][1] is shifts[k][1] for k in (2, 3))
     half = [replace(frames[k], shifts=(None, shifts[k][1])) for k in range(2)]
-    assert [each.frame.shifts[0] for each in delay_frames(half, LinkChannel(), noise_seed=None)] == [None, None]
+    assert [
+        each.frame.shifts[0] for each in delay_frames(half, LinkChannel(), noise_seed=None)
+    ] == [None, None]
     none = [replace(frames[k], shifts=(None, None)) for k in range(2)]
-    assert [each.frame.shifts for each in delay_frames(none, LinkChannel(), noise_seed=None)] == [(), ()]
+    assert [each.frame.shifts for each in delay_frames(none, LinkChannel(), noise_seed=None)] == [
+        (),
+        (),
+    ]

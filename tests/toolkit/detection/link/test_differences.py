@@ -47,7 +47,9 @@ def kinds(messages):
 
 
 def restored_alike(got, k, step=0.02, first=0):
-    whole = foreground.decode_foreground(foreground.encode_foreground(image(k, first=first), SCENE, step=step), SCENE)
+    whole = foreground.decode_foreground(
+        foreground.encode_foreground(image(k, first=first), SCENE, step=step), SCENE
+    )
     np.testing.assert_array_equal(got.image, whole.image)
     np.testing.assert_array_equal(got.sent, whole.sent)
     assert (got.header.number, got.header.time) == (whole.header.number, whole.header.time)
@@ -56,8 +58,16 @@ def restored_alike(got, k, step=0.02, first=0):
 @pytest.mark.parametrize("refers_to", ["previous", "key"])
 @pytest.mark.parametrize("step", [0.02, 0.08])
 def test_what_arrives_is_what_whole_images_bring_in_fewer_bytes(refers_to, step):
-    messages = written(differences.DifferenceSender(SCENE, step=step, refers_to=refers_to, key_every=5), 12, first=7)
-    assert [k for k, kind in enumerate(kinds(messages)) if kind == MessageKind.FOREGROUND] == [0, 5, 10]
+    messages = written(
+        differences.DifferenceSender(SCENE, step=step, refers_to=refers_to, key_every=5),
+        12,
+        first=7,
+    )
+    assert [k for k, kind in enumerate(kinds(messages)) if kind == MessageKind.FOREGROUND] == [
+        0,
+        5,
+        10,
+    ]
     assert set(kinds(messages)) == {MessageKind.FOREGROUND, MessageKind.DIFFERENCE}
     reader = differences.DifferenceReader(SCENE)
     for k, message in enumerate(messages):
@@ -74,7 +84,10 @@ def test_what_refers_to_nothing_or_no_sender_writes_is_refused():
         if k == 2:
             continue
         if k in (3, 4):
-            said = f"message {k} refers to message {k - 1}, of which the reader has what message 1 left: wait for the"
+            said = (
+                f"message {k} refers to message {k - 1}, of which the reader has what message 1 "
+                "left: wait for the"
+            )
             with pytest.raises(differences.MissedReference, match=said):
                 reader.read(message)
             continue
@@ -97,7 +110,10 @@ def test_what_refers_to_nothing_or_no_sender_writes_is_refused():
         ({"step_mm": 40}, content, "has steps of its reference, 20 mm, got 40 mm"),
         *(({"sensor": 7}, content, "whose sensor is"), ({"scene": 7}, content, "whose scene is")),
         ({"columns": 79}, content, "whose columns is"),
-        *(({"rows": 59}, content, "whose rows is"), ({"kind": MessageKind.RANGE_IMAGE}, content, "kind difference")),
+        *(
+            ({"rows": 59}, content, "whose rows is"),
+            ({"kind": MessageKind.RANGE_IMAGE}, content, "kind difference"),
+        ),
     ):
         with pytest.raises(ValueError, match=said):
             reader.read(write_message(MessageHeader(**(numbers | changed)), body))
@@ -126,15 +142,25 @@ def test_messages_are_lost_alone_and_new_senders_not_taken_for_old():
     with pytest.raises(differences.MissedReference):
         reader.read(other[1])
     restored_alike(reader.read(first.write(image(1))), 1)
-    for k, message in enumerate(written(differences.DifferenceSender(SCENE), 3)):  # restarted, and counts from 0 again
+    for k, message in enumerate(
+        written(differences.DifferenceSender(SCENE), 3)
+    ):  # restarted, and counts from 0 again
         restored_alike(reader.read(message), k)
 
 
 def test_images_are_whole_where_that_is_less_and_pixels_may_be_missing():
     sender = differences.DifferenceSender(SCENE, key_every=10)
     assert kinds(written(sender, 3)) == [2, 5, 5]
-    assert kinds([sender.write(image(2)), sender.write(image(1)), sender.write(image(2))]) == [2, 2, 5]
-    assert kinds([sender.write(image(11)), sender.write(image(20)), sender.write(image(21))]) == [2, 5, 2]
+    assert kinds([sender.write(image(2)), sender.write(image(1)), sender.write(image(2))]) == [
+        2,
+        2,
+        5,
+    ]
+    assert kinds([sender.write(image(11)), sender.write(image(20)), sender.write(image(21))]) == [
+        2,
+        5,
+        2,
+    ]
     nearer = [RangeImage(SENSOR, image(0).measurement / (k + 1), number=40 + k) for k in range(3)]
     assert kinds([sender.write(each) for each in nearer]) == [2, 2, 2]
     few = np.zeros(SENSOR.model.shape, np.float32)
@@ -144,7 +170,9 @@ def test_images_are_whole_where_that_is_less_and_pixels_may_be_missing():
     missing = np.zeros(SENSOR.model.shape, bool)
     missing[:, 60:] = True
     sender, reader = differences.DifferenceSender(SCENE), differences.DifferenceReader(SCENE)
-    cut = [RangeImage(SENSOR, np.where(missing, 0, image(k).measurement), number=k) for k in range(3)]
+    cut = [
+        RangeImage(SENSOR, np.where(missing, 0, image(k).measurement), number=k) for k in range(3)
+    ]
     messages = [sender.write(each, missing) for each in cut]
     assert kinds(messages) == [2, 5, 5]
     for message in messages:
@@ -187,25 +215,39 @@ def test_damaged_and_encoder_less_differences_are_refused():
 
     def content(still, others=(), squares=b"\x80"):
         return (
-            squares + encode_mask(nobody) + pack_integers(np.array(still, int)) + pack_integers(np.array(others, int))
+            squares
+            + encode_mask(nobody)
+            + pack_integers(np.array(still, int))
+            + pack_integers(np.array(others, int))
         )
 
     for wrong, said in (
         *((b"", "do not fit"), (content([0, 0, 0], squares=b"\x81"), "filled with zeros")),
-        *((content([0, 0]), "3 pixels stand still, got 2"), (content([0, 0, 0], [1]), "0 pixels are marked, got 1")),
-        *((content([0, 0, 15]), "out of range"), (content([0, 0, 2 * image_coding.MOST_STEPS]), "out of range")),
+        *(
+            (content([0, 0]), "3 pixels stand still, got 2"),
+            (content([0, 0, 0], [1]), "0 pixels are marked, got 1"),
+        ),
+        *(
+            (content([0, 0, 15]), "out of range"),
+            (content([0, 0, 2 * image_coding.MOST_STEPS]), "out of range"),
+        ),
         (sound[:-1], "inflate to 0 symbols"),
     ):
         with pytest.raises(ValueError, match=said):
             differences.decode_difference(wrong, 0, reference)
     with pytest.raises(ValueError, match="the reference is an image of"):
-        differences.encode_difference(np.zeros((2, 3), int), np.ones((2, 3), bool), reference, np.ones((1, 1), bool))
+        differences.encode_difference(
+            np.zeros((2, 3), int), np.ones((2, 3), bool), reference, np.ones((1, 1), bool)
+        )
 
 
 def test_references_average_few_images_under_a_checksum():
     first, _, third = written(differences.DifferenceSender(SCENE, refers_to="key"), 3)
     one = image(0)
-    steps, sent = range_images.to_steps(one.measurement, one.measurement > 0, 0.02), one.measurement > 0
+    steps, sent = (
+        range_images.to_steps(one.measurement, one.measurement > 0, 0.02),
+        one.measurement > 0,
+    )
     reference = differences.Reference.of(0, 20, steps, sent)
     assert read_message(third)[1][:6] == struct.pack("<BBI", 2, 0, reference.checksum)
     second = written(differences.DifferenceSender(SCENE), 2)[1]
@@ -226,7 +268,9 @@ def test_references_average_few_images_under_a_checksum():
     reference = reference_of([[100, 100, 100]])
     fine = [[100 * 16.0], [100 * 16.0]]
     for more, value in enumerate([102, 98, 101, 101, 100, 99, 104, 104, 104, 104]):
-        reference = reference.after(4 + more, np.array([[value, 300, 100]]), np.array([[True, True, False]]))
+        reference = reference.after(
+            4 + more, np.array([[value, 300, 100]]), np.array([[True, True, False]])
+        )
         share = min(more + 2, 8)
         fine[0].append(fine[0][-1] + (16 * value - fine[0][-1]) / share)
         assert abs(reference.fine[0, 0] - fine[0][-1]) <= 1 + more * 0.5
@@ -234,19 +278,29 @@ def test_references_average_few_images_under_a_checksum():
     assert reference.fine[0, 1:].tolist() == [300 * 16, 0]
     assert reference.number == 13
     exact = reference_of([[10]]).after(4, np.array([[11]]), np.ones((1, 1), bool))
-    assert (exact.fine.tolist(), exact.whole_steps.tolist()) == ([[168]], [[11]])  # 10.5, rounded half up
-    assert exact.after(5, np.array([[10]]), np.ones((1, 1), bool)).fine.tolist() == [[165]]  # 168 - 8/3, rounded
+    assert (exact.fine.tolist(), exact.whole_steps.tolist()) == (
+        [[168]],
+        [[11]],
+    )  # 10.5, rounded half up
+    assert exact.after(5, np.array([[10]]), np.ones((1, 1), bool)).fine.tolist() == [
+        [165]
+    ]  # 168 - 8/3, rounded
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
-    [({"refers_to": "next"}, "previous or key"), *(({"key_every": k}, "every 1 to 255") for k in (0, 256, True, 2.5))],
+    [
+        ({"refers_to": "next"}, "previous or key"),
+        *(({"key_every": k}, "every 1 to 255") for k in (0, 256, True, 2.5)),
+    ],
 )
 def test_parameters_are_checked(wrong, said):
     with pytest.raises((ValueError, TypeError), match=f"{said}|Type-check"):
         differences.DifferenceSender(SCENE, **wrong)
     for least_or_most in (1, 255):
-        assert differences.DifferenceSender(SCENE, key_every=least_or_most).key_every == least_or_most
+        assert (
+            differences.DifferenceSender(SCENE, key_every=least_or_most).key_every == least_or_most
+        )
 
 
 def reference_of(steps, sent=None, step_mm=20):
@@ -285,11 +339,15 @@ def test_every_image_comes_back_exactly(seed, any_squares):
         reference = before.after(number, steps, sent)
 
 
-@pytest.mark.parametrize(("step_mm", "most"), [(20, 4), (40, 2), (80, 1), (200, 1), (5, 16), (30, 3)])
+@pytest.mark.parametrize(
+    ("step_mm", "most"), [(20, 4), (40, 2), (80, 1), (200, 1), (5, 16), (30, 3)]
+)
 def test_eight_centimetres_are_no_motion(step_mm, most):
     reference = reference_of([[100, 100, 100, 100, 100]], [[1, 1, 1, 1, 0]], step_mm)
     steps = np.array([[100 + most, 100 - most, 101 + most, 99 - most, 100]])
-    assert reference.standing(steps, np.ones((1, 5), bool)).tolist() == [[True, True, False, False, False]]
+    assert reference.standing(steps, np.ones((1, 5), bool)).tolist() == [
+        [True, True, False, False, False]
+    ]
 
 
 def test_squares_and_pixels_that_stand_still_take_few_bits():
@@ -298,7 +356,9 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     steps[:5, 8:16] = 90  # 24 of 64 stand
     steps[:3, :8] = 90  # 40 of 64
     steps[0, 16:] = 90  # 28 of 32
-    assert differences.still_squares(reference, steps, np.ones((8, 20), bool)).tolist() == [[True, False, True]]
+    assert differences.still_squares(reference, steps, np.ones((8, 20), bool)).tolist() == [
+        [True, False, True]
+    ]
     assert not differences.still_squares(reference, steps, np.zeros((8, 20), bool)).any()
     one = np.eye(8, dtype=bool) & (np.arange(8) == 3)
     lonely = reference_of(np.full((8, 8), 50), one)
@@ -306,7 +366,9 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     assert not differences.still_squares(lonely, np.full((8, 8), 90), one).any()
     for stands, still in ((3, False), (4, True)):  # of five, of which six tenths are three
         five = np.where(np.arange(5) < stands, 50, 90)[None]
-        assert differences.still_squares(reference_of([[50] * 5]), five, np.ones((1, 5), bool)).tolist() == [[still]]
+        assert differences.still_squares(
+            reference_of([[50] * 5]), five, np.ones((1, 5), bool)
+        ).tolist() == [[still]]
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True
@@ -318,9 +380,15 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     content = differences.encode_difference(
         images[8], mask, reference, differences.still_squares(reference, images[8], mask)
     )
-    assert 8 * len(content) < 2.1 * mask.sum() < 0.9 * 8 * len(image_coding.encode_pixels(images[8], mask))
+    assert (
+        8 * len(content)
+        < 2.1 * mask.sum()
+        < 0.9 * 8 * len(image_coding.encode_pixels(images[8], mask))
+    )
     whole = reference.whole_steps
-    same = differences.encode_difference(whole, mask, reference, differences.still_squares(reference, whole, mask))
+    same = differences.encode_difference(
+        whole, mask, reference, differences.still_squares(reference, whole, mask)
+    )
     assert len(same) < 50
 
 
@@ -388,16 +456,24 @@ def test_views_that_remember_nothing_and_parameters():
     scheme = differences.ForegroundDifferences()
     for frame in frames(2):
         view = frame_view(frame, watched()[0], AREA, scene=SCENES.__getitem__)
-        assert scheme.fuse(view, [0, 1]).bits.tolist() == foreground.Foreground().fuse(view, [0, 1]).bits.tolist()
+        assert (
+            scheme.fuse(view, [0, 1]).bits.tolist()
+            == foreground.Foreground().fuse(view, [0, 1]).bits.tolist()
+        )
     scheme = differences.ForegroundDifferences()
     assert isinstance(scheme, Scheme)
     assert scheme.digest == (
-        "ForegroundDifferences(step=0.02, refers_to='previous', key_every=10, sigmas=4.0, name='differences')"
+        "ForegroundDifferences(step=0.02, refers_to='previous', key_every=10, sigmas=4.0, "
+        "name='differences')"
     )
     assert (scheme.codec.step, scheme.predicted_as, scheme.sends_points, scheme.sends_boxes) == (
         *(0.02, "early", True, False),
     )
-    for wrong, said in (({"step": 0.0}, "step must be"), ({"sigmas": 0.0}, "sigmas"), ({"key_every": 0}, "every 1")):
+    for wrong, said in (
+        ({"step": 0.0}, "step must be"),
+        ({"sigmas": 0.0}, "sigmas"),
+        ({"key_every": 0}, "every 1"),
+    ):
         with pytest.raises(ValueError, match=said):
             differences.ForegroundDifferences(**wrong)
 
@@ -405,16 +481,24 @@ def test_views_that_remember_nothing_and_parameters():
 @pytest.mark.parametrize(
     ("refers_to", "number", "needed"),
     [
-        *(("previous", 12, [10, 11, 12]), ("previous", 10, [10]), ("previous", 0, [0]), ("key", 13, [10, 13])),
+        *(
+            ("previous", 12, [10, 11, 12]),
+            ("previous", 10, [10]),
+            ("previous", 0, [0]),
+            ("key", 13, [10, 13]),
+        ),
         *(("key", 11, [10, 11]), ("key", 20, [20])),
     ],
 )
 def test_which_messages_must_have_arrived(refers_to, number, needed):
-    assert list(differences.ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed
+    assert (
+        list(differences.ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed
+    )
 
 
 @pytest.mark.parametrize(
-    ("longer", "kind"), [(1, MessageKind.FOREGROUND), (0, MessageKind.FOREGROUND), (-1, MessageKind.DIFFERENCE)]
+    ("longer", "kind"),
+    [(1, MessageKind.FOREGROUND), (0, MessageKind.FOREGROUND), (-1, MessageKind.DIFFERENCE)],
 )
 def test_of_two_equally_long_messages_the_whole_image_is_sent(monkeypatch, longer, kind):
     sender = differences.DifferenceSender(SCENE)
@@ -437,7 +521,10 @@ def test_differences_go_on_up_to_the_next_whole_image_and_only_forwards():
         differences.check_differences("key", key_every)
     sender = differences.DifferenceSender(SCENE)
     assert (sender.step, sender.refers_to, sender.key_every) == (0.02, "previous", 10)
-    assert kinds([sender.write(image(3)), sender.write(image(3))]) == [2, 2]  # the same number is none after it
+    assert kinds([sender.write(image(3)), sender.write(image(3))]) == [
+        2,
+        2,
+    ]  # the same number is none after it
 
 
 def test_whole_images_are_considered_where_few_pixels_stand(monkeypatch):

@@ -44,7 +44,9 @@ def wide_ground(sensor):
 
 
 def stand(model, name="s", x=0.0):
-    return Sensor(name, model, look((x, 0.0, 5.0), 0.0, 0.4) if model.kind == "camera" else pose(x, 0.0, 5.0))
+    return Sensor(
+        name, model, look((x, 0.0, 5.0), 0.0, 0.4) if model.kind == "camera" else pose(x, 0.0, 5.0)
+    )
 
 
 def learnt(sensor, seed=0, frames=60):
@@ -103,12 +105,15 @@ def test_scenes_of_others_and_missing_pixels_that_cannot_be_are_refused():
 
 
 def test_two_thousand_damaged_messages():
-    """Bits, bytes and ends; no reader takes one for sound, and none that has a sound checksum again makes one crash."""
+    """Bits, bytes and ends; no reader takes one for sound, and none that has a sound checksum again
+    makes one crash."""
     sensor = stand(MODELS[0])
     scene = learnt(sensor, frames=5)
     missing = np.zeros(scene.first.shape, bool)
     missing[:5] = with_a_car(sensor)[:5] == 0
-    message = foreground.encode_foreground(RangeImage(sensor, with_a_car(sensor), 1.0, 3), scene, missing)
+    message = foreground.encode_foreground(
+        RangeImage(sensor, with_a_car(sensor), 1.0, 3), scene, missing
+    )
     sound, rng, read = foreground.decode_foreground(message, scene), np.random.default_rng(0), 0
     for _ in range(2000):
         mutant = bytearray(message)
@@ -134,7 +139,13 @@ def test_two_thousand_damaged_messages():
 
 def frame(seed=5):
     sensors = (stand(MODELS[0], "a"), stand(MODELS[0], "b", 3.0))
-    return Frame(sensors, tuple(with_a_car(s, seed + k) for k, s in enumerate(sensors)), Objects.empty(), 1.5, 7)
+    return Frame(
+        sensors,
+        tuple(with_a_car(s, seed + k) for k, s in enumerate(sensors)),
+        Objects.empty(),
+        1.5,
+        7,
+    )
 
 
 def watched():
@@ -157,7 +168,9 @@ def test_the_scheme_detects_in_clouds_like_those_of_early_fusion():
     assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
     a, b = calls[0][np.lexsort(calls[0].T)], calls[1]
     nearest = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=2).min(axis=1))
-    assert nearest.max() < 0.15  # four standard deviations of the depth, along rays up to 1.5 times as long
+    assert (
+        nearest.max() < 0.15
+    )  # four standard deviations of the depth, along rays up to 1.5 times as long
     assert raw.bits.sum() == 96 * len(calls[0])
     assert (got.bits < 100 * 8).all()
     assert (got.bits % 8 == 0).all()
@@ -174,11 +187,17 @@ def test_schemes_need_scenes_cropped_as_points_are():
     Early().fuse(view, [0, 1])
     foreground.Foreground().fuse(view, [0, 1])
     assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
-    assert 0 < len(calls[0]) < len(frame_points(seen, area=AREA)[0]) + len(frame_points(seen, area=AREA)[1]) - 20
+    assert (
+        0
+        < len(calls[0])
+        < len(frame_points(seen, area=AREA)[0]) + len(frame_points(seen, area=AREA)[1]) - 20
+    )
     sensor = stand(MODELS[0])
     seen = Frame((sensor,), (ground(sensor),), Objects.empty())
     scene, (detector, calls) = learnt(sensor), watched()
-    got = foreground.Foreground(sigmas=6.0).fuse(frame_view(seen, detector, AREA, scene=lambda k: scene), [0])
+    got = foreground.Foreground(sigmas=6.0).fuse(
+        frame_view(seen, detector, AREA, scene=lambda k: scene), [0]
+    )
     assert got.bits.tolist() == [8 * 43]
     assert len(calls[0]) > 100
     seen, (detector, _) = frame(), watched()
@@ -206,9 +225,14 @@ def test_missing_pixels_arrive_as_nothing(model):
     np.testing.assert_array_equal(restored.missing, missing)
     np.testing.assert_array_equal(restored.sent, kept > 0)
     assert (restored.image[missing] == 0).all()
-    np.testing.assert_array_equal(restored.image[~restored.sent & ~missing], scene.first[~restored.sent & ~missing])
+    np.testing.assert_array_equal(
+        restored.image[~restored.sent & ~missing], scene.first[~restored.sent & ~missing]
+    )
     without = foreground.encode_foreground(RangeImage(sensor, kept), scene)
-    assert foreground.encode_foreground(RangeImage(sensor, kept), scene, np.zeros_like(missing)) == without
+    assert (
+        foreground.encode_foreground(RangeImage(sensor, kept), scene, np.zeros_like(missing))
+        == without
+    )
     assert 0 < len(message) - len(without) < 15
     assert not foreground.decode_foreground(without, scene).missing.any()
 
@@ -221,10 +245,15 @@ def test_sensors_blinded_in_part_or_dropping_out():
     for blinded in (np.zeros_like(half), half):
         detector, calls = watched()
         view = frame_view(
-            replace(seen, measurements=(blinded, seen.measurements[1])), detector, AREA, scene=lambda k: scenes[k]
+            replace(seen, measurements=(blinded, seen.measurements[1])),
+            detector,
+            AREA,
+            scene=lambda k: scenes[k],
         )
         got = [
-            scheme.fuse(view, sensors) for sensors in ([0, 1], [0]) for scheme in (Early(), foreground.Foreground())
+            scheme.fuse(view, sensors)
+            for sensors in ([0, 1], [0])
+            for scheme in (Early(), foreground.Foreground())
         ][1]
         assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
         assert got.bits[0] < 100 * 8
@@ -244,7 +273,8 @@ def test_sensors_blinded_in_part_or_dropping_out():
         among = np.isin(np.flatnonzero(dropped), drawn).sum()
         assert (out.missing & ~dropped).sum() == 0
         assert low * among <= out.missing.sum() <= high * among
-    # Of 25 about the middle of 4 x 4 they are 16, about its corners 9; of 3 x 4 they are 12 of 25 at most.
+    # Of 25 about the middle of 4 x 4 they are 16, about its corners 9; of 3 x 4 they are 12 of 25
+    # at most.
     for rows, columns, missing in ((1, 1, 0), (1, 2, 0), (2, 2, 0), (3, 4, 0), (4, 4, 4)):
         image = wide_ground(CAMERA)
         image[20 : 20 + rows, 15 : 15 + columns] = 0
@@ -254,7 +284,11 @@ def test_sensors_blinded_in_part_or_dropping_out():
 
 
 CAMERA = Sensor("c", DepthCamera(width=80, height=60), look((0.0, 0.0, 5.0), 0.0, 0.5))
-LIDAR = Sensor("l", SpinningLidar(channels=30, azimuth_step=0.1, fov_up=-0.2, fov_down=-0.8), pose(0.0, 0.0, 5.0))
+LIDAR = Sensor(
+    "l",
+    SpinningLidar(channels=30, azimuth_step=0.1, fov_up=-0.2, fov_down=-0.8),
+    pose(0.0, 0.0, 5.0),
+)
 
 
 def out_of(image, sensor=CAMERA, scene=None):
@@ -275,12 +309,15 @@ def test_empty_scenes_and_open_rays_send_and_miss_nothing():
         assert not len(out.pixels)
     assert (wide_ground(CAMERA)[:3] == 0).all()
     assert not out_of(blind[0][1])[0].missing[:3].any()  # the sky is not missed
-    # The scene of a pixel whose second mode is nothing: alone it shows the scene, in a blinded part it is
+    # The scene of a pixel whose second mode is nothing: alone it shows the scene, in a blinded part
+    # it is
     # missing.
     scene = EmptyScene.of(CAMERA, wide_ground(CAMERA))
     second = np.full(scene.first.shape, np.nan, np.float32)
     second[15:25, 10:20] = 0
-    scene = EmptyScene(**{**{name: getattr(scene, name) for name in scene.__dataclass_fields__}, "second": second})
+    scene = EmptyScene(
+        **{**{name: getattr(scene, name) for name in scene.__dataclass_fields__}, "second": second}
+    )
     image = wide_ground(CAMERA)
     image[15:25, 10:20] = 0
     assert not out_of(image, scene=scene)[0].missing.any()
@@ -306,7 +343,8 @@ def test_empty_scenes_and_open_rays_send_and_miss_nothing():
     ],
 )
 def test_missing_pixels_need_company(expected, gone, kept):
-    """Digits count pixels in a column; beyond the two rows and columns that are searched, some are always there."""
+    """Digits count pixels in a column; beyond the two rows and columns that are searched, some are
+    always there."""
     masks = [np.zeros((20, 20), bool) for _ in range(2)]
     for mask, columns in zip(masks, (expected, gone), strict=True):
         for column, count in enumerate(columns):
@@ -316,14 +354,17 @@ def test_missing_pixels_need_company(expected, gone, kept):
     middle = 5 + min(2, (int(gone[0]) - 1) // 2), 5
     assert foreground._keep_company(missing, there)[middle] == kept
     beside = missing.copy()
-    beside[middle[0], 4] = beside[0, 0] = True  # drop-outs that the scene does not expect: in company, and alone
+    beside[middle[0], 4] = beside[0, 0] = (
+        True  # drop-outs that the scene does not expect: in company, and alone
+    )
     assert foreground._keep_company(beside, there)[[middle[0], 0], [4, 0]].tolist() == [kept, False]
-    np.testing.assert_array_equal(foreground._keep_company(beside, missing), beside)  # all are missing
+    # all are missing
+    np.testing.assert_array_equal(foreground._keep_company(beside, missing), beside)
 
 
 def test_missing_pixels_are_those_that_a_slow_count_finds():
-    """Of those about each pixel, two to either side, that should show the scene, at least half must be missing, three
-    or all of them."""
+    """Of those about each pixel, two to either side, that should show the scene, at least half must
+    be missing, three or all of them."""
     rng = np.random.default_rng(0)
     for share in (0.2, 0.5, 0.8):
         expected = rng.random((12, 15)) < 0.7

@@ -23,9 +23,11 @@ def test_what_was_packed_comes_back(values, before):
 def test_numbers_are_packed_in_few_bytes():
     values = np.unique([(1 << k) + d for k in range(32) for d in (-1, 0, 1)])
     assert (
-        image_coding.unpack_integers(image_coding.pack_integers(values), 0, len(values))[0].tolist() == values.tolist()
+        image_coding.unpack_integers(image_coding.pack_integers(values), 0, len(values))[0].tolist()
+        == values.tolist()
     )
-    # One large number: its symbol 8 + 2 (7 - 4) + 1 in the deflated part, its 5 lower bits, filled with zeros.
+    # One large number: its symbol 8 + 2 (7 - 4) + 1 in the deflated part, its 5 lower bits, filled
+    # with zeros.
 
     packed = image_coding.pack_integers(np.array([1, 0b1101101]))
     assert packed[0] == 2
@@ -37,7 +39,9 @@ def test_numbers_are_packed_in_few_bytes():
     assert 8 * len(image_coding.pack_integers(values)) < 1.08 * entropy * len(values)
     values = np.array([5, 0, 7, 1])
     assert image_coding.write_bits(values, 3) == bytes([0b10100011, 0b10010000])
-    again, end = image_coding.read_bits(b"xx" + image_coding.write_bits(values, 3), 2, np.full(4, 3))
+    again, end = image_coding.read_bits(
+        b"xx" + image_coding.write_bits(values, 3), 2, np.full(4, 3)
+    )
     assert (again.tolist(), end) == (values.tolist(), 4)
     assert image_coding.read_bits(b"", 0, np.zeros(4, np.int64))[0].tolist() == [0] * 4
     with pytest.raises(ValueError, match="12 bits do not fit the 1 bytes"):
@@ -62,11 +66,15 @@ def test_damaged_bytes_and_bombs_are_refused():
     for symbols in (b"\xc8", b"\x01\xc8", b"\xc8\x01", b"\x42"):
         deflated = _deflate(symbols)
         with pytest.raises(ValueError, match=f"symbols up to 65, got {max(symbols)}"):
-            image_coding.unpack_integers(bytes([len(symbols), len(deflated)]) + deflated + bytes(99), 0, 2)
+            image_coding.unpack_integers(
+                bytes([len(symbols), len(deflated)]) + deflated + bytes(99), 0, 2
+            )
     with pytest.raises(ValueError, match="filled with zeros"):
         image_coding.unpack_integers(packed[:-1] + bytes([packed[-1] | 1]), 0, 200)
     deflated = _deflate(b"\x00" * 10_000_000)
-    head = b"\x05" + bytes([len(deflated) & 127 | 128, len(deflated) >> 7 & 127 | 128, len(deflated) >> 14])
+    head = b"\x05" + bytes(
+        [len(deflated) & 127 | 128, len(deflated) >> 7 & 127 | 128, len(deflated) >> 14]
+    )
     with pytest.raises(ValueError, match="inflate to 5 symbols, got 6"):
         image_coding.unpack_integers(head + deflated, 0, 10)
 
@@ -85,7 +93,9 @@ def images(rng):
     elif kind == 1:
         steps = np.full(shape, rng.integers(0, 5000))
     else:
-        steps = np.add.outer(np.arange(shape[0]) * 3, np.arange(shape[1])) * kind + rng.integers(0, 4, shape)
+        steps = np.add.outer(np.arange(shape[0]) * 3, np.arange(shape[1])) * kind + rng.integers(
+            0, 4, shape
+        )
     return steps.astype(np.int64), mask
 
 
@@ -113,15 +123,22 @@ def test_the_prediction_is_that_of_loco_i():
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True
     steps = 500 + np.add.outer(np.zeros(150), np.arange(200) * 0.3) + rng.normal(0, 0.5, (150, 200))
-    assert 8 * len(image_coding.encode_pixels(np.rint(steps).astype(np.int64), mask)) < 2.1 * mask.sum()
-    assert len(image_coding.encode_pixels(np.zeros((150, 200), np.int64), np.zeros((150, 200), bool))) < 10
+    assert (
+        8 * len(image_coding.encode_pixels(np.rint(steps).astype(np.int64), mask))
+        < 2.1 * mask.sum()
+    )
+    assert (
+        len(image_coding.encode_pixels(np.zeros((150, 200), np.int64), np.zeros((150, 200), bool)))
+        < 10
+    )
     for value in (-1, image_coding.MOST_STEPS):
         with pytest.raises(ValueError, match="steps, got"):
             image_coding.encode_pixels(np.array([[value]]), np.ones((1, 1), bool))
         with pytest.raises(ValueError, match=f"a measurement of {value} steps is none"):
             image_coding._add_up(np.ones((1, 1), bool), np.array([value]))
     assert (
-        image_coding._add_up(np.ones((1, 1), bool), np.array([image_coding.MOST_STEPS - 1])) < image_coding.MOST_STEPS
+        image_coding._add_up(np.ones((1, 1), bool), np.array([image_coding.MOST_STEPS - 1]))
+        < image_coding.MOST_STEPS
     )
 
 
@@ -140,12 +157,14 @@ def test_what_is_not_there_is_not_predicted_from(mask, guess):
     mask = np.array(mask, bool)
     assert image_coding._predict(steps, mask)[-1] == guess
     np.testing.assert_array_equal(
-        image_coding.decode_pixels(image_coding.encode_pixels(steps, mask), (2, 3))[0], np.where(mask, steps, 0)
+        image_coding.decode_pixels(image_coding.encode_pixels(steps, mask), (2, 3))[0],
+        np.where(mask, steps, 0),
     )
 
 
 def guess_slowly(steps, mask, given):
-    """Predictions of the mask's pixels in the order of rows, by the words of LOCO-I, one after the other."""
+    """Predictions of the mask's pixels in the order of rows, by the words of LOCO-I, one after the
+    other."""
     there, last, guesses = mask | given, 0, []
     for row, column in np.argwhere(mask).tolist():
 
@@ -156,10 +175,16 @@ def guess_slowly(steps, mask, given):
 
         left, up, upper_left, upper_right = near(0, -1), near(1, 0), near(1, -1), near(1, 1)
         if left is not None and up is not None:
-            plane = (left + up) / 2 if upper_left is None else np.median([left, up, left + up - upper_left])
+            plane = (
+                (left + up) / 2
+                if upper_left is None
+                else np.median([left, up, left + up - upper_left])
+            )
             guesses.append(int(np.floor(plane)))
         else:
-            guesses.append(next(each for each in (up, left, upper_right, upper_left, last) if each is not None))
+            guesses.append(
+                next(each for each in (up, left, upper_right, upper_left, last) if each is not None)
+            )
         last = int(steps[row, column])
     return guesses
 
@@ -167,7 +192,8 @@ def guess_slowly(steps, mask, given):
 @settings(deadline=None, max_examples=150)
 @given(st.integers(0, 2**32))
 def test_predictions_are_those_of_one_pixel_after_the_other(seed):
-    """Small steps, nought among them, beside pixels of another image that are known and others that are not."""
+    """Small steps, nought among them, beside pixels of another image that are known and others that
+    are not."""
     rng = np.random.default_rng(seed)
     shape = tuple(rng.integers(1, 7, 2).tolist())
     kinds, steps = rng.choice(3, shape, p=rng.dirichlet([1.0, 1.0, 1.0])), rng.integers(0, 4, shape)
@@ -188,12 +214,17 @@ def test_what_no_encoder_writes_is_refused():
             + image_coding.pack_integers(np.array(residuals, int))
         )
 
-    assert image_coding.decode_pixels(content([2, 2], [4, 1]), (1, 5))[0].tolist() == [[0, 2, 1, 0, 0]]
+    assert image_coding.decode_pixels(content([2, 2], [4, 1]), (1, 5))[0].tolist() == [
+        [0, 2, 1, 0, 0]
+    ]
     for wrong, said in (
         *((b"", "begin with 0 or 1"), (content([2], [0], way=7), "begin with 0 or 1")),
         *((content([0, 2], [4]), "lie outside"), (content([4, 2], [4]), "lie outside")),
         (content([2, 2], [4, 1, 0]), "2 pixels are marked, got 3 residuals"),
-        *((content([2, 2], [4, 1]) + b"x", "got 1 bytes more"), (content([2, 2], [1, 1]), "a measurement of -1 steps")),
+        *(
+            (content([2, 2], [4, 1]) + b"x", "got 1 bytes more"),
+            (content([2, 2], [1, 1]), "a measurement of -1 steps"),
+        ),
         (content([1] * 6, []), "at most 5 packed numbers are possible, got 6"),
     ):
         with pytest.raises(ValueError, match=said):
@@ -201,8 +232,8 @@ def test_what_no_encoder_writes_is_refused():
 
 
 def test_the_shorter_way_of_a_mask_and_the_shortest_deflation_are_taken(monkeypatch):
-    """A stripe down the image changes twice in every row, but where it begins alone differs from left and up. One run
-    through two rows changes along the rows twice."""
+    """A stripe down the image changes twice in every row, but where it begins alone differs from
+    left and up. One run through two rows changes along the rows twice."""
     stripe, run = np.zeros((40, 40), bool), np.zeros((40, 40), bool)
     stripe[:, 7:19] = True
     run[12, 9:], run[13, :30] = True, True
@@ -227,7 +258,13 @@ def test_the_shorter_way_of_a_mask_and_the_shortest_deflation_are_taken(monkeypa
 
 @pytest.mark.parametrize(
     ("number", "content"),
-    [(0, b"\0"), (127, b"\x7f"), (128, b"\x80\x01"), (300, b"\xac\x02"), (1 << 14, b"\x80\x80\x01")],
+    [
+        (0, b"\0"),
+        (127, b"\x7f"),
+        (128, b"\x80\x01"),
+        (300, b"\xac\x02"),
+        (1 << 14, b"\x80\x80\x01"),
+    ],
 )
 def test_numbers_of_variable_length_take_seven_bits_a_byte(number, content):
     assert image_coding._variable(number) == content
@@ -235,7 +272,8 @@ def test_numbers_of_variable_length_take_seven_bits_a_byte(number, content):
 
 
 def test_of_equally_short_deflations_the_first_is_taken(monkeypatch):
-    """Messages of one image are the same bytes everywhere; each of four symbols has a code of its own in any way."""
+    """Messages of one image are the same bytes everywhere; each of four symbols has a code of its
+    own in any way."""
     values = np.array([0, 1, 2, 3])
     packed = []
     for strategies in (image_coding._STRATEGIES, (zlib.Z_DEFAULT_STRATEGY,)):

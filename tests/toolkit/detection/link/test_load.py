@@ -13,7 +13,9 @@ def test_packets_of_sensors_at_ten_hertz():
     assert load.one_packet == 0.5
     assert load.shares == pytest.approx({"802.11p": 0.2 / 6, "LTE-V2X": 0.2 / 8, "Ethernet": 0.002})
     assert load.rate == 10.0
-    assert link_load(np.array([[8000, 12000], [4000, 16000]]), 0.5).mbit_per_s == pytest.approx(0.01)
+    assert link_load(np.array([[8000, 12000], [4000, 16000]]), 0.5).mbit_per_s == pytest.approx(
+        0.01
+    )
     none = SetLoad("late", (), load)
     assert format_loads([none]).splitlines()[1].split()[:2] == ["late", "none"]
     assert PACKET == 1400

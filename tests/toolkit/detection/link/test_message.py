@@ -30,7 +30,13 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
     assert len(message) == OVERHEAD + 7 == 41
     assert read_message(message) == (HEADER, b"content")
     assert (HEADER.time, HEADER.step) == (6.000007, 0.02)
-    assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [1, 20, 40, 80, 65535]
+    assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [
+        1,
+        20,
+        40,
+        80,
+        65535,
+    ]
     assert time_in_us(1.25) == 1_250_000
     assert time_in_us(0.0) == 0
     for step in (0.0, 1e-10, -0.02, 0.0205, 65.536, 66.0, float("nan"), float("inf")):
@@ -45,7 +51,11 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
 
 def test_other_versions_and_every_damage_are_refused():
     message = write_message(HEADER, b"")
-    for at, byte, said in ((0, 1, "begins with"), (2, 1, "version must be 2, got 1"), (3, 9, "kind 1 .*got 9")):
+    for at, byte, said in (
+        (0, 1, "begins with"),
+        (2, 1, "version must be 2, got 1"),
+        (3, 9, "kind 1 .*got 9"),
+    ):
         body = bytearray(message[:-4])
         body[at] = byte
         with pytest.raises(ValueError, match=said):
@@ -66,7 +76,8 @@ def test_other_versions_and_every_damage_are_refused():
         check_header(HEADER, MessageKind.FOREGROUND, scene=1)
 
 
-SIZES = {"sensor": 4, "number": 4, "time_us": 8, "step_mm": 2, "rows": 2, "columns": 2, "scene": 4}  # bytes
+# bytes
+SIZES = {"sensor": 4, "number": 4, "time_us": 8, "step_mm": 2, "rows": 2, "columns": 2, "scene": 4}
 
 
 @pytest.mark.parametrize("field", SIZES)
@@ -81,4 +92,6 @@ def test_numbers_that_do_not_fit_are_refused(field):
 
 
 def test_a_header_is_of_nothing_in_particular_unless_said():
-    assert MessageHeader(MessageKind.BOXES) == MessageHeader(MessageKind.BOXES, 0, 0, 0, 20, 0, 0, 0)
+    assert MessageHeader(MessageKind.BOXES) == MessageHeader(
+        MessageKind.BOXES, 0, 0, 0, 20, 0, 0, 0
+    )

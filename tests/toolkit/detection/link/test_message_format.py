@@ -1,4 +1,5 @@
-"""Messages read by a second reader, written from docs/reference/message-format.md alone, and forged ones."""
+"""Messages read by a second reader, written from docs/reference/message-format.md alone, and forged
+ones."""
 
 import struct
 import zlib
@@ -39,7 +40,9 @@ def read_packed(data, at):
     bits, used, numbers = "".join(f"{byte:08b}" for byte in data[at:]), 0, []
     for symbol in symbols:
         lower = 2 + (symbol - 8) // 2 if symbol > 7 else 0
-        numbers.append(int(f"1{symbol % 2}{bits[used : used + lower]}", 2) if symbol > 7 else symbol)
+        numbers.append(
+            int(f"1{symbol % 2}{bits[used : used + lower]}", 2) if symbol > 7 else symbol
+        )
         used += lower
     return numbers, at + -(-used // 8)
 
@@ -82,7 +85,12 @@ def read_values(data, at, mask, known):
 def read_images(messages):
     """Steps of the sent pixels, and the missing ones, of every message."""
     for message in messages:
-        kind, number, step, data = message[3], int.from_bytes(message[8:12], "little"), message[20], message[30:-4]
+        kind, number, step, data = (
+            message[3],
+            int.from_bytes(message[8:12], "little"),
+            message[20],
+            message[30:-4],
+        )
         if kind == 2:
             sent, at = read_mask(data, 0)
             values, at = read_values(data, at, sent, {})
@@ -105,7 +113,9 @@ def read_images(messages):
             for pixel, residual in zip(sorted(sent & expected), residuals, strict=True):
                 fine = reference[pixel][0]
                 whole = (fine + 8) // 16
-                values[pixel] = whole + (unfold(residual) if fine >= 16 * whole else -unfold(residual))
+                values[pixel] = whole + (
+                    unfold(residual) if fine >= 16 * whole else -unfold(residual)
+                )
             others, at = read_values(data, at, sent - expected, values)
             values |= others
             if goes_on:
@@ -126,7 +136,9 @@ def read_images(messages):
 def image(number):
     """A rough wall that stands in noise, a car that passes, pixels that come and go."""
     rng, measured = np.random.default_rng(number), np.zeros(SHAPE, np.float32)
-    measured[:22, 2:30] = np.random.default_rng(9).uniform(11, 12, (22, 28)) + rng.normal(0, 0.02, (22, 28))
+    measured[:22, 2:30] = np.random.default_rng(9).uniform(11, 12, (22, 28)) + rng.normal(
+        0, 0.02, (22, 28)
+    )
     measured[24, 2:30][rng.random(28) < 0.5] = 12.3
     measured[20:26, number : number + 5] = 8 - 0.1 * number
     return RangeImage(SENSOR, measured, time=number / 10, number=number)
@@ -147,12 +159,15 @@ def test_images_read_as_the_page_says(refers_to, step):
         steps = np.rint(image(k).measurement.astype(float) / step).ravel()
         assert values == {pixel: steps[pixel] for pixel in np.flatnonzero(image(k).measurement)}
         assert missing == set(np.flatnonzero(masked(k)))
-    values = np.concatenate([(1 << np.arange(32)) + 1, (1 << np.arange(32)) - 1, [7, 8, 11, 12, image_coding.LARGEST]])
+    values = np.concatenate(
+        [(1 << np.arange(32)) + 1, (1 << np.arange(32)) - 1, [7, 8, 11, 12, image_coding.LARGEST]]
+    )
     assert read_packed(b"xx" + image_coding.pack_integers(values), 2)[0] == values.tolist()
     stored = zlib.compressobj(0, zlib.DEFLATED, -15)  # other encoders deflate otherwise
     symbols = stored.compress(bytes([1, 15])) + stored.flush()
     fixed = zlib.compressobj(9, zlib.DEFLATED, -15, 9, zlib.Z_FIXED)
-    endless = (fixed.compress(bytes([1, 15])) + fixed.flush())[:-1]  # both symbols, and half of the code for the end
+    # both symbols, and half of the code for the end
+    endless = (fixed.compress(bytes([1, 15])) + fixed.flush())[:-1]
     cut = [(symbols[:-1], "got 1"), (b"", "got 0"), (symbols + b"\0", "got 2"), (endless, "got 2")]
     for deflated, said in ((symbols, None), *cut):
         data = bytes([2, len(deflated)]) + deflated + bytes([0b01101000])
@@ -164,7 +179,13 @@ def test_images_read_as_the_page_says(refers_to, step):
 
 
 BOXES = Detections(
-    np.array([[9.0, -40, 0.8, 4.5, 1.8, 1.5, 0.1], [3, 2, 0.9, 0.6, 0.6, 1.8, -3], [3, 9, 2, 12, 2.5, 3.4, 2.5]]),
+    np.array(
+        [
+            [9.0, -40, 0.8, 4.5, 1.8, 1.5, 0.1],
+            [3, 2, 0.9, 0.6, 0.6, 1.8, -3],
+            [3, 9, 2, 12, 2.5, 3.4, 2.5],
+        ]
+    ),
     np.array([0.97, 0.2, 0.5]),
     np.array([0, 2, 3]),
 )
@@ -174,8 +195,19 @@ CODEC = range_images.RangeImages()
 def test_boxes_read_as_the_page_says():
     message = CODEC.encode_boxes(BOXES, Origin(SENSOR, 1.5, 7)).content
     assert (message[:4], message[8:12]) == (b"cv\x02\x03", b"\x07\0\0\0")
-    assert struct.unpack("<IQHHHI", message[4:8] + message[12:30]) == (zlib.crc32(b"s"), 1_500_000, 20, 0, 0, 0)
-    heads, at, columns = [struct.unpack_from("<Bi", message, 32 + 5 * k) for k in range(9)], 32 + 45, []
+    assert struct.unpack("<IQHHHI", message[4:8] + message[12:30]) == (
+        zlib.crc32(b"s"),
+        1_500_000,
+        20,
+        0,
+        0,
+        0,
+    )
+    heads, at, columns = (
+        [struct.unpack_from("<Bi", message, 32 + 5 * k) for k in range(9)],
+        32 + 45,
+        [],
+    )
     for width, least in heads:
         size = -(-3 * width // 8)
         bits = "".join(f"{byte:08b}" for byte in message[at : at + size])
@@ -183,7 +215,9 @@ def test_boxes_read_as_the_page_says():
         at += size
     assert at == len(message) - 4
     np.testing.assert_allclose(np.transpose(columns[:6]) / 50, BOXES.boxes[:, :6], atol=0.01)
-    np.testing.assert_allclose(np.array(columns[6]) / 2, np.rad2deg(BOXES.boxes[:, 6]) % 360, atol=0.25)
+    np.testing.assert_allclose(
+        np.array(columns[6]) / 2, np.rad2deg(BOXES.boxes[:, 6]) % 360, atol=0.25
+    )
     np.testing.assert_allclose(1 - (np.array(columns[7]) / 511) ** 2, BOXES.scores, atol=2e-3)
     assert columns[8] == [0, 2, 3]
     alike = CODEC.encode_boxes(BOXES[[1, 1, 1]], Origin(SENSOR)).content
@@ -221,7 +255,11 @@ def test_forged_boxes_are_refused(forgery):
 
 
 def write_variable(number):
-    return bytes([number & 127 | 128]) + write_variable(number >> 7) if number > 127 else bytes([number])
+    return (
+        bytes([number & 127 | 128]) + write_variable(number >> 7)
+        if number > 127
+        else bytes([number])
+    )
 
 
 NUMBERS = (0, 1, 2, 7, 8, 255, 1 << 15, (1 << 16) - 1, 1 << 24, (1 << 31) - 1, (1 << 32) - 1)
@@ -240,7 +278,9 @@ def forge_packed(rng, numbers):
     length, at = read_variable(sound, at)
     deflated, rest = sound[at : at + length], sound[at + length :]
     if how == 3:
-        count = int(rng.choice([0, count + 1, max(count - 1, 0), ROWS * COLUMNS, 1 << 31, (1 << 35) - 1]))
+        count = int(
+            rng.choice([0, count + 1, max(count - 1, 0), ROWS * COLUMNS, 1 << 31, (1 << 35) - 1])
+        )
     elif how == 4:
         length = int(rng.choice([0, length + 1, max(length - 1, 0), 1 << 31, (1 << 35) - 1]))
     else:
@@ -269,14 +309,18 @@ def forge(rng, message):
             "scene": (26, 4),
         }[name]
         body = bytearray(message[:-4])
-        body[at : at + size] = (int(rng.choice(np.array(choice, object))) % (1 << 8 * size)).to_bytes(size, "little")
+        body[at : at + size] = (
+            int(rng.choice(np.array(choice, object))) % (1 << 8 * size)
+        ).to_bytes(size, "little")
         return bytes(body) + struct.pack("<I", zlib.crc32(body))
     forged = bytearray(content)
     if how == 1:
         for at in rng.integers(0, len(forged), rng.integers(1, 4)):
             forged[at] = rng.integers(256)
     elif how == 2:
-        forged = forged[: rng.integers(len(forged))] if rng.random() < 0.7 else forged + rng.bytes(9)
+        forged = (
+            forged[: rng.integers(len(forged))] if rng.random() < 0.7 else forged + rng.bytes(9)
+        )
     elif header.kind == MessageKind.BOXES:
         for _ in range(rng.integers(1, 3)):
             place = int(rng.integers(10))
@@ -290,7 +334,9 @@ def forge(rng, message):
     else:
         packed, end, parts = [], 0, 2
         if header.kind == MessageKind.DIFFERENCE:
-            squares = {(p // COLUMNS // 8, p % COLUMNS // 8) for p in np.flatnonzero(image(0).measurement)}
+            squares = {
+                (p // COLUMNS // 8, p % COLUMNS // 8) for p in np.flatnonzero(image(0).measurement)
+            }
             end, parts = 6 + -(-len(squares) // 8), 3
         while end < len(forged):
             at = end + (len(packed) in (0, parts))  # a mask begins with a byte of its own
@@ -320,7 +366,10 @@ def attack(rng, count):
             if kind == "boxes":
                 found = CODEC.decode_boxes(Message(forged, 0), SENSOR)
                 check_boxes(found.boxes)
-                assert np.abs(found.boxes[:, :3] - SENSOR.position).max(initial=0) <= range_images.FARTHEST
+                assert (
+                    np.abs(found.boxes[:, :3] - SENSOR.position).max(initial=0)
+                    <= range_images.FARTHEST
+                )
                 assert ((found.scores >= 0) & (found.scores <= 1)).all()
                 assert len(suppress(found)) <= len(found) <= 8 * len(forged)
             elif kind == "range image":
@@ -344,5 +393,7 @@ def attack(rng, count):
 
 def test_forged_messages_are_refused_or_read_in_bounds():
     outcomes = attack(np.random.default_rng(0), 300)
-    assert {kind: sum(each.values()) for kind, each in outcomes.items()} == dict.fromkeys(outcomes, 75)
+    assert {kind: sum(each.values()) for kind, each in outcomes.items()} == dict.fromkeys(
+        outcomes, 75
+    )
     assert all(each["refused"] > each["read"] for each in outcomes.values())

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from toolkit.detection.codec import PAPER, Codec, ImageCodec, Message, Origin, RangeImage, check_codec
+from toolkit.detection.codec import (
+    PAPER,
+    Codec,
+    ImageCodec,
+    Message,
+    Origin,
+    RangeImage,
+    check_codec,
+)
 from toolkit.detection.link import range_images
 from toolkit.detection.link.message import read_message, sensor_number, write_message
 from toolkit.geometry import pose
@@ -28,7 +36,12 @@ def decode_boxes(content):
 def some(n, seed=0):
     rng = np.random.default_rng(seed)
     boxes = np.column_stack(
-        [rng.uniform(-60, 60, (n, 2)), rng.uniform(-1, 3, n), rng.uniform(0.3, 12, (n, 3)), rng.uniform(-7, 7, n)]
+        [
+            rng.uniform(-60, 60, (n, 2)),
+            rng.uniform(-1, 3, n),
+            rng.uniform(0.3, 12, (n, 3)),
+            rng.uniform(-7, 7, n),
+        ]
     )
     return Detections(boxes, rng.random(n), rng.integers(0, 4, n))
 
@@ -60,14 +73,24 @@ def test_scores_bound_boxes_and_encoders_bound_images():
     scores = decode_boxes(encode_boxes(sure)).scores
     assert np.abs(scores - sure.scores).max() < 1e-4
     assert (np.diff(scores) > 0).all()
-    most = Detections(np.array([[2000.0, 0, 0, 4, 2, 1, 0.0]] * range_images.MOST_BOXES), np.full(1000, 0.5))
+    most = Detections(
+        np.array([[2000.0, 0, 0, 4, 2, 1, 0.0]] * range_images.MOST_BOXES), np.full(1000, 0.5)
+    )
     np.testing.assert_allclose(decode_boxes(encode_boxes(most)).boxes, most.boxes)
-    more = Detections(np.repeat(most.boxes[:1], range_images.MOST_BOXES + 1, axis=0), np.full(1001, 0.5))
+    more = Detections(
+        np.repeat(most.boxes[:1], range_images.MOST_BOXES + 1, axis=0), np.full(1001, 0.5)
+    )
     with pytest.raises(ValueError, match="a message holds at most 1000 boxes, got 1001"):
         encode_boxes(more)
-    alike, partly = most.boxes[[0, 0]], np.array([[9.0, 0, 0, 4, 2, 1, 0.0], [9.0, 5, 0, 4, 2, 1, 0.0]])
+    alike, partly = (
+        most.boxes[[0, 0]],
+        np.array([[9.0, 0, 0, 4, 2, 1, 0.0], [9.0, 5, 0, 4, 2, 1, 0.0]]),
+    )
     widths = [encode_boxes(Detections(each, np.full(2, 0.5)))[2] for each in (alike, partly)]
-    assert widths == [1, 0]  # bits of x: without any, as many boxes as one likes would take no bytes
+    assert widths == [
+        1,
+        0,
+    ]  # bits of x: without any, as many boxes as one likes would take no bytes
     for value, said in (
         (np.nan, "finite"),
         (np.inf, "finite"),
@@ -102,7 +125,11 @@ def test_scores_bound_boxes_and_encoders_bound_images():
 @pytest.mark.parametrize(
     ("x", "length", "said"),
     [
-        *((2000.0, 100.0, None), (2000.02, 0.3, "got 2000 m away and 0 m"), (0.3, 100.02, "got 0 m away and 100 m")),
+        *(
+            (2000.0, 100.0, None),
+            (2000.02, 0.3, "got 2000 m away and 0 m"),
+            (0.3, 100.02, "got 0 m away and 100 m"),
+        ),
         *((0.3, 150.0, "got 0 m away and 150 m"), (-2500.0, 0.3, "got 2500 m away and 0 m")),
     ],
 )
@@ -133,7 +160,15 @@ def image(model, seed=0):
     measured[::2] = 20 + np.arange(model.shape[1], dtype=np.float32) / 50
     measured[rng.random(model.shape) < 0.2] = 0
     measured.ravel()[:7] = [
-        *(np.nan, np.inf, -3, 1e-3, 0.0099, np.nextafter(np.float32(model.max_range), 0), model.max_range)
+        *(
+            np.nan,
+            np.inf,
+            -3,
+            1e-3,
+            0.0099,
+            np.nextafter(np.float32(model.max_range), 0),
+            model.max_range,
+        )
     ]
     return RangeImage(Sensor("s", model, np.eye(4)), measured, 2.5, 11)
 
@@ -149,16 +184,25 @@ def test_every_pixel_arrives_within_half_a_step(model, step):
     assert (got[~there] == 0).all()
     assert np.abs(got[there].astype(float) - sent.measurement[there]).max() <= step / 2 + 1e-5
     header, _ = read_message(message.content)
-    assert (header.sensor, header.number, header.time, header.step) == (sensor_number("s"), 11, 2.5, step)
+    assert (header.sensor, header.number, header.time, header.step) == (
+        sensor_number("s"),
+        11,
+        2.5,
+        step,
+    )
     assert message.bits == 8 * len(message.content)
 
 
 def test_codecs_of_images_refuse_points_alone_and_go_by_name():
     mask = np.array([[True, True, True, False]])
-    got = range_images.from_steps(np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0))
+    got = range_images.from_steps(
+        np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0)
+    )
     np.testing.assert_allclose(got, [[0.02, 0.08, 50.0, 0.0]])
     assert got[0, 2] < 50
-    near = range_images.from_steps(np.array([[10**9]]), np.ones((1, 1), bool), 0.08, DepthCamera(max_range=0.5))
+    near = range_images.from_steps(
+        np.array([[10**9]]), np.ones((1, 1), bool), 0.08, DepthCamera(max_range=0.5)
+    )
     assert near[0, 0] == np.nextafter(np.float32(0.5), np.float32(0))
     codec, sent = range_images.RangeImages(), image(MODELS[0])
     message = codec.encode_image(sent)
@@ -196,8 +240,15 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
     with pytest.raises(ValueError, match="step must be"):
         range_images.RangeImages(0.0)
     assert codec.bits(boxes=1) == codec.bits(boxes=1, messages=1) == 272 + 75
-    assert np.array([codec.bits(points=1), codec.bits(), codec.bits(messages=0)]).tolist() == [272 + 5, 272, 0]
-    assert codec.bits(points=np.array([0, 100]), boxes=2, messages=3).tolist() == [816 + 150, 816 + 650]
+    assert np.array([codec.bits(points=1), codec.bits(), codec.bits(messages=0)]).tolist() == [
+        272 + 5,
+        272,
+        0,
+    ]
+    assert codec.bits(points=np.array([0, 100]), boxes=2, messages=3).tolist() == [
+        816 + 150,
+        816 + 650,
+    ]
 
 
 def test_boxes_are_as_far_from_their_sensor_wherever_it_stands():
@@ -205,14 +256,19 @@ def test_boxes_are_as_far_from_their_sensor_wherever_it_stands():
     for x, fits in ((2499.0, True), (-1499.0, True), (-1501.0, False), (2501.0, False)):
         box = Detections(np.array([[x, 0, 0, 4, 2, 1, 0.0]]), np.array([0.5]))
         if fits:
-            assert range_images.decode_boxes(range_images.encode_boxes(box, far), far).boxes[0, 0] == pytest.approx(x)
+            assert range_images.decode_boxes(range_images.encode_boxes(box, far), far).boxes[
+                0, 0
+            ] == pytest.approx(x)
         else:
             with pytest.raises(ValueError, match="2001 m away"):
                 range_images.encode_boxes(box, far)
 
 
 def test_messages_of_boxes_have_no_image_and_no_scene():
-    codec, sent = range_images.RangeImages(), Detections(np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]]), np.array([0.5]))
+    codec, sent = (
+        range_images.RangeImages(),
+        Detections(np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]]), np.array([0.5])),
+    )
     header, content = read_message(codec.encode_boxes(sent, Origin(POLE, 2.5, 11)).content)
     assert (header.rows, header.columns, header.scene, header.step_mm) == (0, 0, 0, 20)
     for name in ("rows", "columns", "scene", "step_mm"):

@@ -17,7 +17,9 @@ def cars(xy, scores=None, labels=None):
 def drive(speed, noise=0.05, frames=20, seed=0):
     rng, tracks = np.random.default_rng(seed), Tracks()
     for k in range(frames):
-        tracks.update(cars(np.array([[speed * 0.1 * k, 0.0]]) + rng.normal(0, noise, (1, 2))), 0.1 * k)
+        tracks.update(
+            cars(np.array([[speed * 0.1 * k, 0.0]]) + rng.normal(0, noise, (1, 2))), 0.1 * k
+        )
         assert len(tracks) == 1
     return tracks
 
@@ -58,7 +60,13 @@ def test_the_nearest_is_joined_once_in_order():
     assert tracks._rows.tolist() == [1, 0, 2]
     tracks.update(cars([[30, 0]]), 0.2)
     assert len(tracks) == 4
-    for apart, step, tracks_then in ((3.0, 0.1, 1), (3.2, 0.1, 2), (7.9, 0.5, 1), (8.0, 0.5, 1), (8.1, 0.5, 2)):
+    for apart, step, tracks_then in (
+        (3.0, 0.1, 1),
+        (3.2, 0.1, 2),
+        (7.9, 0.5, 1),
+        (8.0, 0.5, 1),
+        (8.1, 0.5, 2),
+    ):
         tracks = Tracks()
         tracks.update(cars([[0.0, 0.0]]), 0.0)
         tracks.update(cars([[apart, 0.0]]), step)
@@ -84,7 +92,14 @@ def test_the_nearest_is_joined_once_in_order():
 
 @pytest.mark.parametrize(
     ("column", "value", "time"),
-    [(0, np.nan, 2.0), (6, np.inf, 2.0), (3, 0.0, 2.0), (5, -1.5, 2.0), (0, 1.0, np.nan), (0, 1.0, np.inf)],
+    [
+        (0, np.nan, 2.0),
+        (6, np.inf, 2.0),
+        (3, 0.0, 2.0),
+        (5, -1.5, 2.0),
+        (0, 1.0, np.nan),
+        (0, 1.0, np.inf),
+    ],
 )
 def test_boxes_and_times_that_are_none_are_refused(column, value, time):
     tracks = drive(10.0)
@@ -104,7 +119,12 @@ def test_tracks_join_their_label_and_move_at_a_sure_speed():
     assert tracks._rows.tolist() == [0]
     assert tracks._state[1, 0] == 0.9
     tracks._state[0, 2:] = 3.0, 4.0  # a speed of 5 m/s, sure below a deviation of 2.5 m/s
-    for across, along, moved in ((0.1, 6.1, 0.3), (6.1, 0.1, 0.3), (3.125, 3.125, 0.0), (0.1, 6.2, 0.0)):
+    for across, along, moved in (
+        (0.1, 6.1, 0.3),
+        (6.1, 0.1, 0.3),
+        (3.125, 3.125, 0.0),
+        (0.1, 6.2, 0.0),
+    ):
         tracks._covariance[0, [2, 3], [2, 3]] = across, along
         assert tracks.at(0.2).boxes[0, 0] == pytest.approx(0.8 + moved)
         assert tracks.at(0.2).boxes[0, 1] == pytest.approx(4 / 3 * moved)
@@ -144,7 +164,10 @@ class SlowTracks:
         self.tracks, self.rows, self.time = [], [], 0.0
 
     def update(self, detections, time):
-        step, again = (time - self.time if self.tracks else 0.0), bool(self.tracks) and time == self.time
+        step, again = (
+            (time - self.time if self.tracks else 0.0),
+            bool(self.tracks) and time == self.time,
+        )
         move, push = np.array([[1, step], [0, 1]]), 3.0 * np.array([step**2 / 2, step])
         for track in self.tracks:
             track["state"] = [move @ axis for axis in track["state"]]
@@ -168,14 +191,17 @@ class SlowTracks:
                 before = track["covariance"]
                 gain = before[:, 0] / (before[0, 0] + 0.15**2)
                 track["state"] = [
-                    axis + gain * (measured - axis[0]) for axis, measured in zip(track["state"], places[d], strict=True)
+                    axis + gain * (measured - axis[0])
+                    for axis, measured in zip(track["state"], places[d], strict=True)
                 ]
                 track["covariance"] = before - np.outer(gain, before[0])
         rows = []
         for d, place in enumerate(places):
             if d not in joined:
                 state, spread = [np.array([x, 0.0]) for x in place], np.diag([0.15**2, 8.0**2])
-                self.tracks.append({"state": state, "covariance": spread, "label": labels[d], "seen": time})
+                self.tracks.append(
+                    {"state": state, "covariance": spread, "label": labels[d], "seen": time}
+                )
                 joined[d] = len(self.tracks) - 1
             rows.append(self.tracks[joined[d]])
         self.tracks = [track for track in self.tracks if time - track["seen"] <= 1.0]
@@ -186,15 +212,23 @@ class SlowTracks:
 def test_many_tracks_are_those_of_a_slow_filter(seed):
     """Cars and walkers that come and go, at uneven times and now and then twice at the same."""
     rng, tracks, slow, time = np.random.default_rng(seed), Tracks(), SlowTracks(), 5.0
-    speeds, starts, labels = rng.normal(0, 8, (9, 2)), rng.uniform(-6, 6, (9, 2)), rng.integers(0, 2, 9)
+    speeds, starts, labels = (
+        rng.normal(0, 8, (9, 2)),
+        rng.uniform(-6, 6, (9, 2)),
+        rng.integers(0, 2, 9),
+    )
     for _ in range(40):
         seen = np.flatnonzero(rng.random(9) < 0.6)
         found = cars(
-            starts[seen] + speeds[seen] * (time - 5.0) + rng.normal(0, 0.1, (len(seen), 2)), labels=labels[seen]
+            starts[seen] + speeds[seen] * (time - 5.0) + rng.normal(0, 0.1, (len(seen), 2)),
+            labels=labels[seen],
         )
         tracks.update(found, time)
         slow.update(found, time)
-        states = [[*(axis[0] for axis in t["state"]), *(axis[1] for axis in t["state"])] for t in slow.tracks]
+        states = [
+            [*(axis[0] for axis in t["state"]), *(axis[1] for axis in t["state"])]
+            for t in slow.tracks
+        ]
         assert tracks._state == pytest.approx(np.array(states).reshape(-1, 4), abs=1e-9)
         assert tracks._covariance[:, ::2, ::2] == pytest.approx(
             np.array([t["covariance"] for t in slow.tracks]).reshape(-1, 2, 2), abs=1e-9
