@@ -27,9 +27,9 @@ class SentData:
         visibility: Visibility,
         scheme: Scheme | str,
         codec: Codec = PAPER,
-        least: float = LEAST,
+        min_points: float = LEAST,
     ) -> None:
-        boxes = (visibility.points >= least).sum(axis=1).astype(np.float64)
+        boxes = (visibility.points >= min_points).sum(axis=1).astype(np.float64)
         self._bits = estimate_bits(find_scheme(scheme), codec, visibility, boxes)
         self._frames = visibility.frames
 
@@ -66,20 +66,21 @@ class Coverage:
         visibility: Visibility,
         scheme: Scheme | str = "early",
         *,
-        least: float = LEAST,
+        min_points: float = LEAST,
         views: int = 1,
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
-        if not 0 < least < np.inf or views < 1 or views != int(views):
+        if not 0 < min_points < np.inf or views < 1 or views != int(views):
             raise ValueError(
-                f"a view needs more than 0 points and a set 1 view or more, got {least} and {views}"
+                f"a view needs more than 0 points and a set 1 view or more, got {min_points} and "
+                f"{views}"
             )
         visibility = visibility.of_classes(classes.labels)
         self.views = views
         self.classes = classes
-        self._sums = MemberSums((visibility.points >= least).astype(np.uint16))
-        self._sent = SentData(visibility, scheme, codec, least)
+        self._sums = MemberSums((visibility.points >= min_points).astype(np.uint16))
+        self._sent = SentData(visibility, scheme, codec, min_points)
         masks = [visibility.labels == label for label in classes.labels]
         self._own = [
             (slice(None) if mask.all() else np.flatnonzero(mask), int(mask.sum())) for mask in masks
@@ -94,7 +95,7 @@ class Coverage:
         """Share of the objects of each class. NaN where the class has no objects."""
         share = np.full((len(subsets), len(self.classes)), np.nan)
         for block, views in self._sums.blocks(subsets):
-            for k, (own, count) in enumerate(self._own):
+            for k, (of_class, count) in enumerate(self._own):
                 if count:
-                    share[block, k] = (views[:, own] >= self.views).sum(axis=1) / count
+                    share[block, k] = (views[:, of_class] >= self.views).sum(axis=1) / count
         return ClassEstimates(share, share.copy(), self._sent.kbit(subsets))

@@ -93,8 +93,10 @@ class Outcome(NamedTuple):
 
     def of_class(self, label: int) -> "Outcome":
         """Outcome of one class. `truth` still counts the objects of all classes."""
-        own = self.labels == label
-        return Outcome(self.scores[own], self.truth[:, own], self.bits, self.labels[own])
+        of_class = self.labels == label
+        return Outcome(
+            self.scores[of_class], self.truth[:, of_class], self.bits, self.labels[of_class]
+        )
 
 
 class Detected:
@@ -133,9 +135,9 @@ class Detected:
         self._scored: dict[int, np.ndarray] = {}
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
         if memo is not None and not hasattr(detector, "digest"):
-            said = "a shared memo needs a detector that says what it depends on"
+            rule = "a shared memo needs a detector that says what it depends on"
             raise ValueError(
-                f"{said}, {type(detector).__name__} has no property digest: add one or pass "
+                f"{rule}, {type(detector).__name__} has no property digest: add one or pass "
                 "memo=None"
             )
 
@@ -143,18 +145,18 @@ class Detected:
         """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are
         matched."""
         check_iou(iou)
-        other = copy(self)
-        other.iou = iou
-        other.ious = tuple(sorted({*self.ious, iou, *also}))
-        return other
+        detected = copy(self)
+        detected.iou = iou
+        detected.ious = tuple(sorted({*self.ious, iou, *also}))
+        return detected
 
     def of_classes(self, classes: Classes) -> "Detected":
         """Same fidelity for other classes. Detections are shared."""
         check_known(self.detector, classes.names)
-        other = copy(self)
-        other.classes = classes
-        other._scored = {}
-        return other
+        detected = copy(self)
+        detected.classes = classes
+        detected._scored = {}
+        return detected
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Figures of each set over all frames. AP and recall are NaN where no objects count."""
@@ -178,7 +180,7 @@ class Detected:
         """Figures of each set at each of `ious`. progress: called with the frames done, of those
         not scored yet."""
         by_class = self.class_estimates(subsets, frames, progress)
-        return {iou: each.combined(self.classes) for iou, each in by_class.items()}
+        return {iou: estimates.combined(self.classes) for iou, estimates in by_class.items()}
 
     def class_estimates(
         self,
@@ -188,19 +190,16 @@ class Detected:
     ) -> dict[float, ClassEstimates]:
         """Figures like those of `estimates`, class by class."""
         sets = self._sets(subsets)
-        chosen_frames = _indices(self.frames, frames)
-        to_find = [
-            int(sum(self.to_find(k, label).sum() for k in chosen_frames))
-            for label in self.classes.labels
-        ]
+        numbers = _indices(self.frames, frames)
+        to_find = [self._count_to_find(numbers, label) for label in self.classes.labels]
         figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
         for first in range(0, len(sets), AT_ONCE):
-            some = sets[first : first + AT_ONCE]
-            outcomes = self.outcomes(dict.fromkeys(some), chosen_frames, progress)
-            for row, chosen in enumerate(some, first):
+            block = sets[first : first + AT_ONCE]
+            outcomes = self.outcomes(dict.fromkeys(block), numbers, progress)
+            for row, members in enumerate(block, first):
                 for c, label in enumerate(self.classes.labels):
                     figures[row, c] = _figures(
-                        [each.of_class(label) for each in outcomes[chosen]], to_find[c]
+                        [outcome.of_class(label) for outcome in outcomes[members]], to_find[c]
                     )
         ap, recall, kbit = np.moveaxis(figures, -1, 0).copy()
         return {
@@ -210,9 +209,9 @@ class Detected:
 
     def hits(self, subset: Bool[np.ndarray, " C"]) -> Bool[np.ndarray, "ious objects"]:
         """Mask of the scored objects, frame after frame, that one set hit at each of `ious`."""
-        (chosen,) = self._sets(subset[None])
+        (members,) = self._sets(subset[None])
         masks = []
-        for k, outcome in enumerate(self.outcomes([chosen], range(self.frames))[chosen]):
+        for k, outcome in enumerate(self.outcomes([members], range(self.frames))[members]):
             masks.append(np.zeros((len(self.ious), int(self.scored(k).sum())), np.bool_))
             for mask, truth in zip(masks[-1], outcome.truth, strict=True):
                 mask[truth[truth >= 0]] = True
@@ -225,48 +224,45 @@ class Detected:
         progress: Callable[[int], None] | None = None,
     ) -> dict[tuple[int, ...], list[Outcome]]:
         """Outcome of each set in each frame, computed once."""
-        kept: dict[tuple[int, ...], list[Outcome | None]] = {}
-        for chosen in sets:
-            found = self.memo.get([self._outcome_key(chosen, k) for k in frames])
-            kept[chosen] = [None if arrays is None else Outcome(*arrays) for arrays in found]
-        missing = (
-            (place, k, [c for c, row in kept.items() if row[place] is None])
-            for place, k in enumerate(frames)
-        )
-        tasks = [task for task in missing if task[2]]
+        by_set: dict[tuple[int, ...], list[Outcome | None]] = {}
+        for members in sets:
+            cached = self.memo.get([self._outcome_key(members, k) for k in frames])
+            by_set[members] = [None if arrays is None else Outcome(*arrays) for arrays in cached]
+        tasks = []
+        for column, k in enumerate(frames):
+            unknown_sets = [members for members, row in by_set.items() if row[column] is None]
+            if unknown_sets:
+                tasks.append((column, k, unknown_sets))
         work = self.processes.map(partial(_score, self), tasks, progress=progress)
-        for (place, k, lacking), (outcomes, detections) in zip(tasks, work, strict=True):
+        for (column, k, missing_sets), (outcomes, detections) in zip(tasks, work, strict=True):
             values = {
                 self._outcome_key(c, k): cast(Arrays, o)
-                for c, o in zip(lacking, outcomes, strict=True)
+                for c, o in zip(missing_sets, outcomes, strict=True)
             }
             self.memo.put(detections | values)
-            for chosen, outcome in zip(lacking, outcomes, strict=True):
-                kept[chosen][place] = outcome
-        return {
-            chosen: [outcome for outcome in row if outcome is not None]
-            for chosen, row in kept.items()
-        }
+            for members, outcome in zip(missing_sets, outcomes, strict=True):
+                by_set[members][column] = outcome
+        return {members: cast(list[Outcome], row) for members, row in by_set.items()}
 
-    def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
+    def detections(self, members: tuple[int, ...], k: int) -> Detections:
         """Detections of a set in frame k, as in `Outcome`."""
         frame = _FrameDetections(self, k)
-        found = frame.fused(chosen).detections
+        detections = frame.fused(members).detections
         self.memo.put(frame.new)
-        return found
+        return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
         """Matched detections of a set in frame k."""
         objects = self.renders.objects(k)
         counted = self.scored(k)
         # index among the scored; the last stands for no truth
-        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)
+        scored_index = np.append(np.cumsum(counted) - 1, FALSE_ALARM)
         truth = np.full((len(self.ious), len(fused.detections)), IGNORED, np.int16)
         for label, ious in self.thresholds:
             for row, matched in enumerate(
                 matches(fused.detections, objects, ious, label=label, counted=counted)
             ):
-                truth[row] = np.where(matched.ignored, truth[row], place[matched.truth])
+                truth[row] = np.where(matched.ignored, truth[row], scored_index[matched.truth])
         return Outcome(
             fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8)
         )
@@ -289,18 +285,23 @@ class Detected:
         """Mask of the objects of one class to be found."""
         return self.scored(k) & (self.renders.objects(k).labels == label)
 
-    def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
+    def _count_to_find(self, frames: Iterable[int], label: int) -> int:
+        """Number of objects of one class to be found in some frames."""
+        return int(sum(self.to_find(k, label).sum() for k in frames))
+
+    def _outcome_key(self, members: tuple[int, ...], k: int) -> bytes:
         return self.key(
-            k, "outcome", chosen, self.scheme.digest, self.codec.digest, self.thresholds
+            k, "outcome", members, self.scheme.digest, self.codec.digest, self.thresholds
         )
 
     @property
     def thresholds(self) -> list[tuple[int, list[float]]]:
         """IoU thresholds at which outcomes are matched, class after class."""
-        of = self.classes.get_iou
-        return [
-            (label, [of(LABELS[label], iou) for iou in self.ious]) for label in self.classes.labels
-        ]
+        thresholds = []
+        for label in self.classes.labels:
+            of_class = [self.classes.get_iou(LABELS[label], iou) for iou in self.ious]
+            thresholds.append((label, of_class))
+        return thresholds
 
     def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
         if subsets.shape[1] != len(self.renders.sensors):
@@ -318,10 +319,10 @@ class Detected:
             self.renders.site.hybrid_radius,
         ]
         # for a detector that knows its background
-        within = getattr(self.detector, "detector", self.detector)
+        bare_detector = getattr(self.detector, "detector", self.detector)
         code = code_digest(
             __name__,
-            *(each.__module__ for each in (self.detector, within, self.scheme, self.codec)),
+            *(part.__module__ for part in (self.detector, bare_detector, self.scheme, self.codec)),
         )
         return make_key(*parts, code).hex()
 
@@ -339,7 +340,7 @@ def _score(
     _, k, sets = task
     frame = _FrameDetections(rules, k)
     frame.fuse_together(sets)
-    return [rules.outcome(k, frame.fused(chosen)) for chosen in sets], frame.new
+    return [rules.outcome(k, frame.fused(members)) for members in sets], frame.new
 
 
 class _FrameDetections:
@@ -371,32 +372,36 @@ class _FrameDetections:
             else Images(partial(images.captured, k), images.scene, number=k),
         )
 
-    def fused(self, chosen: tuple[int, ...]) -> Fused:
-        if chosen not in self._fused:
-            self._fused[chosen] = self._rules.scheme.fuse(self._view, chosen)
-        return self._fused[chosen]
+    def fused(self, members: tuple[int, ...]) -> Fused:
+        if members not in self._fused:
+            self._fused[members] = self._rules.scheme.fuse(self._view, members)
+        return self._fused[members]
 
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
         """Fuse sets with shared batches of detections, for a detector that gains from many clouds
         at once. Each set advances until it needs an unknown detection; all of these are then made
         together."""
-        waiting = [chosen for chosen in sets if chosen]
+        waiting = [members for members in sets if members]
         while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
-            asked = self._asked = {}
-            waiting = [chosen for chosen in waiting if not self._goes_through(chosen)]
+            requests = self._asked = {}
+            waiting = [members for members in waiting if not self._goes_through(members)]
             self._asked = None
-            clouds = list(dict.fromkeys(cloud for adding in asked.values() for cloud in adding))
-            if len(asked) < 2 or not clouds:
+            clouds = list(
+                dict.fromkeys(cloud for request in requests.values() for cloud in request)
+            )
+            if len(requests) < 2 or not clouds:
                 return
-            unions = np.array([[cloud in adding for cloud in clouds] for adding in asked.values()])
+            unions = np.zeros((len(requests), len(clouds)), np.bool_)
+            for row, request in zip(unions, requests.values(), strict=True):
+                row[:] = [cloud in request for cloud in clouds]
             points = [cloud.points for cloud in clouds]
-            found = detect_unions_on_ground(self._rules.detector, points, unions, self._site)
-            for key, detections in zip(asked, found, strict=True):
+            detected = detect_unions_on_ground(self._rules.detector, points, unions, self._site)
+            for key, detections in zip(requests, detected, strict=True):
                 self._keep(key, detections)
 
-    def _goes_through(self, chosen: tuple[int, ...]) -> bool:
+    def _goes_through(self, members: tuple[int, ...]) -> bool:
         try:
-            self.fused(chosen)
+            self.fused(members)
         except _Unknown:
             return False
         return True
@@ -407,8 +412,8 @@ class _FrameDetections:
             self._k, "detections", [c.sensor for c in adding], [c.history for c in adding]
         )
         if key not in self._detected:
-            if (kept := self._rules.memo.get([key])[0]) is not None:
-                self._detected[key] = Detections(*kept)
+            if (cached := self._rules.memo.get([key])[0]) is not None:
+                self._detected[key] = Detections(*cached)
             elif self._asked is not None:
                 self._asked[key] = adding
                 raise _Unknown
@@ -418,9 +423,9 @@ class _FrameDetections:
                 )
         return self._detected[key]
 
-    def _keep(self, key: bytes, found: Detections) -> None:
-        self._detected[key] = found
-        self.new[key] = found.boxes, found.scores, found.labels
+    def _keep(self, key: bytes, detections: Detections) -> None:
+        self._detected[key] = detections
+        self.new[key] = detections.boxes, detections.scores, detections.labels
 
 
 class _Unknown(Exception):
@@ -430,9 +435,9 @@ class _Unknown(Exception):
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
     """AP, recall and kbit of one set at each IoU threshold, pooled as in
     `toolkit.detection.metrics.evaluate`."""
-    scores = np.concatenate([each.scores for each in outcomes])
-    truth = np.concatenate([each.truth for each in outcomes], axis=1)
-    kbit = float(np.mean([each.bits.sum() for each in outcomes])) / 1000
+    scores = np.concatenate([outcome.scores for outcome in outcomes])
+    truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)
+    kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
     figures = []
     for row in truth:
         counts = row != IGNORED
@@ -450,7 +455,7 @@ def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
     """Indices of the first frames, of all, or those given."""
     if isinstance(frames, float):
         raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
-    chosen = range(available)[:frames] if frames is None or isinstance(frames, int) else frames
-    if not len(chosen) or (isinstance(frames, int) and frames < 1):
+    numbers = range(available)[:frames] if frames is None or isinstance(frames, int) else frames
+    if not len(numbers) or (isinstance(frames, int) and frames < 1):
         raise ValueError(f"there must be a frame to score, got {frames} of {available}")
-    return [int(k) for k in chosen]
+    return [int(k) for k in numbers]

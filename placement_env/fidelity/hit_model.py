@@ -44,7 +44,7 @@ from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.files import read_json, write_text
 
-FOLDER = Path(__file__).parent / "surrogates"
+SURROGATE_FOLDER = Path(__file__).parent / "surrogates"
 RANGES = {
     "iou": (0.0, 1.0),
     "intercept": (-30.0, 30.0),
@@ -69,10 +69,17 @@ NUMBERS = (
     "floor",
     "bulk",
 )
-BULKY = 16.0  # m³
-LITTLE = 0.05  # share of the view that may lie outside the domain without a warning
-BEYOND = 1.1  # factor on a range before it counts as exceeded
-OPTIONAL = {"label", "floor", "bulk", "domain", "resampled", "error"}  # older files lack these
+BULKY_M3 = 16.0  # m³
+MAX_OUTSIDE_SHARE = 0.05  # share of the view that may lie outside the domain without a warning
+RANGE_SLACK = 1.1  # factor on a range before it counts as exceeded
+OPTIONAL_FIELDS = {
+    "label",
+    "floor",
+    "bulk",
+    "domain",
+    "resampled",
+    "error",
+}  # older files lack these
 
 
 @dataclass(frozen=True)
@@ -107,25 +114,25 @@ class HitDomain:
         sensors: Iterable[str] = (),
     ) -> tuple[str, ...]:
         """Sentences on how a question differs; empty if not. sensors: kinds of models."""
-        said = []
+        sentences = []
         seen = points > 0
-        for figure, most, words in (
+        for figure, limit, words in (
             (distance, self.farthest, "is beyond {:.0f} m, farther than"),
             (points, self.most_points, "has more than {:.0f} points, more than"),
         ):
-            share = float((figure[seen] > BEYOND * most).mean()) if seen.any() else 0.0
-            if share > LITTLE:
-                beyond = words.format(most)
-                said.append(
+            share = float((figure[seen] > RANGE_SLACK * limit).mean()) if seen.any() else 0.0
+            if share > MAX_OUTSIDE_SHARE:
+                beyond = words.format(limit)
+                sentences.append(
                     f"{share:.0%} of what the candidates see {beyond} what the surrogate was "
                     "fitted to"
                 )
         unlike = sorted(set(sensors) - set(self.sensors))
         if unlike:
-            said.append(
+            sentences.append(
                 f"the surrogate was fitted to {', '.join(self.sensors)}, not to {', '.join(unlike)}"
             )
-        return tuple(said)
+        return tuple(sentences)
 
 
 @dataclass(frozen=True)
@@ -182,8 +189,8 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows. raw: Σ
-        N_i ^ norm, for the floor; None for enough points to meet it."""
+        """Hit probability p of objects up to `BULKY_M3` from Σ n_i ^ norm, with which it grows.
+        raw: Σ N_i ^ norm, for the floor; None for enough points to meet it."""
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
@@ -200,7 +207,7 @@ class HitModel:
         if not self.bulk:
             return np.ones(len(boxes))
         volume = boxes[:, 3:6].astype(np.float64).prod(axis=1)
-        return np.asarray((np.maximum(volume, BULKY) / BULKY) ** -self.bulk)
+        return np.asarray((np.maximum(volume, BULKY_M3) / BULKY_M3) ** -self.bulk)
 
 
 def load_models(
@@ -232,12 +239,12 @@ def shipped_model(
 ) -> HitModel:
     """Shipped model of a shipped detector, or of the general one. Raises ValueError for an unknown
     choice."""
-    own = FOLDER / f"{detector}.json"
-    models = load_models(own if own.is_file() else FOLDER / "general.json")
-    return chosen_model(models, scheme, iou, label, source=detector)
+    path = SURROGATE_FOLDER / f"{detector}.json"
+    models = load_models(path if path.is_file() else SURROGATE_FOLDER / "general.json")
+    return find_hit_model(models, scheme, iou, label, source=detector)
 
 
-def chosen_model(
+def find_hit_model(
     models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str
 ) -> HitModel:
     """Model for a scheme, IoU threshold and class. Raises ValueError where `source` has none, and
@@ -246,35 +253,40 @@ def chosen_model(
     for model in models:
         if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):
             return model
-    of = {name: "" if name == LABELS[VEHICLE] else f" of {name}" for name in LABELS}
-    there = ", ".join(f"{model.scheme} at {model.iou:g}{of[model.label]}" for model in models)
-    said = f"no surrogate of {source} for {scheme} at IoU {iou:g}{of[label]}: choose among {there}"
+    class_words = {name: "" if name == LABELS[VEHICLE] else f" of {name}" for name in LABELS}
+    choices = ", ".join(
+        f"{model.scheme} at {model.iou:g}{class_words[model.label]}" for model in models
+    )
+    problem = (
+        f"no surrogate of {source} for {scheme} at IoU {iou:g}{class_words[label]}: choose among "
+        f"{choices}"
+    )
     raise ValueError(
-        f"{said}; fidelity detector or coverage takes any, and coview surrogate fits one to a "
+        f"{problem}; fidelity detector or coverage takes any, and coview surrogate fits one to a "
         "detector"
     )
 
 
-def _model(given: object, schemes: Collection[str]) -> HitModel:
+def _model(document: object, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
-    if not isinstance(given, dict) or set(given) | OPTIONAL != names:
-        raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {given!s:.80}")
-    if given["scheme"] not in schemes or not isinstance(given["source"], str):
+    if not isinstance(document, dict) or set(document) | OPTIONAL_FIELDS != names:
+        raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {document!s:.80}")
+    if document["scheme"] not in schemes or not isinstance(document["source"], str):
         raise ValueError(
             f"scheme must be one of {', '.join(schemes)} and source a text, got "
-            f"{given['scheme']!r} and {given['source']!r}: for a scheme of your own, pass "
+            f"{document['scheme']!r} and {document['source']!r}: for a scheme of your own, pass "
             "schemes="
         )
     try:
-        rows = [tuple(float(number) for number in each) for each in given.get("resampled", [])]
-        domain = None if given.get("domain") is None else HitDomain(**given["domain"])
+        rows = [tuple(map(float, row)) for row in document.get("resampled", [])]
+        domain = None if document.get("domain") is None else HitDomain(**document["domain"])
     except TypeError as error:
         raise ValueError(
             f"resampled must be lists of numbers and domain a table of numbers, got {error}"
         ) from None
     # there was no bulk
-    rows = [(*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows]
-    model = HitModel(**given | {"domain": domain, "resampled": tuple(rows)})
+    rows = [(*row, 0.0) if len(row) == len(NUMBERS) - 1 else row for row in rows]
+    model = HitModel(**document | {"domain": domain, "resampled": tuple(rows)})
     _ = model.resamples  # in their ranges, too
     return model
 
@@ -286,16 +298,26 @@ def build_domain(
     sets: int,
 ) -> HitDomain:
     """Domain of the data that sensors of several sites saw."""
-    seen = np.concatenate([each[each > 0].ravel() for each in points])
-    away = np.concatenate([d[n > 0].ravel() for n, d in zip(points, distance, strict=True)])
+    seen = np.concatenate([site_points[site_points > 0].ravel() for site_points in points])
+    distances = np.concatenate(
+        [
+            site_distance[site_points > 0].ravel()
+            for site_points, site_distance in zip(points, distance, strict=True)
+        ]
+    )
     if not len(seen):
         raise ValueError(
             "no sensor has a point on any object, so there is nothing to fit: take more frames "
             "or poses"
         )
-    most = float(np.quantile(seen, 0.99))
-    farthest = float(np.quantile(away, 0.99))
-    objects = sum(each.shape[1] for each in points)
+    most_points = float(np.quantile(seen, 0.99))
+    farthest = float(np.quantile(distances, 0.99))
+    objects = sum(site_points.shape[1] for site_points in points)
     return HitDomain(
-        round(farthest, 1), round(most, 1), tuple(sorted(set(sensors))), len(points), objects, sets
+        round(farthest, 1),
+        round(most_points, 1),
+        tuple(sorted(set(sensors))),
+        len(points),
+        objects,
+        sets,
     )

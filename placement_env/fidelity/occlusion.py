@@ -56,12 +56,14 @@ class SensorRays:
         self.first = np.cumsum([0, *(image.size for image in images)])
         turns = [sensor.pose[:3, :3].T.astype(np.float32) for sensor in sensors]
         rays = (sensor.model.rays().reshape(-1, 3) for sensor in sensors)
-        self.rays = np.concatenate([each @ turn for each, turn in zip(rays, turns, strict=True)])
+        self.rays = np.concatenate(
+            [sensor_rays @ turn for sensor_rays, turn in zip(rays, turns, strict=True)]
+        )
         self._poses = np.array([sensor.pose for sensor in sensors])
-        most = np.repeat(
+        max_ranges = np.repeat(
             [sensor.model.max_range for sensor in sensors], np.diff(self.first)
         ).astype(np.float32)
-        self._reach = np.where(self.still > 0, self.still, most)
+        self._reach = np.where(self.still > 0, self.still, max_ranges)
         self._columns = np.array([sensor.model.shape[1] for sensor in sensors])
         models: dict[SensorModel, list[int]] = {}
         for number, sensor in enumerate(sensors):
@@ -70,42 +72,43 @@ class SensorRays:
 
     def windows(self, bodies: Int64[np.ndarray, " n"], boxes: BoxRows) -> list[Windows]:
         """Windows of bodies of the renderer in their boxes."""
-        each: list[Windows] = []
+        windows: list[Windows] = []
         rotations = self._poses[:, :3, :3]
         positions = self._poses[:, None, :3, 3]
         for first in range(0, len(boxes), BOXES_TOGETHER):
-            some = slice(first, first + BOXES_TOGETHER)
+            block = slice(first, first + BOXES_TOGETHER)
             in_sensor = (
-                self._renderer.outer_corners(bodies[some], boxes[some])[:, None] - positions
+                self._renderer.outer_corners(bodies[block], boxes[block])[:, None] - positions
             ) @ rotations
             count = len(in_sensor)
-            least = np.zeros((count, len(self.sensors)), np.float32)
-            found = []
+            nearest_lengths = np.zeros((count, len(self.sensors)), np.float32)
+            parts = []
             owners = []
             for model, alike in self._alike:
                 corners = in_sensor[:, alike].reshape(-1, 8, 3)
-                least[:, alike] = nearest(model, corners).reshape(count, -1)
+                nearest_lengths[:, alike] = nearest(model, corners).reshape(count, -1)
                 windowed = model.windows(corners)
-                owner, which = np.divmod(windowed[:, 0], len(alike))
-                windowed[:, 0] = alike[which]
-                found.append(windowed)
+                owner, index = np.divmod(windowed[:, 0], len(alike))
+                windowed[:, 0] = alike[index]
+                parts.append(windowed)
                 owners.append(owner)
             owner = np.concatenate(owners)
-            rows = np.concatenate(found)
+            rows = np.concatenate(parts)
             order = np.argsort(owner, kind="stable")
             ends = np.searchsorted(owner[order], np.arange(1, count))
-            each += [
-                Windows(*pair) for pair in zip(np.split(rows[order], ends), least, strict=True)
+            windows += [
+                Windows(*pair)
+                for pair in zip(np.split(rows[order], ends), nearest_lengths, strict=True)
             ]
-        return each
+        return windows
 
     def silhouette(
         self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None
     ) -> Silhouette:
         """Silhouette of a body of the renderer in its box, alone on the site. windows: of that box,
         if known."""
-        (there,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
-        pixels, sensors = self._in_windows(there)
+        (around,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
+        pixels, sensors = self._in_windows(around)
         if not len(pixels):
             return Silhouette(
                 pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
@@ -129,23 +132,23 @@ class SensorRays:
     def _in_windows(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
         """Pixels that may meet a box, and their sensors."""
         sensor, top, bottom, left, right = windows.rows.T
-        once_each = len(set(sensor.tolist())) == len(sensor)
+        has_one_window_each = len(set(sensor.tolist())) == len(sensor)
         rows = bottom - top
-        sensor, left, width = (np.repeat(each, rows) for each in (sensor, left, right - left))
+        sensor, left, width = (np.repeat(bounds, rows) for bounds in (sensor, left, right - left))
         row = counting(rows) + np.repeat(top, rows)
         begin = self.first[sensor] + row * self._columns[sensor] + left
         pixels = counting(width) + np.repeat(begin, width)
         sensors = np.repeat(sensor, width)
-        reached = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
-        pixels = pixels[reached]
-        sensors = sensors[reached]
-        if not once_each:  # a lidar's windows may meet beyond its seam
-            pixels, once = np.unique(pixels, return_index=True)
-            sensors = sensors[once]
+        in_reach = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
+        pixels = pixels[in_reach]
+        sensors = sensors[in_reach]
+        if not has_one_window_each:  # a lidar's windows may meet beyond its seam
+            pixels, first_places = np.unique(pixels, return_index=True)
+            sensors = sensors[first_places]
         return pixels, sensors
 
 
-class Seen(NamedTuple):
+class SeenPoints(NamedTuple):
     """Points on the scored objects of all frames, points in the crop per frame, and the far ones;
     see `Visibility`."""
 
@@ -171,22 +174,19 @@ def look_at(
     renderer: Renderer,
     sensors: Sequence[Sensor],
     labels: Sequence[int] = (VEHICLE,),
-) -> Seen:
+) -> SeenPoints:
     """View of the sensors on all frames. renderer: of the traffic's site and bodies; labels: of the
     scored objects."""
     scene = _Scene(traffic.site, renderer, sensors)
-    frames = [
-        [
-            ((body, box.tobytes()), body, box)
-            for body, box in zip(each.bodies.tolist(), each.objects.boxes, strict=True)
-        ]
-        for each in traffic.snapshots
-    ]
-    different = {key: (body, box) for frame in frames for key, body, box in frame}
-    bodies = np.array([body for body, _ in different.values()], np.int64)
-    boxes = np.array([box for _, box in different.values()]).reshape(-1, 7)
+    frames = []
+    for snapshot in traffic.snapshots:
+        placed = zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
+        frames.append([((body, box.tobytes()), body, box) for body, box in placed])
+    standing = {key: (body, box) for frame in frames for key, body, box in frame}
+    bodies = np.array([body for body, _ in standing.values()], np.int64)
+    boxes = np.array([box for _, box in standing.values()]).reshape(-1, 7)
     # one for what stands still
-    windows = dict(zip(different, scene.views.windows(bodies, boxes), strict=True))
+    windows = dict(zip(standing, scene.views.windows(bodies, boxes), strict=True))
     points = [np.zeros((len(sensors), 0))]
     sent = []
     far = []
@@ -200,8 +200,11 @@ def look_at(
         points.append(on_objects[:, scored(snapshot.objects, traffic.site, labels)])
         sent.append(scene.sent + more_sent)
         far.append(scene.far + more_far)
-    each = np.concatenate(points, axis=1), np.column_stack(sent), np.column_stack(far)
-    return Seen(*(figures.astype(np.float32) for figures in each))
+    return SeenPoints(
+        np.concatenate(points, axis=1).astype(np.float32),
+        np.column_stack(sent).astype(np.float32),
+        np.column_stack(far).astype(np.float32),
+    )
 
 
 class _Scene:
@@ -215,7 +218,7 @@ class _Scene:
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))
         self._model = np.array([self._models.index(model) for model in models])
-        which = np.repeat(np.arange(len(sensors)), np.diff(views.first))
+        owner_of_pixel = np.repeat(np.arange(len(sensors)), np.diff(views.first))
         self._still_sent, self._still_far = np.zeros((2, len(views.still)), np.float32)
         for s, image in enumerate(
             map(slice, views.first[:-1], views.first[1:])
@@ -223,10 +226,11 @@ class _Scene:
             pixels = np.flatnonzero(views.still[image] > 0) + views.first[s]
             points = views.rays[pixels] * views.still[pixels, None] + self._positions[s]
             self._still_sent[pixels], self._still_far[pixels] = self._worth(
-                points, views.rays[pixels], views.still[pixels], which[pixels]
+                points, views.rays[pixels], views.still[pixels], owner_of_pixel[pixels]
             )
         self.sent, self.far = (
-            np.bincount(which, each, len(sensors)) for each in (self._still_sent, self._still_far)
+            np.bincount(owner_of_pixel, still, len(sensors))
+            for still in (self._still_sent, self._still_far)
         )
         self._front = np.full(len(views.still), np.inf, np.float32)
         self._owner = np.zeros(len(views.still), np.int32)
@@ -248,7 +252,7 @@ class _Scene:
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)
         pixels, sensors, depth, counted, sent, far = (
-            np.concatenate(each) for each in zip(*parts, strict=True)
+            np.concatenate(columns) for columns in zip(*parts, strict=True)
         )
         objects = np.repeat(np.arange(len(parts)), [len(part.pixels) for part in parts])
         np.minimum.at(self._front, pixels, depth)
@@ -259,7 +263,7 @@ class _Scene:
         cells = (sensors * len(parts) + objects)[hits[counted[hits]]]
         on_objects = np.bincount(cells, minlength=count * len(parts)).reshape(count, len(parts))
         more_sent, more_far = (
-            np.bincount(sensors[hits], each[hits], count) for each in (sent, far)
+            np.bincount(sensors[hits], columns[hits], count) for columns in (sent, far)
         )
         return on_objects, more_sent, more_far
 
@@ -268,11 +272,11 @@ class _Scene:
     ) -> tuple[np.ndarray, np.ndarray]:
         deviation: np.ndarray | np.float32 = self._models[0].deviation(depth)
         if len(self._models) > 1:
-            which = self._model.take(sensors)
+            model_of_point = self._model.take(sensors)
             deviation = np.empty(len(depth), np.float32)
-            for k in np.flatnonzero(np.bincount(which)):
-                own = which == k
-                deviation[own] = self._models[k].deviation(depth[own])
+            for k in np.flatnonzero(np.bincount(model_of_point)):
+                of_model = model_of_point == k
+                deviation[of_model] = self._models[k].deviation(depth[of_model])
         spread = np.abs(rays[:, 2]) * deviation
         return worth(points, spread, self._positions[:, :2].take(sensors, axis=0), self._site)
 

@@ -70,14 +70,14 @@ class Bounded(OrderedDict[Any, Any]):
     @property
     def nbytes(self) -> int:
         """Memory of all values."""
-        return sum(each.nbytes for each in list(self.values()))
+        return sum(value.nbytes for value in list(self.values()))
 
-    def keep(self, values: dict[Any, Any], most: int) -> None:
-        """Add or renew values; drop others while all take more than `most` bytes."""
+    def keep(self, values: dict[Any, Any], max_bytes: int) -> None:
+        """Add or renew values; drop others while all take more than `max_bytes` bytes."""
         for key, value in values.items():
             self[key] = value
             self.move_to_end(key)
-        while len(self) > len(values) and self.nbytes > most:
+        while len(self) > len(values) and self.nbytes > max_bytes:
             self.popitem(last=False)
 
 
@@ -149,8 +149,8 @@ class RayTable:
         self.columns = shape[0]
         kind = np.uint32 if len(column) >> 16 else np.uint16
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
-        place = (column - self.first_column + 1) * (shape[1] + 1) + row - self.first_row + 1
-        np.add.at(self._sums.ravel(), place, kind(1))
+        flat_cell = (column - self.first_column + 1) * (shape[1] + 1) + row - self.first_row + 1
+        np.add.at(self._sums.ravel(), flat_cell, kind(1))
         for before, after in pairwise(
             self._sums
         ):  # row by row, as accumulate along this axis is five times slower
@@ -172,22 +172,24 @@ class RayTable:
         width = np.rint(right).astype(np.int32) - begin
         begin %= AZIMUTHS
         begin -= self.first_column
-        low, up = (np.rint(each).astype(np.int32) - self.first_row for each in (low, high))
-        most = self._sums.shape[0] - 1
-        upmost = self._sums.shape[1] - 1
-        reached = (begin < most) & (begin + width > 0) | (begin + width > AZIMUTHS)
-        some = np.flatnonzero(reached & (up > 0) & (low < upmost))
-        begin = begin.take(some)
-        low = np.maximum(low.take(some), 0)
-        up = np.minimum(up.take(some), upmost)
-        end = begin + width.take(some)
-        counts = self._within(np.maximum(begin, 0), np.minimum(end, most), low, up)
-        beyond = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
-        if len(beyond):
-            over = np.minimum(end[beyond] - AZIMUTHS, most)
-            counts[beyond] += self._within(np.zeros_like(over), over, low[beyond], up[beyond])
-        held = np.flatnonzero(counts)
-        return some[held], counts[held]
+        low, up = (np.rint(bound).astype(np.int32) - self.first_row for bound in (low, high))
+        last_column = self._sums.shape[0] - 1
+        last_row = self._sums.shape[1] - 1
+        reached = (begin < last_column) & (begin + width > 0) | (begin + width > AZIMUTHS)
+        reachable = np.flatnonzero(reached & (up > 0) & (low < last_row))
+        begin = begin.take(reachable)
+        low = np.maximum(low.take(reachable), 0)
+        up = np.minimum(up.take(reachable), last_row)
+        end = begin + width.take(reachable)
+        counts = self._within(np.maximum(begin, 0), np.minimum(end, last_column), low, up)
+        wrapped = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
+        if len(wrapped):
+            wrapped_end = np.minimum(end[wrapped] - AZIMUTHS, last_column)
+            counts[wrapped] += self._within(
+                np.zeros_like(wrapped_end), wrapped_end, low[wrapped], up[wrapped]
+            )
+        hit = np.flatnonzero(counts)
+        return reachable[hit], counts[hit]
 
     def _within(
         self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray
@@ -219,7 +221,7 @@ def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around:
     """Make one of the tables that lack between two tilts (rad), the nearest to `around` first.
     False where none lacks, or memory is full."""
     steps = range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1)
-    for step in sorted(steps, key=lambda each: abs(each - around / TABLE_TILTS)):
+    for step in sorted(steps, key=lambda tilt_step: abs(tilt_step - around / TABLE_TILTS)):
         if (
             key := (model, step * TABLE_TILTS, 0.0)
         ) not in _TABLES and _TABLES.nbytes < 0.85 * MOST_TABLE_BYTES:
@@ -303,7 +305,7 @@ class ScoredItems(NamedTuple):
     @staticmethod
     def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> "ScoredItems":
         """Scored objects of some classes (numbers) in some frames."""
-        masks = [scored(each.objects, traffic.site, labels) for each in snapshots]
+        masks = [scored(snapshot.objects, traffic.site, labels) for snapshot in snapshots]
         counts = np.concatenate([np.zeros(0, np.bool_), *masks])
         frame = np.repeat(np.arange(len(masks)), list(map(len, masks)))
         return ScoredItems(
@@ -344,8 +346,8 @@ class Surround:
             left=rectangles.left - turns, right=rectangles.right - turns
         )
         order = np.argsort(rectangles.left, kind="stable")
-        rectangles = Rectangles(*(each[order] for each in rectangles))
-        strips = Strips(*(each[order] for each in strips))
+        rectangles = Rectangles(*(column[order] for column in rectangles))
+        strips = Strips(*(column[order] for column in strips))
         counts = strips.shows >= WITHIN
         far = strips.shows == BEYOND
         gains = {}
@@ -354,11 +356,11 @@ class Surround:
                 (strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2
             )
             gains[model] = (counts - behind[0], far - behind[1])
-        most = float((rectangles.right - rectangles.left).max(initial=0))
+        widest = float((rectangles.right - rectangles.left).max(initial=0))
         item = np.where(counts, scored.place[strips.item], scored.items)
         frame = scored.frame[strips.item]
         return Surround(
-            scored, rectangles, item.astype(np.int32), frame.astype(np.int32), most, gains, stills
+            scored, rectangles, item.astype(np.int32), frame.astype(np.int32), widest, gains, stills
         )
 
     @cached_property
@@ -366,7 +368,7 @@ class Surround:
         """Memory of the arrays."""
         pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
         return sum(
-            each.nbytes for each in (*self.rectangles, self.item, self.frame, *sum(pairs, ()))
+            array.nbytes for array in (*self.rectangles, self.item, self.frame, *sum(pairs, ()))
         )
 
     def seen(
@@ -382,14 +384,14 @@ class Surround:
         items = self.scored.items + 1
         frames = self.scored.frames
         points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
-        sent, far = (np.full(frames, each) for each in self.stills[lookup.model].alone(lookup))
-        for part in self._ahead(table, float(lookup.heading)):
-            some = Rectangles(*(each[part] for each in self.rectangles))
-            held, rays = table.counts(some, lookup.heading, lookup.more)
-            points += np.bincount(self.item[part].take(held), rays, items)
-            frame = self.frame[part].take(held)
-            sent += np.bincount(frame, rays * more_sent[part].take(held), frames)
-            far += np.bincount(frame, rays * more_far[part].take(held), frames)
+        sent, far = (np.full(frames, chance) for chance in self.stills[lookup.model].alone(lookup))
+        for rows in self._ahead(table, float(lookup.heading)):
+            ahead = Rectangles(*(chance[rows] for chance in self.rectangles))
+            hit, rays = table.counts(ahead, lookup.heading, lookup.more)
+            points += np.bincount(self.item[rows].take(hit), rays, items)
+            frame = self.frame[rows].take(hit)
+            sent += np.bincount(frame, rays * more_sent[rows].take(hit), frames)
+            far += np.bincount(frame, rays * more_far[rows].take(hit), frames)
         return points[:-1], np.maximum(sent, 0), np.maximum(far, 0)
 
     def _ahead(self, table: RayTable, heading: float) -> list[slice]:
@@ -425,10 +427,10 @@ def place_strips(
         strips = successive.of(build_moment(traffic, k), fine)
         parts.append(strips._replace(item=strips.item + np.int32(first)))
         first += len(fine)
-    whole = concatenate_strips(parts)
-    order = np.argsort(whole.viewpoint, kind="stable")
-    ends = np.searchsorted(whole.viewpoint[order], np.arange(places + 1))
-    return [Strips(*(each[order[begin:end]] for each in whole)) for begin, end in pairwise(ends)]
+    strips_of_all = concatenate_strips(parts)
+    order = np.argsort(strips_of_all.viewpoint, kind="stable")
+    ends = np.searchsorted(strips_of_all.viewpoint[order], np.arange(places + 1))
+    return [strips_of_all.take(order[begin:end]) for begin, end in pairwise(ends)]
 
 
 @lru_cache(maxsize=MOST_MOMENTS)
@@ -453,16 +455,18 @@ class Still:
         rays = _directions()
         mean = _mean_length(model)
         images = np.zeros((2, len(rays)), np.uint8)
-        place = viewpoint.astype(np.float32)
-        lines = np.concatenate([place + np.float32(NEAR) * rays, rays], axis=1)
+        origin = viewpoint.astype(np.float32)
+        lines = np.concatenate([origin + np.float32(NEAR) * rays, rays], axis=1)
         length = renderer.cast_still(lines) + np.float32(NEAR)
-        some = np.flatnonzero(length < model.max_range)
-        length = length[some]
-        toward = rays[some]
-        spread = (mean * np.abs(toward[:, 2]) * model.deviation(length / mean)).astype(np.float32)
-        points = toward * length[:, None] + place
-        chances = worth(points, spread, np.broadcast_to(place[:2], (len(some), 2)), site)
-        images[:, some] = np.rint(CHANCE_STEPS * np.array(chances))
+        returning = np.flatnonzero(length < model.max_range)
+        length = length[returning]
+        directions = rays[returning]
+        spread = (mean * np.abs(directions[:, 2]) * model.deviation(length / mean)).astype(
+            np.float32
+        )
+        points = directions * length[:, None] + origin
+        chances = worth(points, spread, np.broadcast_to(origin[:2], (len(returning), 2)), site)
+        images[:, returning] = np.rint(CHANCE_STEPS * np.array(chances))
         return Still(*images)
 
     def alone(self, lookup: Lookup) -> tuple[float, float]:
@@ -470,11 +474,11 @@ class Still:
         table = lookup.table
         columns = round(float(lookup.heading) * CELL_COLUMNS / AZIMUTHS) % CELL_COLUMNS
         cell = table.cells + columns * CELL_ROWS
-        each = (
+        sums = (
             float(table.cell_rays @ image.take(cell, mode="wrap"))
             for image in (self.sent, self.far)
         )
-        sent, far = (rays / float(CHANCE_STEPS) for rays in each)
+        sent, far = (rays / float(CHANCE_STEPS) for rays in sums)
         return sent, far
 
     def behind(
@@ -570,27 +574,27 @@ class LiveView:
             _between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)
         ]
         if reach != "mount":
-            own = [[(_place(*sensor.position.tolist()), 1.0)] for sensor in sensors]
+            at_height = [[(_place(*sensor.position.tolist()), 1.0)] for sensor in sensors]
             for s, sensor in enumerate(sensors):
                 if reach == "own" or self.knows(sensor):
-                    shares[s] = own[s]
+                    shares[s] = at_height[s]
                 elif not self._knows(shares[s], sensor.model):
-                    x, y, z = own[s][0][0]
+                    x, y, z = at_height[s][0][0]
                     near = [
                         place
                         for place in list(self._kept)
                         if place[:2] == (x, y) and abs(place[2] - z) <= CLOSE
                     ]
                     near = [place for place in near if self._knows([(place, 1.0)], sensor.model)]
-                    half = max(shares[s], key=lambda each: each[1])[0]
+                    nearest_half = max(shares[s], key=lambda pair: pair[1])[0]
                     shares[s] = [
-                        (min(near, key=lambda place: abs(place[2] - z), default=half), 1.0)
+                        (min(near, key=lambda place: abs(place[2] - z), default=nearest_half), 1.0)
                     ]
-        wanted = [
-            (place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each
+        places = [
+            (place, mount) for pair, mount in zip(shares, mounts, strict=True) for place, _ in pair
         ]
         surrounds = self._prepare(
-            wanted, {sensor.model for sensor in sensors}, whole=reach == "mount"
+            places, {sensor.model for sensor in sensors}, all_heights=reach == "mount"
         )
         points = np.zeros((len(sensors), self._scored.items))
         sent, far = np.zeros((2, len(sensors), self._scored.frames))
@@ -612,9 +616,9 @@ class LiveView:
         """True where the view from a sensor's own height needs no panorama."""
         return self._knows([(_place(*sensor.position.tolist()), 1.0)], sensor.model)
 
-    def limit(self, most: int) -> None:
+    def limit(self, max_bytes: int) -> None:
         """Keep panoramas of at most so many bytes in memory."""
-        self._most = most
+        self._most = max_bytes
 
     @property
     def full(self) -> bool:
@@ -625,20 +629,20 @@ class LiveView:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
 
     def _prepare(
-        self, wanted: _Wanted, models: set[SensorModel], *, whole: bool
+        self, places: _Wanted, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
         """Views from places, made where they lack."""
-        asked = dict.fromkeys(place for place, _ in wanted)
+        requested = dict.fromkeys(place for place, _ in places)
         # held, whatever is dropped
-        found = {place: self._kept[place] for place in asked if place in self._kept}
-        if len(found) == len(asked) and all(
-            models <= each.stills.keys() for each in found.values()
+        surrounds = {place: self._kept[place] for place in requested if place in self._kept}
+        if len(surrounds) == len(requested) and all(
+            models <= surround.stills.keys() for surround in surrounds.values()
         ):
-            return found
+            return surrounds
         self._queue.append(None)
         with self.casting:
             self._queue.pop()
-            return found | self._make(wanted, models, whole=whole)
+            return surrounds | self._make(places, models, all_heights=all_heights)
 
     def _in_turn(self) -> Iterator[int]:
         """Frames, each when nobody is to be answered first."""
@@ -648,29 +652,29 @@ class LiveView:
             yield k
 
     def _make(
-        self, wanted: _Wanted, models: set[SensorModel], *, whole: bool
+        self, wanted_places: _Wanted, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
 
         def lacks(place: Place) -> bool:
             return place not in self._kept or not models <= self._kept[place].stills.keys()
 
-        asked = dict.fromkeys(place for place, _ in wanted)
+        requested = dict.fromkeys(place for place, _ in wanted_places)
         renderer = build_renderer(self.traffic)
-        more = {
-            each
-            for place, mount in wanted
-            if whole and lacks(place)
-            for each in _places(place, mount)
+        other_heights = {
+            height_place
+            for place, mount in wanted_places
+            if all_heights and lacks(place)
+            for height_place in _places(place, mount)
         }
-        places = sorted(filter(lacks, {*asked, *more}))
+        places = sorted(filter(lacks, {*requested, *other_heights}))
         for place, strips in zip(places, self._panoramas(places), strict=True):
             stills = dict(self._kept[place].stills) if place in self._kept else {}
             for model in models - stills.keys():
                 stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
             self._kept[place] = Surround.of(strips, self._scored, stills)
-        found = {place: self._kept[place] for place in asked}
-        self._kept.keep(found, self._most)
-        return found
+        surrounds = {place: self._kept[place] for place in requested}
+        self._kept.keep(surrounds, self._most)
+        return surrounds
 
     def _panoramas(self, places: list[Place]) -> list[Strips]:
 
@@ -694,8 +698,12 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
     steps = round((z - foot) / HEIGHT_STEP, 6)
     below = int(np.floor(steps))
     share = steps - below
-    each = [(below, 1 - share), (below + 1, share)]
-    return [(_place(x, y, foot + step * HEIGHT_STEP), part) for step, part in each if part > 0]
+    weighted_steps = [(below, 1 - share), (below + 1, share)]
+    return [
+        (_place(x, y, foot + step * HEIGHT_STEP), weight)
+        for step, weight in weighted_steps
+        if weight > 0
+    ]
 
 
 def _places(place: Place, mount: Mount) -> list[Place]:

@@ -13,11 +13,9 @@ available. So its equation numbers are not checked, nor whether m counts the poi
 of a voxel of the space around the car. Here m counts those of an object.
 
 Adapted: the mean is over the vehicles of our frames rather than over weighted voxels around a car;
-    AP is held within
-0.001 to 0.999, as in that implementation; late fusion joins single sensors, there kinds of sensors;
-    the entropy is
-reversed and scaled, so that 0 stands for nothing seen and 1 for 0.999 everywhere; hybrid is treated
-    as late.
+AP is held within 0.001 to 0.999, as in that implementation; late fusion joins single sensors, there
+kinds of sensors; the entropy is reversed and scaled, so that 0 stands for nothing seen and 1 for
+0.999 everywhere; hybrid is treated as late.
 
 kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as AP."""
 
@@ -57,7 +55,7 @@ class PerceptionEntropy:
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Scaled entropy score of each set. It is 1 for the least entropy, 0 for nothing seen."""
         score = np.zeros(len(subsets))
-        (most, least), objects = (
+        (max_entropy, min_entropy), objects = (
             2 * np.log(_spread(np.array([0.0, np.inf]))),
             self._sums.rows.shape[1],
         )
@@ -68,7 +66,11 @@ class PerceptionEntropy:
                 else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
             )
             entropy = 2 * spread.sum(axis=1, dtype=np.float64) / max(1, objects)
-            score[block] = np.clip((most - entropy) / (most - least), 0, 1) if objects else 0.0
+            score[block] = (
+                np.clip((max_entropy - entropy) / (max_entropy - min_entropy), 0, 1)
+                if objects
+                else 0.0
+            )
         return Estimate(score, score.copy(), self._sent.kbit(subsets))
 
 

@@ -5,7 +5,7 @@ made when needed. `CasesFidelity` combines those of single cases into one, see
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Literal, TypeVar, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from placement_env.cases import LEVEL_NAMES, Cases
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hit_model import HitModel, chosen_model, load_models, shipped_model
+from placement_env.fidelity.hit_model import HitModel, find_hit_model, load_models, shipped_model
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import Table, TableFidelity, hash_site, load_table
 from placement_env.fidelity.traffic import FRAMES, Traffic, scored, simulate_traffic
@@ -82,53 +82,64 @@ class CasesFidelity:
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Figures of each set for each class. The worst failure or level of one class need not be
         that of another; the worst error profile is that of all classes together."""
-        found = self._at_profiles(
+        by_profile = self._at_profiles(
             subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows)
         )
         return ClassEstimates(
-            *self._over_profiles(found, [each.combined(self.classes).ap for each in found])
+            *self._over_profiles(
+                by_profile, [estimates.combined(self.classes).ap for estimates in by_profile]
+            )
         )
 
     def at_each(self, subsets: Sets) -> dict[str, Estimate]:
         """Figures of each set at each error profile, by its name."""
-        found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
-        return dict(zip(self.cases.names, found, strict=True))
+        by_profile = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
+        return dict(zip(self.cases.names, by_profile, strict=True))
 
     def _reduce(
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
     ) -> Estimate:
-        found = self._at_profiles(subsets, score)
-        return Estimate(*self._over_profiles(found, [each.ap for each in found]))
+        by_profile = self._at_profiles(subsets, score)
+        return Estimate(*self._over_profiles(by_profile, [estimate.ap for estimate in by_profile]))
 
-    def _over_profiles(self, found: list[_Estimated], ap: list[np.ndarray]) -> list[np.ndarray]:
+    def _over_profiles(
+        self, by_profile: list[_Estimated], ap: list[np.ndarray]
+    ) -> list[np.ndarray]:
         """Figures over the error profiles, weighed by set."""
         shares = self.cases.shares(np.stack(ap))  # (profile, set)
-        figures = [np.stack(each) for each in zip(*found, strict=True)]
+        figures = [np.stack(figure) for figure in zip(*by_profile, strict=True)]
         return [
-            (shares.reshape(*shares.shape, *[1] * (each.ndim - 2)) * each).sum(axis=0)
-            for each in figures
+            (shares.reshape(*shares.shape, *[1] * (figure.ndim - 2)) * figure).sum(axis=0)
+            for figure in figures
         ]
 
     def _at_profiles(
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
     ) -> list[_Estimated]:
         rows, owners = self.cases.expand(subsets)
-        found = []
+        by_profile = []
         for profile in self._profiles:
-            scored = [[score(fidelity, rows) for fidelity in level] for level in profile.levels]
-            ap, recall = (
-                self.cases.at_profiles(
-                    np.array([[[e[figure] for e in level] for level in scored]]), owners
-                )[0]
-                for figure in (0, 1)
-            )
-            intact = (
-                scored[0][0]
-                if profile.whole is profile.levels[0][0]
-                else score(profile.whole, subsets)
-            )
-            found.append(type(intact)(ap, recall, intact.kbit[: len(subsets)]))
-        return found
+            scored = []
+            for level in profile.levels:
+                scored.append([score(fidelity, rows) for fidelity in level])
+            ap = self._combine(scored, "ap", owners)
+            recall = self._combine(scored, "recall", owners)
+            is_plain = profile.whole is profile.levels[0][0]
+            intact = scored[0][0] if is_plain else score(profile.whole, subsets)
+            by_profile.append(type(intact)(ap, recall, intact.kbit[: len(subsets)]))
+        return by_profile
+
+    def _combine(
+        self,
+        scored: list[list[_Estimated]],
+        figure: Literal["ap", "recall"],
+        owners: Int64[np.ndarray, " m"],
+    ) -> np.ndarray:
+        """A figure of each set over levels and failures, from those by level and IoU threshold."""
+        by_level = []
+        for level in scored:
+            by_level.append([getattr(estimate, figure) for estimate in level])
+        return np.asarray(self.cases.at_profiles(np.array([by_level]), owners)[0])
 
 
 class CasesByFrames(CasesFidelity):
@@ -150,9 +161,15 @@ def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
     """Fidelity over the cases."""
     if cases.plain and len(profiles) == 1:
         return profiles[0].whole
-    every = [each for profile in profiles for level in profile.levels for each in level]
-    made = CasesByFrames if all(isinstance(each, ByFrames) for each in every) else CasesFidelity
-    return made(profiles, cases)
+    fidelities = [
+        fidelity for profile in profiles for level in profile.levels for fidelity in level
+    ]
+    kind = (
+        CasesByFrames
+        if all(isinstance(fidelity, ByFrames) for fidelity in fidelities)
+        else CasesFidelity
+    )
+    return kind(profiles, cases)
 
 
 GENERAL = "general"  # the network not trained at any site
@@ -188,8 +205,10 @@ class Preparation:
         the site's area."""
         snapshots = self.traffic.snapshots
         everyone = range(len(LABELS))
-        there = [scored(each.objects, self.setting.place, everyone).sum() for each in snapshots]
-        return Cases(levels=levels).split(np.array(there, np.int64))
+        road_users = [
+            scored(snapshot.objects, self.setting.place, everyone).sum() for snapshot in snapshots
+        ]
+        return Cases(levels=levels).split(np.array(road_users, np.int64))
 
     @cached_property
     def levels(self) -> tuple[Int64[np.ndarray, " _"], ...]:
@@ -210,8 +229,8 @@ class Preparation:
         names = LEVEL_NAMES[self.setting.cases.levels]
         frame = self.visibility.frame
         return {
-            name: int(np.isin(frame, part).sum())
-            for name, part in zip(names, self.levels, strict=False)
+            name: int(np.isin(frame, frames_at_level).sum())
+            for name, frames_at_level in zip(names, self.levels, strict=False)
         }
 
     @cached_property
@@ -232,9 +251,9 @@ class Preparation:
         from placement_env.fidelity.panorama import LiveView
         from placement_env.fidelity.seeing import choose_quick
 
-        asked = self.setting.rendering
+        requested = self.setting.rendering
         # sensors that move come back
-        rendering: Rendering = "panorama" if asked == "auto" else asked
+        rendering: Rendering = "panorama" if requested == "auto" else requested
         if not choose_quick(self.setting.pool.sensors, self.traffic, rendering).all():
             return None
         return LiveView(self.traffic, self.setting.counted.labels, self.run.memo)
@@ -264,17 +283,17 @@ class Preparation:
 
     def _share(self, setting: Setting, visibility: Visibility) -> "Preparation":
         """Preparation of another setting in the same traffic."""
-        other = replace(self, setting=setting)
+        preparation = replace(self, setting=setting)
         shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
-        vars(other).update(shared, visibility=visibility)
-        return other
+        vars(preparation).update(shared, visibility=visibility)
+        return preparation
 
-    def take_traffic(self, other: "Preparation") -> None:
+    def take_traffic(self, preparation: "Preparation") -> None:
         """Use the traffic of another preparation of this site, and its live view where the same
         classes count."""
-        vars(self)["traffic"] = other.traffic
-        if self.setting.counted.labels == other.setting.counted.labels:
-            vars(self)["live"] = other.live
+        vars(self)["traffic"] = preparation.traffic
+        if self.setting.counted.labels == preparation.setting.counted.labels:
+            vars(self)["live"] = preparation.live
 
     def check(self) -> None:
         """Raise ValueError unless its fidelity can score this setting. Nothing is rendered."""
@@ -289,15 +308,15 @@ class Preparation:
         _check_levels(self.setting, name)
         profiles = []
         for errors in cases.profiles:
-            whole = self.at_thresholds(name, errors)
-            levels: tuple[tuple[Fidelity, ...], ...] = (whole,)
+            fidelities = self.at_thresholds(name, errors)
+            levels: tuple[tuple[Fidelity, ...], ...] = (fidelities,)
             if cases.levels > 1:
-                parts = [
-                    self.at(self.setting.pool, of_frames(self.visibility, part))
-                    for part in self.levels
+                levels_traffic = [
+                    self.at(self.setting.pool, of_frames(self.visibility, numbers))
+                    for numbers in self.levels
                 ]
-                levels = tuple(part.at_thresholds(name, errors) for part in parts)
-            profiles.append(ProfileFidelities(whole[0], levels))
+                levels = tuple(numbers.at_thresholds(name, errors) for numbers in levels_traffic)
+            profiles.append(ProfileFidelities(fidelities[0], levels))
         return over_cases(profiles, cases)
 
     def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
@@ -317,17 +336,17 @@ class Preparation:
                 TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious
             )
         radius = setting.place.hybrid_radius
-        made = []
+        surrogates = []
         for iou in ious:
             if iou not in self._hit_models:
                 self._hit_models[iou] = surrogate_models(setting, iou, self.network)
             models = self._hit_models[iou]
-            made.append(
+            surrogates.append(
                 Surrogate(
                     self.visibility, scheme, models, radius=radius, codec=codec, classes=classes
                 )
             )
-        return tuple(made)
+        return tuple(surrogates)
 
     def detected(self, errors: ErrorProfile) -> Detected:
         """Detector's fidelity at one error profile and IoU threshold."""
@@ -352,8 +371,8 @@ class Preparation:
         path = self.setting.table
         table = load_table(site.name if path is None else path)
         origin = table.origin
-        place = hash_site(site, self.setting.pool.sensors)
-        if (origin.place, origin.hybrid_radius) != (place, site.hybrid_radius):
+        place_hash = hash_site(site, self.setting.pool.sensors)
+        if (origin.place, origin.hybrid_radius) != (place_hash, site.hybrid_radius):
             raise ValueError(
                 f"the table of {site.name!r} is of its own {len(origin.sensors)} sensors where "
                 "they hang, not of these candidates or this version of the site: say another "
@@ -366,12 +385,14 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
     """Raise ValueError where no table, surrogate or detector scores the candidates. Nothing is
     rendered."""
     name = _checked_name(setting, fidelity)
-    for path, own, what in (
+    for path, site_names, what in (
         (setting.surrogate, "surrogate", "file of surrogates"),
         (setting.table, "table", "table"),
     ):
-        if path is not None and name != own:
-            raise ValueError(f"a {what} is for fidelity {own}, got {name!r}: leave one of them out")
+        if path is not None and name != site_names:
+            raise ValueError(
+                f"a {what} is for fidelity {site_names}, got {name!r}: leave one of them out"
+            )
     sensors = setting.pool.sensors
     classes = setting.counted
     if name == "surrogate":
@@ -400,8 +421,8 @@ def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
     name = name or cast(FidelityName, setting.fidelity)
     cases = setting.cases
     if name != "detector" and not cases.noise_only:
-        said = f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}"
-        raise ValueError(f"{said}: say --fidelity detector")
+        problem = f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}"
+        raise ValueError(f"{problem}: say --fidelity detector")
     return name
 
 
@@ -418,15 +439,16 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
     classes = setting.counted
     scheme = setting.fusion
     path = setting.surrogate
-    wanted = [(name, classes.get_iou(name, iou)) for name in classes.names]
+    thresholds = [(name, classes.get_iou(name, iou)) for name in classes.names]
     if path is None:
         return tuple(
-            shipped_model(surrogate_name(scheme), at, network, label=name) for name, at in wanted
+            shipped_model(surrogate_name(scheme), at, network, label=name)
+            for name, at in thresholds
         )
     models = load_models(path, schemes=(*SCHEMES, scheme.name))
     return tuple(
-        chosen_model(models, surrogate_name(scheme), at, name, source=str(path))
-        for name, at in wanted
+        find_hit_model(models, surrogate_name(scheme), at, name, source=str(path))
+        for name, at in thresholds
     )
 
 
@@ -448,5 +470,7 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
     """Name of the shipped network for these sensors. It is the site's, trained with its own
     sensors, or `GENERAL`."""
-    own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
-    return site.name if own else GENERAL
+    is_trained_here = (
+        set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
+    )
+    return site.name if is_trained_here else GENERAL

@@ -14,7 +14,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from models.training.packed import STEPS_PER_METRE, Rig
-from models.training.packing import FARTHEST, change
+from models.training.packing import MAX_DEPTH_M, change
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, ImageRanges, Int64, Shaped
@@ -72,10 +72,10 @@ class Renders:
         self._scenes: dict[int, EmptyScene] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
-        made = partial(
+        make = partial(
             Renders, noise_seed=self._noise_seed, errors=self.errors, redrawn=self.redrawn
         )
-        return made, self._arguments
+        return make, self._arguments
 
     @cached_property
     def digest(self) -> str:
@@ -85,13 +85,13 @@ class Renders:
             *parts, *_beyond_noise(self.errors), *(() if self.redrawn else ("once",))
         ).hex()
 
-    def draw_once(self, seed: int, chosen: Sequence[int], frames: int) -> "Renders":
+    def draw_once(self, seed: int, indices: Sequence[int], frames: int) -> "Renders":
         """Measurements of some candidates in the first frames, with errors drawn once for all of
         them."""
         traffic, candidates, cache = self._arguments
         fewer = replace(traffic, snapshots=traffic.snapshots[:frames])
-        some = candidates.select(np.asarray(chosen))
-        return Renders(fewer, some, cache, noise_seed=seed, errors=self.errors, redrawn=False)
+        selection = candidates.select(np.asarray(indices))
+        return Renders(fewer, selection, cache, noise_seed=seed, errors=self.errors, redrawn=False)
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k, world frame."""
@@ -114,7 +114,7 @@ class Renders:
         image = np.zeros(sensor.model.shape, np.float32)
         image.ravel()[pixels] = depth
         frame = Frame((sensor,), (image,), snapshot.objects, snapshot.time, k)
-        return Captured(frame, 0, self.site, kept=pixels.astype(np.int64))
+        return Captured(frame, 0, self.site, crop_pixels=pixels.astype(np.int64))
 
     def scene(self, c: int) -> EmptyScene:
         """Empty scene of candidate c. It is rendered, or learnt from its frames where it has
@@ -150,9 +150,13 @@ class Renders:
         speed = None
         image = _still(self._rig(c))
         if self.errors.needs_velocities:
-            around = [snapshots[other] for other in (k - 1, k + 1) if 0 <= other < len(snapshots)]
+            neighbours = [
+                snapshots[index] for index in (k - 1, k + 1) if 0 <= index < len(snapshots)
+            ]
             speed = velocities(
-                now.objects, now.time, [(each.objects, each.time) for each in around]
+                now.objects,
+                now.time,
+                [(neighbour.objects, neighbour.time) for neighbour in neighbours],
             )
         pixels, depth = packed.frame(k)
         image.ravel()[pixels] = depth
@@ -164,11 +168,11 @@ class Renders:
 
     def _of_candidate(self, c: int, k: int) -> "_Packed":
         """Packed part of a candidate's frames with frame k."""
-        part = c, k % RENDER_PARTS
-        packed = self._packed.pop(part, None) or self._kept(*part)
+        key = c, k % RENDER_PARTS
+        packed = self._packed.pop(key, None) or self._kept(*key)
         if self._cache is not None and len(self._packed) >= IN_MEMORY:
             self._packed.pop(next(iter(self._packed)))  # least recently used
-        self._packed[part] = packed
+        self._packed[key] = packed
         return packed
 
     def _kept(self, c: int, part: int) -> "_Packed":
@@ -219,10 +223,10 @@ class Renders:
             if self._whole:
                 changes.append(_find_changes(still, images[0].ravel()))
             else:
-                found = change(rig, Frame(renderer.sensors, images, snapshot.objects))
-                changes.append((found.pixels[0], found.steps[0]))
-        pixels, steps = (np.concatenate(each) for each in zip(*changes, strict=True))
-        return pixels, steps, np.cumsum([0, *(len(each) for each, _ in changes)])
+                changed = change(rig, Frame(renderer.sensors, images, snapshot.objects))
+                changes.append((changed.pixels[0], changed.steps[0]))
+        pixels, steps = (np.concatenate(column) for column in zip(*changes, strict=True))
+        return pixels, steps, np.cumsum([0, *(len(column) for column, _ in changes)])
 
 
 class Recorded:
@@ -305,7 +309,7 @@ def _find_changes(still: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.
     count as nothing."""
     pixels = np.flatnonzero(image != still).astype(np.uint32)
     depth = image[pixels]
-    near = (depth > 0) & (depth < FARTHEST)
+    near = (depth > 0) & (depth < MAX_DEPTH_M)
     return pixels, np.where(near, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(
         np.uint16
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_choice
-from placement_env.fidelity.occlusion import Seen, look_at
+from placement_env.fidelity.occlusion import SeenPoints, look_at
 from placement_env.fidelity.panorama import (
     Lookup,
     ScoredItems,
@@ -31,9 +31,9 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.files import format_site
 
-BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 bytes each
-FRAMES_AT_ONCE = 8  # frames that a process handles before it returns its views from panoramas
-SHARED = 4  # mean number of sensors per place above which panoramas pay
+MAX_BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 bytes each
+VIEW_BLOCK_FRAMES = 8  # frames that a process handles before it returns its views from panoramas
+MIN_SENSORS_PER_PLACE = 4  # mean number of sensors per place above which panoramas pay
 Block = tuple[int, int]  # first index of the block, of sensors or frames, and the first after it
 
 
@@ -60,12 +60,12 @@ def see(
     labels = tuple(sorted(labels))
     sensors = candidates.sensors
     quick = choose_quick(sensors, traffic, rendering)
-    whole = Visibility.unseen(traffic, sensors, labels)
-    for look, some in ((look_round, quick), (look_in_full, ~quick)):
-        if some.any():
-            seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, run)
-            whole.points[some], whole.sent[some], whole.far[some] = seen
-    return whole
+    visibility = Visibility.unseen(traffic, sensors, labels)
+    for look, mask in ((look_round, quick), (look_in_full, ~quick)):
+        if mask.any():
+            seen = look(traffic, [sensors[c] for c in np.flatnonzero(mask)], labels, run)
+            visibility.points[mask], visibility.sent[mask], visibility.far[mask] = seen
+    return visibility
 
 
 def choose_quick(
@@ -77,7 +77,9 @@ def choose_quick(
     sensors are seen so, those that measure the whole detection area: panoramas have no limited
     range."""
     places = {sensor.position.round(6).tobytes() for sensor in sensors}
-    if rendering == "full" or (rendering == "auto" and len(sensors) < SHARED * len(places)):
+    if rendering == "full" or (
+        rendering == "auto" and len(sensors) < MIN_SENSORS_PER_PLACE * len(places)
+    ):
         return np.zeros(len(sensors), np.bool_)
     xmin, ymin, xmax, ymax = traffic.site.area.tolist()
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
@@ -93,34 +95,35 @@ def choose_quick(
 
 def look_in_full(
     traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()
-) -> Seen:
-    """View of sensors on all frames, ray by ray, in blocks of at most `BLOCK_PIXELS` pixels, or one
-    sensor."""
+) -> SeenPoints:
+    """View of sensors on all frames, ray by ray, in blocks of at most `MAX_BLOCK_PIXELS` pixels, or
+    one sensor."""
     blocks = list[Block]()
     first = 0
     pixels = 0
     for c, sensor in enumerate(sensors):
         size = math.prod(sensor.model.shape)
-        if pixels and pixels + size > BLOCK_PIXELS:
+        if pixels and pixels + size > MAX_BLOCK_PIXELS:
             blocks.append((first, c))
             first = c
             pixels = 0
         pixels += size
     blocks.append((first, len(sensors)))
     seen = _FullLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(sensors))
-    return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
+    return SeenPoints(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
 def look_round(
     traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()
-) -> Seen:
+) -> SeenPoints:
     """View of far-sighted sensors on all frames, from panoramas: each place is rendered once for
     all sensors there."""
     blocks = [
-        (k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)
+        (k, min(k + VIEW_BLOCK_FRAMES, len(traffic)))
+        for k in range(0, len(traffic), VIEW_BLOCK_FRAMES)
     ]
     seen = _RoundLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(traffic))
-    return Seen(*(np.concatenate(parts, axis=1) for parts in zip(*seen, strict=True)))
+    return SeenPoints(*(np.concatenate(parts, axis=1) for parts in zip(*seen, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,22 +135,22 @@ class _Look:
     sensors: tuple[Sensor, ...]
     labels: tuple[int, ...]
 
-    def see(self, blocks: Sequence[Block], run: Run, total: int) -> list[Seen]:
+    def see(self, blocks: Sequence[Block], run: Run, total: int) -> list[SeenPoints]:
         """Views of each block, from the run's cache or computed now. total: last index of all."""
-        tell = run.stage("poses rendered", len(self.sensors))
+        report = run.stage("poses rendered", len(self.sensors))
         seen = []
-        found = recall(
+        computed = recall(
             run.memo,
             [*map(self.key, blocks)],
-            lambda some: run.map(self, [blocks[k] for k in some]),
+            lambda missing: run.map(self, [blocks[k] for k in missing]),
         )
-        for block, arrays in zip(blocks, found, strict=True):
-            seen.append(Seen(*arrays))
-            if tell:
-                tell(len(self.sensors) * block[1] // total)
+        for block, arrays in zip(blocks, computed, strict=True):
+            seen.append(SeenPoints(*arrays))
+            if report:
+                report(len(self.sensors) * block[1] // total)
         return seen
 
-    def __call__(self, block: Block) -> Seen:
+    def __call__(self, block: Block) -> SeenPoints:
         raise NotImplementedError
 
     def key(self, block: Block) -> bytes:
@@ -164,7 +167,7 @@ class _Look:
 class _FullLook(_Look):
     """View of all frames from blocks of sensors."""
 
-    def __call__(self, block: Block) -> Seen:
+    def __call__(self, block: Block) -> SeenPoints:
         return look_at(
             self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels
         )
@@ -178,22 +181,22 @@ class _FullLook(_Look):
 class _RoundLook(_Look):
     """View of blocks of frames from all sensors."""
 
-    def __call__(self, block: Block) -> Seen:
+    def __call__(self, block: Block) -> SeenPoints:
         scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
         places, viewpoint = self._places
-        seen = Seen(
+        seen = SeenPoints(
             *(
                 np.zeros((len(self.sensors), size), np.float32)
                 for size in (scored.items, *[scored.frames] * 2)
             )
         )
-        for v, strips in enumerate(
+        for place, strips in enumerate(
             place_strips(self._strips, self.traffic, range(*block), len(places))
         ):
-            surround = Surround.of(strips, scored, self._stills[v])
-            for s in np.flatnonzero(viewpoint == v).tolist():
-                for whole, row in zip(seen, surround.seen(self._lookups[s]), strict=True):
-                    whole[s] = row
+            surround = Surround.of(strips, scored, self._stills[place])
+            for sensor in np.flatnonzero(viewpoint == place).tolist():
+                for table, row in zip(seen, surround.seen(self._lookups[sensor]), strict=True):
+                    table[sensor] = row
         return seen
 
     def key(self, block: Block) -> bytes:
@@ -221,15 +224,18 @@ class _RoundLook(_Look):
         """Standing scene seen from each place by its sensors' models, looked at once for all
         traffic of the site."""
         site = self.traffic.site
-        known = _known_stills(format_site(site))
+        cached = _known_stills(format_site(site))
         stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
-        for v, model in {
-            (v, each.model) for v, each in zip(self._places[1].tolist(), self.sensors, strict=True)
+        for place, model in {
+            (place, sensor.model)
+            for place, sensor in zip(self._places[1].tolist(), self.sensors, strict=True)
         }:
-            key = self._places[0][v].tobytes(), model
-            if key not in known:
-                known[key] = Still.of(build_renderer(self.traffic), site, self._places[0][v], model)
-            stills[v][model] = known[key]
+            key = self._places[0][place].tobytes(), model
+            if key not in cached:
+                cached[key] = Still.of(
+                    build_renderer(self.traffic), site, self._places[0][place], model
+                )
+            stills[place][model] = cached[key]
         return stills
 
 

@@ -24,11 +24,11 @@ from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, surrogate_name
 from toolkit.detection.schemes import find_scheme
-from toolkit.sites.site import HYBRID_RADIUS
+from toolkit.sites.site import HYBRID_RADIUS_M
 
-MOST_POINTS = 1e5  # points on an object: powers and their sums fit float32
+MAX_OBJECT_POINTS = 1e5  # points on an object: powers and their sums fit float32
 # multiplications that BLAS does in one thread: waiting for a busy core takes far longer
-SMALL_PRODUCT = 1 << 18
+MAX_ONE_THREAD_PRODUCT = 1 << 18
 
 
 class Surrogate:
@@ -48,7 +48,7 @@ class Surrogate:
         model: HitModel | Sequence[HitModel] | None = None,
         *,
         iou: float = 0.7,
-        radius: float = HYBRID_RADIUS,
+        radius: float = HYBRID_RADIUS_M,
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
@@ -62,13 +62,14 @@ class Surrogate:
                 for name in classes.names
             ]
         by_label = {
-            each.label: each for each in ([model] if isinstance(model, HitModel) else model)
+            class_model.label: class_model
+            for class_model in ([model] if isinstance(model, HitModel) else model)
         }
-        for each in by_label.values():
-            if each.scheme not in (scheme.name, surrogate_name(scheme)):
+        for class_model in by_label.values():
+            if class_model.scheme not in (scheme.name, surrogate_name(scheme)):
                 raise ValueError(
-                    f"the model is for {each.scheme} fusion, not for {scheme.name}: pass one "
-                    "fitted to it"
+                    f"the model is for {class_model.scheme} fusion, not for {scheme.name}: pass "
+                    "one fitted to it"
                 )
         if missing := [name for name in classes.names if name not in by_label]:
             raise ValueError(
@@ -105,8 +106,8 @@ class Surrogate:
         It comes with the factor of an object's size on its hit probability, the model of the class,
         and its weight among classes. Raises ValueError where the centre's data make it no sum over
         sensors."""
-        there = np.array([part.objects > 0 for part in self._parts])
-        weights = np.where(there, self.classes.weights, 0.0)
+        has_objects = np.array([part.objects > 0 for part in self._parts])
+        weights = np.where(has_objects, self.classes.weights, 0.0)
         shares = weights / max(float(weights.sum()), 1e-300)
         return [
             (
@@ -121,12 +122,13 @@ class Surrogate:
 
     def in_frames(self, frames: Int64[np.ndarray, " _"]) -> "Surrogate":
         """Same surrogate over some of the frames, ascending; kbit stay those of all."""
-        other = copy(self)
+        surrogate = copy(self)
         seen = [(part, of_frames(part.evidence.visibility, frames)) for part in self._parts]
-        other._parts = [
-            _Part(replace(part.evidence, visibility=some), part.model) for part, some in seen
+        surrogate._parts = [
+            _Part(replace(part.evidence, visibility=in_frames), part.model)
+            for part, in_frames in seen
         ]
-        return other
+        return surrogate
 
     def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Standard error of each set's AP: of the fit, from its resamples, and against the
@@ -138,7 +140,7 @@ class Surrogate:
         if count > 1:
             figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
             fit = np.nan_to_num(
-                np.std([self.classes.combined(each) for each in figures], axis=0, ddof=1)
+                np.std([self.classes.combined(class_ap) for class_ap in figures], axis=0, ddof=1)
             )
         ap = self.by_class(subsets).ap
         errors = np.sqrt(ap * (1 - ap)) * [model.error for model in self.models]
@@ -146,14 +148,14 @@ class Surrogate:
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
         """Sentences on differences from the fitted data. sensors: kinds of their models."""
-        said: dict[str, None] = {}
+        sentences: dict[str, None] = {}
         for part in self._parts:
             if part.model.domain is not None:
                 seen = part.evidence.visibility
-                said |= dict.fromkeys(
+                sentences |= dict.fromkeys(
                     part.model.domain.outside(seen.points, seen.distance, sensors)
                 )
-        return tuple(said)
+        return tuple(sentences)
 
 
 class _Part:
@@ -198,7 +200,7 @@ class _Part:
         seen = self.evidence
         rows = [seen.rows(model) for model in models]
         sums = MemberSums(np.concatenate(rows, axis=1))(subsets)
-        parts = np.split(sums, np.cumsum([each.shape[1] for each in rows])[:-1], axis=1)
+        parts = np.split(sums, np.cumsum([columns.shape[1] for columns in rows])[:-1], axis=1)
         probability = np.stack(
             [
                 model.probability(*seen.joined(part, model))
@@ -231,8 +233,8 @@ def compute_expected_ap(
         return np.zeros(n), np.zeros(n)
     hits = np.cumsum(probability, axis=1)
     recall = hits[:, -1].astype(np.float64) / objects
-    found = hits + false_alarms * (np.arange(1, objects + 1, dtype=hits.dtype) - hits)
-    np.divide(hits, found, out=hits, where=found > 0)
+    reported = hits + false_alarms * (np.arange(1, objects + 1, dtype=hits.dtype) - hits)
+    np.divide(hits, reported, out=hits, where=reported > 0)
     return np.einsum("no,no->n", probability, hits).astype(np.float64) / objects, recall
 
 
@@ -246,20 +248,22 @@ def resample_ap(
     without any."""
     order = np.argsort(-probability, kind="stable")
     # objects of each block
-    own = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)
-    some = own * probability[order].astype(np.float32)
-    hits = np.cumsum(some, axis=1)
-    found = np.cumsum(some + np.float32(false_alarms) * (own - some), axis=1)
+    in_block = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)
+    expected = in_block * probability[order].astype(np.float32)
+    hits = np.cumsum(expected, axis=1)
+    reported = np.cumsum(expected + np.float32(false_alarms) * (in_block - expected), axis=1)
     area = np.zeros(len(draws), np.float32)
-    at_once = max(1, SMALL_PRODUCT // max(own.size, 1))
+    at_once = max(1, MAX_ONE_THREAD_PRODUCT // max(in_block.size, 1))
     for first in range(0, len(draws), at_once):
         part = draws[first : first + at_once]
         precision = part @ hits
         # 0 where nothing is found yet
-        precision /= np.maximum(part @ found, np.finfo(np.float32).tiny)
-        area[first : first + at_once] = ((precision @ some.T) * part).sum(axis=1)
-    whole = draws @ own.sum(axis=1)
-    return np.divide(area, whole, out=np.full(len(area), np.nan), where=whole > 0, dtype=np.float64)
+        precision /= np.maximum(part @ reported, np.finfo(np.float32).tiny)
+        area[first : first + at_once] = ((precision @ expected.T) * part).sum(axis=1)
+    objects = draws @ in_block.sum(axis=1)
+    return np.divide(
+        area, objects, out=np.full(len(area), np.nan), where=objects > 0, dtype=np.float64
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +300,7 @@ class Evidence:
         return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
 
     def _columns(self, points: np.ndarray, model: HitModel) -> list[np.ndarray]:
-        powers = np.minimum(points, MOST_POINTS) ** model.norm
+        powers = np.minimum(points, MAX_OBJECT_POINTS) ** model.norm
         return [powers] if self._pooled is None else [powers, np.where(self._pooled, points, 0)]
 
     def joined(

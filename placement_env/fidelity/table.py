@@ -29,7 +29,7 @@ from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN
 from toolkit.sites.files import format_site, load_site
-from toolkit.sites.site import HYBRID_RADIUS, Site
+from toolkit.sites.site import HYBRID_RADIUS_M, Site
 
 SHIPPED = Path(__file__).parent / "exact"
 MOST_KBIT = 1e6  # of one sensor in a frame: ten million points
@@ -37,7 +37,7 @@ _no_more = partial(np.zeros, (0, 0, 0, 0))  # of classes beside the first
 
 
 @dataclass(frozen=True)
-class Origin:
+class TableOrigin:
     """Origin of a table.
 
     place: digest of site and sensors (`hash_site`); frames, objects: numbers of these; recording,
@@ -53,13 +53,15 @@ class Origin:
     detector: str
     seed: int
     commit: str
-    hybrid_radius: float = HYBRID_RADIUS
+    hybrid_radius: float = HYBRID_RADIUS_M
     errors: str = PAPER_ERRORS.name
     classes: tuple[str, ...] = VEHICLES.names
     ious: tuple[tuple[float, ...], ...] = (IOUS,)
 
     def __post_init__(self) -> None:
-        if len(self.ious) != len(self.classes) or any(len(each) != len(IOUS) for each in self.ious):
+        if len(self.ious) != len(self.classes) or any(
+            len(thresholds) != len(IOUS) for thresholds in self.ious
+        ):
             raise ValueError(
                 f"there must be {len(IOUS)} IoU thresholds of each of {self.classes}, got "
                 f"{self.ious}"
@@ -75,7 +77,7 @@ class Table:
     more_ap and more_recall of the others, NaN throughout for a class without an object. Raises
     ValueError where the shapes do not fit, and for figures that cannot be."""
 
-    origin: Origin
+    origin: TableOrigin
     ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     recall: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     kbit: Float64[np.ndarray, "sets schemes"] = field(repr=False)
@@ -89,20 +91,23 @@ class Table:
                 f"a table of {len(self.origin.sensors)} sensors must be {shape}, got "
                 f"{self.ap.shape}"
             )
-        others = len(self.origin.classes) - 1
-        if others and not self.more_ap.shape == self.more_recall.shape == (others, *shape):
+        more_classes = len(self.origin.classes) - 1
+        if more_classes and not self.more_ap.shape == self.more_recall.shape == (
+            more_classes,
+            *shape,
+        ):
             raise ValueError(
-                f"a table of {self.origin.classes} needs {(others, *shape)}, got "
+                f"a table of {self.origin.classes} needs {(more_classes, *shape)}, got "
                 f"{self.more_ap.shape}"
             )
         for shares in (self.ap, self.recall, *self.more_ap, *self.more_recall):
             wrong = shares[~((shares >= 0) & (shares <= 1))]
             if len(wrong) and not np.isnan(shares).all():
                 raise ValueError(f"AP and recall must lie in 0..1, got {wrong[0]:g}")
-        most = MOST_KBIT * len(self.origin.sensors)
-        if not ((self.kbit >= 0) & (self.kbit <= most)).all():
+        max_kbit = MOST_KBIT * len(self.origin.sensors)
+        if not ((self.kbit >= 0) & (self.kbit <= max_kbit)).all():
             raise ValueError(
-                f"kbit must lie in 0..{most:g}, got {self.kbit.min():g} to {self.kbit.max():g}"
+                f"kbit must lie in 0..{max_kbit:g}, got {self.kbit.min():g} to {self.kbit.max():g}"
             )
 
     def column(
@@ -113,27 +118,31 @@ class Table:
         """AP, recall and kbit of all sets for a class, scheme and IoU. Raises ValueError for one
         not measured."""
         if name not in self.origin.classes:
-            said = f"this table holds {', '.join(self.origin.classes)}, not {name}"
+            problem = f"this table holds {', '.join(self.origin.classes)}, not {name}"
             raise ValueError(
-                f"{said}: make one with coview table --classes, or say --fidelity detector"
+                f"{problem}: make one with coview table --classes, or say --fidelity detector"
             )
-        place = self.origin.classes.index(name)
+        class_index = self.origin.classes.index(name)
         scheme = find_scheme(scheme)
         ap, recall = (
-            (self.more_ap[place - 1], self.more_recall[place - 1])
-            if place
+            (self.more_ap[class_index - 1], self.more_recall[class_index - 1])
+            if class_index
             else (self.ap, self.recall)
         )
-        at = self.origin.ious[place]
-        if iou not in at or scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
-            of = "" if name == LABELS[VEHICLE] else f" of {name}"
-            said = (
+        thresholds = self.origin.ious[class_index]
+        if (
+            iou not in thresholds
+            or scheme.name not in PAPER_SCHEMES
+            or scheme != SCHEMES[scheme.name]
+        ):
+            class_words = "" if name == LABELS[VEHICLE] else f" of {name}"
+            problem = (
                 f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU "
-                f"{tuple(dict.fromkeys(at))}{of}"
+                f"{tuple(dict.fromkeys(thresholds))}{class_words}"
             )
-            raise ValueError(f"{said}, got {scheme.name!r} and {iou}: say --fidelity detector")
+            raise ValueError(f"{problem}, got {scheme.name!r} and {iou}: say --fidelity detector")
         number = PAPER_SCHEMES.index(scheme.name)
-        row = at.index(iou)
+        row = thresholds.index(iou)
         return ap[:, number, row], recall[:, number, row], self.kbit[:, number]
 
     @property
@@ -185,9 +194,8 @@ class TableFidelity:
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Figures of each set for each class."""
         rows = self.table.row(subsets)
-        ap, recall = (
-            np.stack([column[rows] for column in of], axis=1) for of in (self._ap, self._recall)
-        )
+        ap = np.stack([column[rows] for column in self._ap], axis=1)
+        recall = np.stack([column[rows] for column in self._recall], axis=1)
         return ClassEstimates(ap, recall, self._kbit[rows])
 
 
@@ -211,14 +219,14 @@ def best_sets(
     subsets = table.subsets
     ap = TableFidelity(table, scheme, iou, classes=classes)(subsets).ap
     sizes = subsets.sum(axis=1)
-    found = {}
+    by_size = {}
     for size in range(len(table.origin.sensors), 0, -1):
         rows = np.flatnonzero(sizes == size)
         best = rows[np.argsort(-ap[rows], kind="stable")][:top]
-        found[size] = [
+        by_size[size] = [
             Best(tuple(np.flatnonzero(subsets[row]).tolist()), float(ap[row])) for row in best
         ]
-    return found
+    return by_size
 
 
 def make_table(
@@ -241,13 +249,15 @@ def make_table(
     count = len(range(renders.frames)[:frames])
     memo = Cache(out.with_name(out.name + ".detections"))
     columns: list[list[ClassEstimates]] = []
-    for done, scheme in enumerate(PAPER_SCHEMES):
+    for scheme_number, scheme in enumerate(PAPER_SCHEMES):
         detected = Detected(
             renders, detector, scheme, memo=memo, processes=processes, classes=classes
         )
-        report = processes.stage("frames scored", len(PAPER_SCHEMES) * count, before=done * count)
+        report = processes.stage(
+            "frames scored", len(PAPER_SCHEMES) * count, before=scheme_number * count
+        )
         columns.append(list(detected.class_estimates(subsets, frames, report).values()))
-    origin = Origin(
+    origin = TableOrigin(
         site=renders.site.name,
         sensors=tuple(sensor.name for sensor in renders.sensors),
         place=hash_site(renders.site, renders.sensors),
@@ -260,19 +270,30 @@ def make_table(
         hybrid_radius=renders.site.hybrid_radius,
         errors=getattr(renders, "errors", PAPER_ERRORS).name,
         classes=classes.names,
-        ious=tuple(tuple(classes.get_iou(name, iou) for iou in IOUS) for name in classes.names),
+        ious=tuple(_list_thresholds(classes, name) for name in classes.names),
     )
-    ap, recall = (  # class, set, scheme, IoU
-        np.transpose(
-            [[getattr(each, name) for each in column] for column in columns], (3, 2, 0, 1)
-        ).copy()
-        for name in ("ap", "recall")
-    )
+    ap = _stack_classes(columns, "ap")
+    recall = _stack_classes(columns, "recall")
     kbit = np.stack([column[0].kbit for column in columns], axis=1)
     table = Table(origin, ap[0], recall[0], kbit, ap[1:], recall[1:])
     save_table(table, out)
     memo.delete()
     return table
+
+
+def _list_thresholds(classes: Classes, name: str) -> tuple[float, ...]:
+    """IoU thresholds of a class for those of vehicles."""
+    return tuple(classes.get_iou(name, iou) for iou in IOUS)
+
+
+def _stack_classes(
+    columns: list[list[ClassEstimates]], figure: str
+) -> Float64[np.ndarray, "classes sets schemes ious"]:
+    """A figure of the estimates of each scheme and IoU threshold."""
+    by_scheme = []
+    for column in columns:
+        by_scheme.append([getattr(estimates, figure) for estimates in column])
+    return np.transpose(by_scheme, (3, 2, 0, 1)).copy()
 
 
 def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
@@ -303,27 +324,34 @@ def load_table(name: str | Path) -> Table:
     a damaged file."""
     path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
     if not path.is_file():
-        shipped = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.npz"))) or "none yet"
+        shipped = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.npz"))) or "none yet"
         raise FileNotFoundError(
             f"no table {str(name)!r}; shipped: {shipped}; make one with coview table"
         )
     arrays = read_arrays(path)
-    if odd := [
+    if wrong_columns := [
         key for key, column in arrays.items() if key != "origin" and column.dtype.kind != "f"
     ]:
-        found = f"{odd[0]} must hold real numbers, got {arrays[odd[0]].dtype}"
+        problem = f"{wrong_columns[0]} must hold real numbers, got {arrays[wrong_columns[0]].dtype}"
         raise ValueError(
-            f"{path} is no table of sensor sets ({found}): make it again with coview table"
+            f"{path} is no table of sensor sets ({problem}): make it again with coview table"
         )
     try:
         values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
         # a table without a radius was made when only the built-in sites had one of their own
         site = values["site"]
-        usual = load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
-        values = {"hybrid_radius": usual, "classes": VEHICLES.names, "ious": [IOUS], **values}
+        default_radius = load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS_M
+        values = {
+            "hybrid_radius": default_radius,
+            "classes": VEHICLES.names,
+            "ious": [IOUS],
+            **values,
+        }
         values |= {name: tuple(values[name]) for name in ("sensors", "classes")}
         return Table(
-            Origin(**values | {"ious": tuple(tuple(map(float, each)) for each in values["ious"])}),
+            TableOrigin(
+                **values | {"ious": tuple(tuple(map(float, file)) for file in values["ious"])}
+            ),
             **arrays,
         )
     except (KeyError, TypeError, ValueError) as error:

@@ -47,9 +47,9 @@ class Traffic:
         return self._of(self.snapshots[first:end])
 
     def _of(self, snapshots: tuple[Snapshot, ...]) -> "Traffic":
-        other = replace(self, snapshots=snapshots)
-        vars(other)["_scene"] = self._scene
-        return other
+        traffic = replace(self, snapshots=snapshots)
+        vars(traffic)["_scene"] = self._scene
+        return traffic
 
     def digest(self) -> str:
         """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might

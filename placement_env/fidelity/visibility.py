@@ -65,32 +65,36 @@ class Visibility:
     def unseen(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int]) -> "Visibility":
         """Objects of some classes in traffic, all unseen."""
         objects = [
-            each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots
+            snapshot.objects[scored(snapshot.objects, traffic.site, labels)]
+            for snapshot in traffic.snapshots
         ]
         nothing = np.zeros((2, len(sensors), len(objects)), np.float32)
         return _join(
-            sensors, objects, [np.zeros((len(sensors), len(each))) for each in objects], *nothing
+            sensors,
+            objects,
+            [np.zeros((len(sensors), len(snapshot))) for snapshot in objects],
+            *nothing,
         )
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Visibility":
         """View of some of the candidates, in the order given."""
-        chosen = np.asarray(indices, np.int64)
+        rows = np.asarray(indices, np.int64)
         return replace(
             self,
-            **{name: getattr(self, name)[chosen] for name in ("points", "distance", "sent", "far")},
+            **{name: getattr(self, name)[rows] for name in ("points", "distance", "sent", "far")},
         )
 
     def of_classes(self, labels: Sequence[int]) -> "Visibility":
         """View on the objects of some classes (numbers)."""
-        own = np.isin(self.labels, labels)
-        return self if own.all() else self._with_objects(own)
+        of_classes = np.isin(self.labels, labels)
+        return self if of_classes.all() else self._with_objects(of_classes)
 
-    def _with_objects(self, own: Bool[np.ndarray, " O"]) -> "Visibility":
-        per_pair = {name: getattr(self, name)[:, own] for name in ("points", "distance")}
+    def _with_objects(self, objects: Bool[np.ndarray, " O"]) -> "Visibility":
+        per_pair = {name: getattr(self, name)[:, objects] for name in ("points", "distance")}
         return replace(
             self,
             **per_pair,
-            **{name: getattr(self, name)[own] for name in ("frame", "boxes", "labels")},
+            **{name: getattr(self, name)[objects] for name in ("frame", "boxes", "labels")},
         )
 
     def save(self, path: str | Path) -> None:
@@ -149,16 +153,16 @@ class Visibility:
             )
             far.append([mask.sum() for mask in beyond])
         sent_each, far_each = (
-            np.array(each, np.float32).reshape(count, -1).T for each in (sent, far)
+            np.array(counts, np.float32).reshape(count, -1).T for counts in (sent, far)
         )
         return _join(recording.sensors, objects, points, sent_each, far_each)
 
 
 def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
     """View on some of the frames, ascending."""
-    some = visibility._with_objects(np.isin(visibility.frame, frames))
+    view = visibility._with_objects(np.isin(visibility.frame, frames))
     per_frame = {"sent": visibility.sent[:, frames], "far": visibility.far[:, frames]}
-    return replace(some, frame=np.searchsorted(frames, some.frame), **per_frame)
+    return replace(view, frame=np.searchsorted(frames, view.frame), **per_frame)
 
 
 def _join(
@@ -170,9 +174,11 @@ def _join(
 ) -> Visibility:
     """View of sensors on the objects of each frame, in frames one after the other."""
     on_objects = np.concatenate([np.zeros((len(sensors), 0)), *points], axis=1).astype(np.float32)
-    boxes = np.concatenate([np.zeros((0, 7)), *(each.boxes for each in objects)])
-    kinds = np.concatenate([np.zeros(0, np.int64), *(each.labels for each in objects)])
-    frame = np.repeat(np.arange(len(objects)), [len(each) for each in objects])
+    boxes = np.concatenate([np.zeros((0, 7)), *(frame_objects.boxes for frame_objects in objects)])
+    kinds = np.concatenate(
+        [np.zeros(0, np.int64), *(frame_objects.labels for frame_objects in objects)]
+    )
+    frame = np.repeat(np.arange(len(objects)), [len(frame_objects) for frame_objects in objects])
     return Visibility(on_objects, distances(sensors, boxes), frame, boxes, sent, far, kinds)
 
 
