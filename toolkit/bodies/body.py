@@ -60,10 +60,10 @@ def make_body(
 def make_boxed_body(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
     """Make a body with a box around `mesh` only; `outside` sticks out."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    whole = merge([mesh, outside])
+    merged = merge([mesh, outside])
     length, width, height = (high - low).tolist()
-    vertices = (whole.vertices - (low + high) / 2).astype(np.float32)
-    return Body(name, label, vertices, whole.triangles.astype(np.int32), (length, width, height))
+    vertices = (merged.vertices - (low + high) / 2).astype(np.float32)
+    return Body(name, label, vertices, merged.triangles.astype(np.int32), (length, width, height))
 
 
 def include_mirrors(body: Body) -> Body:

@@ -310,7 +310,7 @@ def draw_person(rng: Rng, evenly: bool = False) -> tuple[str, Mesh]:
         0.28: people.stick,
         0.32: people.trolley,
     }
-    parts += [extra(height) for least, extra in extras.items() if carries < least][:1]
+    parts += [extra(height) for max_share, extra in extras.items() if carries < max_share][:1]
     return "adult", stand(merge(parts))
 
 
@@ -628,11 +628,11 @@ def draw_proportions(rng: Rng) -> Proportions:
 
 def _profile(kind: Kind, rng: Rng) -> Float64[np.ndarray, "k 2"]:
     """Draw a side profile of a kind, its top at 1, with a little of another kind's mixed in."""
-    own = _jitter_corners(kind.profile, rng)
-    other = _jitter_corners(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng)
+    base = _jitter_corners(kind.profile, rng)
+    mixed_in = _jitter_corners(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng)
     share = float(np.clip(rng.exponential(0.06), 0, 0.2)) if kind.name != "pickup" else 0.0
-    stations = np.unique(np.concatenate([own[:, 0], _GRID]))
-    heights = (1 - share) * np.interp(stations, *own.T) + share * np.interp(stations, *other.T)
+    stations = np.unique(np.concatenate([base[:, 0], _GRID]))
+    heights = (1 - share) * np.interp(stations, *base.T) + share * np.interp(stations, *mixed_in.T)
     return np.column_stack([stations, heights / heights.max()])
 
 
@@ -658,7 +658,7 @@ def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
     half = shape.width / 2
     belt = shape.belt * shape.height
     tops = shape.profile[:, 1]
-    roof, cabin = (shape.profile[tops >= least, 0][[0, -1]] for least in (0.93, 0.7))
+    roof, cabin = (shape.profile[tops >= min_height, 0][[0, -1]] for min_height in (0.93, 0.7))
     floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
     chamfer = float(rng.uniform(0.0, 0.06))
     edge = half * (1 - shape.lean)

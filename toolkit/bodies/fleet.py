@@ -28,14 +28,14 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 
     held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never
     trained on."""
-    ours = tuple(
+    procedural = tuple(
         body
         for body in _procedural()
         if body.label != VEHICLE or (body.name in HELD_OUT) == held_out
     )
     if meshes is None:
-        return ours
-    return ours + tuple(taken.body for taken in take_meshes(meshes))
+        return procedural
+    return procedural + tuple(loaded.body for loaded in take_meshes(meshes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,20 +108,20 @@ def fleet_named(
         return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors, evenly=name == "even")
     if meshes is None and name != "catalogue":
         raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
-    taken: tuple[TakenMesh, ...] = ()
+    loaded: tuple[TakenMesh, ...] = ()
     if meshes is not None:
-        taken = take_meshes(meshes, mirrors=mirrors)
-    bodies = tuple(each.body for each in taken)
-    notes = tuple(f"{each.file}: {each.how}" for each in taken)
+        loaded = take_meshes(meshes, mirrors=mirrors)
+    bodies = tuple(mesh.body for mesh in loaded)
+    notes = tuple(f"{mesh.file}: {mesh.how}" for mesh in loaded)
     if name == "catalogue":
-        ours = tuple(
+        catalogue_bodies = tuple(
             include_mirrors(body) if mirrors else body for body in catalogue(held_out=held_out)
         )
-        return Fleet(ours + bodies, (), mirrors, notes=notes)
-    given = {body.label for body in bodies} if name == "meshes" else set()
+        return Fleet(catalogue_bodies + bodies, (), mirrors, notes=notes)
+    mesh_labels = {body.label for body in bodies} if name == "meshes" else set()
     return Fleet(
         bodies,
-        tuple(label for label in range(len(LABELS)) if label not in given),
+        tuple(label for label in range(len(LABELS)) if label not in mesh_labels),
         mirrors,
         notes=notes,
     )

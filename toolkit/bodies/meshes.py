@@ -128,12 +128,14 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
     if not areas.sum() > 0:
         raise ValueError("has no surface")
     rng = np.random.default_rng(0)
-    chosen = np.searchsorted(
+    triangle = np.searchsorted(
         np.cumsum(areas), (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()
     ).clip(max=len(a) - 1)
     u, v = rng.random((2, _POINTS, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    return np.concatenate([a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen], mesh.vertices])
+    return np.concatenate(
+        [a[triangle] + u * (b - a)[triangle] + v * (c - a)[triangle], mesh.vertices]
+    )
 
 
 def mirror_span(mesh: Mesh) -> Span | None:
@@ -178,7 +180,10 @@ def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
         near[inner, inner, inner] |= grid[tuple(slice(s, s + _COARSE) for s in shift)]
     mirrored = (np.where(np.eye(3, dtype=bool)[axis], 1 - 1e-9 - unit, unit) for axis in range(3))
     return np.array(
-        [1 - near[tuple((each * _COARSE).astype(np.int64).T + 1)].mean() for each in mirrored]
+        [
+            1 - near[tuple((reflection * _COARSE).astype(np.int64).T + 1)].mean()
+            for reflection in mirrored
+        ]
     )
 
 
@@ -237,10 +242,10 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
 
 
 def _entry(row: dict[str, Any], where: str) -> MeshEntry:
-    known = {"file", "label", "up", "forward", "scale"}
-    if not set(row) <= known:
+    keys = {"file", "label", "up", "forward", "scale"}
+    if not set(row) <= keys:
         raise ValueError(
-            f"{where}: knows {', '.join(sorted(known))}, got {', '.join(sorted(set(row) - known))}"
+            f"{where}: knows {', '.join(sorted(keys))}, got {', '.join(sorted(set(row) - keys))}"
         )
     for key in ("up", "forward"):
         if key in row and row[key] not in list(_AXES):
@@ -324,15 +329,15 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
     names = [path.relative_to(folder) for path in paths]
     entries = [table.get(name, MeshEntry()) for name in names]
     return tuple(
-        take_mesh(*each, mirrors=mirrors) for each in zip(paths, names, entries, strict=True)
+        take_mesh(*source, mirrors=mirrors) for source in zip(paths, names, entries, strict=True)
     )
 
 
 def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = False) -> TakenMesh:
     """Load one file. called: path whose folders and name give its class and name."""
     mesh = scale_mesh(_read(path), entry.scale or 1.0)
-    named = _find_label(called) if entry.label is None else entry.label
-    labels = tuple(PLAUSIBLE) if named is None else (named,)
+    named_label = _find_label(called) if entry.label is None else entry.label
+    labels = tuple(PLAUSIBLE) if named_label is None else (named_label,)
     gltf = path.suffix.lower() in (".glb", ".gltf")
     turns = (
         [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
@@ -349,11 +354,11 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
             raise ValueError(
                 f"{path}: {error}: export it again as a closed triangle mesh"
             ) from None
-        clear = [label for label in fitting if named is not None or is_clearly(shape, label)]
+        clear = [label for label in fitting if named_label is not None or is_clearly(shape, label)]
         doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.has_frame else None
         if len(clear) == 1 and doubt is None:
             body = _body(called.with_suffix("").as_posix(), clear[0], turned, mirrors)
-            return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named, turn))
+            return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named_label, turn))
         may_be = " or ".join(
             f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in fitting
         )
@@ -361,43 +366,45 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
             doubt or f"by its size it may be {may_be}, but its shape is not clearly that of one"
         )
     size = " x ".join(f"{extent:.4g}" for extent in np.ptp(mesh.vertices, axis=0))
-    remedy = _remedy(mesh, named)
+    remedy = _remedy(mesh, named_label)
     if doubts:
         folders = (
             f"put it into a folder {'/, '.join(LABELS)}/, or say in {TABLE} what it is, what is "
             "up and forward"
         )
         raise ValueError(f"{path}: {size} (x, y, z): {doubts[0]}: {remedy or folders}")
-    wanted = f"a {LABELS[named]}" if named is not None else "any road user"
+    expected = f"a {LABELS[named_label]}" if named_label is not None else "any road user"
     remedy = remedy or (
         f"check its units and axes, move it to the folder of its class, or say in {TABLE} "
         "what it is"
     )
     raise ValueError(
-        f"{path}: {size} (x, y, z) does not fit {wanted} in metres, x forward, z up: {remedy}"
+        f"{path}: {size} (x, y, z) does not fit {expected} in metres, x forward, z up: {remedy}"
     )
 
 
 def _body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
-    whole = make_body(name, label, *mesh)
+    body = make_body(name, label, *mesh)
     may_stick_out = not mirrors and label in (VEHICLE, HEAVY)
     span = (
-        mirror_span(Mesh(whole.vertices.astype(np.float64), mesh.triangles))
+        mirror_span(Mesh(body.vertices.astype(np.float64), mesh.triangles))
         if may_stick_out
         else None
     )
     if span is None:
-        return whole
-    aside, (length, _, height) = np.array([0, sum(span) / 2, 0], np.float32), whole.size
+        return body
+    aside, (length, _, height) = np.array([0, sum(span) / 2, 0], np.float32), body.size
     return Body(
-        name, label, whole.vertices - aside, whole.triangles, (length, span[1] - span[0], height)
+        name, label, body.vertices - aside, body.triangles, (length, span[1] - span[0], height)
     )
 
 
-def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np.ndarray) -> str:
+def _how(
+    body: Body, shape: Shape, entry: MeshEntry, named_label: int | None, turn: np.ndarray
+) -> str:
     """Describe class, size and frame of a body, and their sources."""
-    known = "by its shape" if named is None else "by its folder or name"
-    known = known if entry.label is None else f"as {TABLE} says"
+    class_source = "by its shape" if named_label is None else "by its folder or name"
+    class_source = class_source if entry.label is None else f"as {TABLE} says"
     axes = {tuple(axis): name for name, axis in _AXES.items()}
     forward, _, up = (axes[tuple(row)] for row in turn)
     frame = f"{up} up, {forward} forward"
@@ -412,7 +419,7 @@ def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np
     mirrors = "" if body.truth is None else ", mirrors left out of its box"
     scale = "" if entry.scale is None else f", scaled by {entry.scale:g}"
     size = " x ".join(f"{extent:.2f}" for extent in body.size)
-    return f"{LABELS[body.label]} ({known}), {size} m, {frame}{scale}{mirrors}"
+    return f"{LABELS[body.label]} ({class_source}), {size} m, {frame}{scale}{mirrors}"
 
 
 def _read(path: Path) -> Mesh:
@@ -435,12 +442,12 @@ def _read(path: Path) -> Mesh:
         raise ValueError(
             f"{path}: a triangle refers to a missing vertex: repair it or export it again"
         )
-    used, corners = np.unique(triangles, return_inverse=True)
-    if not np.isfinite(vertices[used]).all():
+    in_use, corners = np.unique(triangles, return_inverse=True)
+    if not np.isfinite(vertices[in_use]).all():
         raise ValueError(
             f"{path}: holds vertices that are NaN or infinite: repair it or export it again"
         )
-    return Mesh(vertices[used], corners.reshape(-1, 3))
+    return Mesh(vertices[in_use], corners.reshape(-1, 3))
 
 
 def _find_label(called: Path) -> int | None:
@@ -458,7 +465,7 @@ def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
     )
 
 
-def _remedy(mesh: Mesh, named: int | None) -> str:
+def _remedy(mesh: Mesh, named_label: int | None) -> str:
     """Describe units or orientation that would make it plausible, if any."""
     best = (np.inf, np.inf)
     remedy = ""
@@ -471,13 +478,13 @@ def _remedy(mesh: Mesh, named: int | None) -> str:
         what = f"in {unit}, {ways}" if unit else f"{axes} forward, turn it"
         read = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
         size = np.ptp(read.vertices, axis=0)
-        for label in PLAUSIBLE if named is None else (named,):
+        for label in PLAUSIBLE if named_label is None else (named_label,):
             off = (float(scale != 1), float(np.abs(np.log(size / _TYPICAL[label])).max()))
             if not _plausible(size, label) or off >= best:
                 continue
             shape = measure_shape(read)
             if find_wrong_stand(shape, label) is None and (
-                named is not None or is_clearly(shape, label)
+                named_label is not None or is_clearly(shape, label)
             ):
                 best = off
                 remedy = f"it seems to be {what}"

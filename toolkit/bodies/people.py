@@ -184,12 +184,12 @@ def pedestrians() -> dict[str, Mesh]:
         "traveller_with_suitcase": (striding(0.34), 1.73, trolley),
         "man_telephoning": (arms_up, 1.76, None),
     }
-    made = {}
+    meshes = {}
     for name, (figure, height, extra) in people.items():
         body = stand(person(figure, height))
         body = scale_mesh(body, height / body.vertices[:, 2].max())
-        made[name] = merge([body, *([extra(height)] if extra else [])])
-    return made
+        meshes[name] = merge([body, *([extra(height)] if extra else [])])
+    return meshes
 
 
 def _beyond(point: Vector, x: float, y: float, z: float) -> Vector:
@@ -251,9 +251,9 @@ def rider(
     elbows = pair((neck[0] + hands[0][0]) / 2 - 0.02, 0.155, (neck[2] + hands[0][2]) / 2 - 0.05)
     left, right = ((0.14, 0.13), (-0.10, 0.36)) if rest is None else (rest, rest)
     ankle = (left[0] - 0.02) / height, 0.11 / height, left[1] / height + 0.035
-    other = (right[0] - 0.02) / height, -0.11 / height, right[1] / height + 0.035
-    knees = _knee(hip, ankle), _knee(hip, other)
-    return person(Figure(hip, neck, knees, (ankle, other), elbows, hands, stout), height)
+    other_ankle = (right[0] - 0.02) / height, -0.11 / height, right[1] / height + 0.035
+    knees = _knee(hip, ankle), _knee(hip, other_ankle)
+    return person(Figure(hip, neck, knees, (ankle, other_ankle), elbows, hands, stout), height)
 
 
 def _knee(hip: Vector, ankle: Vector) -> Vector:

@@ -95,27 +95,37 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     million pixels."""
     clouds = [cloud for cloud in clouds if len(cloud.points)]
     name = clouds[0].name if clouds else "the sensor"
-    kept = []
+    angle_tables = []
     rings = []
     for cloud in clouds:
         angles = compute_angles(cloud.in_sensor())
         far = angles[2] > NEAREST
-        kept.append(angles[:, far])
+        angle_tables.append(angles[:, far])
         rings += [] if cloud.ring is None else [cloud.ring[far]]
-    total = sum(each.shape[1] for each in kept)
+    total = sum(columns_of_angles.shape[1] for columns_of_angles in angle_tables)
     if total < TELLING_POINTS:
-        said = f"{total} points of {name} say nothing of its rows"
-        raise ValueError(f"{said}, {TELLING_POINTS} are needed: give more clouds")
-    elevation, azimuth, distance = np.concatenate(kept, axis=1)
+        problem = f"{total} points of {name} say nothing of its rows"
+        raise ValueError(f"{problem}, {TELLING_POINTS} are needed: give more clouds")
+    elevation, azimuth, distance = np.concatenate(angle_tables, axis=1)
     numbers: tuple[int, ...] = ()
-    if len(rings) == len(kept):
+    if len(rings) == len(angle_tables):
         elevations, numbers = _ring_rows(elevation, np.concatenate(rings))
-        step = _step_in_rows([(each[1], ring) for each, ring in zip(kept, rings, strict=True)])
+        step = _step_in_rows(
+            [
+                (columns_of_angles[1], ring)
+                for columns_of_angles, ring in zip(angle_tables, rings, strict=True)
+            ]
+        )
     elif (crowded := _crowded_rows(elevation)) is not None:
         elevations = crowded
-        step = _step_in_rows([(each[1], nearest_row(each[0], crowded)) for each in kept])
+        step = _step_in_rows(
+            [
+                (columns_of_angles[1], nearest_row(columns_of_angles[0], crowded))
+                for columns_of_angles in angle_tables
+            ]
+        )
     else:
-        elevations, step = _even_rows(kept)
+        elevations, step = _even_rows(angle_tables)
     heading, span = _span(azimuth)
     if span is None:
         columns = max(1, round(2 * np.pi / step))
@@ -202,21 +212,24 @@ def _step_in_rows(clouds: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     for azimuth, row in clouds:
         order = np.lexsort((azimuth, row))
         steps.append(np.diff(azimuth[order])[row[order][1:] == row[order][:-1]])
-    every = np.concatenate(steps)
-    every = every[every > _SMALLEST_STEP]
-    return float(np.median(every)) if len(every) else 2 * np.pi
+    all_steps = np.concatenate(steps)
+    all_steps = all_steps[all_steps > _SMALLEST_STEP]
+    return float(np.median(all_steps)) if len(all_steps) else 2 * np.pi
 
 
 def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"], float]:
     """Even rows, and the same step of the azimuth."""
     from scipy.spatial import cKDTree
 
-    elevation, azimuth, _ = max(clouds, key=lambda each: each.shape[1])
+    elevation, azimuth, _ = max(clouds, key=lambda angles: angles.shape[1])
     flat = np.column_stack([elevation, azimuth * np.cos(elevation)])
-    some = np.random.default_rng(0).permutation(len(flat))[:_SOME]
-    low, middle, high = np.quantile(cKDTree(flat).query(flat[some], k=2)[0][:, 1], [0.1, 0.5, 0.9])
+    sample = np.random.default_rng(0).permutation(len(flat))[:_SOME]
+    low, middle, high = np.quantile(
+        cKDTree(flat).query(flat[sample], k=2)[0][:, 1], [0.1, 0.5, 0.9]
+    )
     step = float(max(middle * (2 if high > _AT_RANDOM * max(low, 1e-9) else 1), _SMALLEST_STEP))
-    top, bottom = (float(pick([pick(each[0]) for each in clouds])) for pick in (np.max, np.min))
+    top = float(max(angles[0].max() for angles in clouds))
+    bottom = float(min(angles[0].min() for angles in clouds))
     rows = max(2, int(np.ceil((top - bottom) / step)) + 1)
     return (top + bottom) / 2 + ((rows - 1) / 2 - np.arange(rows)) * step, step
 
@@ -281,29 +294,29 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
         in_rows = numbers[row] == cloud.ring
     else:
         row = nearest_row(elevation, rows)
-        apart = -np.diff(rows)
+        gaps = -np.diff(rows)
         widest = (
-            np.maximum(np.append(apart, 0), np.insert(apart, 0, 0))
-            if len(apart)
+            np.maximum(np.append(gaps, 0), np.insert(gaps, 0, 0))
+            if len(gaps)
             else np.full(1, np.inf)
         )
         in_rows = np.abs(elevation - rows[row]) <= widest[row]
     turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
-    place = np.floor(turned / (model.azimuth_fov / model.columns) + model.columns / 2).astype(
+    raw_column = np.floor(turned / (model.azimuth_fov / model.columns) + model.columns / 2).astype(
         np.int64
     )
-    column = np.clip(place, 0, model.columns - 1)
-    in_columns = (place == column) | (model.azimuth_fov >= 2 * np.pi)
+    column = np.clip(raw_column, 0, model.columns - 1)
+    in_columns = (raw_column == column) | (model.azimuth_fov >= 2 * np.pi)
     ranges = distance.astype(np.float32)
     inside = in_rows & in_columns & (ranges > 0) & (ranges < model.max_range)
     cells = row * model.columns + column
     within = np.flatnonzero(inside)
     order = within[np.lexsort((ranges[within], cells[within]))]
-    shown = np.zeros(len(cells), bool)
-    shown[order[np.diff(cells[order], prepend=-1) > 0]] = True  # the nearest of each cell
+    is_shown = np.zeros(len(cells), bool)
+    is_shown[order[np.diff(cells[order], prepend=-1) > 0]] = True  # the nearest of each cell
     image = np.zeros(len(rows) * model.columns, np.float32)
-    image[cells[shown]] = ranges[shown]
-    return CloudImage(grid, image.reshape(model.shape), cells, inside, shown)
+    image[cells[is_shown]] = ranges[is_shown]
+    return CloudImage(grid, image.reshape(model.shape), cells, inside, is_shown)
 
 
 SAMPLE = 128  # images kept of a sensor
@@ -350,8 +363,8 @@ class EmptyScene:
             if image.shape != (shape := self.model.shape) or image.dtype != np.float32:
                 got = f"{image.dtype} of {image.shape}"
                 raise ValueError(f"{name} of {self.name!r} must be float32 of {shape}, got {got}")
-            known = image[~np.isnan(image)] if name == "second" else image
-            if not (np.isfinite(known).all() and (known >= 0).all()):
+            values = image[~np.isnan(image)] if name == "second" else image
+            if not (np.isfinite(values).all() and (values >= 0).all()):
                 raise ValueError(
                     f"{name} of {self.name!r} must be finite and 0 or more: learn the scene again"
                 )
@@ -389,10 +402,10 @@ class EmptyScene:
         """Mark pixels within `sigmas` spreads of one of its medians, or with no return where that
         may be."""
         self.check_shape(measurement)
-        there = is_return(measurement, self.model.max_range)
-        near = np.abs(measurement - self.first) <= sigmas * self.spread
-        near |= np.abs(measurement - self.second) <= sigmas * self.second_spread
-        return np.where(there, near, (self.first == 0) | (self.second == 0))
+        is_measured = is_return(measurement, self.model.max_range)
+        is_scene = np.abs(measurement - self.first) <= sigmas * self.spread
+        is_scene |= np.abs(measurement - self.second) <= sigmas * self.second_spread
+        return np.where(is_measured, is_scene, (self.first == 0) | (self.second == 0))
 
     def check_shape(self, measurement: Float[np.ndarray, "..."]) -> None:
         """Raise ValueError unless an image has the scene's shape."""
@@ -439,10 +452,8 @@ class SceneLearner:
         rows, columns = model.shape
         height = max(1, _BLOCK // (len(self._kept) * columns))
         tops = range(0, rows, height)
-        blocks = (
-            _clusters(np.stack([image[top : top + height] for image in self._kept]), model)
-            for top in tops
-        )
+        images = np.stack(self._kept)
+        blocks = (_clusters(images[:, top : top + height], model) for top in tops)
         fars, nears, flickering = zip(*blocks, strict=True)
         far, near = (
             _Mode(*map(np.concatenate, zip(*modes, strict=True))) for modes in (fars, nears)
@@ -451,14 +462,14 @@ class SceneLearner:
         far, near = (_narrow_broad(mode, usual(mode.median), self._kept) for mode in (far, near))
         flickers = np.concatenate(flickering) & (near.share >= LEAST_SHARE)
         continues = _continuation_mask(near, far.median)
-        kept = flickers & (continues | ((far.median == 0) & (near.share >= HALF)))
+        is_second = flickers & (continues | ((far.median == 0) & (near.share >= HALF)))
         nothing = np.zeros(model.shape, np.float32)
         first = far
-        second = near.where(kept, _Mode(np.full_like(nothing, np.nan), *(nothing,) * 4))
+        second = near.where(is_second, _Mode(np.full_like(nothing, np.nan), *(nothing,) * 4))
         swap = second.share > first.share
         first, second = second.where(swap, first), first.where(swap, second)
-        images = dict(zip(_IMAGES, (*first[:3], *second[:3]), strict=True))
-        return EmptyScene(self.sensor.name, model, frames=self.frames, **images)
+        scene_images = dict(zip(_IMAGES, (*first[:3], *second[:3]), strict=True))
+        return EmptyScene(self.sensor.name, model, frames=self.frames, **scene_images)
 
 
 def learn_empty_scenes(
@@ -483,14 +494,14 @@ def learn_empty_scenes(
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
     """Write empty scenes as one .npz file with a checksum."""
-    said = [
-        {"name": each.name, "model": _describe_model(each.model), "frames": each.frames}
-        for each in scenes
+    heads = [
+        {"name": empty.name, "model": _describe_model(empty.model), "frames": empty.frames}
+        for empty in scenes
     ]
     arrays = {
         f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES
     }
-    write_arrays(path, {"scenes": np.array(json.dumps(said)), **arrays})
+    write_arrays(path, {"scenes": np.array(json.dumps(heads)), **arrays})
 
 
 def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
@@ -499,11 +510,11 @@ def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
     arrays = read_arrays(path)
     scenes = []
     try:
-        for k, each in enumerate(parse_json(str(arrays["scenes"]))):
-            values = dict(each["model"])
+        for k, head in enumerate(parse_json(str(arrays["scenes"]))):
+            values = dict(head["model"])
             model = make_model(values.pop("class"), values)
             images = {name: arrays[f"{k}_{name}"] for name in _IMAGES}
-            scenes.append(EmptyScene(each["name"], model, frames=each["frames"], **images))
+            scenes.append(EmptyScene(head["name"], model, frames=head["frames"], **images))
         return tuple(scenes)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(
@@ -583,12 +594,12 @@ class Scenes:
         self.used = True
         if self.given is not None:
             grids = [
-                LidarGrid(each.model) if type(each.model) is RowLidar else None
-                for each in self.given
+                LidarGrid(given_scene.model) if type(given_scene.model) is RowLidar else None
+                for given_scene in self.given
             ]
             return {
-                each.name: LearntScene(each, grid)
-                for each, grid in zip(self.given, grids, strict=True)
+                given_scene.name: LearntScene(given_scene, grid)
+                for given_scene, grid in zip(self.given, grids, strict=True)
             }
         if not (len(self.recording) and self.recording[0].has_images):
             return learn_sample_scenes(
@@ -605,30 +616,32 @@ def learn_sample_scenes(
 ) -> dict[str, LearntScene]:
     """Learn grid and empty scene of every sensor by name, of `sample` images at most. Raises
     ValueError as `Scenes`."""
-    coming = iter(samples)
-    first = list(islice(coming, GRID_SAMPLES))
+    remaining = iter(samples)
+    first = list(islice(remaining, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}
-    for cloud in (cloud for each in first for cloud in each.clouds if len(cloud.points)):
+    for cloud in (cloud for frame in first for cloud in frame.clouds if len(cloud.points)):
         clouds.setdefault(cloud.name, []).append(cloud)
-    learners = {name: _Learner(name, find_grid(own), sample) for name, own in clouds.items()}
+    learners = {
+        name: _Learner(name, find_grid(learner), sample) for name, learner in clouds.items()
+    }
     count = 0
-    for each in chain(first, coming):
+    for frame in chain(first, remaining):
         count += 1
-        for cloud in each.clouds:
+        for cloud in frame.clouds:
             if len(cloud.points) and cloud.name in learners:
-                learners[cloud.name].add(cloud, each.map_SE3_world @ cloud.world_SE3_sensor)
+                learners[cloud.name].add(cloud, frame.map_SE3_world @ cloud.world_SE3_sensor)
     if not learners:
         raise ValueError("no cloud has a point: there is no empty scene to learn")
     if count < FEW_SAMPLES:
-        few = (
+        problem = (
             f"empty scenes are learnt from {count} samples, so who stands still in them is part "
             "of the scene"
         )
-        warnings.warn(f"{few}: give {FEW_SAMPLES} or more, spread over minutes", stacklevel=2)
-    made = learners.items()
+        warnings.warn(f"{problem}: give {FEW_SAMPLES} or more, spread over minutes", stacklevel=2)
+    pairs = learners.items()
     return {
-        name: LearntScene(own.learner.scene(), own.grid, own.points, own.left_out)
-        for name, own in made
+        name: LearntScene(learner.learner.scene(), learner.grid, learner.points, learner.left_out)
+        for name, learner in pairs
     }
 
 
@@ -638,13 +651,15 @@ class _Learner:
         self.points = 0
         self.left_out = Counter[str]()
         self._place: Float64[np.ndarray, "3"] | None = None
-        kept = max(16, _KEPT_PIXELS // (grid.model.shape[0] * grid.model.shape[1]))
-        self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
+        sample_limit = max(16, _KEPT_PIXELS // (grid.model.shape[0] * grid.model.shape[1]))
+        self.learner = SceneLearner(
+            Sensor(name, grid.model, np.eye(4)), max(2, min(sample, sample_limit))
+        )
 
     def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
-        place = map_SE3_sensor[:3, 3]
-        self._place = place if self._place is None else self._place
-        if (moved := np.linalg.norm(place - self._place)) > STANDS_STILL:
+        position = map_SE3_sensor[:3, 3]
+        self._place = position if self._place is None else self._place
+        if (moved := np.linalg.norm(position - self._place)) > STANDS_STILL:
             remedy = "only a sensor that stands still has an empty scene"
             raise ValueError(f"{cloud.name} moves, by {moved:.1f} m: {remedy}")
         image = rasterize_cloud(cloud, self.grid)
@@ -662,10 +677,17 @@ class _Mode(NamedTuple):
     least: ImageRanges  # extreme measurements
     greatest: ImageRanges
 
-    def where(self, mask: ImageMask, other: "_Mode") -> "_Mode":
+    def reshape(self, shape: tuple[int, ...]) -> "_Mode":
+        """Return the same mode as images of a shape."""
+        return _Mode(*(column.reshape(shape) for column in self))
+
+    def where(self, mask: ImageMask, outside: "_Mode") -> "_Mode":
         """Return this mode inside the mask, the other outside."""
         return _Mode(
-            *(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True))
+            *(
+                np.where(mask, inside_image, outside_image)
+                for inside_image, outside_image in zip(self, outside, strict=True)
+            )
         )
 
 
@@ -699,14 +721,16 @@ def _clusters(
     far = pick(np.where(enough, number, size), enough)
     rivals = enough & (number < far[pixel])
     near = pick(size, rivals)
-    nearest, farthest = (values.ravel()[each][:, None] for each in (starts[near], ends[near] - 1))
+    nearest, farthest = (
+        values.ravel()[indices][:, None] for indices in (starts[near], ends[near] - 1)
+    )
     present = (in_time >= nearest) & (in_time <= farthest)
     share = present.mean(axis=1)
     comes = (present[:, 1:] & ~present[:, :-1]).sum(axis=1) + present[:, 0]
     flickers = rivals[near] & (comes >= LEAST_FLICKER * share * (1 - share) * n)
     measure = partial(_measure_mode, solid.ravel(), starts, ends, n=n, model=model)
-    modes = (measure(chosen) for chosen in (far, np.where(rivals[near], near, -1)))
-    far_mode, near_mode = (_Mode(*(each.reshape(shape) for each in mode)) for mode in modes)
+    far_mode = measure(far).reshape(shape)
+    near_mode = measure(np.where(rivals[near], near, -1)).reshape(shape)
     return far_mode, near_mode, flickers.reshape(shape)
 
 
@@ -714,25 +738,25 @@ def _measure_mode(
     values: np.ndarray,
     starts: np.ndarray,
     ends: np.ndarray,
-    chosen: np.ndarray,
+    cluster: np.ndarray,
     n: int,
     model: SensorModel,
 ) -> _Mode:
     """Measure one chosen cluster (-1: none) of every pixel."""
-    first = starts[chosen]
-    last = ends[chosen]
+    first = starts[cluster]
+    last = ends[cluster]
     size = last - first
     median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2
     offset = np.arange(n)
     inside = offset < size[:, None]
     members = values[np.minimum(first[:, None] + offset, len(values) - 1)]
     deviation = np.sort(np.where(inside, np.abs(members - median[:, None]), np.float32(np.inf)))
-    row = np.arange(len(chosen))
+    row = np.arange(len(cluster))
     typical = (deviation[row, (size - 1) // 2] + deviation[row, size // 2]) / 2
     spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
-    there = chosen >= 0
-    figures = (there, median, np.nan), (there & (median > 0), spread, 0), (there, size / n, 0)
-    ends_of = (np.where(there, values[each], 0) for each in (first, last - 1))
+    exists = cluster >= 0
+    figures = (exists, median, np.nan), (exists & (median > 0), spread, 0), (exists, size / n, 0)
+    ends_of = (np.where(exists, values[index], 0) for index in (first, last - 1))
     return _Mode(*(np.where(*figure).astype(np.float32) for figure in figures), *ends_of)
 
 
@@ -745,14 +769,14 @@ def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[ImageRanges], Ima
         return lambda median: np.broadcast_to(model.deviation(np.nan_to_num(median)), median.shape)
     edges = np.linspace(distance.min(), distance.max() + 1e-6, DISTANCES + 1)
     step = np.digitize(distance, edges)
-    usual, middle = (
-        [np.median(each[step == k]) for k in np.unique(step)] for each in (spread, distance)
-    )
+    steps = np.unique(step)
+    usual = [np.median(spread[step == k]) for k in steps]
+    middle = [np.median(distance[step == k]) for k in steps]
 
     def at(median: ImageRanges) -> ImageRanges:
-        known = np.log(np.where(median > 0, median, 1))
+        log_distance = np.log(np.where(median > 0, median, 1))
         return np.maximum(
-            np.interp(known, middle, usual), model.deviation(np.nan_to_num(median))
+            np.interp(log_distance, middle, usual), model.deviation(np.nan_to_num(median))
         ).astype(np.float32)
 
     return at
@@ -761,32 +785,32 @@ def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[ImageRanges], Ima
 def _narrow_broad(mode: _Mode, usual: ImageRanges, images: Sequence[ImageRanges]) -> _Mode:
     """Replace broad clusters by their densest stretch, `SIGMAS` usual spreads wide to either
     side."""
-    found = _Mode(*(each.copy() for each in mode))
-    every = np.flatnonzero(mode.spread > BROAD * usual)
-    for start in range(0, len(every), _AT_ONCE):
-        broad = every[start : start + _AT_ONCE]
-        least, greatest, spread = (
-            each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual)
+    narrowed = _Mode(*(raster.copy() for raster in mode))
+    broad_pixels = np.flatnonzero(mode.spread > BROAD * usual)
+    for start in range(0, len(broad_pixels), _AT_ONCE):
+        broad = broad_pixels[start : start + _AT_ONCE]
+        lowest, greatest, spread = (
+            raster.ravel()[broad][:, None] for raster in (mode.least, mode.greatest, usual)
         )
         values = np.stack([image.ravel()[broad] for image in images], axis=1)
-        values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf))
-        place = np.arange(values.shape[1])
+        values = np.sort(np.where((values >= lowest) & (values <= greatest), values, np.inf))
+        rank = np.arange(values.shape[1])
         row = np.arange(len(broad))
         within = values[:, None, :] <= values[:, :, None] + 2 * SIGMAS * spread[:, :, None]
-        count = np.where(np.isfinite(values), within.sum(axis=2) - place, 0)
-        begin = place[-1] - count[:, ::-1].argmax(axis=1)  # the farthest of the densest
+        count = np.where(np.isfinite(values), within.sum(axis=2) - rank, 0)
+        begin = rank[-1] - count[:, ::-1].argmax(axis=1)  # the farthest of the densest
         size = count[row, begin]
         median = (values[row, begin + (size - 1) // 2] + values[row, begin + size // 2]) / 2
-        inside = (place >= begin[:, None]) & (place < (begin + size)[:, None])
+        inside = (rank >= begin[:, None]) & (rank < (begin + size)[:, None])
         deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf))[
             row, (size - 1) // 2
         ]
-        found.median.ravel()[broad] = median
-        found.spread.ravel()[broad] = np.clip(
+        narrowed.median.ravel()[broad] = median
+        narrowed.spread.ravel()[broad] = np.clip(
             _MAD_TO_SIGMA * deviation, spread[:, 0], BROAD * spread[:, 0]
         )
-        found.share.ravel()[broad] = size / len(images)
-    return found
+        narrowed.share.ravel()[broad] = size / len(images)
+    return narrowed
 
 
 def _continuation_mask(near: _Mode, far: ImageRanges) -> ImageMask:
@@ -800,10 +824,10 @@ def _continuation_mask(near: _Mode, far: ImageRanges) -> ImageMask:
     rows, columns = far.shape
     same = np.zeros(far.shape, bool)
     for down, right in product(range(-NEIGHBOURS, NEIGHBOURS + 1), repeat=2):
-        there = padded[NEIGHBOURS + down :, NEIGHBOURS + right :][:rows, :columns]
-        before = opposite[NEIGHBOURS - down :, NEIGHBOURS - right :][:rows, :columns]
-        other_surface = np.abs((2 * inverse - before) * there - 1) > OTHER_SURFACE
-        same |= (np.abs(there - near.median) <= within) & other_surface
+        beyond = padded[NEIGHBOURS + down :, NEIGHBOURS + right :][:rows, :columns]
+        opposite_inverse = opposite[NEIGHBOURS - down :, NEIGHBOURS - right :][:rows, :columns]
+        other_surface = np.abs((2 * inverse - opposite_inverse) * beyond - 1) > OTHER_SURFACE
+        same |= (np.abs(beyond - near.median) <= within) & other_surface
     return same
 
 

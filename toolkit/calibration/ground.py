@@ -54,41 +54,43 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _
     """Fit the ground plane a, b, c to points. max_tilt: limit (rad) on the lean of its normal.
     Raises ValueError if no three cells of the grid make such a plane."""
     cells = low_points(points, GROUND_CELL)
-    cells = cells[support_mask(cells, _STEP, 0.3, others=3)]
+    cells = cells[support_mask(cells, _STEP, 0.3, min_supporters=3)]
     slope = np.tan(max_tilt)
     candidates = cells[lowest_mask(cells, slope, _STEP)]
     if len(candidates) < 3:
-        might_be = (
+        problem = (
             f"they fill {len(candidates)} cells of {GROUND_CELL:g} m that might be ground, and a "
             "plane needs 3"
         )
-        raise ValueError(f"no ground found in {len(points)} points: {might_be}: give more points")
+        raise ValueError(f"no ground found in {len(points)} points: {problem}: give more points")
     rng = np.random.default_rng(seed)
     drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
-    one = drawn[:, 1] - drawn[:, 0]
-    two = drawn[:, 2] - drawn[:, 0]
-    normals = np.cross(one, two)
-    wide = (
+    first_edge = drawn[:, 1] - drawn[:, 0]
+    second_edge = drawn[:, 2] - drawn[:, 0]
+    normals = np.cross(first_edge, second_edge)
+    is_wide = (
         np.abs(normals[:, 2])
-        > 0.05 * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1) + 1e-9
+        > 0.05 * np.linalg.norm(first_edge, axis=1) * np.linalg.norm(second_edge, axis=1) + 1e-9
     )
     # of triples that are not nearly on a line
-    normals = normals[wide]
-    through = drawn[wide, 0]
+    normals = normals[is_wide]
+    through = drawn[is_wide, 0]
     slopes = -normals[:, :2] / normals[:, 2:]
     planes = np.column_stack([slopes, through[:, 2] - (slopes * through[:, :2]).sum(axis=1)])
     planes = np.concatenate([planes, [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
     planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= slope]
-    on, below = (some[rng.permutation(len(some))[:_SCORED]] for some in (candidates, cells))
+    on_sample, below_sample = (
+        pool[rng.permutation(len(pool))[:_SCORED]] for pool in (candidates, cells)
+    )
     blocks = [
         planes[start : start + _PLANES_AT_ONCE] for start in range(0, len(planes), _PLANES_AT_ONCE)
     ]
-    pro = np.concatenate([_share_on(block, on) for block in blocks]) * len(candidates)
+    support = np.concatenate([_share_on(block, on_sample) for block in blocks]) * len(candidates)
     lower = np.concatenate(
-        [(_heights_above(block, below) < -_BELOW).mean(axis=1) for block in blocks]
+        [(_heights_above(block, below_sample) < -_BELOW).mean(axis=1) for block in blocks]
     )
-    contra = np.clip(lower - _STRAY, 0, None) * len(cells)
-    plane: _Plane = planes[int(np.argmax(pro - _AGAINST * contra))]
+    penalty = np.clip(lower - _STRAY, 0, None) * len(cells)
+    plane: _Plane = planes[int(np.argmax(support - _AGAINST * penalty))]
     for band in _BANDS:  # fit it again, to ever nearer points
         above = heights_above_plane(plane, points)
         about = low_points(points[np.abs(above) < band], GROUND_CELL, share=0.5)

@@ -41,9 +41,9 @@ def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
     points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if not len(points):
         return np.empty((0, 3))
-    place = np.floor(points[:, :2] / cell).astype(np.int64)
-    place -= place.min(axis=0)
-    key = place[:, 0] * (int(place[:, 1].max()) + 1) + place[:, 1]
+    index = np.floor(points[:, :2] / cell).astype(np.int64)
+    index -= index.min(axis=0)
+    key = index[:, 0] * (int(index[:, 1].max()) + 1) + index[:, 1]
     order = np.lexsort((points[:, 2], key))
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     count = np.diff(np.append(first, len(order)))
@@ -51,19 +51,19 @@ def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
 
 
 def support_mask(
-    cells: _Cells, step: float, slope: float, *, others: int
+    cells: _Cells, step: float, slope: float, *, min_supporters: int
 ) -> Bool[np.ndarray, " m"]:
-    """Mark cells with `others` of the twelve nearest at their height, to within a slope and a
-    step."""
+    """Mark cells with `min_supporters` of the twelve nearest at their height, to within a slope and
+    a step."""
     from scipy.spatial import cKDTree
 
-    near = min(13, len(cells))
-    if near <= others:
+    count = min(13, len(cells))
+    if count <= min_supporters:
         return np.ones(len(cells), bool)
-    apart, other = cKDTree(cells[:, :2]).query(cells[:, :2], near)
-    rise = np.abs(cells[other, 2] - cells[:, None, 2])
-    alike = (rise < step + slope * apart) & (apart < _NEIGHBOUR)
-    return alike[:, 1:].sum(axis=1) >= others
+    distance, neighbours = cKDTree(cells[:, :2]).query(cells[:, :2], count)
+    rise = np.abs(cells[neighbours, 2] - cells[:, None, 2])
+    alike = (rise < step + slope * distance) & (distance < _NEIGHBOUR)
+    return alike[:, 1:].sum(axis=1) >= min_supporters
 
 
 def lowest_mask(
@@ -75,19 +75,19 @@ def lowest_mask(
 
     if not len(cells):
         return np.empty(0, bool)
-    place = np.floor(cells[:, :2] / GROUND_CELL).astype(np.int64)
-    place -= place.min(axis=0)
-    rows, columns = (place.max(axis=0) + 1).tolist()
+    index = np.floor(cells[:, :2] / GROUND_CELL).astype(np.int64)
+    index -= index.min(axis=0)
+    rows, columns = (index.max(axis=0) + 1).tolist()
     if rows * columns > _MOST_CELLS:
         extent = f"{rows * GROUND_CELL:.0f} by {columns * GROUND_CELL:.0f} m"
         raise ValueError(f"the points cover {extent}: crop them to the place in question")
     image = np.full((rows, columns), _NOTHING)
-    image[place[:, 0], place[:, 1]] = cells[:, 2]
+    image[index[:, 0], index[:, 1]] = cells[:, 2]
     reach = round(window / GROUND_CELL)
     rise = -slope * GROUND_CELL * np.abs(np.arange(-reach, reach + 1))
     along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NOTHING)
     allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NOTHING)
-    return cells[:, 2] <= allowed[place[:, 0], place[:, 1]] + step
+    return cells[:, 2] <= allowed[index[:, 0], index[:, 1]] + step
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ class HeightMap:
         """Height at each place, interpolated bilinearly; outside the grid its edge's."""
         from scipy.ndimage import map_coordinates
 
-        place = (np.asarray(xy, np.float64) - self.origin) / self.cell
-        return map_coordinates(self.heights, place.T, order=1, mode="nearest")
+        index = (np.asarray(xy, np.float64) - self.origin) / self.cell
+        return map_coordinates(self.heights, index.T, order=1, mode="nearest")
 
 
 def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
@@ -122,31 +122,31 @@ def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
     )
     shape = np.floor((near[:, :2].max(axis=0) - origin) / GROUND_CELL).astype(np.int64) + 2
     low = low_points(near, GROUND_CELL)
-    low = low[support_mask(low, _KERB, _SLOPE, others=4)]
+    low = low[support_mask(low, _KERB, _SLOPE, min_supporters=4)]
     low = low[lowest_mask(low, _SLOPE, _KERB, window=_WINDOW)]
-    low = low[support_mask(low, _KERB, _SLOPE, others=6)]
+    low = low[support_mask(low, _KERB, _SLOPE, min_supporters=6)]
     surface = HeightMap(origin, np.zeros(tuple(shape)))
-    for kept, kerb in _DRAWINGS:
-        surface = redraw_map(surface, low, kept, kerb)
+    for max_above, kerb in _DRAWINGS:
+        surface = redraw_map(surface, low, max_above, kerb)
     on = np.abs(near[:, 2] - surface.at(near[:, :2])) < _DRAWINGS[-1][0]
     return redraw_map(surface, low_points(near[on], GROUND_CELL, share=0.5), *_DRAWINGS[-1])
 
 
-def redraw_map(surface: HeightMap, cells: _Cells, kept: float, kerb: float) -> HeightMap:
-    """Draw the map again through cells at most `kept` (m) above it, which count little, and twice
-    that below."""
+def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float) -> HeightMap:
+    """Draw the map again through cells at most `max_above` (m) above it, which count little, and
+    twice that below."""
     above = cells[:, 2] - surface.at(cells[:, :2])
-    some = (above < kept) & (above > -2 * kept)
-    weight = weigh_ground(above[some], kerb)
-    cells = cells[some]
-    known = np.zeros(surface.heights.shape)
-    total = np.zeros(surface.heights.shape)
+    near = (above < max_above) & (above > -2 * max_above)
+    weight = weigh_ground(above[near], kerb)
+    cells = cells[near]
+    weights = np.zeros(surface.heights.shape)
+    sums = np.zeros(surface.heights.shape)
     i, j = np.round((cells[:, :2] - surface.origin) / surface.cell).astype(np.int64).T
-    np.add.at(known, (i, j), weight)
-    np.add.at(total, (i, j), weight * cells[:, 2])
+    np.add.at(weights, (i, j), weight)
+    np.add.at(sums, (i, j), weight * cells[:, 2])
     heights = np.zeros(surface.heights.shape)
     for scale in _SCALES:
-        count, summed = (sum_around(image, scale / surface.cell) for image in (known, total))
+        count, summed = (sum_around(image, scale / surface.cell) for image in (weights, sums))
         heights = (summed + _PRIOR * heights) / (count + _PRIOR)
     return HeightMap(surface.origin, heights)
 

@@ -108,10 +108,10 @@ def describe_levels(levels: tuple[GroundLevel, ...]) -> str | None:
     """Return the largest doubt, else the largest further level, in one line; None for one ground
     without doubt."""
     for followed in (False, True):
-        parts = [level for level in levels if level.followed == followed]
-        share = sum(part.share for part in parts)
+        same_kind = [level for level in levels if level.followed == followed]
+        share = sum(ground_level.share for ground_level in same_kind)
         if share >= MIN_DOUBT_SHARE:
-            height = max(parts, key=lambda part: part.share).height_m
+            height = max(same_kind, key=lambda ground_level: ground_level.share).height_m
             side = "above" if height > 0 else "below"
             points = f"{share:.0%} of the points are {abs(height):.1f} m {side} the ground found"
             if followed:
@@ -137,13 +137,13 @@ class _Squares(NamedTuple):
     @staticmethod
     def sort(grid: HeightMap, points: Points) -> "_Squares":
         rows, columns = grid.heights.shape
-        place = np.floor((points[:, :2] - grid.origin) / grid.cell + 0.5)
-        inside = ((place >= 0) & (place < [rows, columns])).all(axis=1) & (
+        index = np.floor((points[:, :2] - grid.origin) / grid.cell + 0.5)
+        inside = ((index >= 0) & (index < [rows, columns])).all(axis=1) & (
             np.abs(points[:, 2]) < MAX_HEIGHT_M
         )
         points = points[inside]
-        place = place[inside].astype(np.int64)
-        key = place[:, 0] * columns + place[:, 1]
+        index = index[inside].astype(np.int64)
+        key = index[:, 0] * columns + index[:, 1]
         # mm, so that one key sorts both
         height = np.round((points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)
         order = np.argsort(key * round(3000 * MAX_HEIGHT_M) + height)
@@ -178,14 +178,14 @@ class _Surface:
         from scipy.spatial import cKDTree
 
         count = min(MAX_NEIGHBOURS + 1, len(cells))
-        apart, other = cKDTree(cells[:, :2]).query(cells[:, :2], count)
-        apart = apart.reshape(len(cells), count)[:, 1:]
-        other = other.reshape(len(cells), count)[:, 1:]
-        rise = np.abs(cells[other, 2] - cells[:, None, 2])
-        near = apart < LINK_M
-        linked = near & (rise < LINK_STEP_M + LINK_SLOPE * apart)
+        distance, neighbours = cKDTree(cells[:, :2]).query(cells[:, :2], count)
+        distance = distance.reshape(len(cells), count)[:, 1:]
+        neighbours = neighbours.reshape(len(cells), count)[:, 1:]
+        rise = np.abs(cells[neighbours, 2] - cells[:, None, 2])
+        near = distance < LINK_M
+        linked = near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
         flat = (linked.sum(axis=1) >= 3) & (linked.sum(axis=1) >= FLAT_SHARE * near.sum(axis=1))
-        return _Surface(cells, other, linked, flat)
+        return _Surface(cells, neighbours, linked, flat)
 
     def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
         """Return the number of each cell's linked surface off the main ground, -1 for other
@@ -198,16 +198,16 @@ class _Surface:
         same = (
             self.linked & member[:, None] & member[self.other] & (side[self.other] == side[:, None])
         )
-        one, place = np.nonzero(same)
+        cell, column = np.nonzero(same)
         size = (len(above), len(above))
         _, group = connected_components(
-            coo_array((np.ones(len(one), bool), (one, self.other[one, place])), size)
+            coo_array((np.ones(len(cell), bool), (cell, self.other[cell, column])), size)
         )
         core = member & (np.abs(above) > OFF_M)
         enough = np.bincount(group[core], minlength=group.max(initial=0) + 1) >= MIN_SUNKEN_CELLS
-        kept = member & enough[group]
+        is_numbered = member & enough[group]
         numbers = np.full(len(above), -1)
-        numbers[kept] = np.unique(group[kept], return_inverse=True)[1]
+        numbers[is_numbered] = np.unique(group[is_numbered], return_inverse=True)[1]
         return self._join(numbers, side)
 
     def _join(
@@ -223,22 +223,26 @@ class _Surface:
         trees = [cKDTree(self.cells[members, :2]) for members in rows]
         pairs: list[tuple[int, int]] = []
         large = [number for number in range(count) if len(rows[number]) >= MIN_JOIN_CELLS]
-        for one, other in combinations(large, 2):
-            apart, place = trees[other].query(
-                self.cells[rows[one], :2], distance_upper_bound=JOIN_M
+        for first_piece, second_piece in combinations(large, 2):
+            distance, nearest_row = trees[second_piece].query(
+                self.cells[rows[first_piece], :2], distance_upper_bound=JOIN_M
             )
-            near = np.flatnonzero(np.isfinite(apart))
-            mine = rows[one][near]
-            theirs = rows[other][place[near]]
-            rise = np.abs(self.cells[mine, 2] - self.cells[theirs, 2])
-            fits = (rise < LINK_STEP_M + JOIN_SLOPE * apart[near]) & (side[mine] == side[theirs])
+            near = np.flatnonzero(np.isfinite(distance))
+            first_cells = rows[first_piece][near]
+            second_cells = rows[second_piece][nearest_row[near]]
+            rise = np.abs(self.cells[first_cells, 2] - self.cells[second_cells, 2])
+            fits = (rise < LINK_STEP_M + JOIN_SLOPE * distance[near]) & (
+                side[first_cells] == side[second_cells]
+            )
             if fits.sum() >= MIN_LINKS:
-                pairs.append((one, other))
+                pairs.append((first_piece, second_piece))
         if not pairs:
             return numbers
-        first, second = np.array(pairs).T
+        first_numbers, second_numbers = np.array(pairs).T
         _, joined = connected_components(
-            coo_array((np.ones(len(first), bool), (first, second)), (count, count))
+            coo_array(
+                (np.ones(len(first_numbers), bool), (first_numbers, second_numbers)), (count, count)
+            )
         )
         return np.where(numbers < 0, -1, joined[numbers])
 
@@ -312,22 +316,24 @@ def _draw_levels(
                 surfaces[k] = _draw_surface(main, cells[number == k])
     if on_main.sum() >= MIN_SUNKEN_CELLS:
         main = _draw_surface(main, cells[on_main])
-    known = ~is_rest | on_main
-    rest = np.flatnonzero(~known)
-    number[rest] = _number_rest(cells, rest, np.where(known, number, -1), [*surfaces, main])
+    is_drawn = ~is_rest | on_main
+    unnumbered = np.flatnonzero(~is_drawn)
+    number[unnumbered] = _number_rest(
+        cells, unnumbered, np.where(is_drawn, number, -1), [*surfaces, main]
+    )
     slopes = _fit_banks(cells, links, number, [*surfaces, main])
     is_bank = np.isfinite(slopes[:, 0])
-    known = np.flatnonzero(number >= 0)
+    is_drawn = np.flatnonzero(number >= 0)
     grid = np.stack(np.meshgrid(*map(np.arange, main.heights.shape), indexing="ij"), axis=-1)
     places = grid.reshape(-1, 2) * main.cell + main.origin
-    apart, nearest = cKDTree(cells[known, :2]).query(places)
+    distance, nearest = cKDTree(cells[is_drawn, :2]).query(places)
     heights = np.stack([surface.heights.ravel() for surface in (*surfaces, main)])
-    drawn = np.take_along_axis(heights, number[known[nearest]][None], axis=0)[0]
+    drawn = np.take_along_axis(heights, number[is_drawn[nearest]][None], axis=0)[0]
     banks = np.flatnonzero(is_bank)
     if len(banks):
-        bank_apart, place = cKDTree(cells[banks, :2]).query(places)
-        on_bank = (bank_apart < apart) & (bank_apart < main.cell)
-        rows = banks[place[on_bank]]
+        bank_apart, nearest_bank = cKDTree(cells[banks, :2]).query(places)
+        on_bank = (bank_apart < distance) & (bank_apart < main.cell)
+        rows = banks[nearest_bank[on_bank]]
         drawn[on_bank] = cells[rows, 2] + ((places[on_bank] - cells[rows, :2]) * slopes[rows]).sum(
             axis=1
         )
@@ -353,30 +359,30 @@ def _fit_banks(
     xy = cells[rows, :2]
     z = cells[rows, 2]
     heights = np.stack([surface.at(xy) for surface in surfaces])
-    apart = np.full(heights.shape, np.inf)
+    distance = np.full(heights.shape, np.inf)
     for k in range(len(surfaces)):
         if (number == k).any():
-            apart[k] = cKDTree(cells[number == k, :2]).query(xy)[0]
-    far = apart > MAX_BANK_M
-    foot = np.where(far, np.inf, heights).argmin(axis=0)[None]
-    edge = np.where(far, -np.inf, heights).argmax(axis=0)[None]
-    foot_m, edge_m = (np.take_along_axis(heights, chosen, axis=0)[0] for chosen in (foot, edge))
-    to_foot, to_edge = (np.take_along_axis(apart, chosen, axis=0)[0] for chosen in (foot, edge))
+            distance[k] = cKDTree(cells[number == k, :2]).query(xy)[0]
+    is_far = distance > MAX_BANK_M
+    foot = np.where(is_far, np.inf, heights).argmin(axis=0)[None]
+    edge = np.where(is_far, -np.inf, heights).argmax(axis=0)[None]
+    foot_m, edge_m = (np.take_along_axis(heights, level, axis=0)[0] for level in (foot, edge))
+    to_foot, to_edge = (np.take_along_axis(distance, level, axis=0)[0] for level in (foot, edge))
     risen = (z - foot_m) / np.maximum(edge_m - foot_m, KERB_M)
     along = to_foot / np.maximum(to_foot + to_edge, KERB_M)
     between = (
         (risen > 0) & (risen < 1) & (foot[0] != edge[0]) & (np.abs(risen - along) < MAX_BANK_BEND)
     )
     rows = rows[between]
-    other = links.other[rows]
-    way = cells[other] - cells[rows, None]
-    near = (number[other] < 0) & (np.hypot(way[..., 0], way[..., 1]) < BANK_CELLS_M)
-    flat = np.where(near[..., None], way[..., :2], 0.0)
+    neighbours = links.other[rows]
+    offset = cells[neighbours] - cells[rows, None]
+    near = (number[neighbours] < 0) & (np.hypot(offset[..., 0], offset[..., 1]) < BANK_CELLS_M)
+    flat = np.where(near[..., None], offset[..., :2], 0.0)
     squares = flat.transpose(0, 2, 1) @ flat + 0.1 * np.eye(2)
     fitted = np.linalg.solve(
-        squares, flat.transpose(0, 2, 1) @ np.where(near, way[..., 2], 0.0)[..., None]
+        squares, flat.transpose(0, 2, 1) @ np.where(near, offset[..., 2], 0.0)[..., None]
     )
-    off = np.where(near, way[..., 2] - (flat @ fitted)[..., 0], 0.0)
+    off = np.where(near, offset[..., 2] - (flat @ fitted)[..., 0], 0.0)
     count = near.sum(axis=1)
     residual = np.sqrt((off**2).sum(axis=1) / np.maximum(count, 1))
     steep = np.hypot(*fitted[..., 0].T)
@@ -390,27 +396,27 @@ def _extension(
     surface: HeightMap,
     cells: Float64[np.ndarray, "n 3"],
     members: Bool[np.ndarray, " n"],
-    others: Bool[np.ndarray, " n"],
+    elsewhere: Bool[np.ndarray, " n"],
     free: Bool[np.ndarray, " n"],
 ) -> Int64[np.ndarray, " m"]:
     """Return the rows of free cells on a level's surface and nearer to its cells than to others, as
     far rings are."""
     from scipy.spatial import cKDTree
 
-    rows = np.flatnonzero(free & ~others)
+    rows = np.flatnonzero(free & ~elsewhere)
     on = np.abs(cells[rows, 2] - surface.at(cells[rows, :2])) < EXTENSION_M
     rows = rows[on]
-    apart = cKDTree(cells[members, :2]).query(cells[rows, :2], distance_upper_bound=MAX_GAP_M)[0]
-    rows = rows[np.isfinite(apart)]
-    apart = apart[np.isfinite(apart)]
-    if not others.any():
+    distance = cKDTree(cells[members, :2]).query(cells[rows, :2], distance_upper_bound=MAX_GAP_M)[0]
+    rows = rows[np.isfinite(distance)]
+    distance = distance[np.isfinite(distance)]
+    if not elsewhere.any():
         return rows
-    return rows[apart < 2 * cKDTree(cells[others, :2]).query(cells[rows, :2])[0]]
+    return rows[distance < 2 * cKDTree(cells[elsewhere, :2]).query(cells[rows, :2])[0]]
 
 
 def _number_rest(
     cells: Float64[np.ndarray, "n 3"],
-    rest: Int64[np.ndarray, " m"],
+    unnumbered: Int64[np.ndarray, " m"],
     number: Int64[np.ndarray, " n"],
     surfaces: list[HeightMap],
 ) -> Int64[np.ndarray, " m"]:
@@ -418,21 +424,21 @@ def _number_rest(
     them, else -1."""
     from scipy.spatial import cKDTree
 
-    known = number >= 0
-    xy = cells[rest, :2]
-    top = cells[rest, 2] + KERB_M
-    nearest = number[known][cKDTree(cells[known, :2]).query(xy)[1]]
+    is_numbered = number >= 0
+    xy = cells[unnumbered, :2]
+    top = cells[unnumbered, 2] + KERB_M
+    nearest = number[is_numbered][cKDTree(cells[is_numbered, :2]).query(xy)[1]]
     heights = np.stack([surface.at(xy) for surface in surfaces])
     impossible = np.take_along_axis(heights, nearest[None], axis=0)[0] > top
     for k in range(len(surfaces)):
-        apart = (
+        distance = (
             cKDTree(cells[number == k, :2]).query(xy)[0]
             if (number == k).any()
-            else np.full(len(rest), np.inf)
+            else np.full(len(unnumbered), np.inf)
         )
-        heights[k, (heights[k] > top) | (apart > MAX_GAP_M)] = -np.inf
-    found = impossible & (cells[rest, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
-    return np.where(found, heights.argmax(axis=0), -1)
+        heights[k, (heights[k] > top) | (distance > MAX_GAP_M)] = -np.inf
+    is_below = impossible & (cells[unnumbered, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
+    return np.where(is_below, heights.argmax(axis=0), -1)
 
 
 def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightMap:
@@ -450,12 +456,12 @@ def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightM
     heights = a * x[:, None] + b * y[None] + c
     for scale in _SCALES_M:
         above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(cells[:, :2])
-        known = np.zeros(heights.shape)
-        total = np.zeros(heights.shape)
+        weights = np.zeros(heights.shape)
+        sums = np.zeros(heights.shape)
         kerb = KERB_M if scale < MIN_FREE_SCALE_M else np.inf
         weight = weigh_ground(above, kerb)
-        np.add.at(known, (i, j), weight)
-        np.add.at(total, (i, j), weight * above)
-        count, summed = (sum_around(image, scale / grid.cell) for image in (known, total))
+        np.add.at(weights, (i, j), weight)
+        np.add.at(sums, (i, j), weight * above)
+        count, summed = (sum_around(image, scale / grid.cell) for image in (weights, sums))
         heights = heights + summed / (count + _TRUST)
     return HeightMap(grid.origin, heights, grid.cell)

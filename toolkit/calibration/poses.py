@@ -122,39 +122,45 @@ class FoundPose:
         if self.registration is None:
             return {**poses, "found": False, "why": self.refusal}
         turn, move = np.split(self.registration.deviations, 2)
-        said = poses | {
+        figures = poses | {
             "found": True,
             "turned_deg": float(np.rad2deg(self.turn)),
             "moved_m": self.distance,
         }
-        said["drifted"] = self.drifted
-        said["standard_deviation"] = {
+        figures["drifted"] = self.drifted
+        figures["standard_deviation"] = {
             "turn_deg": np.rad2deg(turn).tolist(),
             "move_m": move.tolist(),
         }
-        said["covariance_rad_m"] = self.registration.covariance.tolist()
-        said["unobserved"] = [describe_motion(motion) for motion in self.registration.unobserved]
-        return said | {"overlap": self.registration.overlap, "scatter_m": self.registration.scatter}
+        figures["covariance_rad_m"] = self.registration.covariance.tolist()
+        figures["unobserved"] = [describe_motion(motion) for motion in self.registration.unobserved]
+        return figures | {
+            "overlap": self.registration.overlap,
+            "scatter_m": self.registration.scatter,
+        }
 
 
 def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
     """Describe a motion, turns times `LEVER`, in words."""
     motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
-    named = [
+    parts = [
         f"{name} {share:.2f}"
         for name, share in zip(reference_fit.NAMES, motion, strict=True)
         if abs(share) > 0.1
     ]
-    return ", ".join(named)
+    return ", ".join(parts)
 
 
-def save_poses(path: str | Path, found: Sequence[FoundPose]) -> None:
+def save_poses(path: str | Path, found_poses: Sequence[FoundPose]) -> None:
     """Write `FoundPose.described` of each sensor as JSON by name, for
     `toolkit.datasets.cloud_files.read_poses`."""
     write_text(
         path,
         json.dumps(
-            replace_infinite({each.sensor.name: each.described() for each in found}), indent=1
+            replace_infinite(
+                {found_pose.sensor.name: found_pose.described() for found_pose in found_poses}
+            ),
+            indent=1,
         ),
     )
 
@@ -190,31 +196,31 @@ def find_poses(
         stay = select_sensors(sensors, held)
     else:
         if count < LEAST_FRAMES:
-            few = f"{count} frames are too few to tell what stands still from who passes"
-            raise ValueError(f"{few}: give {LEAST_FRAMES} or more")
+            problem = f"{count} frames are too few to tell what stands still from who passes"
+            raise ValueError(f"{problem}: give {LEAST_FRAMES} or more")
         seen = [
             scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)
         ]
         sensors = recording[0].sensors
         stay = select_sensors(sensors, held)
         if detector is not None:
-            chosen = np.unique(
+            numbers = np.unique(
                 np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)
             ).tolist()
             site = getattr(recording, "site", None)
             if site is None:
                 raise ValueError("a detector is for a recording of a known site: leave it out")
             more = partial(
-                object_pairs, seen_objects([recording[k] for k in chosen], detector, site)
+                object_pairs, seen_objects([recording[k] for k in numbers], detector, site)
             )
     if surface is None:
         return align_clouds([points for points, _ in seen], sensors, held=stay, more=more)
-    found: list[FoundPose] = []
+    found_poses: list[FoundPose] = []
     for (points, deviation), sensor in zip(seen, sensors, strict=True):
-        found.append(find_pose(points, sensor, surface, deviation=deviation))
+        found_poses.append(find_pose(points, sensor, surface, deviation=deviation))
         if progress is not None:
-            progress(len(found))
-    return tuple(found)
+            progress(len(found_poses))
+    return tuple(found_poses)
 
 
 def find_pose(
@@ -254,22 +260,22 @@ def align_clouds(
     `toolkit.calibration.poses.align`."""
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
-    found = []
+    found_poses = []
     for k, sensor in enumerate(sensors):
         shared = int(alignment.shared[k].sum())
         if shared < LEAST_SHARED and k not in held:
-            few = (
+            problem = (
                 f"it shares {shared} points with the other sensors, {LEAST_SHARED} are needed: "
                 "give a reference"
             )
-            found.append(FoundPose(sensor, None, few))
+            found_poses.append(FoundPose(sensor, None, problem))
             continue
-        own = slice(6 * k, 6 * k + 6)
-        covariance = np.ascontiguousarray(alignment.covariance[own, own])
+        of_sensor = slice(6 * k, 6 * k + 6)
+        covariance = np.ascontiguousarray(alignment.covariance[of_sensor, of_sensor])
         overlap = min(1.0, shared / max(1, int(alignment.shared.max())))
         figures = covariance, alignment.hidden_motions(k), overlap, float(alignment.scatter[k])
-        found.append(FoundPose(sensor, Registration(alignment.poses[k], *figures)))
-    return tuple(found)
+        found_poses.append(FoundPose(sensor, Registration(alignment.poses[k], *figures)))
+    return tuple(found_poses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,10 +286,14 @@ class Corrected(RecordingView):
     corrections: Mapping[str, Pose]
 
     @staticmethod
-    def of(recording: Recording, found: Iterable[FoundPose]) -> "Corrected":
+    def of(recording: Recording, found_poses: Iterable[FoundPose]) -> "Corrected":
         """Return a recording with found poses applied."""
         return Corrected(
-            recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found}
+            recording,
+            {
+                found_pose.sensor.name: invert(found_pose.sensor.pose) @ found_pose.pose
+                for found_pose in found_poses
+            },
         )
 
     def __getitem__(self, index: int) -> Frame:
@@ -294,8 +304,10 @@ class Corrected(RecordingView):
             correction = self.corrections.get(sensor.name)
             if correction is not None:
                 if isinstance(measurement, SensorCloud):
-                    own = measurement.in_own_frame()
-                    measurement = replace(own, world_SE3_sensor=own.world_SE3_sensor @ correction)
+                    in_sensor = measurement.in_own_frame()
+                    measurement = replace(
+                        in_sensor, world_SE3_sensor=in_sensor.world_SE3_sensor @ correction
+                    )
                 sensor = Sensor(sensor.name, sensor.model, sensor.pose @ correction)
             sensors.append(sensor)
             measurements.append(measurement)
@@ -312,26 +324,26 @@ def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], 
     moves = False
     for frame in first:
         for cloud in frame.clouds:
-            place = (frame.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
+            position = (frame.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
             moves |= bool(
-                np.linalg.norm(place - places.setdefault(cloud.name, place)) > STANDS_STILL
+                np.linalg.norm(position - places.setdefault(cloud.name, position)) > STANDS_STILL
             )
     if len(first) >= LEAST_FRAMES and not moves:
         learnt = learn_sample_scenes(recording[k] for k in range(count))
-        points = {name: scene_points(each.scene)[0] for name, each in learnt.items()}
+        points = {name: scene_points(first_frame.scene)[0] for name, first_frame in learnt.items()}
     else:
-        of_frames = (
-            {cloud.name: cloud.in_sensor() for cloud in each.clouds if len(cloud.points)}
-            for each in first
-        )
-        points = next(filter(None, of_frames), {})
+        points = dict[str, np.ndarray]()
+        for frame in first:
+            points = {cloud.name: cloud.in_sensor() for cloud in frame.clouds if len(cloud.points)}
+            if points:
+                break
         if not points:
             raise ValueError("no frame has a point to find a pose by")
     placed = {
         cloud.name: cloud.world_SE3_sensor for frame in reversed(first) for cloud in frame.clouds
     }
     return tuple(Sensor(name, RowLidar(), placed[name]) for name in points), [
-        (own, None) for own in points.values()
+        (sensor_points, None) for sensor_points in points.values()
     ]
 
 
@@ -354,32 +366,44 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
         ]
 
 
-def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
+def drift_findings(found_poses: Sequence[FoundPose], reference: str) -> list[Finding]:
     """Warn of sensors that clearly drifted or have no pose."""
     findings = []
-    for each in found:
-        where, (turn, move) = f"sensor {each.sensor.name}", each.deviation
-        if each.registration is None:
+    for found_pose in found_poses:
+        subject, (turn, move) = f"sensor {found_pose.sensor.name}", found_pose.deviation
+        if found_pose.registration is None:
             suspected = f"its pose cannot be checked against {reference}"
-            findings.append(Finding("warning", where, suspected, each.refusal, "check by hand"))
-        elif each.drifted:
+            findings.append(
+                Finding("warning", subject, suspected, found_pose.refusal, "check by hand")
+            )
+        elif found_pose.drifted:
             off = (
-                f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm"
+                f"turned by {np.rad2deg(found_pose.turn):.2f}° and moved by "
+                f"{found_pose.distance * 100:.1f} cm"
             )
             within = f"to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
             evidence = f"{off} against {reference}, {within}"
-            said = "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate"
-            findings.append(Finding("warning", where, *said))
+            suspicion = (
+                "it hangs crooked or has drifted",
+                evidence,
+                "write its pose by coview calibrate",
+            )
+            findings.append(Finding("warning", subject, *suspicion))
     return findings
 
 
-def write_corrected(recording: Recording, found: Sequence[FoundPose], out: Path) -> None:
+def write_corrected(recording: Recording, found_poses: Sequence[FoundPose], out: Path) -> None:
     """Write a recording at its found poses: a copy of the file for images, a folder for clouds."""
     if isinstance(recording, CoopDataset):
-        note = {each.sensor.name: each.described() for each in found}
-        copy_corrected(recording, {each.sensor.name: each.pose for each in found}, out, note=note)
+        note = {found_pose.sensor.name: found_pose.described() for found_pose in found_poses}
+        copy_corrected(
+            recording,
+            {found_pose.sensor.name: found_pose.pose for found_pose in found_poses},
+            out,
+            note=note,
+        )
     else:
-        write_recording(Corrected.of(recording, found), out, "folder")
+        write_recording(Corrected.of(recording, found_poses), out, "folder")
 
 
 def copy_corrected(
@@ -406,9 +430,11 @@ def copy_corrected(
         unfinished.chmod(0o600)
         with hdf5_file(unfinished, "r+") as (file, _):
             cameras = list_cameras(file)
-            for sensor, images, place, _ in recording.channels:
+            for sensor, images, stream_index, _ in recording.channels:
                 if sensor.name in poses:
-                    group = file[images if place is None else f"cameras/{cameras[place]}"]
+                    group = file[
+                        images if stream_index is None else f"cameras/{cameras[stream_index]}"
+                    ]
                     pose = np.asarray(poses[sensor.name], np.float64)
                     if isinstance(group, h5py.Group):
                         group["extrinsic"][...] = published.extrinsic(
@@ -424,16 +450,16 @@ def copy_corrected(
                 del file["coview/site"]
                 text = format_site(replace(recording.site, sensors=tuple(moved)))
                 file.create_dataset("coview/site", data=text, track_times=False)
-            own = file.get("coview")
+            coview_group = file.get("coview")
             if (
-                own is not None and "plan" in own.attrs
+                coview_group is not None and "plan" in coview_group.attrs
             ):  # a few numbers tell one recording's plan from another's
                 rounded = {
                     name: np.asarray(poses[name])[:3].ravel().round(6).tolist()
                     for name in sorted(poses)
                 }
-                own.attrs["plan"] = json.dumps(
-                    {**parse_json(str(own.attrs["plan"])), "calibrated": rounded}
+                coview_group.attrs["plan"] = json.dumps(
+                    {**parse_json(str(coview_group.attrs["plan"])), "calibrated": rounded}
                 )
             if note is not None:
                 file.attrs["calibration"] = json.dumps(note)
@@ -499,8 +525,8 @@ class Alignment:
 
     def hidden_motions(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
         """Unit motions of one sensor that nothing determines."""
-        own = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
-        _, size, motions = np.linalg.svd(own, full_matrices=False)
+        of_sensor = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
+        _, size, motions = np.linalg.svd(of_sensor, full_matrices=False)
         return motions[size > 0.3]
 
 
@@ -526,13 +552,15 @@ def align(
         raise ValueError(f"held must be sensor numbers from 0 to {count - 1}, got {list(held)}")
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
-    for radius, voxel, least in _LEVELS:
+    for radius, voxel, min_limit in _LEVELS:
         thinned = [reference_fit.thin_rows(surface.points, voxel) for surface in surfaces]
         for _ in range(_STEPS):
-            pairs = _surface_pairs(surfaces, thinned, poses, (radius, least))
+            pairs = _surface_pairs(surfaces, thinned, poses, (radius, min_limit))
             pairs += list(more(poses, radius)) if more is not None else []
-            off = [motion_between(*each) for each in zip(believed, poses, strict=True)]
-            system = _Joint(pairs, free, np.concatenate(off))
+            motions_off = [
+                motion_between(*pose_pair) for pose_pair in zip(believed, poses, strict=True)
+            ]
+            system = _Joint(pairs, free, np.concatenate(motions_off))
             step = system.step()
             poses = list(map(reference_fit.apply_motion, poses, step.reshape(-1, 6)))
             if np.abs(step).max() < reference_fit.CONVERGED * radius:
@@ -554,8 +582,13 @@ def align(
         shared[pair.one, pair.other] += int(counts.sum())
         for sensor in (pair.one, pair.other):
             rows[sensor].append(np.abs(pair.residual[counts]))
-    every = [np.concatenate(own) for own in rows]
-    scatter = np.array([1.4826 * float(np.median(own)) if len(own) else 0.0 for own in every])
+    residuals_of = [np.concatenate(residuals) for residuals in rows]
+    scatter = np.array(
+        [
+            1.4826 * float(np.median(residuals)) if len(residuals) else 0.0
+            for residuals in residuals_of
+        ]
+    )
     return Alignment(tuple(poses), system.covariance(), hidden, shared + shared.T, scatter)
 
 
@@ -651,32 +684,32 @@ def _surface_pairs(
     limits: tuple[float, float],
 ) -> list[Pairs]:
     """Pair each thinned point with other sensors' nearest points, if they face the same way."""
-    (radius, least), made = limits, []
-    for one, (surface, some) in enumerate(zip(surfaces, thinned, strict=True)):
-        world = transform(poses[one], surface.points[some])
-        facing = surface.normals[some] @ poses[one][:3, :3].T
+    (radius, min_limit), pairs = limits, []
+    for one, (surface, rows) in enumerate(zip(surfaces, thinned, strict=True)):
+        world = transform(poses[one], surface.points[rows])
+        facing = surface.normals[rows] @ poses[one][:3, :3].T
         for other, seen in enumerate(surfaces):
             if other == one:
                 continue
-            apart, row = seen.tree.query(
+            distance, row = seen.tree.query(
                 transform(invert(poses[other]), world), distance_upper_bound=radius
             )
-            near = np.flatnonzero(np.isfinite(apart))
+            near = np.flatnonzero(np.isfinite(distance))
             normals = seen.normals[row[near]] @ poses[other][:3, :3].T
             alike = (facing[near] * normals).sum(axis=1) > _SAME_SIDE
             near = near[alike]
             normals = normals[alike]
-            there = transform(poses[other], seen.points[row[near]])
-            rough = np.hypot(surface.roughness[some[near]], seen.roughness[row[near]])
-            residual = ((world[near] - there) * normals).sum(axis=1)
+            counterparts = transform(poses[other], seen.points[row[near]])
+            rough = np.hypot(surface.roughness[rows[near]], seen.roughness[row[near]])
+            residual = ((world[near] - counterparts) * normals).sum(axis=1)
             deviation = np.hypot(rough, reference_fit.LEAST_SCALE)
             mine, theirs = (
                 resistance(world[near], poses[sensor][:3, 3], normals) for sensor in (one, other)
             )
             spread = deviation * np.sqrt(reference_fit.CORRELATED)
-            limit = np.maximum(reference_fit.TUKEY * deviation, least)
-            made.append(Pairs(one, other, mine, -theirs, residual, spread, limit))
-    return made
+            limit = np.maximum(reference_fit.TUKEY * deviation, min_limit)
+            pairs.append(Pairs(one, other, mine, -theirs, residual, spread, limit))
+    return pairs
 
 
 PAIR_GATE = 1.5  # m: greatest distance between the centres that two sensors give one road user
@@ -707,10 +740,10 @@ def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> lis
     seen: list[list[SeenBoxes]] = []
     for frame in frames:
         clouds = zip(frame_points(frame, area=site), frame.sensors, strict=True)
-        found = (
+        per_sensor = (
             (detect_on_ground(detector, cloud, site).boxes, sensor.pose) for cloud, sensor in clouds
         )
-        seen.append([SeenBoxes.of(*each) for each in found])
+        seen.append([SeenBoxes.of(*detected) for detected in per_sensor])
     return seen
 
 
@@ -718,43 +751,50 @@ def object_pairs(seen: Sequence[Sequence[SeenBoxes]], poses: Poses, radius: floa
     """Rows of all road users that two sensors at `poses` see: three for the centre, one for the
     heading."""
     gate = float(np.clip(radius, _LEAST_GATE, PAIR_GATE))
-    made = []
-    for one, other in combinations(range(len(poses)), 2):
+    pairs = []
+    for first, second in combinations(range(len(poses)), 2):
         matches = [
-            _match_boxes(frame[one], frame[other], poses[one], poses[other], gate) for frame in seen
+            _match_boxes(frame[first], frame[second], poses[first], poses[second], gate)
+            for frame in seen
         ]
-        here, there, turn = (
+        first_centres, second_centres, turn = (
             np.concatenate(parts) for parts in zip(_NO_MATCH, *matches, strict=True)
         )
-        if count := len(here):
+        if count := len(first_centres):
             axes = np.repeat(np.eye(3), count, axis=0)
             about_z = np.tile([0.0, 0.0, 1 / LEVER, 0.0, 0.0, 0.0], (count, 1))
             places = (
-                (np.tile(here, (3, 1)), poses[one][:3, 3]),
-                (np.tile(there, (3, 1)), poses[other][:3, 3]),
+                (np.tile(first_centres, (3, 1)), poses[first][:3, 3]),
+                (np.tile(second_centres, (3, 1)), poses[second][:3, 3]),
             )
-            mine, theirs = (np.concatenate([resistance(*place, axes), about_z]) for place in places)
-            residual = np.concatenate([(here - there).T.ravel(), turn])
+            mine, theirs = (
+                np.concatenate([resistance(*position, axes), about_z]) for position in places
+            )
+            residual = np.concatenate([(first_centres - second_centres).T.ravel(), turn])
             deviation = np.repeat([np.sqrt(2) * _CENTRE, np.sqrt(2) * _HEADING], [3 * count, count])
             limit = np.repeat([gate, _WORST_HEADING], [3 * count, count])
-            made.append(Pairs(one, other, mine, -theirs, residual, deviation, limit))
-    return made
+            pairs.append(Pairs(first, second, mine, -theirs, residual, deviation, limit))
+    return pairs
 
 
 def _match_boxes(
     mine: SeenBoxes, theirs: SeenBoxes, pose: Pose, other_pose: Pose, gate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres matched by two sensors, and the first one's headings less the other's (rad)."""
-    here = transform(pose, mine.centres)
-    there = transform(other_pose, theirs.centres)
-    if not (len(here) and len(there)):
+    first_centres = transform(pose, mine.centres)
+    second_centres = transform(other_pose, theirs.centres)
+    if not (len(first_centres) and len(second_centres)):
         return _NO_MATCH
-    apart = np.hypot(*(here[:, None, :2] - there[None, :, :2]).transpose(2, 0, 1))
-    nearest = apart.argmin(axis=1)
-    row = np.arange(len(here))
-    mutual = (apart[:, nearest].argmin(axis=0) == row) & (apart[row, nearest] < gate)
-    ways = (boxes.ahead @ at[:3, :3].T for boxes, at in ((mine, pose), (theirs, other_pose)))
-    heading, other_heading = (np.arctan2(way[:, 1], way[:, 0]) for way in ways)
+    distance = np.hypot(
+        *(first_centres[:, None, :2] - second_centres[None, :, :2]).transpose(2, 0, 1)
+    )
+    nearest = distance.argmin(axis=1)
+    row = np.arange(len(first_centres))
+    mutual = (distance[:, nearest].argmin(axis=0) == row) & (distance[row, nearest] < gate)
+    headings_ahead = (
+        boxes.ahead @ at[:3, :3].T for boxes, at in ((mine, pose), (theirs, other_pose))
+    )
+    heading, other_heading = (np.arctan2(ahead[:, 1], ahead[:, 0]) for ahead in headings_ahead)
     turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
-    some = mutual & (np.abs(turn) < _WORST_HEADING)
-    return here[some], there[nearest[some]], turn[some]
+    matched = mutual & (np.abs(turn) < _WORST_HEADING)
+    return first_centres[matched], second_centres[nearest[matched]], turn[matched]

@@ -100,8 +100,8 @@ class Surface:
     @cached_property
     def thin(self) -> "Surface":
         """Surface for coarse steps, thinned to 0.4 m."""
-        some = thin_rows(self.points, 0.4)
-        return Surface(self.points[some], self.normals[some], self.roughness[some])
+        rows = thin_rows(self.points, 0.4)
+        return Surface(self.points[rows], self.normals[rows], self.roughness[rows])
 
 
 def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface:
@@ -135,19 +135,19 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     size = np.linalg.norm(across, axis=1)
     low, high = site.area[:2] - OUTSKIRTS, site.area[2:] + OUTSKIRTS
     middle = corners.mean(axis=1)[:, :2]
-    wanted = (size > 0) & ((middle > low) & (middle < high)).all(axis=1)
-    corners = corners[wanted]
-    across = across[wanted]
-    size = size[wanted]
+    in_reach = (size > 0) & ((middle > low) & (middle < high)).all(axis=1)
+    corners = corners[in_reach]
+    across = across[in_reach]
+    size = size[in_reach]
     rng = np.random.default_rng(seed)
     share = size / 2 / SURFACE_SPACING**2
     # on average in proportion to its size
     count = np.floor(share + rng.random(len(share))).astype(np.int64)
-    chosen = np.repeat(np.arange(len(count)), count)
-    u, v = np.sqrt(rng.random(len(chosen))), rng.random(len(chosen))
+    triangles = np.repeat(np.arange(len(count)), count)
+    u, v = np.sqrt(rng.random(len(triangles))), rng.random(len(triangles))
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
-    points = np.einsum("nk,nkd->nd", weights, corners[chosen])
-    return Surface(points, across[chosen] / size[chosen, None], np.zeros(len(points)))
+    points = np.einsum("nk,nkd->nd", weights, corners[triangles])
+    return Surface(points, across[triangles] / size[triangles, None], np.zeros(len(points)))
 
 
 def cloud_surface(points: Points) -> Surface:
@@ -235,13 +235,13 @@ def register(
     for turn in _STARTS:
         start = apply_motion(believed, np.array([0, 0, turn * LEVER, 0, 0, 0]))
         pose, _ = _align_levels(points, noise, surface.thin, start, _COARSE)
-        if all(np.abs(motion_between(pose, other)).max() > _SAME for other in coarse):
+        if all(np.abs(motion_between(pose, known_pose)).max() > _SAME for known_pose in coarse):
             coarse.append(pose)
     fine = [_align_levels(points, noise, surface, pose, _FINE) for pose in coarse]
     best = max(system.agreement for _, system in fine)
-    as_good = [each for each in fine if each[1].agreement >= best - _AS_GOOD]
+    as_good = [candidate for candidate in fine if candidate[1].agreement >= best - _AS_GOOD]
     pose, system = min(
-        as_good, key=lambda each: float(np.linalg.norm(motion_between(believed, each[0])))
+        as_good, key=lambda candidate: float(np.linalg.norm(motion_between(believed, candidate[0])))
     )
     if len(system.hidden_motions):  # a coarse level may have gone astray along these
         motion = motion_between(believed, pose)
@@ -256,30 +256,32 @@ def _align_levels(
     points: Points, noise: _Deviations, surface: Surface, pose: Pose, levels: _Levels
 ) -> "tuple[Pose, _System]":
     """Align the points level by level. Returns the pose and the last system that was solved."""
-    for radius, voxel, least in levels:
-        some = thin_rows(points, voxel)
+    for radius, voxel, min_limit in levels:
+        rows_thinned = thin_rows(points, voxel)
         for _ in range(_STEPS):
-            world = transform(pose, points[some])
-            apart, other = surface.tree.query(world, distance_upper_bound=radius)
-            near = np.flatnonzero(np.isfinite(apart))
+            world = transform(pose, points[rows_thinned])
+            distance, neighbours = surface.tree.query(world, distance_upper_bound=radius)
+            near = np.flatnonzero(np.isfinite(distance))
             if len(near) < 50:
-                few = (
-                    f"{len(near)} of {len(some)} points lie within {radius:g} m of the reference, "
-                    "50 are needed"
+                problem = (
+                    f"{len(near)} of {len(rows_thinned)} points lie within {radius:g} m of the "
+                    "reference, 50 are needed"
                 )
                 remedy = (
                     "is it of the same place and frame, and the sensor no farther off than that?"
                 )
-                raise ValueError(f"{few}: {remedy}")
-            normals = surface.normals[other[near]]
-            residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
+                raise ValueError(f"{problem}: {remedy}")
+            normals = surface.normals[neighbours[near]]
+            residual = ((world[near] - surface.points[neighbours[near]]) * normals).sum(axis=1)
             scatter = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SCALE)
             spread = np.sqrt(
-                noise[some][near] ** 2 + surface.roughness[other[near]] ** 2 + scatter**2
+                noise[rows_thinned][near] ** 2
+                + surface.roughness[neighbours[near]] ** 2
+                + scatter**2
             )
-            weight = tukey_weight(residual / np.maximum(TUKEY * spread, least), 1.0) / spread**2
-            rows = resistance(world[near], pose[:3, 3], normals)
-            system = _System(rows, residual, weight, len(near) / len(some), scatter)
+            weight = tukey_weight(residual / np.maximum(TUKEY * spread, min_limit), 1.0) / spread**2
+            jacobian = resistance(world[near], pose[:3, 3], normals)
+            system = _System(jacobian, residual, weight, len(near) / len(rows_thinned), scatter)
             step = system.step()
             pose = apply_motion(pose, step)
             if np.abs(step).max() < CONVERGED * radius:

@@ -201,10 +201,10 @@ def set_letters(figure: "Figure") -> None:
     numbers: dict[str, str] = {}
     for text in foreign:
         if fonts.unset & set(text.get_text()):
-            shown = numbers.setdefault(text.get_text(), f"({len(numbers) + 1})")
-            text.set_text(shown)
+            number = numbers.setdefault(text.get_text(), f"({len(numbers) + 1})")
+            text.set_text(number)
     if numbers:
-        listed = ", ".join(f"{shown} for {name!r}" for name, shown in numbers.items())
+        listed = ", ".join(f"{number} for {name!r}" for name, number in numbers.items())
         reason = (
             f"no font here can set the letters {''.join(sorted(fonts.unset))} "
             f"({name_letters(fonts.unset)})"
@@ -253,8 +253,8 @@ def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
     """Limits of an axis from 0 to a little above the greatest value."""
-    most = max(0.0, *values) if len(values) else 0.0
-    return 0.0, 1.1 * float(most) if most > 0 else 1.0
+    greatest = max(0.0, *values) if len(values) else 0.0
+    return 0.0, 1.1 * float(greatest) if greatest > 0 else 1.0
 
 
 def plain(text: str) -> str:
@@ -262,13 +262,13 @@ def plain(text: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
-def shorten(text: str, most: int) -> str:
-    """Shorten a plain text, with "…" in its middle. most: number of letters."""
+def shorten(text: str, max_letters: int) -> str:
+    """Shorten a plain text, with "…" in its middle. max_letters: number of letters."""
     text = plain(text)
-    if len(text) <= most:
+    if len(text) <= max_letters:
         return text
-    head = most // 2
-    return f"{text[:head]}…{text[len(text) - (most - head - 1) :]}"
+    head = max_letters // 2
+    return f"{text[:head]}…{text[len(text) - (max_letters - head - 1) :]}"
 
 
 def _short_path(attribute: re.Match[str]) -> str:

@@ -69,17 +69,19 @@ def draw_density_cdf(
             share = np.arange(len(ordered)) / max(len(points), 1)
             colour, dashes = LINES[number % len(LINES)]
             axes.step(ordered, share, where="post", color=colour, linestyle=dashes)
-        most = max((int(points.max()) for points in counts.values() if len(points)), default=0)
+        max_points = max(
+            (int(points.max()) for points in counts.values() if len(points)), default=0
+        )
         axes.set_xscale("symlog", linthresh=FEW, linscale=1.5)
         beyond = [1.0 * step * 10**power for power in range(2, 7) for step in (1, 2, 5)]
         ticks = [
             *range(0, int(FEW), 20),
-            *(tick for tick in beyond if tick <= 1.05 * most or tick == FEW),
+            *(tick for tick in beyond if tick <= 1.05 * max_points or tick == FEW),
         ]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.set_xticks([], minor=True)
         axes.set(xlabel="points on the object", ylabel="share of objects", ylim=(0, 1.01))
-        axes.set_xlim(0, max(1.1 * most, FEW))
+        axes.set_xlim(0, max(1.1 * max_points, FEW))
         name_curves(axes, [f"{name} (N = {len(points)})" for name, points in counts.items()])
         write_figure(figure, out)
 
@@ -90,14 +92,14 @@ def draw_training(
     """Draw a training as losses.png, and ap.png if AP was measured. curves: name -> (epochs,
     values)."""
     for picture, measured in (("losses.png", False), ("ap.png", True)):
-        chosen = {
+        pictured = {
             name: curve for name, curve in curves.items() if name.startswith("AP") == measured
         }
         title, marker = ("AP of validation", "o") if measured else ("Losses of training", "")
         axes: PlotStyle = {"xlabel": "epoch", "ylabel": "AP" if measured else "loss"}
-        if chosen:
+        if pictured:
             look = axes | {"yscale": "linear" if measured else "log"}
-            _draw_curves(chosen, Path(out) / picture, title, look, marker)
+            _draw_curves(pictured, Path(out) / picture, title, look, marker)
 
 
 def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
@@ -113,6 +115,6 @@ def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
 def name_curves(axes: "Axes", names: Sequence[str]) -> None:
     """Name the lines of the axes in a legend below."""
     if names:
-        shown = [shorten(name, 80) for name in names]
+        labels = [shorten(name, 80) for name in names]
         lines = axes.get_lines()[: len(names)]
-        add_legend(axes.figure, lines, shown, loc="outside lower left", handlelength=3.4)
+        add_legend(axes.figure, lines, labels, loc="outside lower left", handlelength=3.4)

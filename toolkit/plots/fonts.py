@@ -70,8 +70,8 @@ def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> F
     missing = frozenset(letter for letter in letters if ord(letter) not in list_letters(base))
     if not shaping:
         misordered = frozenset(letter for letter in letters if _needs_shaping(letter))
-        chosen = _choose(missing - misordered)
-        return chosen._replace(unset=chosen.unset | misordered)
+        choice = _choose(missing - misordered)
+        return choice._replace(unset=choice.unset | misordered)
     return _choose(missing)
 
 
@@ -112,28 +112,32 @@ def family_name(font: Path) -> str:
 
 @cache
 def _choose(missing: frozenset[str]) -> FontChoice:
-    wanted = {ord(letter) for letter in missing}
+    unset = {ord(letter) for letter in missing}
     files: list[Path] = []
-    own = [own_font("DejaVuSans")] if wanted else []
+    house_fonts = [own_font("DejaVuSans")] if unset else []
     candidates = [
-        *own,
-        *(list_system_fonts() if wanted - list_letters(own[0] if own else Path()) else ()),
+        *house_fonts,
+        *(
+            list_system_fonts()
+            if unset - list_letters(house_fonts[0] if house_fonts else Path())
+            else ()
+        ),
     ]
-    while wanted:
-        best = max(candidates, key=_rank(wanted), default=None)
-        if best is None or not wanted & list_letters(best):
+    while unset:
+        best = max(candidates, key=_rank(unset), default=None)
+        if best is None or not unset & list_letters(best):
             break
         files.append(best)
-        wanted -= list_letters(best)
+        unset -= list_letters(best)
     families = tuple(dict.fromkeys(map(family_name, files)))
-    return FontChoice(tuple(files), families, frozenset(map(chr, wanted)))
+    return FontChoice(tuple(files), families, frozenset(map(chr, unset)))
 
 
-def _rank(wanted: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
+def _rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
     """Rank of a font: letters that it has, preference of its family, regular styles first."""
 
     def rank(font: Path) -> tuple[int, int, int, str]:
-        shared = len(wanted & list_letters(font))
+        shared = len(unset & list_letters(font))
         if not shared:
             return 0, 0, 0, ""
         name = family_name(font).lower()
@@ -163,27 +167,27 @@ def _needs_shaping(letter: str) -> bool:
 
 def replace_letters(text: str, letters: frozenset[str]) -> str:
     """Text with `UNSET` in place of some letters, one for a run of them."""
-    shown: list[str] = []
+    letters_shown: list[str] = []
     for letter in text:
         if letter not in letters:
-            shown.append(letter)
-        elif not shown or shown[-1] != UNSET:
-            shown.append(UNSET)
-    return "".join(shown)
+            letters_shown.append(letter)
+        elif not letters_shown or letters_shown[-1] != UNSET:
+            letters_shown.append(UNSET)
+    return "".join(letters_shown)
 
 
 def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict[str, str]:
     """Numbered names, such as "pole 3", for those that hold letters that cannot be set; counted
     from 1. A number that another name uses is passed over."""
     numbers: dict[str, str] = {}
-    taken = set(names)
+    names_in_use = set(names)
     for k, name in enumerate(names, start=1):
         if not unset & set(name):
             continue
-        while f"{noun} {k}" in taken:
+        while f"{noun} {k}" in names_in_use:
             k += len(names)
         numbers[name] = f"{noun} {k}"
-        taken.add(numbers[name])
+        names_in_use.add(numbers[name])
     return numbers
 
 

@@ -126,15 +126,20 @@ def map_sheet(
         )
     draw_north(below, (2.2, -0.25), north(site))
     if legend:
-        place: PlotStyle = {"bbox_to_anchor": (SCALE_WIDTH, 0.0), "bbox_transform": below.transData}
-        place |= {
+        legend_style: PlotStyle = {
+            "bbox_to_anchor": (SCALE_WIDTH, 0.0),
+            "bbox_transform": below.transData,
+        }
+        legend_style |= {
             "loc": "upper left",
             "borderaxespad": 0.0,
             "columnspacing": 1.4,
             "handlelength": 2.8,
         }
         handles, labels = zip(*legend, strict=True)
-        add_legend(below, handles, [plain(label) for label in labels], ncols=columns, **place)
+        add_legend(
+            below, handles, [plain(label) for label in labels], ncols=columns, **legend_style
+        )
     return MapSheet(figure, axes, 72 * scale)
 
 
@@ -426,9 +431,11 @@ def spread_discs(places: _Places, headings: Float64[np.ndarray, " n"], gap: floa
     return discs
 
 
-def draw_poles(axes: "Axes", places: _Places, *, used: bool = False, size: float = 6.0) -> None:
+def draw_poles(
+    axes: "Axes", places: _Places, *, carries_sensor: bool = False, size: float = 6.0
+) -> None:
     """Draw poles as squares, filled if they carry a sensor."""
-    axes.plot(*places.T, zorder=5, **{**pole_style(used), "markersize": size})
+    axes.plot(*places.T, zorder=5, **{**pole_style(carries_sensor), "markersize": size})
 
 
 def name_poles(
@@ -438,7 +445,7 @@ def name_poles(
     take the room."""
     around = [(place * points_per_metre, 4.0) for place in places]
     around += [(place * points_per_metre, DISC / 2 + 1) for place in keep_off]
-    taken = [(*(place - half), *(place + half)) for place, half in around]
+    occupied = [(*(place - half), *(place + half)) for place, half in around]
     for place, name in zip(places, names, strict=True):
         text = shorten(name, 14)
         width, height = 3.9 * len(text) + 1, 7.5
@@ -450,18 +457,27 @@ def name_poles(
             (x - width / 2, y - 12.5),
         ]
         boxes = [(left, low, left + width, low + height) for left, low in spots]
-        free = [box for box in boxes if not any(_overlap(box, other) for other in taken)]
-        if free:
-            taken.append(free[0])
-            left, low = np.array(free[0][:2]) / points_per_metre
+        free = next((box for box in boxes if not _hits_any(box, occupied)), None)
+        if free is not None:
+            occupied.append(free)
+            left, low = np.array(free[:2]) / points_per_metre
             axes.text(left, low, text, fontsize=6.5, va="bottom", zorder=5.5)
 
 
-def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    return bool(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3])
+def _hits_any(box: tuple[float, ...], obstacles: Sequence[tuple[float, ...]]) -> bool:
+    return any(_overlap(box, obstacle) for obstacle in obstacles)
 
 
-def pole_style(used: bool) -> PlotStyle:
+def _overlap(first: tuple[float, ...], second: tuple[float, ...]) -> bool:
+    return bool(
+        first[0] < second[2]
+        and second[0] < first[2]
+        and first[1] < second[3]
+        and second[1] < first[3]
+    )
+
+
+def pole_style(carries_sensor: bool) -> PlotStyle:
     """Matplotlib's properties of a pole."""
     edge: PlotStyle = {
         "marker": "s",
@@ -469,14 +485,17 @@ def pole_style(used: bool) -> PlotStyle:
         "markeredgecolor": canvas.POLE_INK,
         "markeredgewidth": 1.3,
     }
-    return edge | {"markerfacecolor": canvas.POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
+    return edge | {
+        "markerfacecolor": canvas.POLE_INK if carries_sensor else PAPER_WHITE,
+        "linestyle": "none",
+    }
 
 
 def draw_objects(axes: "Axes", objects: Objects) -> None:
     """Draw boxes filled by class."""
     for label, name in enumerate(LABELS):
-        chosen = objects.boxes[objects.labels == label]
-        for corners in footprints(chosen):
+        class_boxes = objects.boxes[objects.labels == label]
+        for corners in footprints(class_boxes):
             axes.fill(*corners.T, facecolor=CLASS[name], edgecolor=INK, linewidth=0.5, zorder=2.6)
 
 
@@ -571,9 +590,9 @@ def draw_frame(
     mark of their own. Raises ValueError for an outcome of other truths or detections."""
     from matplotlib.patches import Patch
 
-    shown = sensors or site.sensors
+    drawn_sensors = sensors or site.sensors
     truth = truth or Objects.empty()
-    found = detections or Detections.empty()
+    detected = detections or Detections.empty()
     scored = ""
     kinds = np.bincount(truth.labels, minlength=len(LABELS))
     filled = zip(LABELS, kinds, strict=True)
@@ -582,26 +601,26 @@ def draw_frame(
         (Patch(facecolor=CLASS[name], **look), f"{name} ({n})") for name, n in filled if n
     ]
     if outcome is None:
-        outlines: dict[Outcome, np.ndarray] = {"detection": found.boxes} if len(found) else {}
-    elif len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(found):
-        given = f"{len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections"
+        outlines: dict[Outcome, np.ndarray] = {"detection": detected.boxes} if len(detected) else {}
+    elif len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(detected):
+        counts = f"{len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections"
         raise ValueError(
-            f"the outcome has {given}, the frame {len(truth)} and {len(found)}: match the same "
+            f"the outcome has {counts}, the frame {len(truth)} and {len(detected)}: match the same "
             "frame"
         )
     else:
         scored = f" ({(~outcome.truth_ignored).sum()} scored)"
         outlines = {
-            "hit": found.boxes[outcome.detection_hit],
+            "hit": detected.boxes[outcome.detection_hit],
             "missed": truth.boxes[~outcome.truth_hit & ~outcome.truth_ignored],
-            "false alarm": found.boxes[~outcome.detection_hit & ~outcome.detection_ignored],
-            "not scored": found.boxes[outcome.detection_ignored],
+            "false alarm": detected.boxes[~outcome.detection_hit & ~outcome.detection_ignored],
+            "not scored": detected.boxes[outcome.detection_ignored],
         }
     for kind, boxes in outlines.items():
         if len(boxes) or kind != "not scored":
             rule = f", IoU ≥ {outcome.iou:g}" if outcome is not None and kind == "hit" else ""
             legend.append(outcome_entry(kind, f"{kind}{rule} ({len(boxes)})"))
-    legend += sensor_entries(shown)
+    legend += sensor_entries(drawn_sensors)
     count = (
         f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points"
         if len(truth) or len(clouds)
@@ -609,18 +628,18 @@ def draw_frame(
     )
     title = shorten(title or f"Site {site.name}", 110)
     with house_style():
-        sheet = map_sheet(site, title, count, holds=sensor_places(shown), legend=legend)
+        sheet = map_sheet(site, title, count, holds=sensor_places(drawn_sensors), legend=legend)
         for index, points in enumerate(clouds):
             x, y = points[:, :2].T
             colour = [sensor_colour(index)]
             sheet.axes.scatter(
                 x, y, s=POINT_SIZE, color=colour, linewidths=0, rasterized=True, zorder=3
             )
-        draw_wedges(sheet.axes, shown, site.solids)
+        draw_wedges(sheet.axes, drawn_sensors, site.solids)
         draw_objects(sheet.axes, truth)
         for name, boxes in outlines.items():
             draw_outcome(sheet.axes, boxes, name)
-        draw_sensors(sheet.axes, shown, sheet.points_per_metre)
+        draw_sensors(sheet.axes, drawn_sensors, sheet.points_per_metre)
         write_figure(sheet.figure, out)
 
 
@@ -664,13 +683,17 @@ def ground_entries(site: Site) -> list[Entry]:
     from matplotlib.patches import Patch
 
     kinds = {solid.kind for solid in site.solids}
-    there: tuple[tuple[str, str, object], ...] = (
+    present_kinds: tuple[tuple[str, str, object], ...] = (
         *(("lane", GROUND["lanes"], site.lanes), ("footway", GROUND["footways"], site.footways)),
         *((kind, SOLID[kind], kind in kinds) for kind in ("building", "pond")),
         ("trees, hedges", SOLID["tree"], kinds & {"tree", "hedge"}),
     )
     edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
-    entries = [(Patch(facecolor=colour, **edge), name) for name, colour, some in there if some]
+    entries = [
+        (Patch(facecolor=colour, **edge), name)
+        for name, colour, is_drawn in present_kinds
+        if is_drawn
+    ]
     if _drawn_solids(site):
         drawn: PlotStyle = {
             "hatch": canvas.DRAWN_HATCH,

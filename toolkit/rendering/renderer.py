@@ -53,13 +53,13 @@ class Moment:
         self._place()
         vertices = []
         for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
-            placed = body.vertices.astype(np.float64)
-            placed[:, :2] = placed[:, :2] @ turn
-            placed[:, 2] += placed[:, :2] @ self._slope
-            vertices.append(placed + box[:3])
+            on_road = body.vertices.astype(np.float64)
+            on_road[:, :2] = on_road[:, :2] @ turn
+            on_road[:, 2] += on_road[:, :2] @ self._slope
+            vertices.append(on_road + box[:3])
         first = np.cumsum([0, *map(len, vertices)])
         triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
-        sizes = [len(each) for each in triangles]
+        sizes = [len(body_triangles) for body_triangles in triangles]
         # -1 for no triangle
         self._object = np.repeat(np.arange(-1, len(bodies), dtype=np.int32), [1, *sizes])
         self._scene = None
@@ -76,9 +76,9 @@ class Moment:
         length. The length is in directions, infinite for a line that meets none."""
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
-        found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
-        after = found["primitive_ids"].numpy() + np.uint32(1)  # 0 for no triangle
-        return self._object.take(after), found["t_hit"].numpy()
+        cast = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
+        after = cast["primitive_ids"].numpy() + np.uint32(1)  # 0 for no triangle
+        return self._object.take(after), cast["t_hit"].numpy()
 
     def _place(self) -> None:
         bodies = self.bodies
@@ -196,20 +196,22 @@ class Renderer:
 
     def looking(self, sensors: Sequence[Sensor]) -> "Renderer":
         """Renderer of other sensors at the same site."""
-        other = self._with(sensors=tuple(sensors))
-        other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
-        return other
+        renderer = self._with(sensors=tuple(sensors))
+        renderer.background = tuple(
+            self._cast_all(self._still, sensor) for sensor in renderer.sensors
+        )
+        return renderer
 
     def of(self, bodies: Sequence[Body]) -> "Renderer":
         """Renderer of other bodies at the same site."""
-        other = self._with(bodies=tuple(bodies))
-        other._measure_bodies()
-        return other
+        renderer = self._with(bodies=tuple(bodies))
+        renderer._measure_bodies()
+        return renderer
 
     def _with(self, **changes: object) -> "Renderer":
-        other = object.__new__(Renderer)
-        other.__dict__.update(self.__dict__, **changes)
-        return other
+        renderer = object.__new__(Renderer)
+        renderer.__dict__.update(self.__dict__, **changes)
+        return renderer
 
     def render(self, snapshot: Snapshot) -> Rendered:
         """Render measurements and hits of all sensors. Raises ValueError where a box is not the box
@@ -225,19 +227,19 @@ class Renderer:
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
     def outer_corners(
-        self, chosen: Int64[np.ndarray, " n"], boxes: BoxRows
+        self, body_rows: Int64[np.ndarray, " n"], boxes: BoxRows
     ) -> Float64[np.ndarray, "n 8 3"]:
         """Corners of boxes around all of the bodies' meshes, mirrors included; world frame, sheared
         with the slope."""
-        whole = boxes.copy()
-        out = np.flatnonzero(self._sticking_out[chosen])
-        middle = self._bounds[chosen[out], :3]
-        yaw = boxes[out, 6]
-        whole[out, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
-        whole[out, 1] += np.sin(yaw) * middle[:, 0] + np.cos(yaw) * middle[:, 1]
-        whole[out, 2] += middle[:, 2]
-        whole[out, 3:6] = self._bounds[chosen[out], 3:]
-        outer = corners(whole)
+        outer_boxes = boxes.copy()
+        rows = np.flatnonzero(self._sticking_out[body_rows])
+        middle = self._bounds[body_rows[rows], :3]
+        yaw = boxes[rows, 6]
+        outer_boxes[rows, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
+        outer_boxes[rows, 1] += np.sin(yaw) * middle[:, 0] + np.cos(yaw) * middle[:, 1]
+        outer_boxes[rows, 2] += middle[:, 2]
+        outer_boxes[rows, 3:6] = self._bounds[body_rows[rows], 3:]
+        outer = corners(outer_boxes)
         if self._slope != LEVEL:
             outer[..., 2] += (outer[..., :2] - boxes[:, None, :2]) @ np.array(self._slope)
         return outer
@@ -286,15 +288,15 @@ class Renderer:
         for row, top, bottom, left, right in sensor.model.windows(sensor_corners).tolist():
             scene, body_from_world = movers[row]
             pixels = slice(top, bottom), slice(left, right)
-            found = self._cast(scene, rays[pixels], body_from_world @ sensor.pose)
-            nearer = found < np.where(depth[pixels] > 0, depth[pixels], max_range)
-            np.copyto(depth[pixels], found, where=nearer)
+            body_depth = self._cast(scene, rays[pixels], body_from_world @ sensor.pose)
+            nearer = body_depth < np.where(depth[pixels] > 0, depth[pixels], max_range)
+            np.copyto(depth[pixels], body_depth, where=nearer)
             np.copyto(hits[pixels], np.int32(row), where=nearer)
         return depth, hits
 
     def _cast_all(self, scene: RaycastingScene, sensor: Sensor) -> np.ndarray:
-        found = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
-        return np.where(found < sensor.model.max_range, found, np.float32(0))
+        depth = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
+        return np.where(depth < sensor.model.max_range, depth, np.float32(0))
 
     def _cast(
         self, scene: RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
@@ -318,17 +320,18 @@ class Renderer:
         self._bounds = np.array([body.bounds for body in self.bodies]).reshape(-1, 6)
         self._sticking_out = np.array([body.truth is not None for body in self.bodies], bool)
 
-    def _check(self, boxes: np.ndarray, chosen: np.ndarray) -> None:
-        misfit = np.abs(boxes[:, 3:6] - self._sizes[chosen]).max(axis=1, initial=0) > 0.02
+    def _check(self, boxes: np.ndarray, body_rows: np.ndarray) -> None:
+        misfit = np.abs(boxes[:, 3:6] - self._sizes[body_rows]).max(axis=1, initial=0) > 0.02
         if misfit.any():
             row = int(np.flatnonzero(misfit)[0])
-            body = self.bodies[chosen[row]]
-            found = boxes[row, 3:6].round(3).tolist()
+            body = self.bodies[body_rows[row]]
+            box_size = boxes[row, 3:6].round(3).tolist()
             size = np.round(body.size, 3).tolist()
-            says = (
-                f"object {row} has a box of {found} m, but its body {body.name!r} measures {size}"
+            problem = (
+                f"object {row} has a box of {box_size} m, but its body {body.name!r} measures "
+                f"{size}"
             )
-            raise ValueError(f"{says}: simulate and render with the same bodies")
+            raise ValueError(f"{problem}: simulate and render with the same bodies")
 
 
 @lru_cache(maxsize=64)

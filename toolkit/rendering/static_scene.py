@@ -41,10 +41,10 @@ def build_scenery(site: Site) -> Mesh:
     rng = np.random.default_rng(sum(site.name.encode()))
     skin = sum(_skin(solid) for solid in site.solids)
     if not skin <= MOST_SKIN:
-        most = f"where {MOST_SKIN:g} m² can be drawn (a plant's counts four times)"
+        limit = f"where {MOST_SKIN:g} m² can be drawn (a plant's counts four times)"
         remedy = "correct their sizes, or leave some out"
         raise ValueError(
-            f"solids of site {site.name!r} have {skin:.3g} m² of skin, {most}: {remedy}"
+            f"solids of site {site.name!r} have {skin:.3g} m² of skin, {limit}: {remedy}"
         )
     solids = []
     for solid in site.solids:
@@ -148,9 +148,8 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
     around = [(0, 0), (1, 0), (1, 1), (0, 1)]
     wall = np.stack([at(i[~pane] + di, j[~pane] + dj, 0.0) for di, dj in around], axis=1)
     i, j = i[pane], j[pane]
-    outer, inner = (
-        np.stack([at(i + di, j + dj, depth) for di, dj in around], axis=1) for depth in (0.0, 1.0)
-    )
+    outer = np.stack([at(i + di, j + dj, 0.0) for di, dj in around], axis=1)
+    inner = np.stack([at(i + di, j + dj, 1.0) for di, dj in around], axis=1)
     ways = [(k, (k + 1) % 4) for k in range(4)]
     sides = [
         np.stack([outer[:, a], outer[:, b], inner[:, b], inner[:, a]], axis=1) for a, b in ways

@@ -55,7 +55,7 @@ class Strips(NamedTuple):
 
     def take(self, rows: Int64[np.ndarray, " m"]) -> "Strips":
         """Choose some strips."""
-        return Strips(*(each.take(rows) for each in self))
+        return Strips(*(column.take(rows) for column in self))
 
 
 class Counted(NamedTuple):
@@ -78,7 +78,7 @@ class Sectors(NamedTuple):
 
     def take(self, pairs: Int64[np.ndarray, " q"]) -> "Sectors":
         """Sectors of some pairs."""
-        return Sectors(*(each.take(pairs) for each in self))
+        return Sectors(*(column.take(pairs) for column in self))
 
 
 class _Columns(NamedTuple):
@@ -89,6 +89,10 @@ class _Columns(NamedTuple):
     low: Float64[np.ndarray, " c"]  # lowest elevation
     step: Float64[np.ndarray, " c"]  # between its rays (rad)
     rows: Int64[np.ndarray, " c"]  # number of rays
+
+    def take(self, part: slice) -> "_Columns":
+        """Some successive columns."""
+        return _Columns(*(column[part] for column in self))
 
 
 def cast_strips(
@@ -109,31 +113,29 @@ def cast_strips(
         np.multiply(flat, np.sin(azimuth), out=lines[:, 4])
         np.sin(elevation, out=lines[:, 5])
         met, length = moment.met(lines)
-        own = np.flatnonzero((met == item.take(window)) & (length > NEAR))
-        found = np.zeros(len(window), np.uint8)
-        if not len(own):
-            return found
-        lines = lines.take(own, axis=0)
-        length = length.take(own)
+        on_object = np.flatnonzero((met == item.take(window)) & (length > NEAR))
+        kinds_seen = np.zeros(len(window), np.uint8)
+        if not len(on_object):
+            return kinds_seen
+        lines = lines.take(on_object, axis=0)
+        length = length.take(on_object)
         points = lines[:, 3:] * length[:, None] + lines[:, :3]
         kinds = np.where(
-            length * flat.take(own) > counted.radius, np.uint8(BEYOND), np.uint8(WITHIN)
+            length * flat.take(on_object) > counted.radius, np.uint8(BEYOND), np.uint8(WITHIN)
         )
         kinds[~counted.crop.holds(points)] = OUTSIDE
         lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
         lines[:, 3:] *= (length - np.float32(NEAR))[:, None]
         kinds[renderer.still_hides(lines)] = 0
-        found[own] = kinds
-        return found
+        kinds_seen[on_object] = kinds
+        return kinds_seen
 
     ends = np.cumsum(columns.rows)
     cuts = np.searchsorted(
         ends, np.arange(RAYS_AT_ONCE, ends[-1] if len(ends) else 0, RAYS_AT_ONCE)
     )
     parts = [slice(*cut) for cut in pairwise([0, *cuts, len(ends)]) if cut[1] > cut[0]]
-    return concatenate_strips(
-        [_strips(shows, windows, _Columns(*(each[part] for each in columns))) for part in parts]
-    )
+    return concatenate_strips([_strips(shows, windows, columns.take(rows)) for rows in parts])
 
 
 def concatenate_strips(parts: list[Strips]) -> Strips:
@@ -142,15 +144,15 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
         return Strips(
             *(np.zeros(0, kind) for kind in (np.int32, np.int32, *[np.float32] * 4, np.int32))
         )
-    return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return Strips(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     """Sector of each object, viewpoint after viewpoint."""
     if not len(ground.low) or not len(viewpoints):
-        whole = np.zeros(0, np.int64)
-        real = np.zeros(0)
-        return Sectors(whole, whole, real, real, whole, real)
+        integers = np.zeros(0, np.int64)
+        numbers = np.zeros(0)
+        return Sectors(integers, integers, numbers, numbers, integers, numbers)
     begin = ground.first[:-1]
     sizes = np.diff(ground.first)
     middle = (
@@ -161,7 +163,9 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     ahead = np.repeat(middle, sizes, axis=1)
     cross = ahead[..., 0] * offset[..., 1] - ahead[..., 1] * offset[..., 0]
     angle = np.arctan2(cross, (ahead * offset).sum(axis=2))
-    first, last = (each.reduceat(angle, begin, axis=1) for each in (np.minimum, np.maximum))
+    first, last = (
+        reduction.reduceat(angle, begin, axis=1) for reduction in (np.minimum, np.maximum)
+    )
     around = last - first >= np.pi  # from above or within the object
     first = np.where(around, -np.pi, first)
     last = np.where(around, np.pi, last)
@@ -192,27 +196,27 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     sin = sin[window]
     near = np.zeros(len(window))
     far = np.full(len(window), np.inf)
-    ways = (
+    axes = (
         (along, ahead * cos + left * sin, half_length),
         (aside, left * cos - ahead * sin, half_width),
     )
-    for place, way, half in ways:
-        way = np.where(np.abs(way) < 1e-9, 1e-9, way)
-        middle = -place[window] / way
-        reach = half[window] / np.abs(way)
+    for start, direction, half_side in axes:
+        direction = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
+        middle = -start[window] / direction
+        reach = half_side[window] / np.abs(direction)
         near = np.maximum(near, middle - reach)
         far = np.minimum(far, middle + reach)
     near = np.maximum(near - EDGE, 0)
     far = np.maximum(far, near) + EDGE
     eye = viewpoints[windows.viewpoint, 2]
-    below, above = ((each[windows.item] - eye)[window] for each in (ground.low, ground.high))
+    below, above = ((height[windows.item] - eye)[window] for height in (ground.low, ground.high))
     low = np.arctan2(below, np.where(below < 0, near, far))
     high = np.arctan2(above, np.where(above < 0, far, near))
     rows = np.clip(np.ceil((high - low) / windows.step[window]), *ROWS).astype(np.int64)
     # of a step: how near an edge is found, so that one at the end of a column lies in the middle
-    found = 0.5**HALVINGS
-    step = (high - low) / (rows + 1 - found)
-    return _Columns(window, azimuth, low - step * found / 2, step, rows)
+    edge_share = 0.5**HALVINGS
+    step = (high - low) / (rows + 1 - edge_share)
+    return _Columns(window, azimuth, low - step * edge_share / 2, step, rows)
 
 
 def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
@@ -221,28 +225,33 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
     rows = columns.rows
     first = np.cumsum(rows + 1) - (rows + 1)  # of each column: below its first ray nothing is seen
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
-    of = np.repeat(np.arange(len(window)), rows)  # column of each ray
+    column = np.repeat(np.arange(len(window)), rows)  # column of each ray
     height = counting(rows) + 1
-    elevation = (columns.low.take(of) + height * columns.step.take(of)).astype(np.float32)
-    seen[first.take(of) + height] = shows(window.take(of), azimuth.take(of), elevation)
+    elevation = (columns.low.take(column) + height * columns.step.take(column)).astype(np.float32)
+    seen[first.take(column) + height] = shows(window.take(column), azimuth.take(column), elevation)
     edge = np.flatnonzero(seen[1:] != seen[:-1])  # between this ray and the next above
     below = seen[edge]
     above = seen[edge + 1]
-    of = np.searchsorted(first, edge, side="right") - 1
-    step = columns.step[of].astype(np.float32)
-    low = (columns.low[of] + (edge - first[of]) * columns.step[of]).astype(np.float32)
+    column = np.searchsorted(first, edge, side="right") - 1
+    step = columns.step[column].astype(np.float32)
+    low = (columns.low[column] + (edge - first[column]) * columns.step[column]).astype(np.float32)
     for _ in range(HALVINGS):
         step *= np.float32(0.5)
         middle = low + step
-        low = np.where(shows(window[of], azimuth[of], middle) == below, middle, low)
-    place = low + step / 2
-    begun = np.flatnonzero(above)  # the next edge ends what begins here
-    of = of[begun]
-    window, half = window[of], windows.width[window[of]] / 2
-    left, right = (columns.azimuth[of] + side for side in (-half, half))
+        low = np.where(shows(window[column], azimuth[column], middle) == below, middle, low)
+    edge_elevation = low + step / 2
+    starts = np.flatnonzero(above)  # the next edge ends what begins here
+    column = column[starts]
+    window, half = window[column], windows.width[window[column]] / 2
+    left, right = (columns.azimuth[column] + side for side in (-half, half))
     pair = windows.viewpoint[window].astype(np.int32), windows.item[window].astype(np.int32)
-    ends = left.astype(np.float32), right.astype(np.float32), place[begun], place[begun + 1]
-    return Strips(*pair, *ends, above[begun].astype(np.int32))
+    bounds = (
+        left.astype(np.float32),
+        right.astype(np.float32),
+        edge_elevation[starts],
+        edge_elevation[starts + 1],
+    )
+    return Strips(*pair, *bounds, above[starts].astype(np.int32))
 
 
 def counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
@@ -281,30 +290,32 @@ class SuccessiveStrips:
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
         hiders = may_hide(moment.ground, self._viewpoints, sectors)
-        kept = np.zeros(hiders.shape[:2], np.bool_)
+        is_kept = np.zeros(hiders.shape[:2], np.bool_)
         last = self._last
-        rows = {each: row for row, each in enumerate(last.objects)}
-        before = np.array([rows.get(each, -1) for each in objects], np.int64)
-        stands = np.flatnonzero(before >= 0)
-        come = before < 0
-        before = before[stands]
+        rows = {key: row for row, key in enumerate(last.objects)}
+        before = np.array([rows.get(key, -1) for key in objects], np.int64)
+        standing = np.flatnonzero(before >= 0)
+        is_new = before < 0
+        before = before[standing]
         now = np.full(len(rows), -1, np.int32)
-        now[before] = stands
-        newly = hiders[:, stands][:, :, come].any(axis=2)
+        now[before] = standing
+        newly = hiders[:, standing][:, :, is_new].any(axis=2)
         formerly = last.hiders[:, before][:, :, now < 0].any(axis=2)
-        kept[:, stands] = ~(newly | formerly) & ~find_touching(moment.ground)[stands]
-        again = last.strips._replace(item=now.take(last.strips.item))
-        again = again.take(np.flatnonzero(again.item >= 0))
-        again = again.take(np.flatnonzero(kept[again.viewpoint, again.item]))
-        some = sectors.take(np.flatnonzero(~kept))
-        strips = cast_strips(self._renderer, moment, self._viewpoints, self._counted, some)
-        if len(again.item):
-            strips = concatenate_strips([again, strips])
+        is_kept[:, standing] = ~(newly | formerly) & ~find_touching(moment.ground)[standing]
+        kept_strips = last.strips._replace(item=now.take(last.strips.item))
+        kept_strips = kept_strips.take(np.flatnonzero(kept_strips.item >= 0))
+        kept_strips = kept_strips.take(
+            np.flatnonzero(is_kept[kept_strips.viewpoint, kept_strips.item])
+        )
+        new_sectors = sectors.take(np.flatnonzero(~is_kept))
+        strips = cast_strips(self._renderer, moment, self._viewpoints, self._counted, new_sectors)
+        if len(kept_strips.item):
+            strips = concatenate_strips([kept_strips, strips])
             pair = strips.viewpoint.astype(np.int64) * len(objects) + strips.item
             strips = strips.take(np.argsort(pair, kind="stable"))
         # one in the other: which of them is which cannot be said
-        alike = len(set(objects)) < len(objects)
-        self._last = self._none if alike else _Last(objects, hiders, strips)
+        has_twins = len(set(objects)) < len(objects)
+        self._last = self._none if has_twins else _Last(objects, hiders, strips)
         return strips
 
 
@@ -312,28 +323,28 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
     """Mask (viewpoint, object, other): the other may hide the object. sectors: of all pairs of
     viewpoint and object."""
     shape = len(viewpoints), len(ground.low)
-    found = np.zeros((*shape, shape[1]), np.bool_)
+    may = np.zeros((*shape, shape[1]), np.bool_)
     half = (sectors.width * sectors.columns / 2).reshape(shape)
     middle = sectors.start.reshape(shape) + half
     radius = np.hypot(ground.rectangles[:, 2], ground.rectangles[:, 3])
     step = max(1, PAIRS_AT_ONCE // max(1, shape[1] ** 2))
     for first in range(0, shape[0], step):
-        some = slice(first, first + step)
+        block = slice(first, first + step)
         distance = np.hypot(
-            *(ground.rectangles[:, :2] - viewpoints[some, None, :2]).transpose(2, 0, 1)
+            *(ground.rectangles[:, :2] - viewpoints[block, None, :2]).transpose(2, 0, 1)
         )
         near = np.maximum(distance - radius, 0)
         far = distance + radius
-        below, above = (each - viewpoints[some, 2:] for each in (ground.low, ground.high))
+        below, above = (height - viewpoints[block, 2:] for height in (ground.low, ground.high))
         low = np.arctan2(below, np.where(below < 0, near, far))
         high = np.arctan2(above, np.where(above < 0, far, near))
-        apart = np.abs((middle[some, :, None] - middle[some, None] + np.pi) % (2 * np.pi) - np.pi)
-        found[some] = apart <= half[some, :, None] + half[some, None] + OVERLAP_SLACK
-        found[some] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
-        found[some] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
-        found[some] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
-    found[:, np.arange(shape[1]), np.arange(shape[1])] = False
-    return found
+        apart = np.abs((middle[block, :, None] - middle[block, None] + np.pi) % (2 * np.pi) - np.pi)
+        may[block] = apart <= half[block, :, None] + half[block, None] + OVERLAP_SLACK
+        may[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
+        may[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
+        may[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
+    may[:, np.arange(shape[1]), np.arange(shape[1])] = False
+    return may
 
 
 def find_touching(ground: Footprints) -> Mask:

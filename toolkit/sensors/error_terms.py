@@ -1,68 +1,50 @@
 """Error terms of real sensors, each with its law, sources and approximations.
 
 **Clocks that differ.** A sensor measures somewhat earlier or later than it says, so moving objects
-    are elsewhere.
-Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills: Computer Network
-    Time Synchronization,
-2nd edition, 2010; IEEE 1588); delays of fusion come on top (Lei et al.: Latency-aware collaborative
-    perception, ECCV
-2022). The points on each object move by its velocity times the offset; turns and changed occlusion
-    are left out.
-Velocities come from the tracks of neighbouring frames, at most `MOST_APART` from each other.
+are elsewhere. Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills:
+Computer Network Time Synchronization, 2nd edition, 2010; IEEE 1588); delays of fusion come on top
+(Lei et al.: Latency-aware collaborative perception, ECCV 2022). The points on each object move by
+its velocity times the offset; turns and changed occlusion are left out. Velocities come from the
+tracks of neighbouring frames, at most `MOST_APART` from each other.
 
 **Returns that fail**, at random, by range and incidence, or by whole rows of the image. A diffuse
-    surface returns the
-power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar Systems, 1992; Lambert's
-    law). It is measured
-where P exceeds a threshold; surfaces differ in rho, here log-logistically, so that
+surface returns the power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar
+Systems, 1992; Lambert's law). It is measured where P exceeds a threshold; surfaces differ in rho,
+here log-logistically, so that
 
     p(return) = 1 / (1 + (P0 / P)^steepness),   P0: that of a surface at right angles at
                                                 `half_range`.
 
 **Mixed pixels.** A beam, or the window of a stereo match, that meets two surfaces gives a mean of
-    both weighed by the
-light of each (Hebert and Krotkov: 3D measurements from imaging laser radars, Image and Vision
-    Computing 10, 1992; Tang,
-Huber and Akinci: A comparative analysis of depth-discontinuity and mixed-pixel detection
-    algorithms, 3DIM 2007).
+both weighed by the light of each (Hebert and Krotkov: 3D measurements from imaging laser radars,
+Image and Vision Computing 10, 1992; Tang, Huber and Akinci: A comparative analysis of
+depth-discontinuity and mixed-pixel detection algorithms, 3DIM 2007).
 
 **Wrong poses**, by calibration or the sway of a pole: the image is right, the cloud is placed with
-    a wrong pose. Normal
-errors, drawn once per sensor, are how robustness to them is measured (V2X-ViT, Xu et al., ECCV
-    2022: 0.2° and 0.2 m of
-moving vehicles; what stands still is calibrated better). A pole is a cantilever: a force at its tip
-    turns the tip by
-theta and moves it by 2/3 · theta · height (Euler and Bernoulli); poles swing at about 1 Hz, and
-    bend with wind and sun.
+a wrong pose. Normal errors, drawn once per sensor, are how robustness to them is measured (V2X-ViT,
+Xu et al., ECCV 2022: 0.2° and 0.2 m of moving vehicles; what stands still is calibrated better). A
+pole is a cantilever: a force at its tip turns the tip by theta and moves it by 2/3 · theta · height
+(Euler and Bernoulli); poles swing at about 1 Hz, and bend with wind and sun.
 
 **Noise**, the model's own and noise that grows with range: sigma(z) = constant + proportional · z +
-    quadratic · z².
-Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise sigma_d in pixels
-    and baseline B in
-metres (Gallup et al.: Variable baseline/resolution stereo, CVPR 2008). Time of flight: sigma grows
-    with z where the
-light's own shot noise prevails, with z² where ambient light or electronics do (Lange and Seitz:
-    Solid-state
-time-of-flight range camera, IEEE J. Quantum Electronics 37, 2001). Pulsed lidars: a constant of 1
-    to 3 cm, and a part
-proportional to range (Glennie and Lichti: Static calibration of the Velodyne HDL-64E S2, Remote
-    Sensing 2, 2010).
+quadratic · z². Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise
+sigma_d in pixels and baseline B in metres (Gallup et al.: Variable baseline/resolution stereo, CVPR
+2008). Time of flight: sigma grows with z where the light's own shot noise prevails, with z² where
+ambient light or electronics do (Lange and Seitz: Solid-state time-of-flight range camera, IEEE J.
+Quantum Electronics 37, 2001). Pulsed lidars: a constant of 1 to 3 cm, and a part proportional to
+range (Glennie and Lichti: Static calibration of the Velodyne HDL-64E S2, Remote Sensing 2, 2010).
 
 **Surfaces of vehicles** that return little: window glass, and dark or wet paint. Glass reflects 4 %
-    of a ray at each
-face (Fresnel), away from the sensor; what passes returns from seats, trims or not at all (Foster et
-    al.: VisAGGE, ICRA
-2013). Black paint returns some tenth of what white does at 905 nm; a wet surface is darker than a
-    dry one (Lekner and
-Dorf: Why some things are darker when wet, Applied Optics 27, 1988). The windows of a vehicle are
-    taken to be the band
-of its body between `lower` and `upper` of its height, right for saloons, estates and hatchbacks;
-    pillars are a share of
+of a ray at each face (Fresnel), away from the sensor; what passes returns from seats, trims or not
+at all (Foster et al.: VisAGGE, ICRA 2013). Black paint returns some tenth of what white does at 905
+nm; a wet surface is darker than a dry one (Lekner and Dorf: Why some things are darker when wet,
+Applied Optics 27, 1988). The windows of a vehicle are taken to be the band of its body between
+`lower` and `upper` of its height, right for saloons, estates and hatchbacks; pillars are a share of
 it, drawn pixel by pixel. Heavy vehicles and two-wheelers are taken to have none.
 
 **Rain, fog and snow** make near returns, and lose returns on their way: the share exp(-2 ·
-    extinction · R) of those of
-surfaces at range R survives (Beer, Lambert). Extinction at 905 nm in dB per km:
+extinction · R) of those of surfaces at range R survives (Beer, Lambert). Extinction at 905 nm in dB
+per km:
 
     rain   1.076 · r^0.67, r in mm/h
            (Carbonneau and Wisely, 1998; Recommendation ITU-R P.1814)
@@ -122,15 +104,15 @@ class Draws:
 
     def of_pole(self, position: Float64[np.ndarray, "3"]) -> Rng:
         """Generator for all sensors over one point of the ground (cm), the same in every frame."""
-        x, y = (int(np.rint(each * 100)) & 0xFFFFFFFF for each in position[:2].tolist())
+        x, y = (int(np.rint(metres * 100)) & 0xFFFFFFFF for metres in position[:2].tolist())
         return np.random.default_rng([self.seed, _POLE, x, y, self.term])
 
     def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
         """Number in [0, 1) for each track id."""
         words = [self.seed, _OBJECT, self.term]
         drawn = [
-            np.random.default_rng([*words, int(each) & 0xFFFFFFFFFFFFFFFF]).random()
-            for each in ids.tolist()
+            np.random.default_rng([*words, int(track) & 0xFFFFFFFFFFFFFFFF]).random()
+            for track in ids.tolist()
         ]
         return np.array(drawn, np.float64)
 
@@ -196,11 +178,11 @@ class TrueImage:
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
         area = np.linalg.norm(normal, axis=2)
-        known = self.valid & (area > 0)
+        is_known = self.valid & (area > 0)
         along = np.abs(np.einsum("ijk,ijk->ij", normal, rays)) / np.where(
-            known, area * self.ray_lengths, 1
+            is_known, area * self.ray_lengths, 1
         )
-        return np.where(known, np.clip(along, 0, 1), 1).astype(np.float32)
+        return np.where(is_known, np.clip(along, 0, 1), 1).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,15 +267,15 @@ class _Term:
         name = type(self).__name__
         for entry in fields(self):
             value = getattr(self, entry.name)
-            least = 1e-3 if entry.name in self._positive else 0
+            minimum = 1e-3 if entry.name in self._positive else 0
             is_number = isinstance(value, int | float | np.number)
             if entry.name in self._shares and not (is_number and 0 <= value <= 1):
                 raise ValueError(
                     f"{entry.name} of {name} must be a share from 0 to 1, got {value!r}"
                 )
-            if isinstance(entry.default, float) and not (is_number and least <= value < np.inf):
+            if isinstance(entry.default, float) and not (is_number and minimum <= value < np.inf):
                 raise ValueError(
-                    f"{entry.name} of {name} must be a number from {least:g} on, got {value!r}"
+                    f"{entry.name} of {name} must be a number from {minimum:g} on, got {value!r}"
                 )
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
@@ -340,19 +322,21 @@ def velocities(
     It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of
     its neighbours. Raises ValueError without neighbours and for one farther off than
     `MOST_APART`."""
-    gaps = [abs(then - time) for _, then in around]
+    gaps = [abs(neighbour_time - time) for _, neighbour_time in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
-        apart = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
+        intervals = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
         remedy = "leave the clock's offset out, or record more often"
         raise ValueError(
-            f"velocities need frames at most {MOST_APART} s apart, got {apart}: {remedy}"
+            f"velocities need frames at most {MOST_APART} s apart, got {intervals}: {remedy}"
         )
     total = np.zeros((len(objects), 3))
     count = np.zeros(len(objects))
-    for others, then in around:
-        _, mine, theirs = np.intersect1d(objects.ids, others.ids, return_indices=True)
-        total[mine] += (others.boxes[theirs, :3] - objects.boxes[mine, :3]) / (then - time)
-        count[mine] += 1
+    for neighbour, neighbour_time in around:
+        _, rows, neighbour_rows = np.intersect1d(objects.ids, neighbour.ids, return_indices=True)
+        total[rows] += (neighbour.boxes[neighbour_rows, :3] - objects.boxes[rows, :3]) / (
+            neighbour_time - time
+        )
+        count[rows] += 1
     return total / np.maximum(count, 1)[:, None]
 
 
@@ -368,11 +352,11 @@ class DropOut(_Term):
     steepness: float = 2.0  # of the law above
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        kept = np.full(reading.measurement.shape, 1.0 - self.share)
+        chance = np.full(reading.measurement.shape, 1.0 - self.share)
         truth = reading.truth
         if self.half_range:
-            kept *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
-        return reading.without(draws.of_frame().random(kept.shape) >= kept)
+            chance *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
+        return reading.without(draws.of_frame().random(chance.shape) >= chance)
 
 
 @dataclass(frozen=True)
@@ -451,10 +435,10 @@ class MixedPixels(_Term):
         weight = rng.random(image.shape, np.float32)
         padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
         (rows, columns), (down, right) = image.shape, np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
-        other = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
-        apart = np.abs(other - image)
-        between = reading.valid & (other > 0) & (apart > self.gap) & (apart < self.reach) & mixed
-        return reading.measuring(np.where(between, image + weight * (other - image), image))
+        neighbour = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
+        step = np.abs(neighbour - image)
+        between = reading.valid & (neighbour > 0) & (step > self.gap) & (step < self.reach) & mixed
+        return reading.measuring(np.where(between, image + weight * (neighbour - image), image))
 
 
 @dataclass(frozen=True)
@@ -645,8 +629,8 @@ class Paint(_Term):
         reflectivity = np.where(painted, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
         of_pixel = np.append(reflectivity, 1.0)[truth.owners]
         law = truth.ranges, truth.cosines, self.half_range, self.steepness
-        kept = chance_of_return(*law, of_pixel) / chance_of_return(*law)
-        return reading.without(draws.of_frame().random(shape) >= kept)
+        chance = chance_of_return(*law, of_pixel) / chance_of_return(*law)
+        return reading.without(draws.of_frame().random(shape) >= chance)
 
 
 def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:

@@ -82,7 +82,7 @@ class DepthCamera(_Noisy):
             )
         centre = (0.0, 0.0) if self.centre is None else self.centre
         numbers = isinstance(centre, tuple) and all(
-            isinstance(each, int | float | np.number) for each in centre
+            isinstance(number, int | float | np.number) for number in centre
         )
         if not (numbers and len(centre) == 2 and np.isfinite(centre).all()):
             raise ValueError(f"centre must be two numbers (u, v) in pixels, got {self.centre}")
@@ -398,15 +398,17 @@ def register_sensor_model(model: Model) -> Model:
             f"{name} must be a frozen dataclass that compares by value: put "
             "@dataclass(frozen=True) on it"
         )
-    bare = [f.name for f in fields(model) if f.default is MISSING and f.default_factory is MISSING]
-    if bare or {f.name for f in fields(model)} & set(TAKEN):
+    without_default = [
+        f.name for f in fields(model) if f.default is MISSING and f.default_factory is MISSING
+    ]
+    if without_default or {f.name for f in fields(model)} & set(TAKEN):
         raise ValueError(
-            f"fields of {name} need defaults ({', '.join(bare) or 'all have'}) and no name of "
-            f"{TAKEN}"
+            f"fields of {name} need defaults ({', '.join(without_default) or 'all have'}) and no "
+            f"name of {TAKEN}"
         )
     if not isinstance(model(), SensorModel):
-        known = (each for each in dir(SensorModel) if not each.startswith("_"))
-        lacks = ", ".join(each for each in known if not hasattr(model, each))
+        required = (attribute for attribute in dir(SensorModel) if not attribute.startswith("_"))
+        lacks = ", ".join(attribute for attribute in required if not hasattr(model, attribute))
         raise ValueError(
             f"{name} is not a SensorModel, it lacks {lacks}: see toolkit.sensors.sensor"
         )
@@ -444,9 +446,11 @@ def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
     tuples. Raises ValueError for an unknown name or field, and for a value that the model
     refuses."""
     model = find_model_class(name)
-    known = [entry.name for entry in fields(model)]
-    if unknown := [key for key in values if key not in known]:
-        raise ValueError(f"{unknown[0]} is unknown to {model.__name__}: it has {', '.join(known)}")
+    field_names = [entry.name for entry in fields(model)]
+    if unknown := [key for key in values if key not in field_names]:
+        raise ValueError(
+            f"{unknown[0]} is unknown to {model.__name__}: it has {', '.join(field_names)}"
+        )
     numbers = {
         key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
     }

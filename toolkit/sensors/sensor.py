@@ -140,9 +140,9 @@ def clip_windows(
 ) -> Int64[np.ndarray, "k 5"]:
     """Cut rectangles of pixels to an image; drop those outside."""
     low, high = np.clip(bounds[:, [1, 3]], 0, None), np.minimum(bounds[:, [2, 4]], shape)
-    some = (low < high).all(axis=1)
+    inside = (low < high).all(axis=1)
     return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[
-        some
+        inside
     ].astype(np.int64)
 
 
@@ -171,12 +171,12 @@ def check_numbers(model: Any) -> None:
         default = entry.default
         if isinstance(default, bool) or not isinstance(default, int | float):
             continue
-        whole = isinstance(default, int)
+        is_whole = isinstance(default, int)
         fits = isinstance(value, int | np.integer) or (
-            not whole and isinstance(value, float | np.floating)
+            not is_whole and isinstance(value, float | np.floating)
         )
         if isinstance(value, bool) or not fits or value != value:
-            word = "whole number" if whole else "number"
+            word = "whole number" if is_whole else "number"
             raise ValueError(
                 f"{entry.name} must be a {word}, got {value!r:.60} for a {type(model).__name__}"
             )

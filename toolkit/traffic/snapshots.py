@@ -60,25 +60,25 @@ class Obstacles:
 def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Mask, int]:
     """Separate boxes; return them, a mask of kept rows and the number of changes. Earlier rows have
     precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped."""
-    kept = np.ones(len(boxes), bool)
+    is_kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(in_the_way):
-        return boxes, kept, 0
+        return boxes, is_kept, 0
     settled = boxes.copy()
     shapes = _shapes(boxes)
     for row in in_the_way:
-        kept[row] = False  # so that `kept` are the others
+        is_kept[row] = False  # so that `kept` are the others
         places = np.tile(boxes[row], (len(STEPS_ASIDE), 1))
         places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(boxes[row, 6]), np.cos(boxes[row, 6])])
         place_shapes = _shapes(places)
         free = ~obstacles.hit(places) & ~shapely.intersects(
-            place_shapes[:, None], shapes[kept][None]
+            place_shapes[:, None], shapes[is_kept][None]
         ).any(axis=1)
         first = np.argmax(free)
-        kept[row] = free[first]
+        is_kept[row] = free[first]
         settled[row] = places[first]
         shapes[row] = place_shapes[first]
-    return settled, kept, int((~kept | (settled != boxes).any(axis=1)).sum())
+    return settled, is_kept, int((~is_kept | (settled != boxes).any(axis=1)).sum())
 
 
 def overlaps(boxes: _Boxes) -> Bool[np.ndarray, "n n"]:
@@ -146,10 +146,10 @@ def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
     ahead = np.diff(xy, axis=0)[ring[1:] == ring[:-1]]
     middles = ((xy[1:] + xy[:-1]) / 2)[ring[1:] == ring[:-1]]
     length = np.hypot(*ahead.T)
-    kept = length > 1e-6
-    normals = np.column_stack([-ahead[:, 1], ahead[:, 0]])[kept] / length[kept, None]
+    is_long = length > 1e-6
+    normals = np.column_stack([-ahead[:, 1], ahead[:, 0]])[is_long] / length[is_long, None]
     # normalised rings run clockwise: left is outside
-    return np.column_stack([middles[kept], normals])
+    return np.column_stack([middles[is_long], normals])
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ class Strays:
         """Draw so many strays. vehicles: boxes (n, 7) of those that park, which strays stand beside
         too."""
         rng = supply.rng
-        none = np.zeros(0)
+        no_numbers = np.zeros(0)
         ground = (
             StrayGround.of(site, obstacles, rng)
             if number
@@ -182,12 +182,21 @@ class Strays:
         if number and len(vehicles):
             beside = outward_edges(shapely.polygons(footprints(vehicles)))
             # a third of the edges are those of vehicles
-            again = max(1, len(ground.edges) // max(1, 2 * len(beside)))
+            repeats = max(1, len(ground.edges) // max(1, 2 * len(beside)))
             ground = replace(
-                ground, edges=np.concatenate([ground.edges, np.tile(beside, (again, 1))])
+                ground, edges=np.concatenate([ground.edges, np.tile(beside, (repeats, 1))])
             )
-        whole = none.astype(np.int64)
-        strays = Strays(ground, obstacles, whole, whole, np.zeros((0, 3)), none, none, whole)
+        no_integers = no_numbers.astype(np.int64)
+        strays = Strays(
+            ground,
+            obstacles,
+            no_integers,
+            no_integers,
+            np.zeros((0, 3)),
+            no_numbers,
+            no_numbers,
+            no_integers,
+        )
         number = number if len(ground.points) else 0
         return strays._add(number, supply, 0.0, rng.integers(1, LIFE + 1, number))
 
@@ -202,24 +211,24 @@ class Strays:
         (s)."""
         number = len(self.ids)
         left = self.left - 1
-        kept = left > 0
+        is_alive = left > 0
         columns = {
-            name: getattr(self, name)[kept]
+            name: getattr(self, name)[is_alive]
             for name in ("bodies", "ids", "poses", "speeds", "drawn")
         }
-        missing = number - int(kept.sum())
-        return replace(self, **columns, left=left[kept])._add(
+        missing = number - int(is_alive.sum())
+        return replace(self, **columns, left=left[is_alive])._add(
             missing, supply, time, np.full(missing, LIFE)
         )
 
     def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
         rng = supply.rng
-        chosen = [label for label in STRAY_SHARES if (supply.labels == label).any()]
-        shares = np.array([STRAY_SHARES[label] for label in chosen])
+        stray_labels = [label for label in STRAY_SHARES if (supply.labels == label).any()]
+        shares = np.array([STRAY_SHARES[label] for label in stray_labels])
         bodies = list[int]()
         poses = list[np.ndarray]()
         speeds = list[float]()
-        for label in rng.choice(chosen, number, p=shares / shares.sum()).tolist():
+        for label in rng.choice(stray_labels, number, p=shares / shares.sum()).tolist():
             has_company = bool(poses) and rng.random() < COMPANIONS
             if has_company:
                 label = int(supply.labels[bodies[-1]]) if rng.random() < 0.8 else label
@@ -309,12 +318,12 @@ class Parked:
     poses: Float64[np.ndarray, "n 3"]
 
     @staticmethod
-    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, most: int) -> "Parked":
-        """Park vehicles in a random share of the free bays, `most` at most."""
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, max_parked: int) -> "Parked":
+        """Park vehicles in a random share of the free bays, `max_parked` at most."""
         x, y, yaw = site.parking.T
         room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
         bays = site.parking[~obstacles.hit(room)]
-        number = min(round(len(bays) * supply.rng.uniform(*OCCUPIED)), most)
+        number = min(round(len(bays) * supply.rng.uniform(*OCCUPIED)), max_parked)
         places = supply.rng.permutation(len(bays))[:number]
         nobody = np.zeros(number, np.int64)
         return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(
@@ -432,21 +441,23 @@ def simulate(
         )
     obstacles = Obstacles(site)
     supply = Supply(bodies, np.random.default_rng(seed), once=once)
-    draw = partial(Parked.draw, site, obstacles, supply, most=mix.most_parked)
+    draw = partial(Parked.draw, site, obstacles, supply, max_parked=mix.most_parked)
 
     def run() -> Generator[Snapshot, None, None]:
         parked = draw()
         periods = 0
-        standing = len(parked.ids) if mix.stay is None else min(len(parked.bays), mix.most_parked)
+        parked_count = (
+            len(parked.ids) if mix.stay is None else min(len(parked.bays), mix.most_parked)
+        )
         wander = partial(
-            Strays.draw, site, obstacles, supply, round(mix.strays * (mix.most - standing))
+            Strays.draw, site, obstacles, supply, round(mix.strays * (mix.most - parked_count))
         )
         strays = wander(parked.boxes(supply))
         types = supply.sumo_types()
         sumo_seed = int(supply.rng.integers(2**31 - 1))
         with running(site.network, types, seed=sumo_seed, step=step) as sumo:
             spawner = Spawner(
-                sumo, site, supply, most=mix.most - standing - len(strays.ids), step=step
+                sumo, site, supply, max_objects=mix.most - parked_count - len(strays.ids), step=step
             )
             look = partial(_snapshot, site, spawner, obstacles)
             spawner.advance(WARM_UP)
@@ -495,18 +506,21 @@ def _snapshot(
 ) -> Snapshot:
     """Objects near the area now; those that cannot be kept apart are removed. counts: note that
     they were seen."""
-    standing = (parked.ids, parked.bodies, parked.poses)
-    last = (strays.ids, strays.bodies, strays.at(time))
+    parked_state = (parked.ids, parked.bodies, parked.poses)
+    stray_state = (strays.ids, strays.bodies, strays.at(time))
     ids, bodies, poses = (
-        np.concatenate(parts) for parts in zip(standing, spawner.state(), last, strict=True)
+        np.concatenate(parts)
+        for parts in zip(parked_state, spawner.state(), stray_state, strict=True)
     )
     sizes = spawner.supply.sizes[bodies]
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
-    boxes, kept, repaired = separate(boxes, obstacles)
-    spawner.remove(ids[~kept])
+    boxes, is_kept, repaired = separate(boxes, obstacles)
+    spawner.remove(ids[~is_kept])
     near = shapely.box(*(site.area + MARGIN * np.array([-1, -1, 1, 1])))
-    seen = np.flatnonzero(kept)[shapely.intersects(shapely.polygons(footprints(boxes[kept])), near)]
+    seen = np.flatnonzero(is_kept)[
+        shapely.intersects(shapely.polygons(footprints(boxes[is_kept])), near)
+    ]
     if counts:
         spawner.count_frame(ids[seen])
     boxes = boxes[seen]

@@ -86,8 +86,8 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
                     ]
                 )
         except Exception as error:  # SUMO says why only on stderr
-            said = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
-            reason = said.splitlines()[0].removeprefix("Error: ").rstrip(".")
+            message = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
+            reason = message.splitlines()[0].removeprefix("Error: ").rstrip(".")
             raise ValueError(
                 f"SUMO refuses the site's network: {reason}: build it again with netconvert"
             ) from None
@@ -101,14 +101,14 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
 def _stderr_into(file: Path) -> Iterator[None]:
     """Redirect stderr to a file."""
     sys.stderr.flush()
-    kept = os.dup(2)
+    stderr_copy = os.dup(2)
     try:
         with file.open("wb") as sink:
             os.dup2(sink.fileno(), 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(stderr_copy, 2)
+        os.close(stderr_copy)
 
 
 HEAVY_SHARE = 0.08  # of the vehicles
@@ -142,7 +142,8 @@ class Supply:
             "bicycle" if body.size[0] <= BICYCLE_LENGTH else "motorcycle" for body in bodies
         )
         self.classes = tuple(
-            names.get(body.label, other) for body, other in zip(bodies, two_wheelers, strict=True)
+            names.get(body.label, two_wheeler)
+            for body, two_wheeler in zip(bodies, two_wheelers, strict=True)
         )
 
     def sumo_types(self) -> str:
@@ -172,9 +173,9 @@ class Supply:
             free = rows
         return int(self.rng.choice(free))
 
-    def take(self, row: int, *, taken: bool = True) -> None:
-        """Note that a row is used. taken: False if it was not used after all."""
-        self._taken[row] = taken
+    def take(self, row: int, *, is_used: bool = True) -> None:
+        """Note that a row is used. is_used: False if it was not used after all."""
+        self._taken[row] = is_used
 
     def several(self, rows: Int64[np.ndarray, " n"], number: int) -> Int64[np.ndarray, " m"]:
         """Draw and take `number` of these rows."""
@@ -346,11 +347,11 @@ class Spawner:
     vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars."""
 
     def __init__(
-        self, sumo: ModuleType, site: Site, supply: Supply, *, most: int, step: float = STEP
+        self, sumo: ModuleType, site: Site, supply: Supply, *, max_objects: int, step: float = STEP
     ) -> None:
         self.sumo = sumo
         self.area = site.area
-        self.most = most
+        self.most = max_objects
         self.step = step
         self.supply = supply
         self.rng = supply.rng
@@ -367,7 +368,11 @@ class Spawner:
             raise ValueError(f"site {site.name!r}: no lane open to cars {where}: {remedy}")
         possible = np.array([bool(self.places[kind].lanes) for kind in supply.classes])
         rows = {label: np.flatnonzero(possible & (supply.labels == label)) for label in SHARES}
-        self.choices = {label: found for label, found in rows.items() if len(found)}
+        self.choices = {
+            label: bodies_of_label
+            for label, bodies_of_label in rows.items()
+            if len(bodies_of_label)
+        }
         shares = np.array([SHARES[label] for label in self.choices])
         self.shares = shares / shares.sum()
         self.due: list[int] = []  # labels drawn, waiting for a place
@@ -381,22 +386,22 @@ class Spawner:
         for _ in range(round(seconds / self.step)):
             self._spawn()
             self.sumo.simulationStep()
-            there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
+            present = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
             for name, spawned in list(self.spawned.items()):
-                if str(name if spawned.leader is None else spawned.leader) in there:
+                if str(name if spawned.leader is None else spawned.leader) in present:
                     spawned.inserted = True
                     continue
                 del self.spawned[
                     name
                 ]  # it arrived, or SUMO could not insert it: then it is due again
                 if not spawned.inserted:
-                    self.supply.take(spawned.body, taken=False)
+                    self.supply.take(spawned.body, is_used=False)
                     self.due += (
                         [int(self.supply.labels[spawned.body])] if spawned.leader is None else []
                     )
-            for known in self.sumo.vehicle.getIDList():  # none may come later
-                if int(known) not in self.spawned:
-                    self.sumo.vehicle.remove(known)
+            for vehicle in self.sumo.vehicle.getIDList():  # none may come later
+                if int(vehicle) not in self.spawned:
+                    self.sumo.vehicle.remove(vehicle)
         self.due = []
 
     def state(
@@ -406,13 +411,13 @@ class Spawner:
         poses = {}
         for name, spawned in self.spawned.items():
             domain = self.domains[spawned.walks]
-            known = str(name if spawned.leader is None else spawned.leader)
-            x, y = domain.getPosition(known)
+            sumo_id = str(name if spawned.leader is None else spawned.leader)
+            x, y = domain.getPosition(sumo_id)
             # degrees clockwise from north; NaN for some that change lanes
-            angle = domain.getAngle(known)
+            angle = domain.getAngle(sumo_id)
             if not np.isfinite(angle):
                 angle = self.sumo.lane.getAngle(
-                    domain.getLaneID(known), domain.getLanePosition(known)
+                    domain.getLaneID(sumo_id), domain.getLanePosition(sumo_id)
                 )
             yaw = np.pi / 2 - np.radians(angle)
             back = spawned.behind if spawned.walks else self.supply.sizes[spawned.body, 0] / 2
@@ -431,7 +436,9 @@ class Spawner:
         for name in ids.tolist():
             spawned = self.spawned.pop(name, None)
             self.spawned = {
-                other: each for other, each in self.spawned.items() if each.leader != name
+                spawned_name: record
+                for spawned_name, record in self.spawned.items()
+                if record.leader != name
             }
             if spawned and spawned.leader is None:
                 self.domains[spawned.walks].remove(str(name))
@@ -457,8 +464,8 @@ class Spawner:
         for walks, domain in self.domains.items():
             names = [
                 name
-                for name, each in self.spawned.items()
-                if each.walks == walks and each.leader is None
+                for name, record in self.spawned.items()
+                if record.walks == walks and record.leader is None
             ]
             positions[walks] = np.array([domain.getPosition(str(name)) for name in names]).reshape(
                 -1, 2
@@ -484,12 +491,12 @@ class Spawner:
                 [positions[walks], self.places[self.supply.classes[body]].points[place]]
             )
 
-    def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
+    def _free_place(self, body: int, occupied: Float64[np.ndarray, "m 2"]) -> int | None:
         """Draw a free place with room for the body behind it, if found quickly."""
         places = self.places[self.supply.classes[body]]
         length = self.supply.sizes[body, 0]
         candidates = self.rng.integers(len(places.lanes), size=_TRIES)
-        gaps = np.square(places.points[candidates][:, None] - taken[None]).sum(-1)
+        gaps = np.square(places.points[candidates][:, None] - occupied[None]).sum(-1)
         drives = self.supply.labels[body] != PEDESTRIAN
         free = (gaps > (length + (2.0 if drives else 0.5)) ** 2).all(axis=1)
         if drives:
@@ -510,15 +517,15 @@ class Spawner:
 
     def _add_walker(self, name: str, body: int, place: int) -> None:
         places = self.places["pedestrian"]
-        there = int(self.rng.integers(len(places.lanes)))
-        start, end = (self.roads.lanes[places.lanes[at]].edge for at in (place, there))
+        destination = int(self.rng.integers(len(places.lanes)))
+        start, end = (self.roads.lanes[places.lanes[index]].edge for index in (place, destination))
         if (start, end) not in self.walks:
             stages = self.sumo.simulation.findIntermodalRoute(start, end, pType=f"{body}-0")
             self.walks[start, end] = [edge for stage in stages for edge in stage.edges] or [start]
         self.sumo.person.add(name, start, float(places.offsets[place]), typeID=f"{body}-0")
         walk = self.walks[start, end]
         # no way there: stay here
-        arrival = places.offsets[there] if walk[-1] == end else places.lengths[place] / 2
+        arrival = places.offsets[destination] if walk[-1] == end else places.lengths[place] / 2
         self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
     def _add_companions(self, leader: int, room: int) -> None:

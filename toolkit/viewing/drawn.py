@@ -31,18 +31,18 @@ MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
 
-def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
+def sort_outcomes(detected: Detected) -> dict[Marked, dict[str, Detections]]:
     """Detections of each outcome and class, world frame, and labelled boxes that were missed, with
     scores NaN.
 
     Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or
     on an object that does not count. The second label of an object is a false alarm."""
-    made: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
-    if not len(each.frame.objects):
+    by_outcome: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
+    if not len(detected.frame.objects):
         return {}
-    truth = select_truth(each.frame, each.stand.corners)
-    detections = each.detections
-    outside = ~truth.inside(each.detections)
+    truth = select_truth(detected.frame, detected.stand.corners)
+    detections = detected.detections
+    outside = ~truth.inside(detected.detections)
     match_class = partial(
         matches, detections, truth.objects, counted=truth.counted, outside=outside
     )
@@ -58,9 +58,9 @@ def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
             "false alarms": detections[false],
             "ignored": detections[what.ignored & of_class & ~second],
         }
-        for outcome, so_far in made.items():
+        for outcome, so_far in by_outcome.items():
             so_far |= {name: rows[outcome]} if len(rows[outcome]) else {}
-    return made
+    return by_outcome
 
 
 OTHERS = "others"  # labels of classes other than ours
@@ -169,19 +169,24 @@ class Drawing:
         """Draw a frame. Raises ValueError for an unknown levelling."""
         sample = sample if self.sensors is None else sample.seen_by(self.sensors)
         detector = self.detector or (lambda points: Detections.empty())
-        (each,) = detect_frames([sample], detector, self.place)
-        each = replace(each, detections=each.detections[each.detections.scores >= self.least_score])
+        (detected,) = detect_frames([sample], detector, self.place)
+        detected = replace(
+            detected, detections=detected.detections[detected.detections.scores >= self.least_score]
+        )
         if self.classes is not None:
-            wanted = [label_index(label) for label in self.classes]
+            wanted_labels = [label_index(label) for label in self.classes]
             frame = replace(
-                each.frame.of(np.isin(each.frame.objects.labels, wanted)), others=OtherObjects()
+                detected.frame.of(np.isin(detected.frame.objects.labels, wanted_labels)),
+                others=OtherObjects(),
             )
-            kept = each.detections[np.isin(each.detections.labels, wanted)]
-            each = replace(each, frame=frame, detections=kept)
-        sample = each.frame
-        found = each.detections
-        ground = each.stand.ground
-        to_middle = np.array([*each.stand.middle, 0.0])
+            class_detections = detected.detections[
+                np.isin(detected.detections.labels, wanted_labels)
+            ]
+            detected = replace(detected, frame=frame, detections=class_detections)
+        sample = detected.frame
+        found_detections = detected.detections
+        ground = detected.stand.ground
+        to_middle = np.array([*detected.stand.middle, 0.0])
         back = to_middle - origin
 
         def placed(points: np.ndarray) -> np.ndarray:
@@ -197,30 +202,31 @@ class Drawing:
         clouds = []
         for cloud in sample.clouds:
             points = placed(cloud.in_world()).astype(np.float32)
-            place = placed(cloud.world_SE3_sensor[None, :3, 3])[0]
-            clouds.append(DrawnCloud(cloud.name, points, place, cloud.time, cloud.intensity))
+            position = placed(cloud.world_SE3_sensor[None, :3, 3])[0]
+            clouds.append(DrawnCloud(cloud.name, points, position, cloud.time, cloud.intensity))
         truth = sort_kinds(boxes(sample.objects.boxes), sample.objects.labels)
         truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
-        detections = sort_kinds(boxes(found.boxes), found.labels)
-        known = {} if self.detector is None else sort_outcomes(each)
-        outcomes = {
-            name: {kind: boxes(rows.boxes) for kind, rows in by.items()}
-            for name, by in known.items()
-        }
-        named = [
-            (MARKED[name], kind, rows) for name, by in known.items() for kind, rows in by.items()
+        detections = sort_kinds(boxes(found_detections.boxes), found_detections.labels)
+        by_outcome = {} if self.detector is None else sort_outcomes(detected)
+        outcomes: dict[Marked, dict[str, np.ndarray]] = {}
+        for name, by_kind in by_outcome.items():
+            outcomes[name] = {kind: boxes(rows.boxes) for kind, rows in by_kind.items()}
+        marked = [
+            (MARKED[name], kind, rows)
+            for name, by in by_outcome.items()
+            for kind, rows in by.items()
         ]
-        named = named or [
-            ("detection", LABELS[label], found[found.labels == label])
-            for label in set(found.labels)
+        marked = marked or [
+            ("detection", LABELS[label], found_detections[found_detections.labels == label])
+            for label in set(found_detections.labels)
         ]
         tags = tuple(
             tag
-            for outcome, kind, rows in named
+            for outcome, kind, rows in marked
             for tag in _list_tags(outcome, kind, boxes(rows.boxes), rows)
         )
         drawn = DrawnSample(sample.name, sample.time, tuple(clouds), truth, detections)
-        return replace(drawn, warning=each.stand.warning, outcomes=outcomes, tags=tags)
+        return replace(drawn, warning=detected.stand.warning, outcomes=outcomes, tags=tags)
 
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
@@ -240,11 +246,11 @@ def sort_kinds(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
     return {LABELS[label]: boxes[labels == label] for label in np.unique(labels).tolist()}
 
 
-def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
-    """Thin a cloud evenly to at most `most` points."""
-    if len(cloud.points) <= most:
+def thinned(cloud: DrawnCloud, max_points: int) -> DrawnCloud:
+    """Thin a cloud evenly to at most `max_points` points."""
+    if len(cloud.points) <= max_points:
         return cloud
-    rows = np.linspace(0, len(cloud.points), most, endpoint=False).astype(np.int64)
+    rows = np.linspace(0, len(cloud.points), max_points, endpoint=False).astype(np.int64)
     time, intensity = (
         None if column is None else column[rows] for column in (cloud.time, cloud.intensity)
     )
@@ -254,10 +260,13 @@ def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
 def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
     """Colourings that the points of some frames allow."""
     clouds = [cloud for sample in samples for cloud in sample.clouds]
-    timed, bright = (
-        any(getattr(cloud, name) is not None for cloud in clouds) for name in ("time", "intensity")
+    timed = any(cloud.time is not None for cloud in clouds)
+    bright = any(cloud.intensity is not None for cloud in clouds)
+    return tuple(
+        colouring
+        for colouring in COLOURINGS
+        if {"intensity": bright, "age": timed}.get(colouring, True)
     )
-    return tuple(each for each in COLOURINGS if {"intensity": bright, "age": timed}.get(each, True))
 
 
 UNKNOWN_SHADE = (150, 150, 150)  # of points without the coloured attribute

@@ -100,8 +100,8 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
     groups = (*_LINES, TAGS)
     names = ["/sensors", *(f"/{group}" for group in groups)]
     names += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
-    made = [api.add_frame(name, show_axes=False) for name in names]
-    return made + [
+    handles = [api.add_frame(name, show_axes=False) for name in names]
+    return handles + [
         handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)
     ]
 
@@ -109,7 +109,10 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
 def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Handle]:
     """Add the nodes above all nodes of one sensor."""
     nodes = {f"/sensors/{number}": True, f"/sensors/{number}/place": True}
-    nodes |= {f"/sensors/{number}/{each}": each == style.colourings[0] for each in style.colourings}
+    nodes |= {
+        f"/sensors/{number}/{colouring}": colouring == style.colourings[0]
+        for colouring in style.colourings
+    }
     return [
         api.add_frame(node, show_axes=False, visible=visible) for node, visible in nodes.items()
     ]
@@ -120,28 +123,30 @@ def add_sample(
 ) -> list[scene.Handle]:
     """Add one frame below `add_groups`; return the handles."""
     newest = drawings.find_newest(sample)
-    made: list[scene.Handle] = []
-    for each in sample.clouds:
-        cloud = drawings.thinned(each, style.most)
-        number = style.sensors.index(each.name)
-        place, (x, y, z) = f"/sensors/{number}/place/{frame}", cloud.place.tolist()
-        made.append(api.add_frame(place, show_axes=False, visible=visible))
+    handles: list[scene.Handle] = []
+    for drawn_cloud in sample.clouds:
+        cloud = drawings.thinned(drawn_cloud, style.most)
+        number = style.sensors.index(drawn_cloud.name)
+        node_of_place, (x, y, z) = f"/sensors/{number}/place/{frame}", cloud.place.tolist()
+        handles.append(api.add_frame(node_of_place, show_axes=False, visible=visible))
         scene.add_mesh(
-            api, f"{place}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number)
+            api, f"{node_of_place}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number)
         )
-        api.add_label(f"{place}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
+        api.add_label(
+            f"{node_of_place}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center"
+        )
         for colouring in style.colourings if len(cloud.points) else ():
             colours = drawings.shades(cloud, colouring, style.scales, index=number, newest=newest)
             node = f"/sensors/{number}/{colouring}/{frame}"
             look = scene.Look(size=SHOWN_POINT_SIZE, visible=visible)
-            made.append(
+            handles.append(
                 scene.add_points(
                     api, node, cloud.points, colours, precision=style.precision, **look
                 )
             )
     for number, tag in enumerate(sample.tags):
         node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
-        made.append(
+        handles.append(
             api.add_label(
                 node, tag.text, position=tag.place, anchor="bottom-center", visible=visible
             )
@@ -158,8 +163,8 @@ def add_sample(
             segments = np.concatenate(lines(boxes))
             node = f"/{group}/{kind}/{frame}"
             handle = scene.add_lines(api, node, segments, colour, width=width, visible=visible)
-            made += [] if handle is None else [handle]
-    return made
+            handles += [] if handle is None else [handle]
+    return handles
 
 
 def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
@@ -192,11 +197,13 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
         if clouds
         else [rows[:, :2] for rows in (*sample.truth.values(), *sample.detections.values())]
     )
-    every = np.concatenate([np.zeros((0, 2)), *near, *places, *boxes])
-    low, high = (every.min(axis=0), every.max(axis=0)) if len(every) else (np.zeros(2), np.zeros(2))
-    more = np.maximum(_LEAST_AREA - (high - low), 0.0) / 2
-    xmin, ymin = (10 * np.floor((low - more) / 10)).tolist()
-    xmax, ymax = (10 * np.ceil((high + more) / 10)).tolist()
+    points = np.concatenate([np.zeros((0, 2)), *near, *places, *boxes])
+    low, high = (
+        (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
+    )
+    margin = np.maximum(_LEAST_AREA - (high - low), 0.0) / 2
+    xmin, ymin = (10 * np.floor((low - margin) / 10)).tolist()
+    xmax, ymax = (10 * np.ceil((high + margin) / 10)).tolist()
     return xmin, ymin, xmax, ymax
 
 
@@ -231,49 +238,58 @@ class PageContent:
 
 
 def page_content(
-    samples: Sequence[DrawnSample], title: str, *, most: int = PAGE_POINTS
+    samples: Sequence[DrawnSample], title: str, *, max_points: int = PAGE_POINTS
 ) -> PageContent:
-    """Contents of a page of some frames. most: limit on its points. Raises ValueError without a
-    frame, ImportError without viser."""
+    """Contents of a page of some frames. max_points: limit on its points. Raises ValueError without
+    a frame, ImportError without viser."""
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
     sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
     sensors = list_sensors(samples)
     colourings = list_colourings(samples)
     scales = Scales.of(samples[0])
-    style = SceneStyle(sensors, colourings, scales, max(most // max(len(sizes), 1), 1), "float16")
+    style = SceneStyle(
+        sensors, colourings, scales, max(max_points // max(len(sizes), 1), 1), "float16"
+    )
     area = find_view_area(samples[0])
     nodes: list[tuple[str, ...]] = []
     with scene.viser_server() as server:
         add_grid(server.scene, area)
         add_groups(server.scene, style)
         for frame, sample in enumerate(samples):
-            made = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
-            nodes.append(tuple(handle.name for handle in made))
+            handles = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
+            nodes.append(tuple(handle.name for handle in handles))
         scene.set_view(server, *scene.overview(area))
         html = scene.scene_html(server)
     switches = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
-    known = any(sample.outcomes for sample in samples)
-    boxes = [name for name in BOXES if name != "detections" or not all(s.outcomes for s in samples)]
+    has_outcomes = any(sample.outcomes for sample in samples)
+    all_scored = all(sample.outcomes for sample in samples)
+    boxes = [name for name in BOXES if name != "detections" or not all_scored]
     switches += [Switch(name, f"/{name}", BOXES[name]) for name in boxes]
-    colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if known}
+    colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if has_outcomes}
     switches += [
         Switch(name, f"/{OUTCOME_NODES[name]}", colour) for name, colour in colours.items()
     ]
     if any(sample.tags for sample in samples):
         switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
-    there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
-    kinds = {kind: nodes_of_kind(kind, outcomes=known) for kind in BOX_KINDS if kind in there}
-    switches += [Switch(kind, " ".join(nodes)) for kind, nodes in kinds.items()]
-    points = {
-        each: " ".join(f"/sensors/{number}/{each}" for number in range(len(sensors)))
-        for each in colourings
+    present_kinds = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
+    kinds = {
+        kind: nodes_of_kind(kind, outcomes=has_outcomes)
+        for kind in BOX_KINDS
+        if kind in present_kinds
     }
+    switches += [Switch(kind, " ".join(nodes)) for kind, nodes in kinds.items()]
+    points: dict[Colouring, str] = {}
+    for colouring in colourings:
+        nodes_of_points = (f"/sensors/{number}/{colouring}" for number in range(len(sensors)))
+        points[colouring] = " ".join(nodes_of_points)
     return PageContent(
         *(title, html, (*switches, Switch("grid of 10 m", GRID_NODE))),
         tuple(
-            Switch(scales.describe(each), points[each], checked=each == colourings[0])
-            for each in colourings
+            Switch(
+                scales.describe(colouring), points[colouring], checked=colouring == colourings[0]
+            )
+            for colouring in colourings
         ),
         *(tuple(nodes), tuple(sample.describe() for sample in samples)),
         *(sum(sizes), sum(min(size, style.most) for size in sizes)),
@@ -327,7 +343,9 @@ class LiveView:
         self._line = server.gui.add_markdown("")
         if len(samples) > 1:
             self._add_slider()
-        names = {self.style.scales.describe(each): each for each in self.style.colourings}
+        names = {
+            self.style.scales.describe(colouring): colouring for colouring in self.style.colourings
+        }
         choice = server.gui.add_dropdown("Points coloured by", tuple(names))
         choice.on_update(lambda _: self.colour_by(names[choice.value]))
         self.sensor_switches = server.gui.add_folder("Sensors")
@@ -386,8 +404,8 @@ class LiveView:
             style = replace(self.style, colourings=(self.colouring,))
             self.shown = add_sample(self.server.scene, self._drawn, style)
         for number in range(len(self.style.sensors)):
-            for each in self.style.colourings:
-                self.groups[f"/sensors/{number}/{each}"].visible = each == self.colouring
+            for colouring in self.style.colourings:
+                self.groups[f"/sensors/{number}/{colouring}"].visible = colouring == self.colouring
 
     def _add_sensor(self, name: str) -> None:
         """Add a sensor that earlier frames did not have."""

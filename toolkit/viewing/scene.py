@@ -90,12 +90,12 @@ def _serve_guarded(
     """Serve requests below /token/ alone, and sockets to pages of this machine alone."""
 
     def guard(connection: Handle, request: Handle) -> Handle:
-        first, _, rest = request.path.removeprefix("/").partition("/")
-        if not token or not secrets.compare_digest(first.encode(), token.encode()):
+        path_token, _, page_path = request.path.removeprefix("/").partition("/")
+        if not token or not secrets.compare_digest(path_token.encode(), token.encode()):
             return connection.respond(403, "open the whole address that coview prints\n")
         if "Upgrade" in request.headers and not _LOCAL.fullmatch(request.headers.get("Origin", "")):
             return connection.respond(403, "open the viewer in a browser of this machine\n")
-        request.path = f"/{rest}"
+        request.path = f"/{page_path}"
         request.headers.pop("Accept-Encoding", None)  # a page that comes plain can be added to
         answer = process_request(connection, request)
         if answer is not None and answer.headers.get("Content-Type", "").startswith("text/html"):
@@ -256,11 +256,11 @@ def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
     return np.concatenate(parts)
 
 
-def thin_evenly(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
+def thin_evenly(points: Float32[np.ndarray, "n 3"], max_points: int) -> Float32[np.ndarray, "m 3"]:
     """Take at most this many of the points, evenly."""
-    if len(points) <= most:
+    if len(points) <= max_points:
         return points
-    return points[np.linspace(0, len(points), most, endpoint=False).astype(np.int64)]
+    return points[np.linspace(0, len(points), max_points, endpoint=False).astype(np.int64)]
 
 
 POLICY = (
@@ -283,9 +283,9 @@ def render_page(template: Path, data: object, script: str = "", **values: object
         loader=FileSystemLoader(template.parent), autoescape=True, undefined=StrictUndefined
     )
     environment.trim_blocks = environment.lstrip_blocks = True
-    shown = {"policy": POLICY, "scene_data": None if data is None else script_data(data)}
+    scene_values = {"policy": POLICY, "scene_data": None if data is None else script_data(data)}
     script += (_FOLDER / "scene.js").read_text(encoding="utf-8")
-    return environment.get_template(template.name).render(**shown, script=script, **values)
+    return environment.get_template(template.name).render(**scene_values, script=script, **values)
 
 
 def script_data(value: object) -> str:

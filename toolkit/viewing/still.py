@@ -64,8 +64,8 @@ def write_still(
         axes.set_xticks(_GRID * np.arange(np.ceil(xmin / _GRID), xmax // _GRID + 1))
         axes.set_yticks(_GRID * np.arange(np.ceil(ymin / _GRID), ymax // _GRID + 1))
         axes.grid(True)
-        for each in sample.clouds:
-            cloud = drawn.thinned(each, STILL_POINTS)
+        for sample_cloud in sample.clouds:
+            cloud = drawn.thinned(sample_cloud, STILL_POINTS)
             colours = (
                 drawn.shades(cloud, colouring, scales, index=order.index(cloud.name), newest=newest)
                 / 255.0
@@ -147,10 +147,10 @@ def draw_recording(recording: Recording, out: str | Path) -> None:
     )
 
 
-def draw_boxes(found: Objects | Detections, out: str | Path) -> None:
+def draw_boxes(rows: Objects | Detections, out: str | Path) -> None:
     """Draw boxes from above."""
-    kinds = drawn.sort_kinds(found.boxes, found.labels)
-    truth, detections = ({}, kinds) if isinstance(found, Detections) else (kinds, {})
+    kinds = drawn.sort_kinds(rows.boxes, rows.labels)
+    truth, detections = ({}, kinds) if isinstance(rows, Detections) else (kinds, {})
     write_still(drawn.DrawnSample("boxes", np.nan, (), truth, detections), out)
 
 
