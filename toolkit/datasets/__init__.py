@@ -1,5 +1,4 @@
-"""Recordings: published, own and simulated files. Also the frames of clouds in any layout, and the
-doctor."""
+"""Recordings: published, recorded and simulated files, clouds in any layout, and their doctor."""
 
 from lazy_loader import attach_stub
 

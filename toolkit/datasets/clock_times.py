@@ -22,17 +22,16 @@ _WHOLE = re.compile(r"\d{9,19}")
 _DECIMAL = re.compile(r"\d{9,10}\.\d+")
 _PARTED = re.compile(r"(\d{9,10})_(\d{3}|\d{6}|\d{9})(?:_[A-Za-z].*)?")
 _TICKS_PER_SECOND = (1, 10**3, 10**6, 10**9)
-# since 1970
-EARLIEST_S = 1e8
-LATEST_S = 4.1e9
-MAX_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
-# share of the fastest sensor's period that two clouds of one frame differ from their sensors' lag
+EARLIEST_S = 1e8  # since 1970
+LATEST_S = 4.1e9  # since 1970
+MAX_MICROSECONDS = LATEST_S * 1e6  # since 1970; larger numbers have a smaller unit
+# share of the fastest sensor's period by which two clouds of one frame differ from the sensors' lag
 MAX_JITTER_SHARE = 0.5
-MAX_PERIOD_S = 0.2  # if a sensor measures all the time; slower recordings are samples of one
+MAX_PERIOD_S = 0.2  # of a sensor that always measures; slower recordings are samples
 UNPAIRED = "frames that lack the cloud of some sensor at their time"
 BY_ORDER = "frames put together by the order of their clouds, whose names are no times"
 
-# of the sensors of a frame the number of its cloud, in order of the times given
+# number of the cloud of each sensor in a frame, in order of the given times
 Group = dict[str, int]
 
 
@@ -90,12 +89,12 @@ def parse_time(value: object, name: str) -> float | None:
 
 
 def parse_microseconds(ticks: float) -> float:
-    """Return seconds of a time in a format that has microseconds; what is too large for them is in
-    nanoseconds.
+    """Return seconds of a time in a format that has microseconds.
+
+    Numbers too large for microseconds are nanoseconds.
 
     >>> parse_microseconds(500000), parse_microseconds(1700000000250000000)
-    (0.5, 1700000000.25)
-    """
+    (0.5, 1700000000.25)"""
     epoch = None if ticks < MAX_MICROSECONDS else find_epoch(str(round(ticks)))
     return ticks * 1e-6 if epoch is None else epoch
 
@@ -139,7 +138,7 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
         groups += [{sensor: row} for row in unpaired.tolist()]
         in_order = np.argsort(centres, kind="stable")
         centres = centres[in_order]
-        groups = [groups[place] for place in in_order]
+        groups = [groups[index] for index in in_order]
     return [_sort_group(group, list(times_s)) for group in groups]
 
 
@@ -158,19 +157,20 @@ def _find_period(times: Float64[np.ndarray, " n"]) -> float:
 def _find_partners(
     times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"], period: float
 ) -> Int64[np.ndarray, " n"]:
-    """Number of the group that each cloud belongs to, -1 for none; a group gets one cloud at most.
-    Times ascend."""
+    """Number of the group that each cloud belongs to, -1 without one.
+
+    A group gets at most one cloud. Times ascend."""
     lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
     nearest = _find_nearest(times - lag, centres)
-    away = np.abs(times - lag - centres[nearest])
-    partners = np.where(away < MAX_JITTER_SHARE * period, nearest, -1)
-    closest_first = np.argsort(away, kind="stable")
-    taken: set[int] = set()
+    distances = np.abs(times - lag - centres[nearest])
+    partners = np.where(distances < MAX_JITTER_SHARE * period, nearest, -1)
+    closest_first = np.argsort(distances, kind="stable")
+    assigned: set[int] = set()
     for row in closest_first.tolist():
         partner = int(partners[row])
-        if partner in taken:
+        if partner in assigned:
             partners[row] = -1
-        taken.add(partner)
+        assigned.add(partner)
     return partners
 
 

@@ -36,27 +36,30 @@ from toolkit.runtime import files
 if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do without
     from toolkit.clouds import PointCloud
 
-_LEAST = 1e-30  # m; what is nearer to 0 are whole numbers, or parts of others, read as floats
-MIN_ROUNDING_M = 0.01
-MIN_NUMBERED_ROWS = 5  # whose first cells 0, 1, 2, ... are no coordinates
+_MIN_COORDINATE_M = 1e-30  # smaller ones are whole numbers, or parts of others, read as floats
+MIN_ROUNDING_M = 0.01  # of float32 coordinates, for a warning
+MIN_NUMBERED_ROWS = 5  # rows whose first cells 0, 1, 2, ... are no coordinates
 POSE_FORMS = "16, 12 or 7 numbers (4×4, 3×4, or qw qx qy qz tx ty tz)"
 QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
 PLACE_COLUMNS = (("tx", "ty", "tz"), ("tx_m", "ty_m", "tz_m"), ("x", "y", "z"))
 NAME_COLUMNS = ("name", "sensor", "sensor_name", "frame", "file", "id")
-MAX_SHOWN = 60  # letters of a row in an error
-MAX_CHECKED_ROWS = 1000  # of a .bin file whose columns are compared with other widths
-_MOST_SPREAD = (
-    5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
+MAX_SHOWN = 60  # characters of a row in an error
+MAX_CHECKED_ROWS = 1000  # rows of a .bin file whose columns are compared with other widths
+_MAX_SPREAD_M = 5000.0  # from the middle to half of a sensor's points; beyond are millimetres
+_DICTIONARY = 2  # kind of an Arrow message
+_BATCH = 3  # kind of an Arrow message
+_DECIMAL_COMMA = (
+    r'(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d|"[-+]?\d+,\d+"'  # with blanks or quotes between the cells
 )
+_COMMENT = "#|//"
 
 
 def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointCloud":
-    """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at
-    poses[k].
+    """Return one float64 cloud in the poses' common frame.
 
-    Normals turn with their pose. Attributes that all files have stay; a warning names the others,
-    see `fuse`. Raises FileNotFoundError, and ValueError for a file without points or an invalid
-    pose."""
+    Sensor k recorded paths[k] at the pose poses[k]. Normals turn with their pose. Attributes that
+    all files have stay; a warning names the others, see `fuse`. Raises FileNotFoundError, and
+    ValueError for a file without points or an invalid pose."""
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):
@@ -68,13 +71,15 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
     for number, path in enumerate(paths):
         recorded = _finite(read_recorded(path))
         returned = (recorded["positions"] != 0).any(axis=1)
-        if nothing := int((~returned).sum()):
+        no_return = int((~returned).sum())
+        if no_return:
             warnings.warn(
-                f"{path}: {nothing} points at 0 0 0, of no return, are left out", stacklevel=2
+                f"{path}: {no_return} points at 0 0 0, of no return, are left out", stacklevel=2
             )
             recorded = {name: column[returned] for name, column in recorded.items()}
-        if rounded := describe_rounding(recorded["positions"]):
-            warnings.warn(f"{path}: {rounded}", stacklevel=2)
+        rounding = describe_rounding(recorded["positions"])
+        if rounding:
+            warnings.warn(f"{path}: {rounding}", stacklevel=2)
         parts.append(from_attributes(recorded, number))
     return fuse(parts, checked)
 
@@ -87,8 +92,9 @@ def crop_area(
     floor: float = 0.0,
     remedy: str = "",
 ) -> "PointCloud":
-    """Crop by `toolkit.clouds.crop`. Raises ValueError with the places of the points and `remedy`
-    if none is left."""
+    """Crop by `toolkit.clouds.crop`.
+
+    If no point remains, raises ValueError with the positions of the points and `remedy`."""
     from toolkit.clouds import crop, positions
 
     cropped = crop(cloud, area, height, floor=floor)
@@ -96,18 +102,16 @@ def crop_area(
         points = positions(cloud)
         if not len(points):
             raise ValueError("the clouds hold no point with finite coordinates: give others")
-        low, high = points.min(axis=0), points.max(axis=0)
-        where = ", ".join(
-            f"{axis} {a:.1f} to {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True)
-        )
+        bounds = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
+        extent = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in bounds)
         raise ValueError(
-            f"none of the {len(points)} points lies in the area: they lie at {where} m; {remedy}"
+            f"none of the {len(points)} points lies in the area: they lie at {extent} m; {remedy}"
         )
     return cropped
 
 
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
-    """Finite points of one file, as they stand in it."""
+    """Finite points of one file, as they are stored."""
     return _finite(read_recorded(path))["positions"]
 
 
@@ -117,8 +121,10 @@ def _finite(recorded: Attributes) -> Attributes:
 
 
 def read_recorded(path: str | Path) -> Attributes:
-    """Attributes of one file by name, `positions` (float64) among them, also of points that are not
-    finite. Raises FileNotFoundError, and ValueError for a file that holds no points."""
+    """Attributes of one file by name, including `positions` (float64), also of points that are not
+    finite.
+
+    Raises FileNotFoundError, and ValueError for a file that holds no points."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
@@ -131,30 +137,35 @@ def read_recorded(path: str | Path) -> Attributes:
 
 
 def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
-    """Raise ValueError for points that are no places, or lie too far apart to be in metres."""
-    some = points[:: len(points) // 1000 + 1]
-    finite = some[np.isfinite(some).all(axis=1)]
-    if len(some) and not np.isfinite(points).all(axis=1).any():
+    """Raise ValueError for numbers that are no positions, or too far apart to be in metres."""
+    sample = points[:: len(points) // 1000 + 1]
+    finite = sample[np.isfinite(sample).all(axis=1)]
+    if len(sample) and not np.isfinite(points).all(axis=1).any():
         raise ValueError(
             f"none of its {len(points)} points has three finite coordinates: record it again"
         )
-    away = (
+    distances = (
         np.linalg.norm(finite - np.median(finite, axis=0), axis=1) if len(finite) else np.zeros(1)
     )
     if len(finite) and np.median(np.abs(finite).max(axis=1)) > MAX_COORDINATE_M:
         raise ValueError(
             f"half of its points are beyond {MAX_COORDINATE_M:g} m: give metres, or repair the file"
         )
-    if np.median(away) > _MOST_SPREAD:
-        wide = f"half of its points are more than {np.median(away) / 1000:.3g} km from their middle"
-        raise ValueError(f"{wide}: give metres, or repair the file")
-    tiny = (finite != 0) & (np.abs(finite) < _LEAST)
-    odd = np.unique(
-        finite[(away > _MOST_SPREAD) | tiny.any(axis=1)] if len(finite) else finite, axis=0
+    if np.median(distances) > _MAX_SPREAD_M:
+        problem = (
+            f"half of its points are more than {np.median(distances) / 1000:.3g} km from their "
+            "middle"
+        )
+        raise ValueError(f"{problem}: give metres, or repair the file")
+    is_tiny = (finite != 0) & (np.abs(finite) < _MIN_COORDINATE_M)
+    outliers = np.unique(
+        finite[(distances > _MAX_SPREAD_M) | is_tiny.any(axis=1)] if len(finite) else finite, axis=0
     )
-    if len(odd) > max(5, 0.1 * len(finite)):  # a driver's value of no return is always the same
+    # a driver's value of no return is always the same
+    if len(outliers) > max(5, 0.1 * len(finite)):
         raise ValueError(
-            f"{len(odd)} of {len(finite)} points, such as {odd[0]}, are no places: repair the file"
+            f"{len(outliers)} of {len(finite)} points, such as {outliers[0]}, are no places: "
+            "repair the file"
         )
 
 
@@ -171,8 +182,9 @@ def describe_rounding(points: Float64[np.ndarray, "n 3"]) -> str | None:
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
-    """Poses of a file by name. Unnamed poses are called 0, 1, 2, ... Raises ValueError that names a
-    bad pose."""
+    """Poses of a file by name. Unnamed poses are called 0, 1, 2, ...
+
+    Raises ValueError that names a bad pose."""
     path = Path(path)
     if not path.exists() or path.is_dir():
         raise FileNotFoundError(f"no such pose file: {path}")
@@ -193,21 +205,22 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
 def load_poses(
     paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False
 ) -> list[Pose]:
-    """Load the pose of each cloud file from one pose file for all clouds, or from one each."""
+    """Load the pose of each cloud file from one pose file for all clouds, or from one file each."""
     if len(files) == 1:
         return match_poses(paths, read_poses(files[0], inverted=inverted))
-    each = [list(read_poses(file, inverted=inverted).values()) for file in files]
-    if len(files) != len(paths) or any(len(poses) != 1 for poses in each):
+    poses_by_file = [list(read_poses(file, inverted=inverted).values()) for file in files]
+    if len(files) != len(paths) or any(len(poses) != 1 for poses in poses_by_file):
         raise ValueError(
             f"give one pose file for all {len(paths)} clouds, or {len(paths)} files of one pose "
             "each"
         )
-    return [pose for (pose,) in each]
+    return [pose for (pose,) in poses_by_file]
 
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
-    """Pose of each cloud, matched by file name with or without its ending or folder, or by position
-    if no pose has a name."""
+    """Pose of each cloud, matched by file name with or without its ending or folder.
+
+    Poses without names are matched in order."""
     stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
     for names in (
         stems,
@@ -246,9 +259,8 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
 
 def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
     """Raise ValueError if the quaternion comes last, as in TUM's trajectories; warn if it might."""
-    is_first, is_last = (
-        abs(np.linalg.norm(part) - 1) < 0.01 for part in (numbers[:4], numbers[3:])
-    )
+    is_first = abs(np.linalg.norm(numbers[:4]) - 1) < 0.01
+    is_last = abs(np.linalg.norm(numbers[3:]) - 1) < 0.01
     if is_last and not is_first:
         raise ValueError(
             f"it ends in a quaternion of length 1, got {numbers.tolist()}: write qw qx qy qz tx "
@@ -263,13 +275,14 @@ def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
 
 
 def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
-    """Return True if a quaternion turns a sensor half round or over with w first, but keeps it
-    upright with w last."""
-    first, second, third, fourth = quaternion.tolist()
-    if first == second == 0.0:
-        return fourth != 0.0
-    upright_first = 1 - 2 * (second**2 + third**2)
-    upright_last = 1 - 2 * (first**2 + second**2)
+    """Return True if a quaternion keeps a sensor upright only with w last.
+
+    With w first it turns the sensor half round or over."""
+    q = quaternion.tolist()
+    if q[0] == q[1] == 0.0:
+        return q[3] != 0.0
+    upright_first = 1 - 2 * (q[1] ** 2 + q[2] ** 2)
+    upright_last = 1 - 2 * (q[0] ** 2 + q[1] ** 2)
     return upright_first < 0 < upright_last
 
 
@@ -292,8 +305,9 @@ def quaternion_pose(
 
 
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
-    """Columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a
-    damaged file."""
+    """Columns of a feather file by name.
+
+    Raises ImportError without pyarrow, ValueError for a damaged file."""
     try:
         import pyarrow.ipc
     except ImportError:
@@ -309,15 +323,15 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
         for message in pyarrow.ipc.MessageReader.open_stream(stream):
             batches += message.type == "record batch"
             unpacked += _batch_size(message.metadata.to_pybytes(), message.body or b"")
-            files.check_unpacked(unpacked, files.MOST_CLOUD)
+            files.check_unpacked(unpacked, files.MAX_CLOUD_BYTES)
         if batches != pyarrow.ipc.open_file(content).num_record_batches:
             raise ValueError("it lacks some of its rows: copy it again")
         table = pyarrow.ipc.open_stream(stream).read_all()
         table.validate(full=True)
         columns = {name: table[name].to_numpy() for name in table.column_names}
         return {
-            name: each.astype(np.float32) if each.dtype == np.float16 else each
-            for name, each in columns.items()
+            name: column.astype(np.float32) if column.dtype == np.float16 else column
+            for name, column in columns.items()
         }
     except (
         pyarrow.ArrowException,
@@ -336,17 +350,21 @@ def _batch_size(message: bytes, body: Any) -> int:
     """Bytes that a batch of an Arrow file declares to unpack to (its Message.fbs, a flat
     buffer)."""
 
-    def number(kind: str, at: int) -> int:
-        return int(struct.unpack_from(f"<{kind}", message, at)[0])
+    def number(kind: str, position: int) -> int:
+        return int(struct.unpack_from(f"<{kind}", message, position)[0])
 
-    def field(table: int, place: int) -> int:
-        """Place of a table's field, 0 if it has none."""
+    def field(table: int, field_index: int) -> int:
+        """Position of a table's field, 0 if the table lacks it."""
         fields = table - number("i", table)
-        offset = number("H", fields + 4 + 2 * place) if 4 + 2 * place < number("H", fields) else 0
+        offset = (
+            number("H", fields + 4 + 2 * field_index)
+            if 4 + 2 * field_index < number("H", fields)
+            else 0
+        )
         return table + offset if offset else 0
 
-    def pointed(at: int) -> int:
-        return at + number("I", at)
+    def pointed(position: int) -> int:
+        return position + number("I", position)
 
     root = number("I", 0)
     kind = number("B", field(root, 1))
@@ -359,17 +377,12 @@ def _batch_size(message: bytes, body: Any) -> int:
     rows = number("q", field(batch, 0)) if field(batch, 0) else 0
     # as NumPy's columns, also of nulls that take no bytes in the file
     size = rows * number("I", columns) * 8
-    for k in range(
-        number("I", buffers) if field(batch, 3) else 0
-    ):  # a compressed one begins with its size
-        at = number("q", buffers + 4 + 16 * k)
+    is_compressed = field(batch, 3)  # a compressed buffer begins with its size
+    for k in range(number("I", buffers) if is_compressed else 0):
+        position = number("q", buffers + 4 + 16 * k)
         length = number("q", buffers + 12 + 16 * k)
-        size += max(length, struct.unpack_from("<q", body, at)[0] if length else 0)
+        size += max(length, struct.unpack_from("<q", body, position)[0] if length else 0)
     return size
-
-
-_DICTIONARY = 2
-_BATCH = 3
 
 
 def _read(path: Path) -> Attributes:
@@ -410,15 +423,15 @@ def _read(path: Path) -> Attributes:
             )
         rows = np.frombuffer(files.read_plain(path), "<f4").reshape(-1, count)
         if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
-            held = (
+            problem = (
                 f"{path} must hold rows of float32 {' '.join(names)}, but its intensities are "
                 "below 0"
             )
-            raise ValueError(f"{held}: save other types or columns as .npy or .csv")
+            raise ValueError(f"{problem}: save other types or columns as .npy or .csv")
         if count == 4 and _has_five_columns(rows):
-            five = "5 columns, the last of whole numbers, as nuScenes has them"
+            layout = "5 columns, the last of whole numbers, as nuScenes has them"
             raise ValueError(
-                f"{path} must hold rows of float32 {' '.join(names)}, but fits {five}: call it "
+                f"{path} must hold rows of float32 {' '.join(names)}, but fits {layout}: call it "
                 ".pcd.bin"
             )
         return name_attributes(dict(zip(names, rows.T, strict=True)))
@@ -435,8 +448,7 @@ def _read(path: Path) -> Attributes:
 
 
 def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:
-    """Return True if rows of 4 numbers look like rows of 5, of which the fifth, a ring, is
-    whole."""
+    """Return True if rows of 4 numbers look like rows of 5 whose fifth, a ring, is whole."""
     if rows.size % 5 or not len(rows):
         return False
     fifth = rows.reshape(-1, 5)[:MAX_CHECKED_ROWS, 4]
@@ -447,8 +459,9 @@ def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:
 
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a text file: by the names above its rows, else x, y and z first; others if they
-    are named and purely numeric."""
+    """Columns of a text file: by the names above its rows, else x, y and z first.
+
+    Other columns are read if they are named and purely numeric."""
     text = files.read_text(path)
     rows = _drop_count(_rows(text.replace('"', "") if '"' in text else text))
     warn_of_offset(_first_comments(text))
@@ -467,26 +480,12 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
         raise ValueError(f"{path} must have as many cells in each row as names, {got}")
     if rows and not names:
         rows = _check_numbering(path, rows)
-    places = dict(zip("xyz", range(3), strict=True))
-    if names:
-        repeated = {name for name in names if name and names.count(name) > 1}
-        if repeated:
-            raise ValueError(
-                f"{path} must have each column once, got {', '.join(sorted(repeated))} again"
-            )
-        with files.name_errors(path):
-            axes = find_axes(names).names
-        places = {name: names.index(name) for name in axes}
+    column_by_name = _find_columns(path, names) if names else {"x": 0, "y": 1, "z": 2}
     try:
-        table = {
-            name: np.array([float(row[place]) for row in rows]) for name, place in places.items()
-        }
+        table = {name: _parse_column(rows, column) for name, column in column_by_name.items()}
     except (ValueError, IndexError):
-        row = next(
-            row
-            for row in rows
-            if not all(len(row) > k and _is_number(row[k]) for k in places.values())
-        )
+        columns = [*column_by_name.values()]
+        row = next(row for row in rows if not _has_numbers(row, columns))
         got = f"got {', '.join(row)[:MAX_SHOWN]!r}"
         raise ValueError(
             f"{path} must hold x y z in every row, numbers with decimal points only, {got}"
@@ -496,25 +495,35 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
             f"{path}: all numbers are whole: if its commas are decimal, write points for them",
             stacklevel=2,
         )
-    for place, name in enumerate(names):
-        if (
-            name
-            and name not in places
-            and all(len(row) > place and _is_number(row[place]) for row in rows)
-        ):
-            table[name.lower()] = np.array([float(row[place]) for row in rows])
+    for column, name in enumerate(names):
+        is_extra = name and name not in column_by_name
+        if is_extra and all(_has_numbers(row, [column]) for row in rows):
+            table[name.lower()] = _parse_column(rows, column)
     return table
 
 
-_DECIMAL_COMMA = (
-    r'(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d|"[-+]?\d+,\d+"'  # with blanks or quotes between the cells
-)
-_COMMENT = "#|//"
+def _find_columns(path: Path, names: list[str]) -> dict[str, int]:
+    """Columns of x, y and z by their names."""
+    repeated = {name for name in names if name and names.count(name) > 1}
+    if repeated:
+        raise ValueError(
+            f"{path} must have each column once, got {', '.join(sorted(repeated))} again"
+        )
+    with files.name_errors(path):
+        axes = find_axes(names).names
+    return {name: names.index(name) for name in axes}
+
+
+def _parse_column(rows: Sequence[Sequence[str]], column: int) -> Float64[np.ndarray, " n"]:
+    return np.array([float(row[column]) for row in rows])
+
+
+def _has_numbers(row: Sequence[str], columns: Sequence[int]) -> bool:
+    return all(len(row) > column and _is_number(row[column]) for column in columns)
 
 
 def _drop_count(rows: list[list[str]]) -> list[list[str]]:
-    """Rows without a first one that holds their number, as PTS files and CloudCompare's text have
-    it."""
+    """Rows without a first row that holds their number, as in PTS files and CloudCompare's text."""
     return rows[1:] if rows and rows[0] == [str(len(rows) - 1)] else rows
 
 
@@ -568,8 +577,9 @@ def _split_header(line: str) -> list[str]:
 
 
 def _commented_header(text: str, width: int) -> list[str]:
-    """Names in the last comment above the rows if they are as many as cells and hold coordinates;
-    [] if not."""
+    """Names in the last comment above the rows, [] if they do not fit.
+
+    They fit if they are as many as cells and include coordinates."""
     comments = _first_comments(text)
     names = _split_header(comments[-1]) if comments else []
     try:
@@ -603,7 +613,7 @@ def _poses_of_json(content: object) -> dict[str, object]:
     if isinstance(content, dict):
         if not content:
             raise ValueError("it is empty")
-        # of an object with more fields of a sensor, as coview calibrate writes them
+        # object with more fields of a sensor, as coview calibrate writes them
         placed = "world_SE3_sensor"
         return {
             name: pose.get(placed, pose) if isinstance(pose, dict) else pose
@@ -619,26 +629,26 @@ def _poses_of_json(content: object) -> dict[str, object]:
 
 def _poses_of_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, object]:
     """Poses of rows under the names of their columns, by their name or number."""
-    place = next((names for names in PLACE_COLUMNS if set(names) <= set(columns)), None)
-    if place is None or len(set(columns)) < len(columns):
-        wanted = "one each of qw, qx, qy, qz, and tx, ty, tz or x, y, z in metres"
-        raise ValueError(f"its columns must be {wanted}, got {', '.join(columns)[:MAX_SHOWN]}")
+    position_columns = next((names for names in PLACE_COLUMNS if set(names) <= set(columns)), None)
+    if position_columns is None or len(set(columns)) < len(columns):
+        rule = "one each of qw, qx, qy, qz, and tx, ty, tz or x, y, z in metres"
+        raise ValueError(f"its columns must be {rule}, got {', '.join(columns)[:MAX_SHOWN]}")
     if any(len(row) != len(columns) for row in rows) or not rows:
         raise ValueError("it must have a cell under each of its names in every row")
     title = next((columns.index(name) for name in NAME_COLUMNS if name in columns), None)
-    places = [columns.index(name) for name in (*QUATERNION_COLUMNS, *place)]
-    named = [str(number) if title is None else row[title] for number, row in enumerate(rows)]
-    if len(set(named)) < len(named):
-        raise ValueError(f"two poses have one name: {', '.join(named)[:MAX_SHOWN]}")
+    pose_columns = [columns.index(name) for name in (*QUATERNION_COLUMNS, *position_columns)]
+    row_names = [str(number) if title is None else row[title] for number, row in enumerate(rows)]
+    if len(set(row_names)) < len(row_names):
+        raise ValueError(f"two poses have one name: {', '.join(row_names)[:MAX_SHOWN]}")
     poses: dict[str, object] = {}
-    for name, row in zip(named, rows, strict=True):
-        numbers = np.array([row[column] for column in places], np.float64)
+    for name, row in zip(row_names, rows, strict=True):
+        numbers = np.array([row[column] for column in pose_columns], np.float64)
         poses[name] = quaternion_pose(numbers[:4], numbers[4:])
     return poses
 
 
 def _poses_of_text(text: str) -> Mapping[str, object]:
-    rows = [[cell for cell in row if cell] for row in _rows(text)]
+    rows = [list(filter(None, row)) for row in _rows(text)]
     if not rows:
         raise ValueError("it is empty")
     named_columns = [cell.lower() for cell in rows[0]]
@@ -646,13 +656,13 @@ def _poses_of_text(text: str) -> Mapping[str, object]:
         return _poses_of_table(named_columns, rows[1:])
     if [len(row) for row in rows] in ([4] * 4, [4] * 3):
         return {"0": [number for row in rows for number in row]}
-    named = [
+    row_names = [
         row[0].removesuffix(":") if len(row) in (8, 13, 17) else str(k)
         for k, row in enumerate(rows)
     ]
-    if len(set(named)) < len(named):
-        raise ValueError(f"two poses have one name: {', '.join(named)}")
+    if len(set(row_names)) < len(row_names):
+        raise ValueError(f"two poses have one name: {', '.join(row_names)}")
     return {
         name: row[1:] if len(row) in (8, 13, 17) else row
-        for name, row in zip(named, rows, strict=True)
+        for name, row in zip(row_names, rows, strict=True)
     }

@@ -1,5 +1,4 @@
-"""A recording of images as one HDF5 file: frames in the published layout, with our fields beside it
-in `coview`.
+"""A recording of images as one HDF5 file: the published layout, with our fields in `coview`.
 
 `CoopDataset` reads files of `coview simulate` and the published ones alike; `encode` and `join`
 write them.
@@ -55,6 +54,9 @@ from toolkit.sites.site import Site
 
 CLOUDS_KIND = "clouds"  # the attribute `coview` of a file of recorded clouds
 _GROUPS = ("objects", "cameras", "coview", "coview/ranges", "coview/depth")
+RECORDING_SCHEMA = 1
+_GZIP_LEVEL = 1
+OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sensor's measurement
 
 
 class UnknownSite(ValueError):
@@ -62,29 +64,31 @@ class UnknownSite(ValueError):
 
 
 class StoredChannel(NamedTuple):
-    """A sensor, the dataset of its measurements, its place in `dslices`, and the step of its
-    measured pixels there."""
+    """Sensor, and the place of its measurements.
+
+    sensor: the sensor; name: dataset of its measurements; depth_index: index in `dslices`, None in
+    other datasets; stride: step of its measured pixels there."""
 
     sensor: Sensor
     name: str
-    place: int | None = None
+    depth_index: int | None = None
     stride: int = 1
 
 
 class CoopDataset(DisplayedRecording, Sequence[Frame]):
     """Noise-free frames of an HDF5 file, in the site frame.
 
-    `dataset[k]` is a `Frame`; a slice is a list of them. The file is opened when needed, and again
-    in every process it is sent to. Usable in a `with` statement.
+    `dataset[k]` is a `Frame`; a slice is a list of frames. The file is opened when needed, and
+    again in every process it is sent to. Usable in a `with` statement.
 
-    path: a file of `coview simulate` or one in the published layout. site: the place it shows; our
-    files name it, published ones are recognised if they show a built-in site. drop_invalid: leave
-    out rows that no object can have (NaN, no size, kilometres away, see
-    `published_layout.wrong_rows`), with one warning that counts them. Otherwise reading the frame
-    of the first such row raises ValueError.
+    path: a file of `coview simulate` or one in the published layout. site: the site that it shows;
+    our files name it, published ones are recognised if they show a built-in site. drop_invalid:
+    leave out rows that no object can have (NaN, no size, kilometres away, see
+    `published_layout.wrong_rows`), with one warning that counts them. Otherwise reading a frame
+    with such a row raises ValueError.
 
     Raises FileNotFoundError; OSError for a file that is cut off or not HDF5; ValueError, which
-    names what is wrong in the file, for another layout; IndexError for an unknown frame."""
+    names the fault in the file, for another layout; IndexError for an unknown frame."""
 
     def __init__(
         self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False
@@ -113,8 +117,10 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             self._length = next(iter(lengths.values()))
             starts = self._starts
             count = self._length + 1
-            whole = starts is None or (starts.dtype.kind in "iu" and len(starts) == count)
-            if starts is not None and (not whole or (np.diff(starts.astype(np.int64)) < 0).any()):
+            is_valid = starts is None or (starts.dtype.kind in "iu" and len(starts) == count)
+            if starts is not None and (
+                not is_valid or (np.diff(starts.astype(np.int64)) < 0).any()
+            ):
                 got = f"{len(starts)} of {starts.dtype}"
                 raise ValueError(
                     f"coview/object_start must be {count} whole numbers that ascend, got {got}"
@@ -153,8 +159,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         self._open = None
 
     def stored(self, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
-        """Dataset of the file, such as that of a channel. It is checked when it is first asked
-        for."""
+        """Dataset of the file, such as a channel's, checked on first use."""
         file, checked = self._file()
         if name not in checked:
             checked[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
@@ -170,9 +175,8 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return {**self.__dict__, "_open": None}
 
     def _file(self) -> tuple[h5py.File, dict[str, h5py.Dataset]]:
-        if (
-            self._open is None or self._open[0] != os.getpid()
-        ):  # a forked process must not share the parent's handle
+        # a forked process must not share the parent's handle
+        if self._open is None or self._open[0] != os.getpid():
             self._open = os.getpid(), open_file(self.path), {}
         return self._open[1:]
 
@@ -182,12 +186,16 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             names = dict.fromkeys(channel.name for channel in self.channels)
             images = {name: hdf5.rows(self.stored(name), name, k) for name in names}
             shared = [
-                (images[c.name][c.place], c.stride) for c in self.channels if c.place is not None
+                (images[c.name][c.depth_index], c.stride)
+                for c in self.channels
+                if c.depth_index is not None
             ]
             measured = iter(published.measured(shared))
             measurements = tuple(
-                images[each.name].astype(np.float32) if each.place is None else next(measured)
-                for each in self.channels
+                images[stored.name].astype(np.float32)
+                if stored.depth_index is None
+                else next(measured)
+                for stored in self.channels
             )
             objects = self._objects(file, k)
         except OSError as error:
@@ -220,7 +228,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return published.parse_rows(rows, self.site.map_SE3_site, ids, name)
 
     def _warn_of_invalid(self, file: h5py.File) -> None:
-        """Warn how many objects are left out, and what is wrong with the first of them."""
+        """Warn how many objects are left out, and describe the first one's fault."""
         faults = {
             k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)
         }
@@ -229,14 +237,15 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             count = sum(int((words != "").sum()) for words in faults.values())
             first = faults[frames[0]]
             row = int((first != "").argmax())
-            said = f"objects/{frames[0]} row {row}, which {first[row]}"
+            example = f"objects/{frames[0]} row {row}, which {first[row]}"
             left_out = f"{self.path}: {count} objects in {len(frames)} frames are left out"
-            warnings.warn(f"{left_out}, the first is {said}", stacklevel=4)
+            warnings.warn(f"{left_out}, the first is {example}", stacklevel=4)
 
 
 def open_file(path: str | Path) -> h5py.File:
-    """Open an HDF5 file for reading. Raises FileNotFoundError or OSError, which say in one line
-    what is wrong."""
+    """Open an HDF5 file for reading.
+
+    Raises FileNotFoundError or OSError, which state in one line what is wrong."""
     path = Path(path)
     if not path.exists():
         unfinished = path.with_name(path.name + ".parts").is_dir()
@@ -264,8 +273,9 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
 
 
 def check_kinds(file: h5py.File) -> tuple[str, ...]:
-    """Check that groups and datasets stand where the layout expects; return `list_cameras`. Raises
-    ValueError for a dataset in the place of a group, for a group in the place of a dataset, and for
+    """Check that groups and datasets are as the layout expects, and return `list_cameras`.
+
+    Raises ValueError for a dataset in place of a group, for a group in place of a dataset, and for
     a file of recorded clouds."""
     if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
@@ -281,14 +291,14 @@ def check_kinds(file: h5py.File) -> tuple[str, ...]:
 
 
 def list_cameras(file: h5py.File) -> tuple[str, ...]:
-    """Names of the depth cameras in the order of `dslices`: those that start with d, in
-    alphabetical order."""
+    """Names of the depth cameras in the order of `dslices`.
+
+    They start with d and are in alphabetical order."""
     return tuple(sorted(name for name in hdf5.child_names(file, "cameras") if name.startswith("d")))
 
 
 def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
-    """Site of a file: the one it holds, else the built-in one that most cameras or objects stand in
-    or beside."""
+    """Site of a file: the stored one, else the built-in one around most cameras or objects."""
     if hdf5.contains(file, "coview/site"):
         try:
             return parse(parse_json(hdf5.text(file, "coview/site")))
@@ -299,11 +309,11 @@ def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
     matrices = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in cameras]
     usable = [matrix for matrix in matrices if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
-    some = (
+    tables = (
         hdf5.array(file, f"objects/{k}", kinds="fiub")
         for k in islice(hdf5.child_names(file, "objects"), 20)
     )
-    centres = [objects[:, :2] for objects in some if objects.ndim == 2 and objects.shape[1] > 1]
+    centres = [objects[:, :2] for objects in tables if objects.ndim == 2 and objects.shape[1] > 1]
     for site in map(load_site, BUILT_IN):
         carla_to_site = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
         for places in (positions, centres):
@@ -311,8 +321,8 @@ def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
                 np.concatenate([np.zeros((0, 2)), *places]) @ carla_to_site[:2, :2].T
                 + carla_to_site[:2, 3]
             )
-            inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
-            if len(xy) and inside.mean() > 0.5:
+            is_inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
+            if len(xy) and is_inside.mean() > 0.5:
                 return site
     raise UnknownSite(
         f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site="
@@ -320,52 +330,25 @@ def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
 
 
 def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[StoredChannel, ...]:
-    every: list[StoredChannel] = []
-    if has_images := hdf5.contains(file, "dslices"):
-        depth = hdf5.dataset(file, "dslices", kinds="fiub")
-        if depth.ndim != 4 or depth.dtype.kind != "f":
-            raise ValueError(
-                f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape "
-                f"{depth.shape}"
-            )
-        if len(cameras) != depth.shape[1]:
-            there = f"{len(cameras)} whose name starts with d: {', '.join(cameras) or 'none'}"
-            raise ValueError(
-                f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {there}"
-            )
-        for place, name in enumerate(cameras):
-            sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
-            every.append(StoredChannel(sensor, "dslices", place, stride))
-    own_images = (f"coview/{kind}" for kind in OWN_IMAGES.values())
-    for name in [
-        f"{group}/{name}" for group in own_images for name in hdf5.child_names(file, group)
-    ]:
-        images = hdf5.dataset(file, name, axes=3)
-        sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
-        if images.shape[1:] != sensor.model.shape:
-            raise ValueError(f"{name} must be [T, *{sensor.model.shape}], got {images.shape}")
-        every.append(StoredChannel(sensor, name))
-    if not has_images and not every:
-        held = hdf5.child_names(file, "/") or "nothing"
+    """Sensors of a file and their measurements, in the order of a frame's measurements."""
+    stored: list[StoredChannel] = []
+    has_images = hdf5.contains(file, "dslices")
+    if has_images:
+        stored += _depth_channels(file, cameras, site)
+    own_images = list[str]()
+    for kind in OWN_IMAGES.values():
+        own_images += [f"coview/{kind}/{name}" for name in hdf5.child_names(file, f"coview/{kind}")]
+    stored += [_own_channel(file, name) for name in own_images]
+    if not has_images and not stored:
+        content = hdf5.child_names(file, "/") or "nothing"
         raise ValueError(
-            f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {held}"
+            f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {content}"
         )
-    channels = {channel.sensor.name: channel for channel in every}
-    if len(channels) < len(every):
-        names = ", ".join(channel.sensor.name for channel in every)
+    channels = {channel.sensor.name: channel for channel in stored}
+    if len(channels) < len(stored):
+        names = ", ".join(channel.sensor.name for channel in stored)
         raise ValueError(f"every sensor needs a name of its own, got {names}")
-    own = (
-        hdf5.read_node_attributes(file["coview"], "coview") if hdf5.contains(file, "coview") else {}
-    )
-    written = own.get("sensors", "[]")  # in the order of a frame's measurements
-    try:
-        order = parse_json(written) if isinstance(written, str) else None
-    except ValueError:
-        order = None
-    if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
-        raise ValueError(
-            f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}"
-        )
+    order = _sensor_order(file)
     if order and sorted(order) != sorted(channels):
         raise ValueError(
             f"attribute coview:sensors names {order}, but measurements are there of "
@@ -374,41 +357,93 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
     return tuple(channels[name] for name in order or channels)
 
 
+def _depth_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> list[StoredChannel]:
+    """Cameras whose images are in `dslices`."""
+    depth = hdf5.dataset(file, "dslices", kinds="fiub")
+    if depth.ndim != 4 or depth.dtype.kind != "f":
+        raise ValueError(
+            f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape "
+            f"{depth.shape}"
+        )
+    if len(cameras) != depth.shape[1]:
+        camera_text = f"{len(cameras)} whose name starts with d: {', '.join(cameras) or 'none'}"
+        raise ValueError(
+            f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {camera_text}"
+        )
+    stored = []
+    for index, name in enumerate(cameras):
+        sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
+        stored.append(StoredChannel(sensor, "dslices", index, stride))
+    return stored
+
+
+def _own_channel(file: h5py.File, name: str) -> StoredChannel:
+    """Sensor with a separate dataset of images."""
+    images = hdf5.dataset(file, name, axes=3)
+    sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
+    if images.shape[1:] != sensor.model.shape:
+        raise ValueError(f"{name} must be [T, *{sensor.model.shape}], got {images.shape}")
+    return StoredChannel(sensor, name)
+
+
+def _sensor_order(file: h5py.File) -> list[str]:
+    """Names of the sensors in the order of a frame's measurements, empty if the file lacks them."""
+    attributes: Mapping[str, object] = {}
+    if hdf5.contains(file, "coview"):
+        attributes = hdf5.read_node_attributes(file["coview"], "coview")
+    written = attributes.get("sensors", "[]")
+    try:
+        order = parse_json(written) if isinstance(written, str) else None
+    except ValueError:
+        order = None
+    if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
+        raise ValueError(
+            f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}"
+        )
+    return order
+
+
 def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:
-    """Camera of a group, and its stride. It is our sensor only where the published matrices
-    agree."""
-    where = group.name.lstrip("/")
-    intrinsic, extrinsic = (hdf5.find_array(group, name) for name in ("intrinsic", "extrinsic"))
+    """Camera of a group, and its stride.
+
+    It is the stored sensor only if the published matrices agree."""
+    name = group.name.lstrip("/")
+    intrinsic = hdf5.find_array(group, "intrinsic")
+    extrinsic = hdf5.find_array(group, "extrinsic")
     if intrinsic is None or extrinsic is None:
-        raise ValueError(f"{where}/{'intrinsic' if intrinsic is None else 'extrinsic'} is missing")
-    attributes = hdf5.read_node_attributes(group, where)
-    ours = None
+        raise ValueError(f"{name}/{'intrinsic' if intrinsic is None else 'extrinsic'} is missing")
+    attributes = hdf5.read_node_attributes(group, name)
+    stored_sensor = None
     stride = None
     if "site_SE3_sensor" in attributes:
-        ours = _own_sensor(attributes, where)
-        camera = ours.model
+        stored_sensor = _own_sensor(attributes, name)
+        camera = stored_sensor.model
         if not isinstance(camera, DepthCamera):
             raise ValueError(
-                f"{where} is a {type(camera).__name__}, which dslices cannot hold: write the file "
+                f"{name} is a {type(camera).__name__}, which dslices cannot hold: write the file "
                 "again"
             )
         stride = camera.stride
-        written = published.intrinsic(camera), published.extrinsic(ours.pose, site.map_SE3_site)
-        pairs = zip(written, (intrinsic, extrinsic), strict=True)
-        same = all(own.shape == matrix.shape and np.allclose(own, matrix) for own, matrix in pairs)
-        if same and (camera.height, camera.width) == shape:
-            return ours, stride
-    model = published.parse_intrinsic(intrinsic, *shape, name=f"{where}/intrinsic")
-    pose = published.parse_extrinsic(extrinsic, site.map_SE3_site, f"{where}/extrinsic")
-    if ours is None or stride is None:
-        return Sensor(where.removeprefix("cameras/"), model, pose), model.stride
-    return Sensor(ours.name, replace(model, stride=stride), pose), stride
+        expected = published.extrinsic(stored_sensor.pose, site.map_SE3_site)
+        is_same = _is_equal(published.intrinsic(camera), intrinsic)
+        is_same = is_same and _is_equal(expected, extrinsic)
+        if is_same and (camera.height, camera.width) == shape:
+            return stored_sensor, stride
+    model = published.parse_intrinsic(intrinsic, *shape, name=f"{name}/intrinsic")
+    pose = published.parse_extrinsic(extrinsic, site.map_SE3_site, f"{name}/extrinsic")
+    if stored_sensor is None or stride is None:
+        return Sensor(name.removeprefix("cameras/"), model, pose), model.stride
+    return Sensor(stored_sensor.name, replace(model, stride=stride), pose), stride
 
 
-def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
+def _is_equal(expected: np.ndarray, matrix: np.ndarray) -> bool:
+    return expected.shape == matrix.shape and np.allclose(expected, matrix)
+
+
+def _own_sensor(attributes: Mapping[str, object], node_name: str) -> Sensor:
     missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
     if missing:
-        raise ValueError(f"{where} has no attribute {missing[0]}: write the file again")
+        raise ValueError(f"{node_name} has no attribute {missing[0]}: write the file again")
     try:
         kind = str(attributes["model"])
         entries = [
@@ -421,19 +456,16 @@ def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
             np.asarray(attributes["site_SE3_sensor"]),
         )
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
-        wrong = f"attributes of {where} describe no sensor ({error})"
+        wrong = f"attributes of {node_name} describe no sensor ({error})"
         raise ValueError(f"{wrong}: the file is damaged, restore it") from None
-
-
-RECORDING_SCHEMA = 1
-_GZIP_LEVEL = 1
-OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sensor's measurement
 
 
 @dataclass(frozen=True)
 class Header:
-    """Values shared by all frames of a recording. plan: of its simulation, see
-    `toolkit.datasets.simulation`."""
+    """Values shared by all frames of a recording.
+
+    site: the site; sensors: in the order of a frame's measurements; bodies: their names; plan: plan
+    of the simulation, see `toolkit.datasets.simulation`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -442,8 +474,7 @@ class Header:
 
     @property
     def images(self) -> tuple[str, ...]:
-        """Storage place of each sensor's measurements. The cameras of one common size share
-        `dslices`."""
+        """Dataset of each sensor's measurements. The cameras of one common size share `dslices`."""
         pinholes = self.pinholes
         shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
         return tuple(
@@ -457,7 +488,9 @@ class Header:
     def pinholes(self) -> dict[str, DepthCamera]:
         """Cameras that the published layout can hold, by sensor name."""
         return {
-            each.name: each.model for each in self.sensors if isinstance(each.model, DepthCamera)
+            sensor.name: sensor.model
+            for sensor in self.sensors
+            if isinstance(sensor.model, DepthCamera)
         }
 
 
@@ -470,8 +503,7 @@ class Scene:
 
 
 def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
-    """Bytes of a complete file of `scenes`. They are made in memory, so that they can be written
-    all or not at all."""
+    """Bytes of a complete file of `scenes`, made in memory, so that all or no bytes are written."""
     objects = [len(scene.frame.objects) for scene in scenes]
     images = header.images
     pinholes = header.pinholes
@@ -502,48 +534,51 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
         return file.id.get_file_image()
 
 
-def join(header: Header, parts: Sequence[Path], out: Path) -> None:
-    """Write the frames of all parts, in order, as one file. Compressed images are copied as they
+def join(header: Header, shards: Sequence[Path], out: Path) -> None:
+    """Write the frames of all shards, in order, as one file. Compressed images are copied as they
     are."""
     lengths = []
     objects = []
-    for part in parts:
-        with h5py.File(part) as file:
+    for shard in shards:
+        with h5py.File(shard) as file:
             lengths.append(len(file["coview/time"]))
             objects.append(len(file["coview/object_ids"]))
     with hdf5_file(out) as (joined, check):
         _create(joined, header, sum(lengths), sum(objects))
-        first = first_object = 0
-        for path, frames, count in zip(parts, lengths, objects, strict=True):
-            with h5py.File(path) as part:
-                joined["coview/time"][first : first + frames] = part["coview/time"][:]
-                starts = first_object + part["coview/object_start"][:]
-                joined["coview/object_start"][first : first + frames + 1] = starts
+        first_frame = 0
+        first_object = 0
+        for path, frames, count in zip(shards, lengths, objects, strict=True):
+            with h5py.File(path) as shard:
+                joined["coview/time"][first_frame : first_frame + frames] = shard["coview/time"][:]
+                starts = first_object + shard["coview/object_start"][:]
+                joined["coview/object_start"][first_frame : first_frame + frames + 1] = starts
                 for column in ("coview/object_ids", "coview/object_bodies"):
-                    joined[column][first_object : first_object + count] = part[column][:]
+                    joined[column][first_object : first_object + count] = shard[column][:]
                 for k in range(frames):
-                    _add(joined, f"objects/{first + k}", part[f"objects/{k}"][:])
+                    _add(joined, f"objects/{first_frame + k}", shard[f"objects/{k}"][:])
                 for name in dict.fromkeys(header.images):
-                    source = part[name].id
+                    source = shard[name].id
                     target = joined[name].id
                     for i in range(source.get_num_chunks()):
-                        place = source.get_chunk_info(i).chunk_offset
-                        mask, compressed = source.read_direct_chunk(place)
-                        target.write_direct_chunk((first + place[0], *place[1:]), compressed, mask)
+                        chunk_offset = source.get_chunk_info(i).chunk_offset
+                        mask, compressed = source.read_direct_chunk(chunk_offset)
+                        target.write_direct_chunk(
+                            (first_frame + chunk_offset[0], *chunk_offset[1:]), compressed, mask
+                        )
             check()
-            first = first + frames
-            first_object = first_object + count
+            first_frame += frames
+            first_object += count
 
 
 def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
-    own = file.create_group("coview")
-    own.attrs.update(
+    coview_group = file.create_group("coview")
+    coview_group.attrs.update(
         schema=RECORDING_SCHEMA,
         plan=header.plan,
         sensors=json.dumps([s.name for s in header.sensors]),
     )
-    _add(own, "site", format_site(header.site))
-    _add(own, "bodies", json.dumps(header.bodies))
+    _add(coview_group, "site", format_site(header.site))
+    _add(coview_group, "bodies", json.dumps(header.bodies))
     lengths = {
         "time": frames,
         "object_start": frames + 1,
@@ -551,10 +586,10 @@ def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
         "object_bodies": objects,
     }
     for name, length in lengths.items():
-        own.create_dataset(
+        coview_group.create_dataset(
             name, (length,), np.float64 if name == "time" else np.int64, track_times=False
         )
-    own["time"].attrs["unit"] = "s"
+    coview_group["time"].attrs["unit"] = "s"
     file.create_group("objects").attrs["columns"] = json.dumps(published.OBJECT_COLUMNS)
     file.create_group("cameras")
     digits = max(2, len(str(len(header.sensors))))
@@ -576,7 +611,7 @@ def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
         node.attrs.update(numbers)
     if channel:
         images = _create_images(file, "dslices", (frames, channel, camera.height, camera.width))
-        images.attrs.update(unit="m", no_return=published.NO_RETURN)
+        images.attrs.update(unit="m", no_return=published.NO_RETURN_M)
         file.create_dataset(
             "slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False
         )

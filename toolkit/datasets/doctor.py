@@ -1,11 +1,12 @@
-"""Doctor of stored images: suspicious sensors and objects. A sensor is frozen where an image
-repeats an earlier one, although its objects have left, and blind where it returns far less than
-usual while other sensors do not.
+"""Doctor of stored images: suspicious sensors and objects.
+
+A sensor is frozen if an image repeats an earlier one although its objects have left, and blind if
+it returns far less than usual while other sensors do not.
 
 Suspected mistakes in a recording's conventions: each classic mistake is undone and the fits are
-compared. The evidence is motion. Sensors stand still, so a pixel that is nearer than in other
-frames shows an object. Points of such pixels must lie on the objects' boxes: inside them, and near
-their surface rather than in their core. `fit` is the share of moving points that do. A mistake is
+compared. The evidence is motion. Sensors do not move, so a pixel that is nearer than in other
+frames shows an object. Points of such pixels must be on the objects' boxes: inside them, and near
+their surface rather than in their core. `fit` is the share of moving points that are. A mistake is
 suspected if undoing it raises the fit clearly."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,86 +30,139 @@ from toolkit.runtime import hdf5
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-SHOWN = 20  # points that show an object
-USUAL = 0.9  # quantile of the number of returns that is usual
-HALF_OF_IT = 0.5  # of the usual number: with fewer returns a sensor is blind
-UNKNOWN = (
-    "somewhere"  # name of the site of a recording whose place, and so detection area, is unknown
-)
-MOST_FRAMES = 60  # that are checked, evenly spread over the file
-DISAGREES = 0.5  # share of a sensor's moving points on boxes: below this its pose is in doubt
-LOOKS_AWAY = (
-    0.01  # share of a sensor's points in the detection area: below this it sees nothing of it
-)
-UNSEEN = 0.3  # share of the objects in the area without a point: above this something is wrong
-FLOATING = 0.25  # m between a box's floor and the ground
+MIN_OBJECT_POINTS = 20  # points that show an object
+USUAL_QUANTILE = 0.9  # of the number of returns, which counts as usual
+MAX_BLIND_SHARE = 0.5  # share of the usual number of returns below which a sensor is blind
+UNKNOWN_SITE = "somewhere"  # name of a site whose detection area is unknown
+MAX_CHECKED_FRAMES = 60  # evenly spread over the file
+MIN_SENSOR_FIT = 0.5  # share of a sensor's moving points on boxes, for its pose to be certain
+MIN_INSIDE_SHARE = 0.01  # share of a sensor's points in the detection area, if it sees the area
+MAX_UNSEEN_SHARE = 0.3  # share of the objects in the area without a point
+MAX_FLOATING_M = 0.25  # between a box's floor and the ground
 _UNITS = {
     0.01: "centimetres",
     0.001: "millimetres",
-    published.NO_RETURN: "parts of the far plane, 0 to 1",
+    published.NO_RETURN_M: "parts of the far plane, 0 to 1",
 }
+MIN_FRAME_STEP_S = 1e-3  # from frame to frame
+MAX_FRAME_STEP_S = 300.0  # from frame to frame
+MIN_CLEAR_GAIN = 0.05  # in fit, for a suspicion of a mistake
+MIN_EXPLAINED_FIT = 0.6  # without the mistake
+MIN_MOVING_POINTS = 200  # with fewer nothing is suspected
+_MOVED_M = 0.3  # nearer than the empty scene
+_SLACK_M = 0.1  # that a point may be outside its box
+_CORE_SHARE = 0.6  # share of a vehicle's box in which a sensor sees nothing
+_POINTS_PER_FRAME = 100  # for each sensor
+# axes x right, y down, z forward
+_FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+Rows = Float64[np.ndarray, "_ 10"]
+_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
+_FULL = "full extents stored where half extents belong: the boxes are twice too large"
+_HALVED = "half of the half extents stored: the boxes are half as large as their objects"
+_RADIANS = "yaw in radians where degrees belong"
+_TWICE = "yaw turned from radians to degrees twice"
+_NEGATE_YAW = "negate column 5 of objects: CARLA's y points the other way, so does its yaw"
+MIRROR_Y = "negate columns 1 (y) and 5 (yaw) of objects"
+_MIRRORED = "mirrored y axis: a right-handed world where CARLA's left-handed one belongs"
+_MIRROR_X = "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)"
+_SWAP = "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)"
+_END = (
+    "the centre of the {} stored where the centre of the box belongs: the boxes {} by half their "
+    "height"
+)
+_ADD = "add column 8 (half height) to column 2 (z) of objects"
+_SUBTRACT = "subtract column 8 (half height) from column 2 (z) of objects"
+_FOR_ANOTHER = "its extrinsic is for a right-handed world and a camera with"
+_SENSOR_MISTAKES = {  # with their remedies
+    "its extrinsic is camera → world, the inverse of what belongs there": (
+        "store the inverse of extrinsic"
+    ),
+    f"{_FOR_ANOTHER} x right, y down, z forward": (
+        "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up"
+    ),
+    f"{_FOR_ANOTHER} x forward, y left, z up": (
+        "negate y of the world and of the camera in extrinsic"
+    ),
+    "its depth is the distance along the ray, not along the optical axis": (
+        "divide each depth by the length of its ray whose X is 1"
+    ),
+    "it looks away: in the opposite direction": (
+        "turn extrinsic by 180 degrees about the camera's Z"
+    ),
+}
+MAX_FRAMES_OFF = 3
+MIN_SHIFT_GAIN = 0.2  # in fit, for a suspicion of shifted frames
 
 
 def frozen_frames(
     view: "SensorImages", rows: "Sequence[Rows]", site: Site
 ) -> Bool[np.ndarray, " frames"]:
-    """Mask of frames in which a sensor repeats an image whose objects have left. rows: the
-    published ones by frame."""
+    """Mask of frames in which a sensor repeats an image whose objects have left.
+
+    rows: published rows by frame."""
     frozen = np.zeros(len(view.depth), bool)
     first = 0
     for k in range(1, len(view.depth)):
         if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
             first = k
             continue
-        before, now = (published.parse_rows(rows[i], site.map_SE3_site) for i in (first, k))
+        before = published.parse_rows(rows[first], site.map_SE3_site)
+        now = published.parse_rows(rows[k], site.map_SE3_site)
         gone = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
-        frozen[k] = bool((count_points(view.points(k), gone) >= SHOWN).any())
+        frozen[k] = bool((count_points(view.points(k), gone) >= MIN_OBJECT_POINTS).any())
     return frozen
 
 
 def blind_frames(views: "Sequence[SensorImages]") -> Bool[np.ndarray, "sensors frames"]:
-    """Mask of the frames in which a sensor has far fewer returns than in most frames, while others
-    do not."""
+    """Mask of the frames in which a sensor has far fewer returns than usual, while others do
+    not."""
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
-    blind = returned < HALF_OF_IT * np.quantile(returned, USUAL, axis=1)[:, None]
+    blind = returned < MAX_BLIND_SHARE * np.quantile(returned, USUAL_QUANTILE, axis=1)[:, None]
     return np.asarray(blind & ~blind.all(axis=0))
 
 
 def failing_sensors(
     views: "Sequence[SensorImages]", rows: "Sequence[Rows]", site: Site, frames: Sequence[int]
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Yield place, suspicion, evidence and remedy per failing sensor. frames: numbers of the
+    """Yield location, suspicion, evidence and remedy per failing sensor. frames: numbers of the
     images."""
     if not views or not frames:
         return
-    for view, dark in zip(views, blind_frames(views), strict=True):
-        frozen = frozen_frames(view, rows, site)
-        for chosen, suspected, evidence in (
-            (frozen, "it is frozen", "show objects where nobody is any more"),
+    for view, is_blind in zip(views, blind_frames(views), strict=True):
+        is_frozen = frozen_frames(view, rows, site)
+        for is_failing, suspected, evidence in (
+            (is_frozen, "it is frozen", "show objects where nobody is any more"),
             (
-                dark,
+                is_blind,
                 "it goes blind",
                 "return less than half of what is usual, other sensors see as ever",
             ),
         ):
-            if chosen.any():
-                first = f"the first is {frames[int(chosen.argmax())]},"
-                some = (
-                    f"{int(chosen.sum())} of {len(frames)} frames that were looked at, {first} "
+            if is_failing.any():
+                first = f"the first is {frames[int(is_failing.argmax())]},"
+                observation = (
+                    f"{int(is_failing.sum())} of {len(frames)} frames that were looked at, {first} "
                     f"{evidence}"
                 )
                 yield (
                     f"sensor {view.sensor.name}",
                     suspected,
-                    some,
+                    observation,
                     "leave these frames out, or the sensor",
                 )
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One suspicion. where: dataset, sensor or frame of the file; evidence: the numbers behind
-    it."""
+    """One suspicion.
+
+    Attributes:
+        severity: error or warning.
+        where: dataset, sensor or frame of the file.
+        suspected: the suspicion in words.
+        evidence: the numbers behind it.
+        remedy: what to do about it.
+    """
 
     severity: Literal["error", "warning"]
     where: str
@@ -126,20 +180,22 @@ _error = partial(Finding, "error")
 def check_measurements(
     dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
-    """Check some of the frames. tables: the published rows of all frames; units: factors that may
-    turn depth into metres; the factor is taken that makes points and boxes agree best."""
+    """Check some of the frames.
+
+    tables: the published rows of all frames; units: factors that may turn depth into metres; the
+    factor is taken that makes points and boxes agree best."""
     frames = np.unique(
-        np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)
+        np.linspace(0, len(dataset) - 1, min(len(dataset), MAX_CHECKED_FRAMES)).astype(int)
     ).tolist()
     raw, findings = _views(dataset, frames)
-    # in dslices, which alone is in doubt
-    shared = [channel.place is not None for channel in dataset.channels]
+    # only dslices is in doubt
+    shared = [channel.depth_index is not None for channel in dataset.channels]
     examined = []
     for unit in units:
         views = []
         for view, doubt in zip(raw, shared, strict=True):
             metres = view.depth * np.float32(unit if doubt else 1.0)
-            far = min(view.sensor.model.max_range, published.NO_RETURN)
+            far = min(view.sensor.model.max_range, published.NO_RETURN_M)
             views.append(replace(view, depth=np.where(metres < far * 0.999, metres, np.float32(0))))
         examined.append(_Examination(dataset.site, views, tables, frames))
     best = max(range(len(units)), key=lambda i: examined[i].explained)
@@ -150,7 +206,7 @@ def check_measurements(
             if doubt
         )
         evidence = (
-            f"the largest number is {largest:g}, the far plane lies at {published.NO_RETURN:g} m"
+            f"the largest number is {largest:g}, the far plane lies at {published.NO_RETURN_M:g} m"
         )
         words = f"depth in {_UNITS.get(units[best], 'another unit')} instead of metres"
         findings.append(_error("dslices", words, evidence, f"multiply by {units[best]:g}"))
@@ -158,7 +214,7 @@ def check_measurements(
     findings += [*_no_points(exam.views, frames), *exam.disagreements()]
     findings += [*_posture(exam), *_ground(exam), *_unseen(exam)]
     failing = failing_sensors(exam.views, exam.rows, dataset.site, frames)
-    return findings + [Finding("warning", *said) for said in failing]
+    return findings + [Finding("warning", *finding) for finding in failing]
 
 
 class _Examination:
@@ -177,19 +233,24 @@ class _Examination:
         pixels = witnesses(views)
         clouds = collect_clouds(pixels, sensors, len(frames))
         other_frames, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
-        found, rows, fits = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
-        self.mistakes = [*([other_frames] if other_frames else []), *found]
-        self.explained = fits * sum(len(w.depth) for w in pixels)
-        self.misplaced, self.rows = _misplaced(rows, site)
+        undone = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
+        self.mistakes = [other_frames] if other_frames else []
+        self.mistakes += undone.suspicions
+        self.explained = undone.fit * sum(len(witness.depth) for witness in pixels)
+        self.misplaced, self.rows = _misplaced(undone.rows, site)
         self.doubts: dict[str, Suspicion | None] = {}
         self.fits: dict[str, float] = {}
         for i, sensor in enumerate(sensors):
-            own = [w for w in pixels if w.sensor == i]
-            if sum(len(w.depth) for w in own) >= ENOUGH and any(len(table) for table in self.rows):
-                suspicion, fits = suspect_sensor(own, sensor, self.rows, site.map_SE3_site)
-                self.fits[sensor.name] = fits
-                if suspicion is not None or fits < DISAGREES:
-                    self.doubts[sensor.name] = suspicion
+            sensor_witnesses = [witness for witness in pixels if witness.sensor == i]
+            count = sum(len(witness.depth) for witness in sensor_witnesses)
+            if count < MIN_MOVING_POINTS or not any(len(table) for table in self.rows):
+                continue
+            suspicion, sensor_fit = suspect_sensor(
+                sensor_witnesses, sensor, self.rows, site.map_SE3_site
+            )
+            self.fits[sensor.name] = sensor_fit
+            if suspicion is not None or sensor_fit < MIN_SENSOR_FIT:
+                self.doubts[sensor.name] = suspicion
 
     def disagreements(self) -> Iterator[Finding]:
         """Yield suspected mistakes: objects first, then sensors."""
@@ -238,16 +299,17 @@ class _Examination:
 def _views(
     dataset: CoopDataset, frames: Sequence[int]
 ) -> "tuple[list[SensorImages], list[Finding]]":
-    """Measurements of some frames as stored, in any unit. Frames that cannot be read become
-    findings."""
+    """Measurements of some frames as stored, in any unit.
+
+    Frames that cannot be read become findings."""
     views = []
     findings = []
-    for sensor, name, place, stride in dataset.channels:
+    for sensor, name, index, stride in dataset.channels:
         images = dataset.stored(name)
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
         for i, k in enumerate(frames):
             try:
-                image = hdf5.rows(images, name, k if place is None else (k, place))
+                image = hdf5.rows(images, name, k if index is None else (k, index))
             except OSError as error:
                 findings.append(
                     _error(f"{name}, frame {k}", "damaged image", str(error), "restore the file")
@@ -270,7 +332,10 @@ def _no_points(views: "Sequence[SensorImages]", frames: Sequence[int]) -> Iterat
         yield _error(
             f"sensor {name}", "no points", f"not one pixel of {len(frames)} frames returned", remedy
         )
-    dark = [k for i, k in enumerate(frames) if not any(view.depth[i].any() for view in views)]
+    has_points = np.zeros(len(frames), bool)
+    for view in views:
+        has_points |= view.depth.any(axis=1)
+    dark = [k for i, k in enumerate(frames) if not has_points[i]]
     if dark and len(blind) < len(views):
         evidence = (
             f"{len(dark)} of {len(frames)} frames that were looked at, the first is {dark[0]}"
@@ -284,8 +349,9 @@ def _no_points(views: "Sequence[SensorImages]", frames: Sequence[int]) -> Iterat
 
 
 def _posture(exam: _Examination) -> Iterator[Finding]:
-    """Find sensors under the ground, upside down, or looking away from the detection area, unless
-    explained."""
+    """Find sensors under the ground, upside down, or facing away from the detection area.
+
+    Sensors whose pose is explained otherwise are skipped."""
     site = exam.site
     for view in exam.views:
         sensor = view.sensor
@@ -311,7 +377,7 @@ def _posture(exam: _Examination) -> Iterator[Finding]:
             )
         points = np.concatenate([view.points(frame) for frame in range(min(len(view.depth), 5))])
         inside = _in_area(points[:, :2], site)
-        if len(points) and site.name != UNKNOWN and inside.mean() < LOOKS_AWAY:
+        if len(points) and site.name != UNKNOWN_SITE and inside.mean() < MIN_INSIDE_SHARE:
             to_centre = (site.area[:2] + site.area[2:]) / 2 - sensor.position[:2]
             turn = np.rad2deg(
                 np.arctan2(ahead[0] * to_centre[1] - ahead[1] * to_centre[0], ahead @ to_centre)
@@ -327,8 +393,9 @@ def _posture(exam: _Examination) -> Iterator[Finding]:
 
 
 def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
-    """Find objects outside the site, perhaps by a mirrored axis. Returns the rows without that
-    mistake too."""
+    """Find objects outside the site, perhaps by a mirrored axis.
+
+    Returns the rows without that mistake too."""
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
     flips = {"": np.ones(10), "y": np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])}
     site_from_carla = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
@@ -336,7 +403,7 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
     for axis, flip in flips.items() if len(centres) else ():
         places = transform(site_from_carla, centres * flip[:3])
         nearby[axis] = float(_in_area(places[:, :2], site, margin=15.0).mean())
-    if nearby[""] >= 0.5 or site.name == UNKNOWN:
+    if nearby[""] >= 0.5 or site.name == UNKNOWN_SITE:
         return [], rows
     evidence = f"{nearby['']:.0%} of {len(centres)} objects in or near the area of {site.name!r}"
     if nearby["y"] < 0.5:
@@ -349,7 +416,7 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
 
 
 def _ground(exam: _Examination) -> Iterator[Finding]:
-    """Find boxes whose floor is off the ground beside them."""
+    """Find boxes whose floor is off the ground around them."""
     gaps = []
     for objects, cloud in exam.clouds():
         points = level_rows(cloud[::4], exam.site.relief.slope)
@@ -360,7 +427,7 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
             ]
             if len(beside) >= 20:
                 gaps.append(z - height / 2 - np.percentile(beside, 10))
-    if len(gaps) >= 10 and abs(np.median(gaps)) > FLOATING:
+    if len(gaps) >= 10 and abs(np.median(gaps)) > MAX_FLOATING_M:
         gap = float(np.median(gaps))
         word, side = ("float above", "above") if gap > 0 else ("are sunk into", "below")
         evidence = f"their floor is {abs(gap):.2f} m {side} it, median of {len(gaps)} boxes"
@@ -370,13 +437,13 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
 
 def _unseen(exam: _Examination) -> Iterator[Finding]:
     """Find objects in the area without a point, if they are too many to be hidden."""
-    counts = [np.zeros(0, np.int64)]  # of the points on each object
-    for objects, points in exam.clouds() if exam.site.name != UNKNOWN else ():
+    counts = [np.zeros(0, np.int64)]  # points on each object
+    for objects, points in exam.clouds() if exam.site.name != UNKNOWN_SITE else ():
         if len(points):
             inside = objects[_in_area(objects.boxes[:, :2], exam.site)]
             counts.append(count_on_ground(points, inside.boxes, exam.site))
     unseen = np.concatenate(counts) == 0
-    if len(unseen) >= 10 and unseen.mean() > UNSEEN:
+    if len(unseen) >= 10 and unseen.mean() > MAX_UNSEEN_SHARE:
         evidence = f"{unseen.sum()} of {len(unseen)} objects in the detection area"
         remedy = "check poses and boxes, and that images and objects belong to the same frames"
         yield Finding(
@@ -390,64 +457,46 @@ def _in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
 
 
 def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
-    """Diagnose a dataset, ours or a published one; no findings for a healthy one. All tables of
-    objects are checked, and the measurements of some frames. Raises FileNotFoundError for a missing
-    file; all other damage is a finding."""
+    """Diagnose a dataset, ours or a published one; no findings for a healthy one.
+
+    All tables of objects are checked, and the measurements of some frames. Raises FileNotFoundError
+    for a missing file; all other damage is a finding."""
     try:
         with open_file(path) as file:
             check_kinds(file)
-            units, (tables, whole, damaged) = _depth_units(file), _tables(file)
+            units = _depth_units(file)
+            stored = _tables(file)
         try:
             dataset = CoopDataset(path, site)
-        except (
-            UnknownSite
-        ):  # the file, or its coordinates, do not tell: any site serves to check it
-            dataset = CoopDataset(path, Site(UNKNOWN, np.array([-1.0, -1, 1, 1])))
+        except UnknownSite:  # any site serves to check the file
+            dataset = CoopDataset(path, Site(UNKNOWN_SITE, np.array([-1.0, -1, 1, 1])))
         with dataset:
             if not len(dataset):
-                return [
-                    _error(
-                        "dslices",
-                        "no frames",
-                        "it has 0 frames",
-                        "record some, or restore the file",
-                    )
-                ]
-            times = [] if dataset.times is None else [*suspect_times(dataset.times)]
-            return (
-                damaged
-                + times
-                + _repetitions(tables, whole)
-                + check_measurements(dataset, tables, units)
-            )
+                remedy = "record some, or restore the file"
+                return [_error("dslices", "no frames", "it has 0 frames", remedy)]
+            findings = stored.findings
+            if dataset.times is not None:
+                findings += suspect_times(dataset.times)
+            findings += _repetitions(stored.tables, stored.is_readable)
+            return findings + check_measurements(dataset, stored.tables, units)
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
         return [_error(str(path), "it cannot be read", str(error), "repair it or restore it")]
 
 
-# s from frame to frame
-SHORTEST_STEP = 1e-3
-LONGEST_STEP = 300.0
-
-
 def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
     """Find times of frames (s) that cannot follow each other."""
     steps = np.diff(times[np.isfinite(times)])
-    if (back := int((steps <= 0).sum())) > max(
-        1, len(steps) / 10
-    ):  # a new scene or sensor may begin again
+    back = int((steps <= 0).sum())
+    if back > max(1, len(steps) / 10):  # a new scene or sensor may begin again
         evidence = f"{back} of {len(steps)} steps, the smallest of {steps.min():g} s"
-        yield _error(
-            "frames",
-            "times that repeat or go back",
-            evidence,
-            "check the times, or sort the frames",
-        )
-    elif len(steps) and not SHORTEST_STEP < np.median(steps) < LONGEST_STEP:
+        remedy = "check the times, or sort the frames"
+        yield _error("frames", "times that repeat or go back", evidence, remedy)
+    elif len(steps) and not MIN_FRAME_STEP_S < np.median(steps) < MAX_FRAME_STEP_S:
         evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
-        said = "times in another unit than seconds", evidence, "check the unit of the times"
-        yield Finding("warning", "frames", *said)
+        words = "times in another unit than seconds"
+        yield Finding("warning", "frames", words, evidence, "check the unit of the times")
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
@@ -460,17 +509,24 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
     image = hdf5.rows(images, "dslices", len(images) // 2).astype(np.float64)
     largest = float(np.max(image, where=np.isfinite(image), initial=0.0))
     if 0 < largest <= 1.0:
-        return (published.NO_RETURN,)  # CARLA's own encoding, parts of the far plane
-    if largest <= 1.01 * published.NO_RETURN:
+        return (published.NO_RETURN_M,)  # CARLA's encoding, parts of the far plane
+    if largest <= 1.01 * published.NO_RETURN_M:
         return (1.0,)
     return tuple(
-        unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN
+        unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN_M
     ) or (0.001,)
 
 
-def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
-    """Sound published rows of all frames, which frames are whole, and findings for the first three
-    that are not."""
+class _StoredTables(NamedTuple):
+    """Published rows of all frames, which frames are readable, and findings."""
+
+    tables: list[np.ndarray]
+    is_readable: list[bool]
+    findings: list[Finding]
+
+
+def _tables(file: h5py.File) -> _StoredTables:
+    """Read the objects of all frames; only the first three unreadable frames become findings."""
     images = [*hdf5.find_kinds(file, ("dslices", "coview/time"))]
     shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
     tables: list[np.ndarray] = []
@@ -492,13 +548,13 @@ def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding
     damaged = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
     remedy = "repair or leave out the frame"
     findings = [_error(where, "damaged objects", fault, remedy) for where, fault in damaged]
-    return tables, [not fault for fault in faults], findings
+    return _StoredTables(tables, [not fault for fault in faults], findings)
 
 
-def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Finding]:
+def _repetitions(tables: Sequence[np.ndarray], is_readable: Sequence[bool]) -> list[Finding]:
     """Find frames without objects, and frames that occur twice."""
     findings = []
-    empty = [k for k, table in enumerate(tables) if whole[k] and not len(table)]
+    empty = [k for k, table in enumerate(tables) if is_readable[k] and not len(table)]
     if empty:
         evidence = f"{len(empty)} of {len(tables)} frames, the first is {empty[0]}"
         remedy = "right if nothing was there, else restore their objects"
@@ -522,24 +578,11 @@ def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Fi
     return findings
 
 
-CLEAR = 0.05  # least gain in fit that raises suspicion of a mistake
-FITS = 0.6  # least fit without the mistake
-ENOUGH = 200  # moving points: with fewer nothing is suspected
-_MOVED = 0.3  # m nearer than the empty scene
-_SLACK = 0.1  # m a point may lie outside its box
-_CORE = 0.6  # fraction of a vehicle's box where a sensor sees nothing
-_POINTS_PER_FRAME = 100  # of each sensor
-
-# of x right, y down, z forward
-_FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-
-Rows = Float64[np.ndarray, "_ 10"]
-
-
 @dataclass(frozen=True, eq=False)
 class SensorImages:
-    """Images of one sensor. rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no
-    return."""
+    """Images of one sensor.
+
+    rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no return."""
 
     sensor: Sensor
     rays: Float32[np.ndarray, "pixels 3"]
@@ -547,12 +590,12 @@ class SensorImages:
 
     def moving(self) -> Bool[np.ndarray, "frames pixels"]:
         """Mask of the pixels that show a moving object, one that is missing in another frame."""
-        # a frame without any return tells nothing about the scene
+        # a frame without any return shows nothing of the scene
         seen = self.depth[(self.depth > 0).any(axis=1)]
         if len(seen) < 3:
             return np.zeros(self.depth.shape, bool)
         background = np.where(seen > 0, seen, np.inf).max(axis=0)
-        return (self.depth > 0) & (self.depth < 100) & (self.depth < background * 0.99 - _MOVED)
+        return (self.depth > 0) & (self.depth < 100) & (self.depth < background * 0.99 - _MOVED_M)
 
     def points(self, frame: int) -> Float32[np.ndarray, "_ 3"]:
         """Points of one frame, site frame."""
@@ -594,22 +637,6 @@ class Mistake(NamedTuple):
     undo: Callable[..., dict[str, np.ndarray]]
 
 
-_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
-_FULL = "full extents stored where half extents belong: the boxes are twice too large"
-_HALVED = "half of the half extents stored: the boxes are half as large as their objects"
-_RADIANS = "yaw in radians where degrees belong"
-_TWICE = "yaw turned from radians to degrees twice"
-_NEGATE_YAW = "negate column 5 of objects: CARLA's y points the other way, so does its yaw"
-MIRROR_Y = "negate columns 1 (y) and 5 (yaw) of objects"
-_MIRRORED = "mirrored y axis: a right-handed world where CARLA's left-handed one belongs"
-_MIRROR_X = "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)"
-_SWAP = "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)"
-_END = (
-    "the centre of the {} stored where the centre of the box belongs: the boxes {} by half their "
-    "height"
-)
-_ADD = "add column 8 (half height) to column 2 (z) of objects"
-_SUBTRACT = "subtract column 8 (half height) from column 2 (z) of objects"
 OBJECT_MISTAKES = (
     Mistake(_FULL, "halve columns 6 to 8 of objects", lambda o: {key: o[key] / 2 for key in "lwh"}),
     Mistake(
@@ -666,7 +693,7 @@ LIFTED = tuple(
 def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
     """Choose moving pixels of each sensor and frame, the same every time."""
     rng = np.random.default_rng(0)
-    chosen = []
+    selected = []
     for i, view in enumerate(views):
         for frame, moving in enumerate(view.moving()):
             pixels = np.flatnonzero(moving)
@@ -674,63 +701,84 @@ def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
                 pixels = rng.choice(pixels, _POINTS_PER_FRAME, replace=False)
             rays = view.rays[pixels].astype(np.float64)
             depth = view.depth[frame, pixels].astype(np.float64)
-            chosen.append(Witness(frame, i, rays, depth))
-    return chosen
+            selected.append(Witness(frame, i, rays, depth))
+    return selected
 
 
 def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) -> float:
-    """Share of points on the boxes of their frame. clouds: (n, 3) in the site's frame, one for each
-    frame."""
+    """Share of points on the boxes of their frame.
+
+    clouds: (n, 3) in the site's frame, one for each frame."""
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
         if not len(points) or not len(table):
             continue
         objects = published.parse_rows(table, map_SE3_site)
         x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
-        cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
+        cos = np.cos(objects.boxes[:, 6])
+        sin = np.sin(objects.boxes[:, 6])
         offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
         half = objects.boxes.T[3:6, None, :] / 2
-        inside = np.all(offsets <= half + _SLACK, axis=0)
-        core = np.all(offsets <= half * _CORE, axis=0) & np.isin(objects.labels, (VEHICLE, HEAVY))
+        inside = np.all(offsets <= half + _SLACK_M, axis=0)
+        is_vehicle = np.isin(objects.labels, (VEHICLE, HEAVY))
+        core = np.all(offsets <= half * _CORE_SHARE, axis=0) & is_vehicle
         on_boxes += int((np.any(inside, axis=1) & ~np.any(core, axis=1)).sum())
     return on_boxes / max(1, sum(map(len, clouds)))
 
 
 def collect_clouds(
-    some: Sequence[Witness], sensors: Sequence[Sensor], frames: int
+    witnesses: Sequence[Witness], sensors: Sequence[Sensor], frames: int
 ) -> list[Float64[np.ndarray, "_ 3"]]:
     """Points of the witnesses in each frame, site frame."""
-    parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
-    for w in some:
-        parts[w.frame].append(transform(sensors[w.sensor].pose, w.rays * w.depth[:, None]))
-    return [np.concatenate(part) for part in parts]
+    arrays_by_frame: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
+    for witness in witnesses:
+        arrays_by_frame[witness.frame].append(
+            transform(sensors[witness.sensor].pose, witness.rays * witness.depth[:, None])
+        )
+    return [np.concatenate(arrays) for arrays in arrays_by_frame]
+
+
+class UndoneObjects(NamedTuple):
+    """Mistakes of objects, the rows without them, and their fit."""
+
+    suspicions: list[Suspicion]
+    rows: list[Rows]
+    fit: float
 
 
 def suspect_objects(
-    chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Pose
-) -> tuple[list[Suspicion], list[Rows], float]:
-    """Find the mistake, or pair of mistakes, in the objects. Returns it, the rows without it, and
-    the fit of these."""
-    clouds = collect_clouds(chosen, sensors, len(rows))
-    if sum(map(len, clouds)) < ENOUGH:
-        return [], list(rows), 1.0
+    witnesses: Sequence[Witness],
+    sensors: Sequence[Sensor],
+    rows: Sequence[Rows],
+    map_SE3_site: Pose,
+) -> UndoneObjects:
+    """Find the mistake, or pair of mistakes, in the objects.
+
+    Without one, the rows stay as they are."""
+    clouds = collect_clouds(witnesses, sensors, len(rows))
+    if sum(map(len, clouds)) < MIN_MOVING_POINTS:
+        return UndoneObjects([], list(rows), 1.0)
     current = fit(clouds, rows, map_SE3_site)
     for attempts in (
         list(combinations(OBJECT_MISTAKES + LIFTED, 1)),
         list(combinations(OBJECT_MISTAKES, 2)),
     ):
-        undone = [[_without(mistakes, table) for table in rows] for mistakes in attempts]
+        undone = [_undo_all(mistakes, rows) for mistakes in attempts]
         fits = [fit(clouds, tables, map_SE3_site) for tables in undone]
         best = int(np.argmax(fits))
-        if fits[best] >= current + CLEAR and fits[best] >= FITS:
-            found = [
+        if fits[best] >= current + MIN_CLEAR_GAIN and fits[best] >= MIN_EXPLAINED_FIT:
+            suspicions = [
                 Suspicion(mistake, remedy, current, fits[best])
                 for mistake, remedy, _ in attempts[best]
             ]
-            return found, undone[best], fits[best]
-        if current >= FITS:
+            return UndoneObjects(suspicions, undone[best], fits[best])
+        if current >= MIN_EXPLAINED_FIT:
             break
-    return [], list(rows), current
+    return UndoneObjects([], list(rows), current)
+
+
+def _undo_all(mistakes: Sequence[Mistake], tables: Sequence[Rows]) -> list[Rows]:
+    return [_without(mistakes, table) for table in tables]
 
 
 def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
@@ -741,28 +789,8 @@ def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
     return rows
 
 
-_FOR_ANOTHER = "its extrinsic is for a right-handed world and a camera with"
-_SENSOR_MISTAKES = {  # with their remedies
-    "its extrinsic is camera → world, the inverse of what belongs there": (
-        "store the inverse of extrinsic"
-    ),
-    f"{_FOR_ANOTHER} x right, y down, z forward": (
-        "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up"
-    ),
-    f"{_FOR_ANOTHER} x forward, y left, z up": (
-        "negate y of the world and of the camera in extrinsic"
-    ),
-    "its depth is the distance along the ray, not along the optical axis": (
-        "divide each depth by the length of its ray whose X is 1"
-    ),
-    "it looks away: in the opposite direction": (
-        "turn extrinsic by 180 degrees about the camera's Z"
-    ),
-}
-
-
 def suspect_sensor(
-    chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Pose
+    witnesses: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Pose
 ) -> tuple[Suspicion | None, float]:
     """Find the pose or depth mistake of one sensor by its witnesses. Returns its fit too."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
@@ -771,15 +799,15 @@ def suspect_sensor(
         pose = published.parse_extrinsic(matrix, map_SE3_site)
         rays = [
             w.rays / np.linalg.norm(w.rays, axis=1, keepdims=True) if along_ray else w.rays
-            for w in chosen
+            for w in witnesses
         ]
         clouds = [
-            transform(pose, ray * w.depth[:, None]) for ray, w in zip(rays, chosen, strict=True)
+            transform(pose, ray * w.depth[:, None]) for ray, w in zip(rays, witnesses, strict=True)
         ]
-        return fit(clouds, [rows[witness.frame] for witness in chosen], map_SE3_site)
+        return fit(clouds, [rows[witness.frame] for witness in witnesses], map_SE3_site)
 
     current = measure_fit(stored)
-    if current > 1 - CLEAR:
+    if current > 1 - MIN_CLEAR_GAIN:
         return None, current
     right_handed = published.MAP_FROM_CARLA
     undone = (
@@ -789,14 +817,12 @@ def suspect_sensor(
         measure_fit(stored, along_ray=True),
         measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),
     )
-    named = zip(_SENSOR_MISTAKES.items(), undone, strict=True)
-    attempts = [Suspicion(mistake, remedy, current, after) for (mistake, remedy), after in named]
+    pairs = zip(_SENSOR_MISTAKES.items(), undone, strict=True)
+    attempts = [Suspicion(mistake, remedy, current, after) for (mistake, remedy), after in pairs]
     best = max(attempts, key=lambda suspicion: suspicion.after)
-    return (best if best.after >= max(FITS, current + CLEAR) else None), current
-
-
-MOST_FRAMES_OFF = 3
-CLEARLY = 0.2  # least gain in fit that raises suspicion of shifted frames
+    return (
+        best if best.after >= max(MIN_EXPLAINED_FIT, current + MIN_CLEAR_GAIN) else None
+    ), current
 
 
 def suspect_frames(
@@ -805,27 +831,34 @@ def suspect_frames(
     frames: Sequence[int],
     map_SE3_site: Pose,
 ) -> tuple[Suspicion | None, list[Rows]]:
-    """Find the number of frames by which objects are off. Returns it and the rows that belong to
-    `frames`. clouds: moving points of `frames`, site frame; tables: rows of all frames of the
-    file."""
+    """Find the number of frames by which objects are off.
+
+    Returns it and the rows that belong to `frames`. clouds: moving points of `frames`, site frame;
+    tables: rows of all frames of the file."""
     best: Suspicion | None = None
     rows = [tables[k] for k in frames]
-    for off in [sign * n for n in range(1, MOST_FRAMES_OFF + 1) for sign in (1, -1)]:
-        there = [
-            0 <= k + off < len(tables) and len(tables[k]) and len(tables[k + off]) for k in frames
+    for offset in [sign * n for n in range(1, MAX_FRAMES_OFF + 1) for sign in (1, -1)]:
+        is_usable = [
+            0 <= k + offset < len(tables) and len(tables[k]) and len(tables[k + offset])
+            for k in frames
         ]
-        usable = np.flatnonzero(there).tolist()
-        some = [clouds[i] for i in usable]
-        if sum(map(len, some)) < ENOUGH:
+        usable = np.flatnonzero(is_usable).tolist()
+        shown_clouds = [clouds[i] for i in usable]
+        if sum(map(len, shown_clouds)) < MIN_MOVING_POINTS:
             continue
-        before = fit(some, [tables[frames[i]] for i in usable], map_SE3_site)
-        after = fit(some, [tables[frames[i] + off] for i in usable], map_SE3_site)
-        if after >= max(FITS, before + CLEARLY) and (best is None or after > best.after):
-            count = f"{abs(off)} frame{'s' * (abs(off) > 1)}"
-            mistake = f"labels lie about {count} {'behind' if off > 0 else 'ahead of'} the images"
-            remedy = f"store objects/K as objects/{'K-' if off > 0 else 'K+'}{abs(off)}"
+        before = fit(shown_clouds, [tables[frames[i]] for i in usable], map_SE3_site)
+        after = fit(shown_clouds, [tables[frames[i] + offset] for i in usable], map_SE3_site)
+        if after >= max(MIN_EXPLAINED_FIT, before + MIN_SHIFT_GAIN) and (
+            best is None or after > best.after
+        ):
+            count = f"{abs(offset)} frame{'s' * (abs(offset) > 1)}"
+            mistake = (
+                f"labels lie about {count} {'behind' if offset > 0 else 'ahead of'} the images"
+            )
+            remedy = f"store objects/K as objects/{'K-' if offset > 0 else 'K+'}{abs(offset)}"
             best = Suspicion(mistake, remedy, before, after)
             rows = [
-                tables[k + off] if 0 <= k + off < len(tables) else tables[k][:0] for k in frames
+                tables[k + offset] if 0 <= k + offset < len(tables) else tables[k][:0]
+                for k in frames
             ]
     return best, rows

@@ -19,21 +19,21 @@ from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import transform
 from toolkit.point_writing import NEAR_ORIGIN_M
 
-MAX_SAMPLE = 1000  # points that a middle or an origin is found from
+MAX_SAMPLE_POINTS = 1000  # points that a middle or an origin is found from
 
 
-def translation(place: Float64[np.ndarray, "3"]) -> Pose:
+def translation(position: Float64[np.ndarray, "3"]) -> Pose:
     """Return the pose at a place (m) that does not turn."""
-    moved = np.eye(4)
-    moved[:3, 3] = place
-    return moved
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    return pose
 
 
 def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     """Return the median of points to the metre, zeros unless most of them are far from the origin.
 
     Points that are not finite or all 0, which some drivers write for no return, do not count."""
-    sample = points[:: len(points) // MAX_SAMPLE + 1]
+    sample = points[:: len(points) // MAX_SAMPLE_POINTS + 1]
     sample = sample[np.isfinite(sample).all(axis=1) & (sample != 0).any(axis=1)]
     far = np.abs(sample).max(axis=1, initial=0) > NEAR_ORIGIN_M
     if 2 * np.count_nonzero(far) <= len(sample):
@@ -43,8 +43,7 @@ def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
 
 @dataclass(frozen=True)
 class Middles:
-    """Middles of the sensors' first clouds, from which all their clouds are counted if they are far
-    away.
+    """Middles of the sensors' first clouds, from which far away clouds are counted.
 
     files: each sensor's first cloud by its name; for a sensor without one it is the first cloud
     that is read."""
@@ -64,8 +63,9 @@ class Middles:
 
 
 def find_origin(frame: Frame) -> Float64[np.ndarray, "3"]:
-    """Return an origin (m, world frame) near a frame's sensors, else its points or objects; zeros
-    if all are near."""
+    """Return an origin (m, world frame) near a frame's sensors, else its points or objects.
+
+    It is zero if all are near."""
     positions = np.array([sensor.position for sensor in frame.sensors]).reshape(-1, 3)
     for places in (positions, frame.points(), frame.objects.boxes[:, :3]):
         middle = find_far_middle(places)
@@ -92,8 +92,9 @@ def rebase(frame: Frame, origin: Float64[np.ndarray, "3"]) -> Frame:
 
 
 def near_frames(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Yield frames counted from the origin of the first, so that float32 holds their clouds in the
-    world frame."""
+    """Yield frames counted from the origin of the first.
+
+    So float32 holds their clouds in the world frame."""
     remaining = iter(frames)
     first = next(remaining, None)
     if first is None:
@@ -104,10 +105,10 @@ def near_frames(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def warn_of_origin(frame: Frame, layout: str) -> None:
-    """Warn of an origin that was taken off a frame and that the layout has no place for."""
-    place = frame.map_SE3_world[:3, 3]
-    if np.abs(place).max() > NEAR_ORIGIN_M:
-        numbers = " ".join(f"{value:.3f}" for value in place)
+    """Warn of an origin that was subtracted and that the layout cannot store."""
+    position = frame.map_SE3_world[:3, 3]
+    if np.abs(position).max() > NEAR_ORIGIN_M:
+        numbers = " ".join(f"{value:.3f}" for value in position)
         lost = f"{layout} has no place for an origin: points and boxes are counted from {numbers} m"
         warnings.warn(f"{lost}, add it to get back to the map", stacklevel=3)
 

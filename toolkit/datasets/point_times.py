@@ -1,13 +1,12 @@
-"""Times of a cloud's points in seconds, from a column whose unit its name, its type or its numbers
-tell.
+"""Times of a cloud's points in seconds, from a column of an unstated unit.
 
 - A unit at the end of the name counts: `offset_ns`, `time_us`, `timestamp_ms`.
 - Numbers since 1970 show their unit: seconds, milli-, micro- or nanoseconds.
-- Other whole numbers are nanoseconds, as Ouster, Livox and Argoverse have them, others seconds, as
-  Velodyne, Hesai and RoboSense have them.
+- Other whole numbers are nanoseconds, as in Ouster, Livox and Argoverse, others seconds, as in
+  Velodyne, Hesai and RoboSense.
 
-A sweep takes a millisecond to ten seconds. Where another unit would give that and this one does
-not, the unit is not known, and no times are better than wrong ones."""
+A sweep takes a millisecond to ten seconds. If another unit would give that and this one does not,
+the unit is not known, and no times are better than wrong ones."""
 
 import re
 
@@ -38,10 +37,10 @@ def parse_point_times(
     >>> parse_point_times("t", np.arange(0, 100_000, 100)) is None  # microseconds?
     True
     """
-    whole = times.dtype.kind in "iu"
+    is_whole = times.dtype.kind in "iu"
     ticks = (
         times.astype(np.int64)
-        if whole
+        if is_whole
         else np.nan_to_num(times.astype(np.float64), posinf=0.0, neginf=0.0)
     )
     if not len(ticks):
@@ -50,9 +49,13 @@ def parse_point_times(
     unit = _stated_unit(name) or _epoch_unit(float(np.median(ticks)))
     if unit is not None:
         return since * unit
-    unit = UNITS_S["ns" if whole else "s"]
+    unit = UNITS_S["ns" if is_whole else "s"]
     span = float(since.max())
-    plausible = [other for other in UNITS_S.values() if MIN_SWEEP_S <= span * other <= MAX_SWEEP_S]
+    plausible = [
+        candidate
+        for candidate in UNITS_S.values()
+        if MIN_SWEEP_S <= span * candidate <= MAX_SWEEP_S
+    ]
     too_short = len(ticks) >= MIN_SWEEP_POINTS and bool(plausible) and unit not in plausible
     if too_short or span * unit > MAX_SWEEP_S:
         return None

@@ -1,5 +1,6 @@
-"""Conventions of the published dataset: CARLA's left-handed world, forward-first cameras, boxes in
-degrees and halves.
+"""Conventions of the published dataset.
+
+They are CARLA's left-handed world, forward-first cameras, and boxes in degrees and half extents.
 
     world   x, y, z up, metres, left-handed: y is minus the y of a right-handed map of the same
             place
@@ -32,12 +33,12 @@ OBJECT_COLUMNS = (
     "half height",
     "class",
 )
-NO_RETURN = 1000.0  # m, CARLA's far plane, the depth of the sky
-DEPTH_STEP = 1 / 1024  # m: stored depth is rounded to it, so that it compresses
-LARGEST_EXTENT = 500.0  # m, half of a length, width or height
-MOST_TURNED = 1e6  # degrees of yaw
+NO_RETURN_M = 1000.0  # CARLA's far plane, the depth of the sky
+DEPTH_STEP_M = 1 / 1024  # to which stored depth is rounded, so that it compresses
+MAX_EXTENT_M = 500.0  # half of a length, width or height
+MAX_YAW_DEG = 1e6
 
-MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # its own inverse; a mirror, so not an SE3
+MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # equal to its inverse; a mirror, so not an SE3
 _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 
 
@@ -54,8 +55,9 @@ def extrinsic(site_SE3_sensor: Pose, map_SE3_site: Pose) -> Pose:
 def parse_extrinsic(
     published: Float[np.ndarray, "rows columns"], map_SE3_site: Pose, name: str = "extrinsic"
 ) -> Pose:
-    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError unless it is a rigid
-    motion."""
+    """Pose site_SE3_sensor behind a published extrinsic.
+
+    Raises ValueError unless it is a rigid motion."""
     matrix = np.asarray(published, np.float64)
     if matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) < 1e-6:
         raise ValueError(
@@ -71,15 +73,18 @@ def parse_extrinsic(
 
 def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
     """Published, forward-first intrinsic matrix of a camera."""
-    (focal, _, cu), (_, _, cv), _ = camera.intrinsic
+    focal = camera.intrinsic[0, 0]
+    cu = camera.intrinsic[0, 2]
+    cv = camera.intrinsic[1, 2]
     return np.array([[cu, focal, 0.0], [cv, 0.0, -focal], [1.0, 0.0, 0.0]])
 
 
 def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
-    """Camera, of every second pixel, behind a published intrinsic matrix and image size. Raises
-    ValueError unless the matrix is a forward-first one with one focal length."""
+    """Camera, of every second pixel, behind a published intrinsic matrix and image size.
+
+    Raises ValueError unless the matrix is a forward-first one with one focal length."""
     matrix = np.asarray(published, np.float64)
     form = "[[cu, f, 0], [cv, 0, -f], [1, 0, 0]]"
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not matrix[0, 1] > 0:
@@ -119,9 +124,10 @@ def parse_rows(
     ids: np.ndarray | None = None,
     name: str = "objects",
 ) -> Objects:
-    """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi.
-    Raises ValueError if the rows have another width, and InvalidObjects for a row that is no
-    object, see `wrong_rows`."""
+    """Return published rows as objects of the site frame.
+
+    They have no pitch and roll, and yaw in -pi..pi. Raises ValueError if the rows have another
+    width, and InvalidObjects for a row that is no object, see `wrong_rows`."""
     if np.asarray(rows).dtype.kind not in "fiub":
         raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
     rows = np.asarray(rows, np.float64)
@@ -144,26 +150,27 @@ def parse_rows(
 
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
-    """Fault of each row in words, "" for none; tables of another width have no wrong rows. Faults
-    are NaN or infinity, an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a
-    place beyond `MAX_COORDINATE_M`, and a yaw beyond `MOST_TURNED`."""
+    """Fault of each row in words, "" without one; tables of another width have no wrong rows.
+
+    Faults are NaN or infinity, an unknown class, a size that is not positive or above
+    `MAX_EXTENT_M`, a position beyond `MAX_COORDINATE_M`, and a yaw beyond `MAX_YAW_DEG`."""
     words = np.full(len(rows) if np.ndim(rows) else 0, "", dtype=object)
     if np.ndim(rows) != 2 or np.shape(rows)[1] != len(OBJECT_COLUMNS):
         return words
     rows = np.asarray(rows, np.float64)
-    extents = f"has half extents {{}}: they must be positive and at most {LARGEST_EXTENT:g} m"
+    extents = f"has half extents {{}}: they must be positive and at most {MAX_EXTENT_M:g} m"
     classes = f"has class {{}}: there are classes 0..{len(LABELS) - 1} {LABELS}"
     with np.errstate(invalid="ignore"):
         half = rows[:, 6:9]
         far = np.abs(rows[:, :3]) > MAX_COORDINATE_M
         rules = (
             (~np.isfinite(rows).all(axis=1), slice(None), "holds NaN or infinity: {}"),
-            (~((half > 0) & (half <= LARGEST_EXTENT)).all(axis=1), slice(6, 9), extents),
+            (~((half > 0) & (half <= MAX_EXTENT_M)).all(axis=1), slice(6, 9), extents),
             (far.any(axis=1), slice(3), f"lies at {{}}, beyond {MAX_COORDINATE_M:g} m"),
             (
-                np.abs(rows[:, 5]) > MOST_TURNED,
+                np.abs(rows[:, 5]) > MAX_YAW_DEG,
                 slice(5, 6),
-                f"has yaw {{}}, beyond {MOST_TURNED:g} degrees",
+                f"has yaw {{}}, beyond {MAX_YAW_DEG:g} degrees",
             ),
             (~np.isin(rows[:, 9], range(len(LABELS))), slice(9, 10), classes),
         )
@@ -177,7 +184,7 @@ def expand_image(depth: ImageRanges, camera: DepthCamera) -> Float32[np.ndarray,
     """Expand measured pixels to the full published image, 0 between them."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)
-    image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN))
+    image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN_M))
     return image
 
 
@@ -186,13 +193,13 @@ def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[Ima
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
     # NaN is none either
-    return [np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0)) for depth in depths]
+    return [np.where((depth > 0) & (depth < NO_RETURN_M), depth, np.float32(0)) for depth in depths]
 
 
 def rounded(measurement: ImageRanges) -> ImageRanges:
-    """Round a measurement to `DEPTH_STEP`; no return becomes 0."""
+    """Round a measurement to `DEPTH_STEP_M`; no return becomes 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
-    return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
+    return np.round(finite / np.float32(DEPTH_STEP_M)) * np.float32(DEPTH_STEP_M)
 
 
 def _turn(map_SE3_site: np.ndarray) -> float:

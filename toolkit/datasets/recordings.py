@@ -1,10 +1,10 @@
-"""Recordings in any layout: opened, written and cut. A layout is a module of
-`toolkit.datasets.layouts`, or plugs in by an entry point of the group `coview.layouts`, whose name
-is the layout's and whose value is a `Layout`.
+"""Recordings in any layout: opened, written and cut.
 
-A frame as real sensors would measure it, with errors that are drawn when the frame is read. Sensors
-stand at their believed poses, and their measurements are those of their true poses. Objects stay
-the truth."""
+A layout is a module of `toolkit.datasets.layouts`, or plugs in by an entry point of the group
+`coview.layouts`, whose name is the layout's and whose value is a `Layout`.
+
+A frame as real sensors would measure it has errors that are drawn when the frame is read. Sensors
+have their assumed poses, but measure from their true poses. Objects stay the truth."""
 
 import inspect
 import itertools
@@ -37,13 +37,43 @@ from toolkit.sensors.error_terms import TrueImage, velocities
 from toolkit.sensors.sensor import Sensor
 
 GROUP = "coview.layouts"
+_BUILT_IN = (
+    "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag "
+    "hdf5"
+)
+# modules of layouts that share them
+_MODULES = {"v2xset": "opv2v", "v2xreal": "opv2v"}
+_READERS = {"v2xset": "opv2v"}
+_SIGNS = {  # files that only folders of these layouts have
+    ("folder",): ("poses.json", "poses.txt", "poses.csv", "labels.json"),
+    ("kitti",): ("training/velodyne", "label_2"),
+    ("dair",): (
+        "label/virtuallidar",
+        "label/lidar",
+        "infrastructure-side",
+        "cooperative-vehicle-infrastructure",
+    ),
+    ("nuscenes",): ("v1.0*/sample_data.json", "sample_data.json"),
+    ("argoverse",): ("sensors/lidar/*.feather",),
+    ("sustech",): ("lidar/../label/*.json",),
+    ("rcooper",): ("data/*/*/*/lidar",),
+    ("rosbag",): ("metadata.yaml",),
+    ("opv2v", "v2xset", "v2xreal"): ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
+}
+_HDF5 = (".hdf5", ".h5")
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A way to write recordings down. module: where its functions are; reader: from a path to a
-    recording; writer: of frames at a path, None for a layout that is only read; file: it writes one
-    file instead of a folder."""
+    """File layout of recordings.
+
+    Attributes:
+        name: its name.
+        module: module with its functions.
+        reader: function from a path to a recording.
+        writer: function that writes frames at a path, None for a layout that is only read.
+        file: True if it writes one file instead of a folder.
+    """
 
     name: str
     module: str
@@ -58,8 +88,9 @@ class Layout:
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """The writer, which returns the number of frames; a folder appears whole. ValueError for a
-        read-only layout."""
+        """The writer, which returns the number of frames; a folder appears whole.
+
+        Raises ValueError for a read-only layout."""
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")
         writer = getattr(import_module(self.module), self.writer)
@@ -74,13 +105,6 @@ class Layout:
         return write_whole
 
 
-_BUILT_IN = (
-    "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag "
-    "hdf5"
-)
-# of layouts that share them
-_MODULES = {"v2xset": "opv2v", "v2xreal": "opv2v"}
-_READERS = {"v2xset": "opv2v"}
 LAYOUTS = {
     name: Layout(
         *(name, f"toolkit.datasets.layouts.{_MODULES.get(name, name)}", _READERS.get(name, name)),
@@ -107,52 +131,30 @@ def find_layout(name: str) -> Layout:
     return layout
 
 
-_SIGNS = {  # files, one of which only folders of these layouts have
-    ("folder",): ("poses.json", "poses.txt", "poses.csv", "labels.json"),
-    ("kitti",): ("training/velodyne", "label_2"),
-    ("dair",): (
-        "label/virtuallidar",
-        "label/lidar",
-        "infrastructure-side",
-        "cooperative-vehicle-infrastructure",
-    ),
-    ("nuscenes",): ("v1.0*/sample_data.json", "sample_data.json"),
-    ("argoverse",): ("sensors/lidar/*.feather",),
-    ("sustech",): ("lidar/../label/*.json",),
-    ("rcooper",): ("data/*/*/*/lidar",),
-    ("rosbag",): ("metadata.yaml",),
-    ("opv2v", "v2xset", "v2xreal"): ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
-}
-_HDF5 = (".hdf5", ".h5")
-
-
 def guess_layout(path: str | Path) -> str:
     """Guess the layout of a path by its ending or, in a folder, by files that only one layout has.
-    Raises ValueError for a folder that several layouts might have written, and a file that none
-    writes."""
+
+    Raises ValueError for a folder that several layouts might have written, and a file that no
+    layout writes."""
     path = Path(path)
     if not path.is_dir():
         ending = path.suffix.lower()
-        layout = "folder" if ending in ENDINGS else "rosbag" if ending in BAG_ENDINGS else "hdf5"
-        if (
-            layout == "hdf5"
-            and ending not in _HDF5
-            and path.is_file()
-            and not _head(path).startswith(b"\x89HDF")
-        ):
+        if ending in ENDINGS:
+            return "folder"
+        if ending in BAG_ENDINGS:
+            return "rosbag"
+        is_unknown = ending not in _HDF5 and path.is_file()
+        if is_unknown and not _head(path).startswith(b"\x89HDF"):
             raise ValueError(
                 f"{path} is no recording: its ending is none of "
                 f"{', '.join((*_HDF5, *BAG_ENDINGS, *ENDINGS))}"
             )
-        return layout
+        return "hdf5"
     guessed = next(
         (names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ()
     )
-    if (
-        guessed == ("folder",)
-        and (labels := path / "labels.json").is_file()
-        and b'"openlabel"' in _head(labels)
-    ):
+    labels = path / "labels.json"
+    if guessed == ("folder",) and labels.is_file() and b'"openlabel"' in _head(labels):
         guessed = ("openlabel",)
     if not guessed and list_bags(path):
         has_clouds = any(
@@ -160,11 +162,10 @@ def guess_layout(path: str | Path) -> str:
         )
         guessed = () if has_clouds else ("rosbag",)
     if not guessed:
-        some = next(
-            (each for each in (*path.glob("*.json"), *path.glob("*/*.json")) if each.is_file()),
-            None,
-        )
-        return "openlabel" if some is not None and b'"openlabel"' in _head(some) else "folder"
+        candidates = (*path.glob("*.json"), *path.glob("*/*.json"))
+        json_file = next((candidate for candidate in candidates if candidate.is_file()), None)
+        is_openlabel = json_file is not None and b'"openlabel"' in _head(json_file)
+        return "openlabel" if is_openlabel else "folder"
     if len(guessed) > 1:
         raise ValueError(f"{path} has layout {' or '.join(guessed)}: say by --layout which it is")
     return guessed[0]
@@ -178,20 +179,21 @@ def _head(path: Path) -> bytes:
 def open_recording(path: str | Path, layout: str | None = None, **options: object) -> Recording:
     """Open a recording; its frames are read one by one.
 
-    layout: a name of `LAYOUTS` or of a plug-in, guessed by the path when None. options: of its
-    reader, such as poses and inverted of folder, site and drop_invalid of hdf5; None and False are
-    not given. Invalid labels and points are left out, and counted in `Frame.problems`.
+    layout: a name of `LAYOUTS` or of a plug-in, guessed by the path if None. options: options of
+    its reader, such as poses and inverted of folder, site and drop_invalid of hdf5; None and False
+    are not passed on. Invalid labels and points are left out, and counted in `Frame.problems`.
 
     Raises FileNotFoundError for a missing recording; ValueError for an unknown layout, an option
     that its reader does not have, and a damaged file."""
-    path, name = Path(path), layout or guess_layout(path)
+    path = Path(path)
+    name = layout or guess_layout(path)
     if layout is None and name not in ("folder", "hdf5"):
         warnings.warn(f"{path} is read as layout {name}: say --layout for another", stacklevel=2)
     reader = find_layout(name).open
-    given = {
+    reader_options = {
         key: value for key, value in options.items() if value is not None and value is not False
     }
-    unknown = given.keys() - inspect.signature(reader).parameters.keys()
+    unknown = reader_options.keys() - inspect.signature(reader).parameters.keys()
     if unknown:
         listed = ", ".join(f"--{key.replace('_', '-')}" for key in options if key in unknown)
         raise ValueError(
@@ -199,23 +201,23 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
         )
     if not path.exists() and name != "hdf5":
         raise FileNotFoundError(f"no such recording: {path}")
-    recording = reader(path, **given)
+    recording = reader(path, **reader_options)
     if not isinstance(recording, Listing):
         return recording
     if recording.strays:
         warnings.warn(f"{path}: {recording.describe_strays()}", stacklevel=2)
-    return replace(recording, path=path, load=_Loader(path, name, given, recording.load))
+    return replace(recording, path=path, load=_Loader(path, name, reader_options, recording.load))
 
 
 @dataclass(frozen=True, eq=False)
 class _Loader:
-    """Read a frame by its name, also after a copy or in another process, where the recording is
-    opened again.
+    """Read a frame by its name, also after a copy or in another process, which reopens the
+    recording.
 
     Attributes:
-        path: of the recording.
-        layout: its name.
-        options: of the reader.
+        path: path of the recording.
+        layout: its layout.
+        options: options of the reader.
         load: the reader's function; None until it is needed in another process.
     """
 
@@ -247,32 +249,36 @@ class _Loader:
 def read(
     path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None
 ) -> Iterator[Frame]:
-    """Yield the frames of a recording with only their objects of `classes`. Raises the errors of
-    `open_recording`."""
+    """Yield the frames of a recording with only their objects of `classes`.
+
+    Raises the errors of `open_recording`."""
     return filter_classes(open_recording(path, layout), classes)
 
 
 def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None) -> Iterator[Frame]:
-    """Yield frames with only their objects of some classes, None for all. Raises ValueError for an
-    unknown class."""
-    wanted = None if classes is None else [label_index(label) for label in classes]
+    """Yield frames with only their objects of some classes, None for all.
+
+    Raises ValueError for an unknown class."""
+    class_numbers = None if classes is None else [label_index(label) for label in classes]
     return (
-        frame if wanted is None else frame.of(np.isin(frame.objects.labels, wanted))
+        frame if class_numbers is None else frame.of(np.isin(frame.objects.labels, class_numbers))
         for frame in frames
     )
 
 
 def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
-    """Write frames in a layout; return how many. Boxes come back within a millimetre and a
-    hundredth of a degree; classes get the layout's names for ours. Raises ValueError for a
-    read-only layout."""
+    """Write frames in a layout; return how many.
+
+    Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names.
+    Raises ValueError for a read-only layout."""
     return find_layout(layout).write(frames, Path(path))
 
 
 @dataclass(frozen=True)
 class Part(RecordingView):
-    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th. Raises
-    ValueError for numbers below 1, and for a recording without frames."""
+    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th.
+
+    Raises ValueError for numbers below 1, and for a recording without frames."""
 
     frames: int | None = None
     every: int = 1
@@ -299,15 +305,15 @@ class Part(RecordingView):
 class Reads:
     """Options for reading a recording: sensor errors and length.
 
-    errors: a profile or its name, only `paper` for recorded clouds, whose sensors have errors of
-    their own; noise_seed: of the errors, None for no noise; frames: read only the first ones."""
+    errors: a profile or its name, only `paper` for recorded clouds, whose sensors have real errors;
+    noise_seed: seed of the errors, None for no noise; frames: number of frames, None for all."""
 
     errors: ErrorProfile | str = PAPER_ERRORS
     noise_seed: int | None = 0
     frames: int | None = None
 
     def count(self, recording: Frames) -> int:
-        """Number of frames to be read. Raises ValueError if it is 0, and for a `frames` that is not
+        """Number of frames to read. Raises ValueError if it is 0, and for a `frames` that is not
         whole."""
         total = min(len(recording), len(recording) if self.frames is None else self.frames)
         if total < 1 or isinstance(self.frames, float):
@@ -338,9 +344,11 @@ class ReadRecording(RecordingView):
 def read_frame(
     frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
 ) -> Frame:
-    """Read frame k with its sensors' errors, drawn from the seed; None for no noise, which only
-    `paper` allows. Raises ValueError for an unknown profile, a negative seed, and a clock's offset
-    if frames lie too far apart to know velocities."""
+    """Read frame k with its sensors' errors, drawn from the seed.
+
+    A seed of None means no noise, which only `paper` allows. Raises ValueError for an unknown
+    profile, a negative seed, and a clock's offset if frames are too far apart to know
+    velocities."""
     errors = find_profile(errors)
     frame = frames[k]
     check_drawn(errors, noise_seed)
@@ -353,15 +361,15 @@ def read_frame(
         return frame
     speed = None
     if errors.needs_velocities:
-        around = [frames[other] for other in (k - 1, k + 1) if 0 <= other < len(frames)]
+        around = [frames[index] for index in (k - 1, k + 1) if 0 <= index < len(frames)]
         speed = velocities(
-            frame.objects, frame.time, [(each.objects, each.time) for each in around]
+            frame.objects, frame.time, [(neighbour.objects, neighbour.time) for neighbour in around]
         )
     return with_errors(frame, errors, noise_seed, velocities=speed)
 
 
 def block_seed(seed: int, block: int) -> int:
-    """Seed of the errors of one block of frames, as if all sensors were mounted anew."""
+    """Seed of the errors of one block of frames, as if all sensors were mounted again."""
     return int(np.random.default_rng([seed, block]).integers(2**31))
 
 
@@ -373,39 +381,33 @@ def with_errors(
     velocities: Float64[np.ndarray, "n 3"] | None = None,
     numbers: Sequence[int] | None = None,
 ) -> Frame:
-    """Add sensor errors to a frame, drawn from the seed, its index and each sensor's name, so that
-    a sensor measures the same whichever others are used. velocities: of its objects (m/s), needed
-    for a clock's offset; numbers: in place of the sensors' names when drawing. Raises ValueError
-    for a negative seed."""
+    """Add sensor errors to a frame, drawn from the seed, its index and each sensor's name.
+
+    So a sensor measures the same whichever others are used. velocities: velocities of its objects
+    (m/s), needed for a clock's offset; numbers: used instead of the sensors' names when drawing.
+    Raises ValueError for a negative seed."""
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     errors = find_profile(errors)
-    numbers = (
-        [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors]
-        if numbers is None
-        else numbers
-    )
-    each_sensor = list(zip(frame.sensors, frame.images, numbers, strict=True))
+    if numbers is None:
+        numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors]
+    measured = list(zip(frame.sensors, frame.images, numbers, strict=True))
     if only_own_noise(errors):  # as `errors.read` draws it
-        rngs = [np.random.default_rng([seed, frame.index, number]) for number in numbers]
-        drawn = [
-            each.model.noisy(image, rng)
-            for (each, image, _), rng in zip(each_sensor, rngs, strict=True)
-        ]
+        drawn = []
+        for sensor, image, number in measured:
+            rng = np.random.default_rng([seed, frame.index, number])
+            drawn.append(sensor.model.noisy(image, rng))
         return replace(frame, measurements=tuple(drawn))
     readings = []
-    believed = []
-    for sensor, measurement, number in each_sensor:
+    assumed_sensors = []
+    for sensor, measurement, number in measured:
         true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
         reading = errors.read(true, seed=seed, sensor=number, frame=frame.index)
         readings.append(reading)
-        believed.append(
-            sensor
-            if reading.pose is sensor.pose
-            else Sensor(sensor.name, sensor.model, reading.pose)
-        )
-    measurements, shifts = (
-        tuple(getattr(each, name) for each in readings) for name in ("measurement", "shift")
-    )
+        if reading.pose is not sensor.pose:
+            sensor = Sensor(sensor.name, sensor.model, reading.pose)
+        assumed_sensors.append(sensor)
+    measurements = tuple(reading.measurement for reading in readings)
+    shifts = tuple(reading.shift for reading in readings)
     shifts = shifts if any(shift is not None for shift in shifts) else ()
-    return replace(frame, sensors=tuple(believed), measurements=measurements, shifts=shifts)
+    return replace(frame, sensors=tuple(assumed_sensors), measurements=measurements, shifts=shifts)

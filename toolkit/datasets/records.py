@@ -1,6 +1,7 @@
-"""Shared reading tools of all layouts: records, poses, labels, clouds and our own files of boxes.
+"""Shared reading tools of all layouts: records, poses, labels, clouds and files of boxes.
+
 Damage becomes one line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
-rotations may be a little off; anything worse is a ValueError."""
+rotations may be slightly off; anything worse is a ValueError."""
 
 import json
 import re
@@ -37,7 +38,7 @@ Unchecked = Any  # a value of a file
 Problems = dict[str, int]  # number of labels and points left out, by kind
 
 _WHOLE_NUMBER = re.compile(r"(?<![0-9])(?<![0-9]\.)([0-9]{1,300})")
-NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
+MAX_ROTATION_ERROR = 0.05  # largest entry of R Rᵀ - 1 of a rotation
 _DAMAGE = (
     ValueError,
     TypeError,
@@ -48,16 +49,66 @@ _DAMAGE = (
     ArithmeticError,
     RecursionError,
 )
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # last row of a pose's matrix
+FULL_TURN_RAD = 2 * np.pi + 0.01  # no file in radians exceeds it
+MAX_DOUBLED_GAP = 1e-3  # m and rad; two boxes that differ by less are one label given twice
+
+NOT_FINITE = "labels with NaN or infinite numbers"
+NO_SIZE = "boxes of no size"
+TOO_LARGE = "boxes too large or too far away to be"
+MIN_BOX_SIDE_M = 0.01  # no side of a road user is shorter
+MAX_BOX_SIDE_M = 100.0  # no side of a road user is longer
+OTHER_KINDS = "labels of other kinds than ours"
+STRAY = "names, times or tokens of labels have no cloud"
+UNLABELLED = "frames without labels among labelled ones, whose objects are unknown"
+DOUBLED = "doubled labels"
+DOUBLED_CLOUDS = "clouds that are there under another ending too, left out"
+FULL_TURNS = "yaws beyond a full turn"
+TILTED = "boxes tilted by more than 20 degrees, of which only the heading is kept"
+MIN_LEVEL_COSINE = np.cos(np.deg2rad(8.0))  # of a road's slope, which tilts a vehicle's frame
+MIN_UPRIGHT_COSINE = np.cos(np.deg2rad(20.0))  # of the tilt of a road user's box
+COMMON_NAMES = {  # names of our classes in other layouts
+    "vehicle": "Car",
+    "cyclist": "Cyclist",
+    "pedestrian": "Pedestrian",
+    "heavy": "Truck",
+}
+MAX_TRACK = 10**16  # below it a number's text is short enough to stay a number
+MACOS_FOLDER = "__MACOSX"
+BAG_ENDINGS = (".bag", ".mcap", ".db3")
+ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
+NOT_FINITE_POINTS = "points with NaN or infinite numbers"
+NO_RETURN_POINTS = "points of no return"
+FAR_POINTS = "points a kilometre from the middle of their cloud"
+EMPTY = "clouds without points"
+UNPLACED = "clouds far from their sensor's origin: the sensor counts as in their middle"
+COARSE_POINTS = "clouds in float32 so far from their origin that it holds no centimetres"
+MAX_POINT_DISTANCE_M = 1e5  # from the sensor or the cloud's middle; float32 holds centimetres
+_FAR_POINT_M = 1000.0  # from the middle, beyond the range of traffic sensors
+_INTENSITIES = ("intensity", "reflectivity", "i", "colors")
+_RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
+_MAX_RINGS = 1 << 16  # in a column of floats, such as nuScenes writes
+UNTIMED = "clouds whose points have times of an unknown unit, which were left out"
+_VERSION = 1
+_SIZES = ("x", "y", "z", "length", "width", "height")
+_FORM = f'{{"coview": "boxes", "version": {_VERSION}, "samples": [{{"name", "objects": [...]}}]}}'
 
 
 @dataclass(frozen=True)
 class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
-    labelled: names, times or tokens by which labels say what they belong to, also of clouds that
-    are not there; known: those that have a cloud, `names` if None; noted: what was left out of the
-    whole recording, by kind. The first frame counts the labels without a cloud, and what was noted,
-    in its problems."""
+    The first frame counts in its problems the labels without a cloud, and what was noted.
+
+    Attributes:
+        names: names of the frames.
+        load: reads a frame by its name.
+        path: path of the recording, None if unknown.
+        site: the site, None if unknown.
+        labelled: names, times or tokens that labels refer to, also of missing clouds.
+        known: names, times or tokens that have a cloud, `names` if None.
+        noted: problems of the whole recording, by kind.
+    """
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]
@@ -85,26 +136,27 @@ class Listing(DisplayedRecording):
     @cached_property
     def strays(self) -> tuple[str, ...]:
         """Samples that labels name and the recording lacks."""
-        known = set(self.names if self.known is None else self.known)
-        return tuple(name for name in dict.fromkeys(self.labelled) if name not in known)
+        names = set(self.names if self.known is None else self.known)
+        return tuple(name for name in dict.fromkeys(self.labelled) if name not in names)
 
     def describe_strays(self) -> str:
-        """Return how many labels have no cloud, with an example of either, as a line; empty if
-        none."""
+        """Return in one line how many labels have no cloud, with an example of each; empty without
+        any."""
         if not self.strays:
             return ""
         count = len(self.strays)
-        every = len(set(self.labelled))
-        there = next(iter(self.names if self.known is None else self.known), "")
+        total = len(set(self.labelled))
+        example = next(iter(self.names if self.known is None else self.known), "")
         return (
-            f"{count} of the {every} {STRAY}, such as {self.strays[0][:60]!r}, where clouds have "
-            f"{there[:60]!r}"
+            f"{count} of the {total} {STRAY}, such as {self.strays[0][:60]!r}, where clouds have "
+            f"{example[:60]!r}"
         )
 
 
 def check_labels(recording: Frames, frames: int | None = None) -> None:
-    """Raise ValueError where no label has a cloud, or where the first frames of an unknown site
-    have no label."""
+    """Raise ValueError if nothing can be scored.
+
+    This is so if no label has a cloud, or if the first frames of an unknown site have no label."""
     count = len(recording) if frames is None else frames
     site = getattr(recording, "site", None)
     source = recording
@@ -117,8 +169,10 @@ def check_labels(recording: Frames, frames: int | None = None) -> None:
     ):
         strays = source.describe_strays()
         raise ValueError(f"no label can be used: {strays}; name both alike, times in the same unit")
-    shown = (recording[k] for k in range(count))
-    if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in shown):
+    first_frames = (recording[k] for k in range(count))
+    if site is None and not any(
+        len(frame.objects) or len(frame.others.boxes) for frame in first_frames
+    ):
         remedy = "take coview detect, or give labels, such as the labels.json of layout folder"
         raise ValueError(f"the recording has no label, so nothing can be scored: {remedy}")
 
@@ -127,8 +181,10 @@ def check_labels(recording: Frames, frames: int | None = None) -> None:
 def named_damage(
     path: str | Path, what: str, kinds: tuple[type[Exception], ...] = _DAMAGE
 ) -> Iterator[None]:
-    """Turn damage met in the block into one ValueError that names the file. Overflowing numbers
-    give no warnings. kinds: of errors that tell of damage, but for OSError."""
+    """Turn damage found in the block into one ValueError that names the file.
+
+    Overflowing numbers give no warnings. kinds: errors that show damage; an OSError passes
+    unchanged."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -137,8 +193,8 @@ def named_damage(
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no {what}: byte {error.start} is not UTF-8") from None
     except kinds as error:
-        said = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
-        reason = " ".join(said.split())[:200] or type(error).__name__
+        text = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        reason = " ".join(text.split())[:200] or type(error).__name__
         raise ValueError(f"{path} is no {what} that can be read: {reason}") from None
 
 
@@ -148,7 +204,7 @@ def load_json(path: str | Path) -> Unchecked:
 
 
 def entry(record: Unchecked, *keys: str) -> Unchecked:
-    """record[key][key]..., or ValueError that says which is missing."""
+    """Return record[key][key]..., or raise ValueError that names the missing key."""
     value = record
     for k, key in enumerate(keys):
         if not isinstance(value, dict) or key not in value:
@@ -158,7 +214,7 @@ def entry(record: Unchecked, *keys: str) -> Unchecked:
 
 
 def as_number(value: Unchecked, name: str = "entry") -> float:
-    """A number, also where it is written as a string."""
+    """Return a number, also if it is written as a string."""
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
@@ -190,14 +246,15 @@ def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
 
 
 def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
-    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a
-    translation."""
+    """Pose of a 3×3 rotation and a translation.
+
+    A rotation that is slightly off is replaced by the nearest true one (SVD)."""
     matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
     pose = np.eye(4)
     pose[:3, 3] = numbers(translation, 3, f"translation of {name}")
     if not np.isfinite(matrix).all() or np.abs(matrix).max() > 2 or np.linalg.det(matrix) <= 0:
         raise ValueError(f"{name} must turn by a rotation, got {matrix.tolist()}")
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > NOT_RIGID:
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > MAX_ROTATION_ERROR:
         raise ValueError(
             f"{name} must turn by a rotation, got one that stretches: {matrix.tolist()}"
         )
@@ -219,8 +276,9 @@ def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
 
 
 def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
-    """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction,
-    from above."""
+    """Yaw (rad) in the target frame of source-frame headings.
+
+    It is the direction of the turned forward axis, from above."""
     yaw = np.asarray(yaw, np.float64)
     forward = (
         np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
@@ -229,38 +287,11 @@ def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
     return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))
 
 
-_LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # of a pose's matrix
-FULL_TURN = 2 * np.pi + 0.01  # rad; no file in radians exceeds it
-SAME = 1e-3  # m and rad; two boxes that differ by less are one label given twice
-
-NOT_FINITE = "labels with NaN or infinite numbers"
-NO_SIZE = "boxes of no size"
-TOO_LARGE = "boxes too large or too far away to be"
-# m; no side of a road user is shorter or longer
-THINNEST_BOX = 0.01
-LONGEST_BOX = 100.0
-OTHER_KINDS = "labels of other kinds than ours"
-STRAY = "names, times or tokens of labels have no cloud"
-UNLABELLED = "frames without labels among labelled ones, whose objects are unknown"
-DOUBLED = "doubled labels"
-DOUBLED_CLOUDS = "clouds that are there under another ending too, left out"
-FULL_TURNS = "yaws beyond a full turn"
-TILTED = "boxes tilted by more than 20 degrees, of which only the heading is kept"
-MIN_LEVEL = np.cos(np.deg2rad(8.0))  # cosine of a road's slope, which tilts a vehicle's frame
-MIN_UPRIGHT = np.cos(np.deg2rad(20.0))  # cosine of the tilt of a road user's box
-
-# when written
-COMMON_NAMES = {
-    "vehicle": "Car",
-    "cyclist": "Cyclist",
-    "pedestrian": "Pedestrian",
-    "heavy": "Truck",
-}
-
-
 class Labelled(NamedTuple):
-    """Labels of one frame as `toolkit.frame.Frame` holds them: objects, their names, own counts of
-    points, others."""
+    """Labels of one frame as `toolkit.frame.Frame` holds them.
+
+    objects: the objects; categories: their names; counts: the data set's counts of points, None
+    without any; others: objects of other classes."""
 
     objects: Objects
     categories: tuple[str, ...]
@@ -275,54 +306,64 @@ def labelled(
     problems: Problems,
     counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
 ) -> Labelled:
-    """Turn label rows, world frame, into objects. Left-out rows are added to `problems`. ids: track
-    ids of any kind; row numbers if None. counts: the dataset's own, below 0 if nobody counted."""
+    """Turn label rows, world frame, into objects.
+
+    Rows that are left out are added to `problems`. ids: track ids of any kind; row numbers if None.
+    counts: the data set's counts of points, below 0 if nobody counted."""
     boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
-    finite = np.isfinite(boxes).all(axis=1)
-    sized = (boxes[:, 3:6] >= THINNEST_BOX).all(axis=1)
-    there = ((boxes[:, 3:6] <= LONGEST_BOX) & (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M)).all(
-        axis=1
-    )
-    keep = np.ones(len(boxes), bool)
-    for problem, sound in ((NOT_FINITE, finite), (NO_SIZE, sized), (TOO_LARGE, there)):
-        add_problem(problems, problem, int((keep & ~sound).sum()))
-        keep &= sound
-    rows = np.flatnonzero(keep)
-    named = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
-    compared = np.column_stack([boxes, named])
+    is_finite = np.isfinite(boxes).all(axis=1)
+    is_sized = (boxes[:, 3:6] >= MIN_BOX_SIDE_M).all(axis=1)
+    is_small = (boxes[:, 3:6] <= MAX_BOX_SIDE_M).all(axis=1)
+    is_small &= (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M).all(axis=1)
+    is_kept = np.ones(len(boxes), bool)
+    for problem, is_sound in ((NOT_FINITE, is_finite), (NO_SIZE, is_sized), (TOO_LARGE, is_small)):
+        add_problem(problems, problem, int((is_kept & ~is_sound).sum()))
+        is_kept &= is_sound
+    rows = np.flatnonzero(is_kept)
+    category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
+    compared = np.column_stack([boxes, category_numbers])
     by_x = rows[np.argsort(boxes[rows, 0], kind="stable")]
-    is_near = np.diff(boxes[by_x, 0]) <= SAME
+    is_near = np.diff(boxes[by_x, 0]) <= MAX_DOUBLED_GAP
     near = np.union1d(by_x[:-1][is_near], by_x[1:][is_near])  # no other row can be doubled
-    first: list[int] = []  # of them those that differ from every earlier one
+    unique: list[int] = []  # near rows that differ from every earlier one
     for row in near.tolist():
-        if not first or (np.abs(compared[first] - compared[row]) > SAME).any(axis=1).all():
-            first.append(row)
-    add_problem(problems, DOUBLED, len(near) - len(first))
-    rows = np.setdiff1d(rows, np.setdiff1d(near, first))
-    yaws = np.where(finite, boxes[:, 6], 0.0)
+        differs = (np.abs(compared[unique] - compared[row]) > MAX_DOUBLED_GAP).any(axis=1)
+        if not unique or differs.all():
+            unique.append(row)
+    add_problem(problems, DOUBLED, len(near) - len(unique))
+    rows = np.setdiff1d(rows, np.setdiff1d(near, unique))
+    yaws = np.where(is_finite, boxes[:, 6], 0.0)
     boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
     count_full_turns(yaws[rows], problems)
-    own = np.full(len(boxes), -1) if counts is None else np.asarray(counts, np.int64)
-    others = rows[classes[rows] < 0]
+    row_counts = np.full(len(boxes), -1) if counts is None else np.asarray(counts, np.int64)
+    other_rows = rows[classes[rows] < 0]
     rows = rows[classes[rows] >= 0]
-    add_problem(problems, OTHER_KINDS, len(others))
+    add_problem(problems, OTHER_KINDS, len(other_rows))
     tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
-    known, known_others = (
-        None if counts is None or (own[some] < 0).any() else own[some] for some in (rows, others)
-    )
-    own_names, other_names = (
-        tuple(str(categories[k]) for k in some.tolist()) for some in (rows, others)
-    )
-    found = Objects(boxes[rows], classes[rows], tracks)
-    return Labelled(found, own_names, known, OtherObjects(boxes[others], other_names, known_others))
+    objects = Objects(boxes[rows], classes[rows], tracks)
+    object_names = tuple(str(categories[k]) for k in rows.tolist())
+    other_names = tuple(str(categories[k]) for k in other_rows.tolist())
+    object_counts = None
+    other_counts = None
+    if counts is not None:
+        object_counts = _known_counts(row_counts[rows])
+        other_counts = _known_counts(row_counts[other_rows])
+    others = OtherObjects(boxes[other_rows], other_names, other_counts)
+    return Labelled(objects, object_names, object_counts, others)
+
+
+def _known_counts(counts: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"] | None:
+    """Counts of points, None if one is unknown."""
+    return None if (counts < 0).any() else counts
 
 
 def level_frame(map_SE3_frame: Pose) -> Pose:
-    """Return the pose of a frame of boxes, turned level if it is a sensor's rather than a
-    vehicle's: tilted far."""
-    if map_SE3_frame[2, 2] >= MIN_LEVEL:
+    """Return the pose of a frame of boxes.
+
+    It is turned level if it is so tilted that it is a sensor's rather than a vehicle's."""
+    if map_SE3_frame[2, 2] >= MIN_LEVEL_COSINE:
         return map_SE3_frame
     return pose(*map_SE3_frame[:3, 3], yaw=float(heading(map_SE3_frame, 0.0)))
 
@@ -353,25 +394,23 @@ def add_problem(problems: Problems, kind: str, number: int) -> None:
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:
     """Add to the problems the number of yaws that no file in radians has."""
-    add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
+    add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN_RAD).sum()))
 
 
 def find_headings(
-    turned: Float64[np.ndarray, "n 3 3"], problems: Problems
+    rotations: Float64[np.ndarray, "n 3 3"], problems: Problems
 ) -> Float64[np.ndarray, " n"]:
-    """Headings (rad) of boxes' rotations, from above; boxes that no road tilts so far are counted
-    in `problems`."""
+    """Headings (rad) of boxes' rotations, from above.
+
+    Boxes with more tilt than any road are counted in `problems`."""
     with np.errstate(invalid="ignore"):
-        add_problem(problems, TILTED, int((turned[:, 2, 2] < MIN_UPRIGHT).sum()))
-    return np.asarray(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
-
-
-MAX_TRACK = 10**16  # below it a number's text is short enough to stay a number
+        add_problem(problems, TILTED, int((rotations[:, 2, 2] < MIN_UPRIGHT_COSINE).sum()))
+    return np.asarray(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
 
 
 def track_number(name: object) -> int:
-    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number
-    of its text."""
+    """Track id as a number: an integer, also as text, stays itself, any other text becomes a
+    number."""
     if type(name) is int and abs(name) < MAX_TRACK:
         return name
     text = str(name).strip()
@@ -380,28 +419,10 @@ def track_number(name: object) -> int:
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1
 
 
-MACOS_FOLDER = "__MACOSX"
-BAG_ENDINGS = (".bag", ".mcap", ".db3")
-ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
-NOT_FINITE_POINTS = "points with NaN or infinite numbers"
-NO_RETURN_POINTS = "points of no return"
-FAR_POINTS = "points a kilometre from the middle of their cloud"
-EMPTY = "clouds without points"
-UNPLACED = "clouds far from their sensor's origin: the sensor counts as in their middle"
-COARSE_POINTS = "clouds in float32 so far from their origin that it holds no centimetres"
-FARTHEST_POINT = (
-    1e5  # m from the sensor or the cloud's middle; farther out float32 loses centimetres
-)
-_FAR = 1000.0  # m from the middle, where no sensor for traffic measures
-_INTENSITIES = ("intensity", "reflectivity", "i", "colors")
-_RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
-_MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
-UNTIMED = "clouds whose points have times of an unknown unit, which were left out"
-
-
 def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> list[Path]:
-    """Files and folders in a folder in `natural_order`, without hidden ones and those that macOS
-    adds to archives (`._NAME`)."""
+    """Files and folders in a folder in `natural_order`.
+
+    Hidden ones are left out, and files that macOS adds to archives (`._NAME`)."""
     if not recursive:
         files = [file for file in folder.glob(pattern) if not _is_hidden((file.name,))]
     else:
@@ -422,12 +443,12 @@ def natural_order(name: str) -> tuple[str | int, ...]:
     ['007', '7.25', '7.5']
     """
     pieces = _WHOLE_NUMBER.split(name)
-    numbered = (int(piece) if place % 2 else piece for place, piece in enumerate(pieces))
+    numbered = (int(piece) if index % 2 else piece for index, piece in enumerate(pieces))
     return (*numbered, name)
 
 
 def _path_order(file: Path) -> tuple[tuple[str | int, ...], ...]:
-    """Sort key of a path by its parts, the ending of a file's name after the rest of it."""
+    """Sort key of a path by its parts; the ending of a file's name comes last."""
     folders = tuple(natural_order(part) for part in file.parts[:-1])
     return (*folders, natural_order(file.stem), (file.suffix,))
 
@@ -450,8 +471,9 @@ def read_cloud(
     stamp_s: float | None = None,
     middles: Middles | None = None,
 ) -> SensorCloud:
-    """Read the cloud of a file, as `build_cloud`. Raises FileNotFoundError, and ValueError for a
-    file without readable points."""
+    """Read the cloud of a file, as `build_cloud`.
+
+    Raises FileNotFoundError, and ValueError for a file without readable points."""
     attributes = read_recorded(path)
     return build_cloud(
         attributes, name, world_SE3_sensor, problems, stamp_s=stamp_s, middles=middles
@@ -470,12 +492,12 @@ def build_cloud(
 ) -> SensorCloud:
     """Build a cloud of `positions` and other columns.
 
-    Points kilometres from their origin, such as those in UTM without their sensor's pose, are
-    counted from the middle of the sensor's first cloud, which moves into the pose. middles: of the
+    Points kilometres from their origin, such as in UTM without their sensor's pose, are counted
+    from the middle of the sensor's first cloud, which moves into the pose. middles: middles of the
     recording's sensors. Raises ValueError for points that are too far apart to be metres."""
     recorded = np.asarray(attributes["positions"], np.float64)
     check_extent(recorded)
-    returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
+    is_returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
     middle = find_far_middle(recorded)
     if middle.any():
         add_problem(problems, COARSE_POINTS, int(describe_rounding(recorded) is not None))
@@ -489,45 +511,51 @@ def build_cloud(
         recorded = recorded - origin
         world_SE3_sensor = world_SE3_sensor @ translation(origin)
     with np.errstate(invalid="ignore"):
-        sound = (np.abs(recorded) <= FARTHEST_POINT).all(axis=1)  # NaN is not
-    keep = sound & returned
-    add_problem(problems, NOT_FINITE_POINTS, int((~sound).sum()))
-    add_problem(problems, NO_RETURN_POINTS, int((sound & ~returned).sum()))
-    add_problem(problems, EMPTY, int(not keep.any()))
-    if keep.any():
-        middle = np.median(recorded[keep][:: int(keep.sum()) // 1000 + 1], axis=0)
+        is_sound = (np.abs(recorded) <= MAX_POINT_DISTANCE_M).all(axis=1)  # NaN is not
+    is_kept = is_sound & is_returned
+    add_problem(problems, NOT_FINITE_POINTS, int((~is_sound).sum()))
+    add_problem(problems, NO_RETURN_POINTS, int((is_sound & ~is_returned).sum()))
+    add_problem(problems, EMPTY, int(not is_kept.any()))
+    if is_kept.any():
+        middle = np.median(recorded[is_kept][:: int(is_kept.sum()) // 1000 + 1], axis=0)
         add_problem(
             problems,
             FAR_POINTS,
-            int((np.linalg.norm(recorded[keep] - middle, axis=1) > _FAR).sum()),
+            int((np.linalg.norm(recorded[is_kept] - middle, axis=1) > _FAR_POINT_M).sum()),
         )
 
     def columns(names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
-        """Columns of these names, the first where one is `wide`."""
+        """Columns with these names, or the first of their columns if `wide`."""
         for column in (np.asarray(attributes[key]) for key in names if key in attributes):
-            if len(column) == len(keep) and (wide or column.size == len(keep)):
-                yield (column if column.ndim == 1 else column[:, 0])[keep]
+            if len(column) == len(is_kept) and (wide or column.size == len(is_kept)):
+                yield (column if column.ndim == 1 else column[:, 0])[is_kept]
 
     intensity = next(columns(_INTENSITIES, wide=True), None)  # OPV2V keeps it in the red
     rings = (
-        each
-        for each in columns(_RINGS)
-        if each.dtype.kind in "iu" or (np.abs(each) < _MOST_RINGS).all()
+        ring_column
+        for ring_column in columns(_RINGS)
+        if ring_column.dtype.kind in "iu" or (np.abs(ring_column) < _MAX_RINGS).all()
     )
-    ring = next((each for each in rings if (each % 1 == 0).all()), None)
-    timed = [key for key in attributes if is_time(key) and np.size(attributes[key]) == len(keep)]
+    ring = next((ring_column for ring_column in rings if (ring_column % 1 == 0).all()), None)
+    timed = [key for key in attributes if is_time(key) and np.size(attributes[key]) == len(is_kept)]
     seconds = parse_point_times(timed[0], next(columns(timed[:1]))) if timed else None
     add_problem(problems, UNTIMED, int(bool(timed) and seconds is None))
-    kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
+    geometry = recorded[is_kept].astype(np.float32), world_SE3_sensor, frame
     intensity = None if intensity is None else intensity.astype(np.float32)
     return SensorCloud(
-        name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s
+        name,
+        *geometry,
+        seconds,
+        intensity,
+        None if ring is None else ring.astype(np.int64),
+        stamp_s,
     )
 
 
 def clock_time(frame: Frame, number: int) -> float:
-    """Return the time (s) to write of a frame, `number` tenths where it has none. Raises ValueError
-    for a time that is none since 1970, which no layout with clock times holds."""
+    """Return the time (s) to write of a frame, `number` tenths for a frame without one.
+
+    Raises ValueError for a time that is not since 1970, which no layout with clock times holds."""
     time = frame.time if np.isfinite(frame.time) else 0.1 * number
     if not 0 <= time < 2**31:
         raise ValueError(
@@ -549,8 +577,9 @@ def frame_time(clouds: Sequence[SensorCloud]) -> float:
 
 
 def finite_time(value: Unchecked, name: str) -> float | None:
-    """Return a time of a file (s), None if it is missing or empty. Raises ValueError for anything
-    but a number."""
+    """Return a time of a file (s), None if it is missing or empty.
+
+    Raises ValueError for anything but a number."""
     if value is None or value == "":
         return None
     seconds = as_number(value, name)
@@ -566,11 +595,11 @@ def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
 
 def one_cloud(sample: Frame) -> SensorCloud:
     """Merge all clouds of a frame in its world frame. Intensities are kept if all clouds have
-    some."""
+    them."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
-    whole = len(intensities) == len(sample.clouds) and len(intensities) > 0
+    is_complete = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
-    intensity = np.concatenate(intensities) if whole else None
+    intensity = np.concatenate(intensities) if is_complete else None
     stamps = {cloud.stamp_s for cloud in sample.clouds}
     stamp = stamps.pop() if len(stamps) == 1 else None
     points = sample.points().astype(np.float32)
@@ -580,11 +609,6 @@ def one_cloud(sample: Frame) -> SensorCloud:
 def get_intensity(cloud: SensorCloud) -> np.ndarray:
     """Intensity of each point, 0 if the sensor gives none."""
     return np.zeros(len(cloud.points), np.float32) if cloud.intensity is None else cloud.intensity
-
-
-_VERSION = 1
-_SIZES = ("x", "y", "z", "length", "width", "height")
-_FORM = f'{{"coview": "boxes", "version": {_VERSION}, "samples": [{{"name", "objects": [...]}}]}}'
 
 
 def boxes_record(
@@ -621,8 +645,9 @@ def boxes_record(
 
 
 def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:
-    """Write a file of frame entries (`boxes_record`), whole or not at all. more: further fields of
-    the file."""
+    """Write a file of frame entries (`boxes_record`), whole or not at all.
+
+    more: further fields of the file."""
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
     head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
     rows = ",".join("\n  " + text.replace("\n", "\n  ") for text in entries)
@@ -644,10 +669,10 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
                 "poses.json"
             )
         entries = as_list(entry(content, "samples"), "samples")
-        named = {str(entry(each, "name")): each for each in entries}
-        if len(named) < len(entries):
+        named_entries = {str(entry(sample, "name")): sample for sample in entries}
+        if len(named_entries) < len(entries):
             raise ValueError("two of its samples have one name")
-        return named
+        return named_entries
 
 
 def _describe_form(content: Unchecked) -> str:
@@ -666,13 +691,13 @@ def _describe_form(content: Unchecked) -> str:
     return f"an object with the entries {keys[:80]}" if keys else "an empty object"
 
 
-def parse_objects(path: str | Path, each: Unchecked, problems: Problems) -> Labelled:
+def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) -> Labelled:
     """The labels of one entry."""
     with named_damage(path, "file of boxes"):
-        sample = f"sample {str(entry(each, 'name'))[:60]!r}"
-        if "objects" not in each:
+        sample = f"sample {str(entry(frame_entry, 'name'))[:60]!r}"
+        if "objects" not in frame_entry:
             raise ValueError(f'{sample} has no entry objects: write "objects": [] for an empty one')
-        rows = as_list(each["objects"], f"objects of {sample}")
+        rows = as_list(frame_entry["objects"], f"objects of {sample}")
         parsed = []
         for k, row in enumerate(rows):
             try:

@@ -1,12 +1,11 @@
 """Simulated datasets: traffic, rendered frame by frame, in a run that may be killed at any moment.
 
-Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number of workers nor
-an interruption changes a byte. A finished block is one shard, a complete small dataset, in
-`FILE.parts/`; the last step joins them.
+Frames are made in blocks of `FRAMES_PER_BLOCK` with different seeds, so neither the number of
+workers nor an interruption changes a byte. A finished block is one shard, a complete small dataset,
+in `FILE.parts/`; the last step joins them.
 
-Recordings of random junctions, a few frames each, to train a detector for any.
-
-Every recording has its own junction, sensors and bodies, determined by a seed and its number."""
+Recordings of random junctions, a few frames each, train a detector for any junction. The junction,
+sensors and bodies of every recording follow from a seed and its number."""
 
 import json
 import os
@@ -36,9 +35,17 @@ from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import INTERVAL, MOST_OBJECTS, Mix, simulate, sumo_step
 
-# usual number of frames; frames with a seed of their own
-FRAMES = 1000
-BLOCK = 50
+DEFAULT_FRAMES = 1000
+FRAMES_PER_BLOCK = 50  # frames drawn with one seed
+_SITE_FRAMES = 20  # of each site, by default
+MIN_RANDOM_SENSORS = 3
+MAX_RANDOM_SENSORS = 10
+MIN_PARKED = 4  # lower bound of the maximum number of parked vehicles
+MAX_PARKED = 20  # upper bound of the maximum number of parked vehicles
+MAX_STRAY_SHARE = 0.7  # share of road users that are anywhere
+_NOTE = b"left out "  # start of the file of a recording that failed
+_MAX_NOTE_BYTES = 4096
+_Made = TypeVar("_Made")
 
 
 def simulate_dataset(
@@ -58,21 +65,21 @@ def simulate_dataset(
     block when called again, and ends with the same bytes.
 
     site: a site, the name of a built-in one, or the path of a saved one; run: number of frames
-    (`FRAMES` by default), seed and processes, which change no byte; with several, a script must
-    call it under `if __name__ == "__main__":`; sensors: None for the site's own; fleet: all bodies
-    drawn by default, afresh for every block of frames; interval: seconds between frames, 5 or e.g.
-    0.1; traffic begins anew every `BLOCK` frames; strays: share of road users that are anywhere,
-    see `Mix`; overwrite: replace a file, or drop an unfinished run, of another plan.
+    (`DEFAULT_FRAMES` by default), seed and processes, which change no byte; with several, a script
+    must call it under `if __name__ == "__main__":`; sensors: None for the site's; fleet: all bodies
+    drawn by default, again for every block of frames; interval: seconds between frames, 5 or e.g.
+    0.1; traffic restarts every `FRAMES_PER_BLOCK` frames; strays: share of road users that are
+    anywhere, see `Mix`; overwrite: replace a file, or drop an unfinished run, of another plan.
 
     Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError
     for arguments that do not fit; FileExistsError if `out`, or an unfinished run, has another plan;
     OSError, with the number of frames that are safe, if the disk is full."""
     site = site if isinstance(site, Site) else load_site(site)
-    chosen = tuple(site.sensors if sensors is None else sensors)
-    frames = int(run.frames_or(FRAMES))
+    placed_sensors = tuple(site.sensors if sensors is None else sensors)
+    frames = int(run.frames_or(DEFAULT_FRAMES))
     job = Job(
         site,
-        chosen,
+        placed_sensors,
         fleet_named() if fleet is None else fleet,
         frames,
         int(run.seed),
@@ -99,7 +106,17 @@ def simulate_dataset(
 
 @dataclass(frozen=True)
 class Job:
-    """All ingredients of a dataset; sent to every worker."""
+    """Plan of a dataset; sent to every worker.
+
+    Attributes:
+        site: the site.
+        sensors: its sensors.
+        fleet: bodies of the road users.
+        frames: number of frames.
+        seed: seed of all random numbers.
+        interval: time between frames (s).
+        strays: share of road users that are anywhere.
+    """
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -130,11 +147,11 @@ class Job:
     @property
     def blocks(self) -> int:
         """Number of blocks; the last may be shorter."""
-        return -(-self.frames // BLOCK)
+        return -(-self.frames // FRAMES_PER_BLOCK)
 
     def block_frames(self, block: int) -> range:
         """Frames of a block."""
-        return range(block * BLOCK, min((block + 1) * BLOCK, self.frames))
+        return range(block * FRAMES_PER_BLOCK, min((block + 1) * FRAMES_PER_BLOCK, self.frames))
 
     def count(self, blocks: Iterable[int]) -> int:
         """Number of frames in these blocks."""
@@ -185,7 +202,7 @@ class Job:
                 # other blocks, other tracks
                 objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)
                 measurements = renderer.render(snapshot).measurements
-                time = block * BLOCK * self.interval + snapshot.time
+                time = block * FRAMES_PER_BLOCK * self.interval + snapshot.time
                 yield Scene(
                     Frame(self.sensors, measurements, objects, time, index),
                     numbers[snapshot.bodies],
@@ -234,18 +251,6 @@ def _digest(text: str) -> str:
     return sha256(text.encode()).hexdigest()[:12]
 
 
-_FRAMES = 20  # usual number, of each site
-FEWEST_SENSORS = 3
-MOST_SENSORS = 10
-# range of the greatest number of parked vehicles
-FEWEST_PARKED = 4
-MOST_PARKED = 20
-MOST_STRAYS = 0.7  # share of road users that are anywhere, at most
-_NOTE = b"left out "  # start of the file of a recording that failed
-_LONGEST_NOTE = 4096
-_Made = TypeVar("_Made")
-
-
 class RandomRecording(NamedTuple):
     """Frames of a random site. empty: each sensor's measurement without traffic, (rows, columns)
     m."""
@@ -263,10 +268,11 @@ def random_recording(
     fleet: Fleet | None = None,
     sites: Sequence[str | Path] = (),
 ) -> RandomRecording:
-    """Simulate a random junction with three to ten random sensors, noise-free, and random traffic.
-    number: of the recording under this seed; fleet: by default all bodies are drawn; a fleet that
-    draws none has each body stretched a little; sites: files to take in turn instead of drawing
-    junctions. Raises the errors of the sites and of SUMO."""
+    """Simulate a random junction with random sensors, noise-free, and random traffic.
+
+    number: number of the recording under this seed; fleet: by default all bodies are drawn; if a
+    fleet draws no bodies, each body is stretched a little; sites: files to take in turn instead of
+    drawing junctions. Raises the errors of the sites and of SUMO."""
     rng = np.random.default_rng([seed, number])
     site = load_site(sites[number % len(sites)]) if sites else random_site(rng)
     return record_randomly(site, rng, frames, fleet=fleet)
@@ -279,14 +285,16 @@ def record_randomly(
     traffic."""
     from toolkit.rendering.renderer import Renderer
 
-    sensors = random_sensors(site, rng, int(rng.integers(FEWEST_SENSORS, MOST_SENSORS + 1)))
+    sensors = random_sensors(
+        site, rng, int(rng.integers(MIN_RANDOM_SENSORS, MAX_RANDOM_SENSORS + 1))
+    )
     fleet = fleet_named() if fleet is None else fleet
     bodies = fleet.bodies(frames, rng)
     if not fleet.drawn:
         bodies = tuple(stretch_randomly(body, rng) for body in bodies)
-    parked = int(rng.integers(FEWEST_PARKED, MOST_PARKED + 1))
-    most = MOST_OBJECTS * 4 // 5 + parked
-    mix = Mix(most, parked, strays=float(rng.uniform(0, MOST_STRAYS)))
+    parked = int(rng.integers(MIN_PARKED, MAX_PARKED + 1))
+    max_objects = MOST_OBJECTS * 4 // 5 + parked
+    mix = Mix(max_objects, parked, strays=float(rng.uniform(0, MAX_STRAY_SHARE)))
     snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=mix, once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=1)
     recorded = []
@@ -307,18 +315,20 @@ def random_recordings_file(
     sites: Sequence[str | Path] = (),
     overwrite: bool = False,
 ) -> _Made:
-    """Write random recordings to one file, joined from one file per recording. A run that was
-    killed continues when called again, and ends with the same bytes; every finished recording lies
-    in `FILE.parts/`. A recording that fails is left out with a warning that says why. run: number
-    of frames (20 by default), seed and processes, which change no byte; encode: content of the file
-    of a recording, called in the process that made it; join: called with the files in order and the
-    target, its result is returned; fleet, sites: see `random_recording`; overwrite: drop an
-    unfinished run of another count, seed, fleet, site or code. Raises FileExistsError for such a
-    run, and OSError, with the number of safe recordings, if the disk is full."""
+    """Write random recordings to one file, joined from one file per recording.
+
+    A run that was killed continues when called again, and ends with the same bytes; every finished
+    recording is in `FILE.parts/`. A recording that fails is left out with a warning that gives the
+    reason. run: number of frames (20 by default), seed and processes, which change no byte; encode:
+    content of a recording's file, called in the process that made it; join: called with the files
+    in order and the target, its result is returned; fleet, sites: see `random_recording`;
+    overwrite: drop an unfinished run of another count, seed, fleet, site or code. Raises
+    FileExistsError for such a run, and OSError, with the number of safe recordings, if the disk is
+    full."""
     if count < 1:
         raise ValueError(f"need at least one site, got {count}")
     described = describe_fleet(fleet_named() if fleet is None else fleet)
-    frames = run.frames_or(_FRAMES)
+    frames = run.frames_or(_SITE_FRAMES)
     code = code_digest(__name__, encode.__module__)[:12]
     plan = {
         "random sites": count,
@@ -346,7 +356,7 @@ def random_recordings_file(
 def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
     """Yield the files of recordings. The note of a failed recording becomes a warning."""
     for path in paths:
-        content = path.read_bytes() if path.stat().st_size < _LONGEST_NOTE else b""
+        content = path.read_bytes() if path.stat().st_size < _MAX_NOTE_BYTES else b""
         if not content.startswith(_NOTE):
             yield path
             continue
@@ -367,14 +377,14 @@ class _Job:
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
         def make(number: int) -> Iterator[bytes]:
             try:
-                made = random_recording(
+                recording = random_recording(
                     self.seed, number, self.frames, fleet=self.fleet, sites=self.sites
                 )
-                yield self.encode_one(made)
+                yield self.encode_one(recording)
             except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
                 yield (
                     _NOTE
-                    + f"{number} {type(error).__name__}: {error}".encode()[: _LONGEST_NOTE // 2]
+                    + f"{number} {type(error).__name__}: {error}".encode()[: _MAX_NOTE_BYTES // 2]
                 )
 
         return make

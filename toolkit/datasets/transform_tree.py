@@ -28,8 +28,16 @@ TWICE_PLACED = "frames that both /tf and /tf_static place, taken as static"
 
 
 class TransformLink(NamedTuple):
-    """One transform: child in parent, stamped and recorded at these times (ns); pose None if it is
-    malformed."""
+    """One transform: child in parent.
+
+    Attributes:
+        child: name of the child frame.
+        parent: name of the parent frame.
+        parent_SE3_child: pose, None if it is malformed.
+        stamp_ns: its time stamp.
+        recorded_ns: time of its recording.
+        is_static: whether it holds always.
+    """
 
     child: str
     parent: str
@@ -40,8 +48,9 @@ class TransformLink(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Pose of a frame in its root, and the time (s) to the farthest transform that had to stand in
-    for one."""
+    """Pose of a frame in its root.
+
+    gap_s: time (s) to the farthest transform that was used in place of a missing one."""
 
     root: str
     root_SE3_frame: Pose
@@ -67,12 +76,14 @@ class FrameHistory:
         return FrameHistory(np.array(times, np.int64), tuple(link.parent for link in links), poses)
 
     def last_before(self, time_ns: int) -> tuple[str, Pose]:
-        """Parent and pose of the last transform up to a time, of the first if all are later."""
+        """Parent and pose of the last transform up to a time, or of the first if all are later."""
         row = max(0, int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1)
         return self.parents[row], self.poses[row]
 
     def interpolate(self, time_ns: int) -> tuple[str, Pose, float]:
-        """Parent, pose and gap at a time: how far (s) the nearest transform is if none is of this
+        """Parent, pose and gap at a time.
+
+        The gap is the distance (s) to the nearest transform if there is no transform of this
         time."""
         later = int(np.searchsorted(self.times_ns, time_ns))
         if later < len(self.times_ns) and self.times_ns[later] == time_ns:
@@ -145,7 +156,7 @@ class TransformTree:
         )
 
     def find(self, frame: str, stamp_ns: int, recorded_ns: int) -> Placed:
-        """Pose of a frame in its root for a message of this stamp that was recorded at this time.
+        """Pose of a frame in its root for a message with this stamp that was recorded at this time.
 
         Raises ValueError if the transforms run in a circle."""
         placed = np.eye(4)
@@ -154,8 +165,8 @@ class TransformTree:
             if frame in self.static:
                 frame, pose = self.static[frame].last_before(recorded_ns)
             elif frame in self.moving:
-                frame, pose, away = self.moving[frame].interpolate(stamp_ns)
-                gap = max(gap, away)
+                frame, pose, distance = self.moving[frame].interpolate(stamp_ns)
+                gap = max(gap, distance)
             else:
                 return Placed(frame, placed, gap)
             placed = pose @ placed
@@ -163,7 +174,7 @@ class TransformTree:
 
 
 def between(a: Pose, b: Pose, share: float) -> Pose:
-    """Pose at a share of the way from a to b: along the line, and turning evenly."""
+    """Pose at a share of the path from a to b: along the line, and turning evenly."""
     from scipy.spatial.transform import Rotation, Slerp
 
     pose = np.eye(4)
@@ -174,11 +185,13 @@ def between(a: Pose, b: Pose, share: float) -> Pose:
     return pose
 
 
-def parse_link_pose(wxyz: Float64[np.ndarray, "4"], place: Float64[np.ndarray, "3"]) -> Pose | None:
+def parse_link_pose(
+    wxyz: Float64[np.ndarray, "4"], position: Float64[np.ndarray, "3"]
+) -> Pose | None:
     """Pose of a transform, None if it is malformed."""
-    if not (np.isfinite(wxyz).all() and np.isfinite(place).all()):
+    if not (np.isfinite(wxyz).all() and np.isfinite(position).all()):
         return None
     try:
-        return quaternion_pose(wxyz, place)
+        return quaternion_pose(wxyz, position)
     except ValueError:
         return None

@@ -1,17 +1,16 @@
 """Average precision by groups of objects, and as KITTI and nuScenes count it.
 
-KITTI (2019 on): AP is the mean, over the recalls 1/40, 2/40, ... 1, of the best precision at that
-recall or above. IoU is 0.7 for cars, 0.5 for pedestrians and cyclists. Its levels of difficulty
-need heights in an image and are not used here.
+KITTI (since 2019): AP is the mean, over the recalls 1/40, 2/40, ... 1, of the best precision at
+that recall or above. The IoU threshold is 0.7 for cars, 0.5 for pedestrians and cyclists. KITTI's
+levels of difficulty need heights in an image and are not used here.
 
-nuScenes: a detection is true if its centre is nearer than a threshold, on the ground plane, to a
-truth of its frame that no surer detection took. Sizes do not matter. The thresholds are 0.5, 1, 2
-and 4 m. AP is the area of the curve above precision 0.1 and beyond recall 0.1, taken at 101 recalls
-and divided by 0.9. The figure is the mean over the four thresholds."""
+nuScenes: a detection is true if its centre is within a threshold, on the ground plane, of a truth
+of its frame that no surer detection took. Sizes do not matter. The thresholds are 0.5, 1, 2 and
+4 m. AP is the area of the curve above precision 0.1 and beyond recall 0.1, sampled at 101 recalls
+and divided by 0.9. The result is the mean over the four thresholds."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -28,16 +27,22 @@ from toolkit.runtime.text_tables import align_columns
 
 KITTI_IOU = {"vehicle": 0.7, "heavy": 0.7, "cyclist": 0.5, "pedestrian": 0.5}
 KITTI_RECALLS = 40
-CENTRE_DISTANCES = (0.5, 1.0, 2.0, 4.0)  # m
-LEAST_RECALL = LEAST_PRECISION = 0.1
-LEAST_POINTS = 1
-TWICE = 0.9  # least 3D IoU of two labels of one object; no two bodies overlap that much
-RANGES = (0.0, 20.0, 35.0, 50.0, float("inf"))  # m
-POINTS = (1.0, 5.0, 20.0, 100.0, float("inf"))
-_LARGE = (0.3, 0.5, 0.7)
-_SMALL = (0.1, 0.25, 0.5)
-IOUS = {"vehicle": _LARGE, "heavy": _LARGE, "cyclist": _SMALL, "pedestrian": _SMALL}
-METRICS: dict[Overlap, str] = {"bev": "BEV", "3d": "3D"}
+CENTRE_DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # thresholds of nuScenes
+MIN_RECALL = 0.1  # nuScenes
+MIN_PRECISION = 0.1  # nuScenes
+MIN_TRUTH_POINTS = 1  # on an object that counts
+MIN_REPEATED_IOU = 0.9  # 3D, of two labels of one object; no two bodies overlap that much
+RANGE_EDGES_M = (0.0, 20.0, 35.0, 50.0, float("inf"))  # from the middle of the area
+POINT_EDGES = (1.0, 5.0, 20.0, 100.0, float("inf"))  # points on an object
+_LARGE_IOUS = (0.3, 0.5, 0.7)
+_SMALL_IOUS = (0.1, 0.25, 0.5)
+BREAKDOWN_IOUS = {
+    "vehicle": _LARGE_IOUS,
+    "heavy": _LARGE_IOUS,
+    "cyclist": _SMALL_IOUS,
+    "pedestrian": _SMALL_IOUS,
+}
+METRIC_NAMES: dict[Overlap, str] = {"bev": "BEV", "3d": "3D"}
 
 
 class Matched(NamedTuple):
@@ -49,7 +54,7 @@ class Matched(NamedTuple):
 
 
 def kitti_ap(curve: Curve) -> float:
-    """AP at 40 recalls, NaN without a truth to find."""
+    """AP at 40 recalls, NaN if there is no truth to find."""
     if len(curve.recall) and np.isnan(curve.recall).all():
         return float("nan")
     recalls = np.arange(1, KITTI_RECALLS + 1) / KITTI_RECALLS
@@ -58,46 +63,59 @@ def kitti_ap(curve: Curve) -> float:
 
 
 def nuscenes_ap(curve: Curve) -> float:
-    """Area above the least precision and beyond the least recall, 1 for a perfect detector."""
+    """Area above the minimum precision and beyond the minimum recall.
+
+    It is 1 for a perfect detector."""
     if not len(curve.recall):
         return 0.0
     if np.isnan(curve.recall).all():
         return float("nan")
     precision = np.interp(np.linspace(0, 1, 101), curve.recall, curve.precision, right=0.0)
-    beyond = precision[round(100 * LEAST_RECALL) + 1 :]
-    return float(np.clip(beyond - LEAST_PRECISION, 0, None).mean() / (1 - LEAST_PRECISION))
+    beyond = precision[round(100 * MIN_RECALL) + 1 :]
+    return float(np.clip(beyond - MIN_PRECISION, 0, None).mean() / (1 - MIN_PRECISION))
 
 
 def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
     """Match detections of a class by centres `within` metres on the ground.
 
-    Detections on uncounted objects, and those outside the area that hit nothing, do not count."""
+    Detections on uncounted objects do not count, nor do detections outside the area that hit
+    nothing."""
     scores = [np.zeros(0)]
     hits = [np.zeros(0, bool)]
-    total = 0
+    truth_count = 0
     for frame in frames:
-        of_label = np.flatnonzero(frame.found.labels == label)
-        best_first = of_label[np.argsort(-frame.found.scores[of_label], kind="stable")]
-        detections = frame.found[best_first]
-        truths = frame.truths.labels == label
-        sought = np.asarray(frame.counted)[truths]
-        offsets = detections.boxes[:, None, :2] - frame.truths.boxes[truths, :2]
+        of_label = np.flatnonzero(frame.detections.labels == label)
+        best_first = of_label[np.argsort(-frame.detections.scores[of_label], kind="stable")]
+        detections = frame.detections[best_first]
+        has_label = frame.truths.labels == label
+        is_counted = np.asarray(frame.counted)[has_label]
+        offsets = detections.boxes[:, None, :2] - frame.truths.boxes[has_label, :2]
         distances = np.linalg.norm(offsets, axis=2)
-        near = distances < within
-        hit = greedy(np.where(near & sought, np.exp(-distances), 0.0), np.exp(-within)) >= 0
-        excused = (near & ~sought).any(axis=1) | frame.outside[best_first]
-        ignored = excused & ~hit
-        scores.append(detections.scores[~ignored])
-        hits.append(hit[~ignored])
-        total += int(sought.sum())
-    return Matched(np.concatenate(scores), np.concatenate(hits), total)
+        is_near = distances < within
+        is_hit = (
+            greedy(np.where(is_near & is_counted, np.exp(-distances), 0.0), np.exp(-within)) >= 0
+        )
+        is_excused = (is_near & ~is_counted).any(axis=1) | frame.outside[best_first]
+        is_ignored = is_excused & ~is_hit
+        scores.append(detections.scores[~is_ignored])
+        hits.append(is_hit[~is_ignored])
+        truth_count += int(is_counted.sum())
+    return Matched(np.concatenate(scores), np.concatenate(hits), truth_count)
 
 
 @dataclass(frozen=True)
 class GroupRow:
-    """AP of one class among some objects under one protocol. measure: rule by which detections are
-        true, such as BEV
-    0.5; among: the objects; truths: number of them; scheme: how the sensors fused."""
+    """AP of one class over a group of objects, under one protocol.
+
+    Attributes:
+        label: class.
+        protocol: protocol that counts AP, such as KITTI R40.
+        measure: rule for a true detection, such as BEV 0.5.
+        among: group of objects, such as a range.
+        ap: average precision.
+        truths: number of objects in the group.
+        scheme: how the sensors were fused.
+    """
 
     label: str
     protocol: str
@@ -110,11 +128,15 @@ class GroupRow:
 
 @dataclass(frozen=True, eq=False)
 class FrameTruth:
-    """Objects of one frame, and those that count.
+    """Objects of one frame, with a mask of the objects that count.
 
-    objects: all that are there; counted: mask of those to be found; points: on each of them;
-    corners: of the detection area (xmin ymin xmax ymax, m, world); complete: where labels are, None
-    where they are anywhere."""
+    Attributes:
+        objects: all objects in the frame.
+        counted: mask of the objects to find.
+        points: number of points on each object.
+        corners: detection area (xmin ymin xmax ymax, m, world frame).
+        complete: region with complete labels, None if they are complete everywhere.
+    """
 
     objects: Objects
     counted: Mask
@@ -122,64 +144,79 @@ class FrameTruth:
     corners: Float64[np.ndarray, "4"]
     complete: Region | None = None
 
-    def inside(self, found: Detections) -> Bool[np.ndarray, " m"]:
-        """Mask of detections in the area, where labels are complete."""
+    def inside(self, detections: Detections) -> Bool[np.ndarray, " m"]:
+        """Mask of detections in the area, in the region with complete labels."""
         if self.complete is None:
-            return np.ones(len(found), np.bool_)
+            return np.ones(len(detections), np.bool_)
         return np.asarray(
-            has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)
+            has_centre_inside(detections.boxes, self.corners)
+            & self.complete.covers(detections.boxes)
         )
 
-    def judge(self, found: Detections) -> "Judged":
+    def judge(self, detections: Detections) -> "Judged":
         """Return detections and truths with their ranges from the middle of the area.
 
-        A detection that overlaps an object has the range of the one it overlaps most. Detections
-        outside the area that overlap no object to be found are left out."""
+        A detection that overlaps an object has the range of the object that it overlaps most.
+        Detections outside the area that overlap no object to find are left out."""
         boxes = self.objects.boxes
-        outside = ~self.inside(found)
-        touching = (iou_bev(found.boxes, boxes[self.counted]) > 0).any(axis=1)
-        kept = ~outside | touching
-        found = found[kept]
-        outside = outside[kept]
+        is_outside = ~self.inside(detections)
+        is_touching = (iou_bev(detections.boxes, boxes[self.counted]) > 0).any(axis=1)
+        is_kept = ~is_outside | is_touching
+        detections = detections[is_kept]
+        is_outside = is_outside[is_kept]
         middle = (self.corners[:2] + self.corners[2:]) / 2
-        away, own = (np.linalg.norm(rows[:, :2] - middle, axis=1) for rows in (boxes, found.boxes))
-        if len(found) and len(boxes):
-            overlap = iou_bev(found.boxes, boxes)
-            own = np.where(overlap.max(axis=1) > 0.1, away[overlap.argmax(axis=1)], own)
-        return Judged(found, self.objects, self.counted, self.points, away, own, outside)
+        object_ranges = np.linalg.norm(boxes[:, :2] - middle, axis=1)
+        detection_ranges = np.linalg.norm(detections.boxes[:, :2] - middle, axis=1)
+        if len(detections) and len(boxes):
+            overlap = iou_bev(detections.boxes, boxes)
+            detection_ranges = np.where(
+                overlap.max(axis=1) > 0.1, object_ranges[overlap.argmax(axis=1)], detection_ranges
+            )
+        return Judged(
+            detections,
+            self.objects,
+            self.counted,
+            self.points,
+            object_ranges,
+            detection_ranges,
+            is_outside,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Detections and objects of one frame, ready to be matched.
+    """Detections and objects of one frame, ready to match.
 
     Attributes:
-        found: n detections, in the area or overlapping an object to be found.
+        detections: n detections, in the area or overlapping an object to find.
         truths: m objects.
-        counted: mask (m,) of the objects to be found.
+        counted: mask (m,) of the objects to find.
         points: number of points (m,) on each object.
         truth_range: range (m,) of each object from the middle of the area (m).
-        found_range: range (n,) of each detection, as in `FrameTruth.judge` (m).
+        detection_range: range (n,) of each detection, as in `FrameTruth.judge` (m).
         outside: mask (n,) of detections outside the area, which can be hits but not false alarms.
     """
 
-    found: Detections
+    detections: Detections
     truths: Objects
     counted: np.ndarray
     points: np.ndarray
     truth_range: np.ndarray
-    found_range: np.ndarray
+    detection_range: np.ndarray
     outside: np.ndarray
 
 
 def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
-    """Return the objects that count for recorded labels: in the area, where labels are complete,
-    with a point on them. Other labelled objects are not misses, and a detection on one is not a
-    false alarm."""
+    """Return the objects that count for recorded labels.
+
+    They are in the area, in the region with complete labels, and have a point on them. Other
+    labelled objects are not misses, and a detection on one is not a false alarm."""
     boxes = frame.objects.boxes
     points = count_points(frame.points(), boxes)
     counted = (
-        has_centre_inside(boxes, corners) & frame.complete.covers(boxes) & (points >= LEAST_POINTS)
+        has_centre_inside(boxes, corners)
+        & frame.complete.covers(boxes)
+        & (points >= MIN_TRUTH_POINTS)
     )
     return FrameTruth(
         frame.objects, counted & ~repeated(frame.objects), points, corners, frame.complete
@@ -187,8 +224,8 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
 
 
 def repeated(objects: Objects) -> Mask:
-    """Mark labels of an object that is labelled already."""
-    same = (iou_3d(objects.boxes, objects.boxes) >= TWICE) & (
+    """Mark labels of an object that an earlier row labels too."""
+    same = (iou_3d(objects.boxes, objects.boxes) >= MIN_REPEATED_IOU) & (
         objects.labels[:, None] == objects.labels
     )
     return np.asarray(np.tril(same, -1).any(axis=1))
@@ -197,61 +234,83 @@ def repeated(objects: Objects) -> Mask:
 def group_rows(
     samples: Sequence[Judged], label: str, ious: Sequence[float] | None = None
 ) -> list[GroupRow]:
-    """Return all rows of a class. ious: None for usual."""
-    ious = ious or IOUS[label]
+    """Return all rows of a class. ious: IoU thresholds, None for the usual ones."""
+    ious = ious or BREAKDOWN_IOUS[label]
     middle = sorted(ious)[len(ious) // 2]
-    rows = list[GroupRow]()
-
-    def score(
-        frames: Sequence[Judged], thresholds: Sequence[float], among: str, protocol: str = "ours"
-    ) -> None:
-        detections = [frame.found for frame in frames]
-        truths = [frame.truths for frame in frames]
-        counted = [frame.counted for frame in frames]
-        outside = [frame.outside for frame in frames]
-        evaluate_frames = partial(
-            evaluate, detections, truths, counted=counted, outside=outside, label=label
-        )
-        for metric, said in METRICS.items():
-            scores = evaluate_frames(iou_thresholds=thresholds, metric=metric)
-            for iou, at in scores.items():
-                ap = at.ap if protocol == "ours" or not at.truths else kitti_ap(at.curve)
-                rows.append(GroupRow(label, protocol, f"{said} {iou:g}", among, ap, at.truths))
-
-    score(samples, ious, "all")
-    for low, high in pairwise(RANGES):
-        chosen = []
-        for each in samples:
-            near = (each.found_range >= low) & (each.found_range < high)
-            counted = each.counted & (each.truth_range >= low) & (each.truth_range < high)
-            in_ring = replace(each, found=each.found[near], found_range=each.found_range[near])
-            chosen.append(replace(in_ring, outside=each.outside[near], counted=counted))
-        score(chosen, [middle], _span(low, high, " m"))
-    for low, high in pairwise(POINTS):
-        among = [
-            replace(s, counted=s.counted & (s.points >= low) & (s.points < high)) for s in samples
-        ]
-        score(among, [middle], _span(low, high - 1, " points"))
-    score(samples, [KITTI_IOU[label]], "all", "KITTI R40")
+    rows = _score_group(samples, label, ious, "all")
+    for low, high in pairwise(RANGE_EDGES_M):
+        ring = [_restrict_range(sample, low, high) for sample in samples]
+        rows += _score_group(ring, label, [middle], _span(low, high, " m"))
+    for low, high in pairwise(POINT_EDGES):
+        group = [_restrict_points(sample, low, high) for sample in samples]
+        rows += _score_group(group, label, [middle], _span(low, high - 1, " points"))
+    rows += _score_group(samples, label, [KITTI_IOU[label]], "all", "KITTI R40")
     aps = []
-    for distance in CENTRE_DISTANCES:
+    for distance in CENTRE_DISTANCES_M:
         matched = by_centre(samples, distance, label_index(label))
-        aps.append(nuscenes_ap(precision_recall(*matched)) if matched.truths else float("nan"))
-        rows.append(
-            GroupRow(label, "nuScenes", f"centre {distance:g} m", "all", aps[-1], matched.truths)
+        ap = nuscenes_ap(precision_recall(*matched)) if matched.truths else float("nan")
+        aps.append(ap)
+        measure = f"centre {distance:g} m"
+        rows.append(GroupRow(label, "nuScenes", measure, "all", ap, matched.truths))
+    mean_ap = float(np.mean(aps))
+    rows.append(GroupRow(label, "nuScenes", "centre, mean", "all", mean_ap, matched.truths))
+    return rows
+
+
+def _score_group(
+    frames: Sequence[Judged], label: str, ious: Sequence[float], among: str, protocol: str = "ours"
+) -> list[GroupRow]:
+    """Rows of a group of objects, at each IoU threshold by both metrics."""
+    rows = []
+    for metric, metric_name in METRIC_NAMES.items():
+        scores = evaluate(
+            [frame.detections for frame in frames],
+            [frame.truths for frame in frames],
+            iou_thresholds=ious,
+            metric=metric,
+            label=label,
+            counted=[frame.counted for frame in frames],
+            outside=[frame.outside for frame in frames],
         )
-    return [
-        *rows,
-        GroupRow(label, "nuScenes", "centre, mean", "all", float(np.mean(aps)), matched.truths),
-    ]
+        for iou, score in scores.items():
+            is_ours = protocol == "ours" or not score.truths
+            ap = score.ap if is_ours else kitti_ap(score.curve)
+            measure = f"{metric_name} {iou:g}"
+            rows.append(GroupRow(label, protocol, measure, among, ap, score.truths))
+    return rows
+
+
+def _restrict_range(frame: Judged, low: float, high: float) -> Judged:
+    """Detections and counted objects between two ranges (m)."""
+    is_near = (frame.detection_range >= low) & (frame.detection_range < high)
+    is_truth_near = (frame.truth_range >= low) & (frame.truth_range < high)
+    return replace(
+        frame,
+        detections=frame.detections[is_near],
+        detection_range=frame.detection_range[is_near],
+        outside=frame.outside[is_near],
+        counted=frame.counted & is_truth_near,
+    )
+
+
+def _restrict_points(frame: Judged, low: float, high: float) -> Judged:
+    """All detections, and counted objects with this many points."""
+    has_points = (frame.points >= low) & (frame.points < high)
+    return replace(frame, counted=frame.counted & has_points)
 
 
 def _span(low: float, high: float, unit: str) -> str:
     return f"{low:g}-{high:g}{unit}" if np.isfinite(high) else f"{low:g} and more{unit}"
 
 
+def _format_ap(row: GroupRow | None) -> str:
+    if row is None:
+        return ""
+    return "-" if np.isnan(row.ap) else format_share(row.ap, row.truths)
+
+
 def format_rows(rows: Sequence[GroupRow]) -> str:
-    """Format rows as tables, one per class and protocol."""
+    """Format rows as tables, one for each class and protocol."""
     tables = []
     kinds = dict.fromkeys((r.label, r.protocol) for r in rows)
     for label, protocol in sorted(kinds, key=lambda kind: LABELS.index(kind[0])):
@@ -261,12 +320,9 @@ def format_rows(rows: Sequence[GroupRow]) -> str:
         measures = list(dict.fromkeys(measure for _, measure in cells))
         lines = [["objects", "to find", *measures]]
         for among in dict.fromkeys(among for among, _ in cells):
-            own = [cells.get((among, measure)) for measure in measures]
-            truths = next(row.truths for row in own if row is not None)
-            aps = [
-                "" if row is None else "-" if np.isnan(row.ap) else format_share(row.ap, row.truths)
-                for row in own
-            ]
+            row_cells = [cells.get((among, measure)) for measure in measures]
+            truths = next(row.truths for row in row_cells if row is not None)
+            aps = [_format_ap(row) for row in row_cells]
             lines.append([among, str(truths), *aps])
         tables.append(f"{label}, {protocol}\n{align_columns(lines, texts=1)}")
     return "\n\n".join(tables)

@@ -1,10 +1,10 @@
 """`Codec`: messages of points and boxes, and their bits.
 
-A codec of your own is a class with the members of `Codec`. Pass it as an object, `codec=MyCodec()`;
-nothing else needs to know about it. `PAPER` counts as the paper does (section IV-A): a point costs
-3 float32, a box 8 (its 7 numbers and a score), and nothing is lost on the way. A codec that is also
-an `ImageCodec` gets the image behind the points wherever it is known, and the centre makes points
-of the image that arrives."""
+To add a codec, write a class with the members of `Codec` and pass an instance,
+`codec=MyCodec()`; nothing else needs to know about it. `PAPER` counts as the paper does (section
+IV-A): a point costs 3 float32, a box 8 (its 7 numbers and a score), and nothing is lost on the way.
+A codec that is also an `ImageCodec` gets the image behind the points if it is known, and the centre
+converts the image that arrives to points."""
 
 import math
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ Amount = float | Shaped[np.ndarray, "*shape"]
 
 
 class Message(NamedTuple):
-    """Message from a sensor to the fusion centre. content: bytes, or anything else that the codec
-    decodes again."""
+    """Message from a sensor to the fusion centre.
+
+    content: bytes, or any object that the codec decodes again."""
 
     content: Any
     bits: int
 
 
 class Origin(NamedTuple):
-    """Origin of a message: the sensor, where it is believed to be, with time (s) and number of the
-    measurement."""
+    """Sensor of a message, at its assumed pose, with time (s) and number of the measurement."""
 
     sensor: Sensor
     time: float = 0.0
@@ -38,32 +38,33 @@ class Origin(NamedTuple):
 
 @runtime_checkable
 class Codec(Protocol):
-    """Codec of points and boxes. A lossless one returns the very array it was given: its detections
-    are shared."""
+    """Codec of points and boxes.
+
+    A lossless codec returns the very array that it was given, so that its detections are shared."""
 
     @property
     def digest(self) -> str:
         """Name and parameters, the key of cached results."""
 
     def encode_points(self, points: Points, /) -> Message:
-        """Encode a sensor's points in one frame, world frame (m)."""
+        """Encode the points of a sensor in one frame, world frame (m)."""
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
-        """Decode the points that arrive at the fusion centre."""
+        """Decode points that arrive at the fusion centre."""
 
     def encode_boxes(self, detections: Detections, origin: Origin, /) -> Message:
         """Encode the detections of one sensor in one frame."""
 
     def decode_boxes(self, message: Message, sensor: Sensor, /) -> Detections:
-        """Decode the detections of a sensor that arrive at the fusion centre."""
+        """Decode detections of a sensor that arrive at the fusion centre."""
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Amount:
-        """Expected bits of messages with these points and boxes."""
+        """Expected bits of messages with this many points and boxes."""
 
 
 @dataclass(frozen=True, eq=False)
 class RangeImage:
-    """Pixels (m) that a sensor sends of a frame's image."""
+    """Pixels (m) of a frame's image that a sensor sends."""
 
     sensor: Sensor
     measurement: ImageRanges
@@ -79,11 +80,11 @@ class ImageCodec(Protocol):
         """Encode pixels of one sensor in one frame."""
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
-        """Decode an image of the sensor. 0 where nothing arrived."""
+        """Decode an image of the sensor, 0 in pixels without a measurement."""
 
 
 class Parameters:
-    """Base of what depends on its fields alone."""
+    """Base of classes that depend only on their fields."""
 
     @property
     def digest(self) -> str:
@@ -142,7 +143,7 @@ PAPER = PaperCodec()
 
 
 def check_codec(codec: Codec) -> Codec:
-    """Return the codec, or raise ValueError if it is none."""
+    """Return the codec; ValueError if it lacks a member of `Codec`."""
     if isinstance(codec, type) or not isinstance(codec, Codec):
         raise ValueError(
             "codec must be an object with the members of toolkit.detection.codec.Codec, got "

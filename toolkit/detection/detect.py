@@ -1,5 +1,6 @@
-"""Detection in a recording's frames, saved as boxes.json, OpenLABEL or KITTI's label_2; detectors
-by import path."""
+"""Detection in a recording's frames, saved as boxes.json, OpenLABEL or KITTI's label_2.
+
+Detectors can also be imported by path."""
 
 import inspect
 import json
@@ -28,11 +29,20 @@ from toolkit.points import detect_on_ground, frame_points
 from toolkit.runtime.files import write_text, writing_folder
 from toolkit.sites.site import Site
 
+Format = Literal["boxes", "openlabel", "kitti"]
+
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """Detections in one frame, its stand, the milliseconds taken, and how many detections were
-    background."""
+    """Detections in one frame, and how they came about.
+
+    Attributes:
+        frame: the frame.
+        detections: detections in the world frame, without background.
+        stand: ground and area of the frame.
+        detect_ms: time that detection took.
+        left_out: number of detections that were background.
+    """
 
     frame: Frame
     detections: Detections
@@ -47,9 +57,10 @@ def detect_frames(
     place: Place = Place(),
     scene: StandingScene | None = None,
 ) -> Iterator[Detected]:
-    """Yield the detections in all points of each frame together, on level ground. detector: sees
-    points counted from the middle of the area, or at a known site, the site's. scene: whose
-    detections are left out. A frame without points has no detections."""
+    """Yield the detections in all points of each frame together, on level ground.
+
+    detector: gets points counted from the middle of the area, or at a known site in the site's
+    frame; scene: its detections are left out. A frame without points has no detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None
         world = frame.points() if site is None or scene is not None else np.zeros((0, 3))
@@ -57,60 +68,63 @@ def detect_frames(
             stand.lift(world) if site is None else np.concatenate(frame_points(frame, area=site))
         )
         start = perf_counter()
-        found = (
+        detections = (
             detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
         )
-        taken = 1e3 * (perf_counter() - start)
-        found = stand.put_back(found)
-        kept = found if scene is None or not len(found) else scene.leave_out(found, world)
-        yield Detected(frame, kept, stand, taken, len(found) - len(kept))
-
-
-Format = Literal["boxes", "openlabel", "kitti"]
+        detect_ms = 1e3 * (perf_counter() - start)
+        detections = stand.put_back(detections)
+        foreground = (
+            detections
+            if scene is None or not len(detections)
+            else scene.leave_out(detections, world)
+        )
+        yield Detected(frame, foreground, stand, detect_ms, len(detections) - len(foreground))
 
 
 def write_detections(
-    found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: object
+    results: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: object
 ) -> Iterator[Detected]:
-    """Write detections as they arrive, and pass them on. out: one file of boxes, or a folder with a
-    file per frame for other formats, whole at the end; more: further entries of the file of
-    boxes."""
+    """Write detections as they arrive, and pass them on.
+
+    out: one file of boxes, or for other formats a folder with a file per frame, complete at the
+    end; more: further entries in the file of boxes."""
     if form == "boxes":
         entries = []
-        for each in found:
-            entries.append(boxes_record(each.frame.name, each.frame.time, each.detections))
-            yield each
+        for result in results:
+            entries.append(boxes_record(result.frame.name, result.frame.time, result.detections))
+            yield result
         write_boxes(out, entries, **more)
         return
     with writing_folder(out) as folder:
-        for each in found:
-            frame = each.frame
+        for result in results:
+            frame = result.frame
             if form == "openlabel":
-                text = json.dumps(openlabel_content(frame, each.detections), indent=1)
+                text = json.dumps(openlabel_content(frame, result.detections), indent=1)
                 write_text(folder / f"{file_name(frame.name)}.json", text)
             else:
                 write_text(
                     folder / f"{file_name(frame.name)}.txt",
-                    kitti_text(frame, found=each.detections),
+                    kitti_text(frame, found=result.detections),
                 )
-            yield each
+            yield result
 
 
 def file_name(name: str) -> str:
-    """Name of a frame, safe for a file."""
+    """Name of a frame in letters that are safe in a file name."""
     return "".join(letter if letter.isalnum() or letter in "-_.#" else "_" for letter in name)
 
 
-def summarise(found: Iterable[Detected]) -> dict[str, Any]:
+def summarise(results: Iterable[Detected]) -> dict[str, Any]:
     """Count frames, detections and problems, with the median milliseconds."""
-    samples = detections = 0
+    samples = 0
+    detections = 0
     problems = Counter[str]()
     times = list[tuple[float, float]]()
-    for each in found:
-        samples = samples + 1
-        detections = detections + len(each.detections)
-        problems.update(each.frame.problems)
-        times.append((each.stand.ms, each.detect_ms))
+    for result in results:
+        samples += 1
+        detections += len(result.detections)
+        problems.update(result.frame.problems)
+        times.append((result.stand.ms, result.detect_ms))
     medians = np.median(times, axis=0).tolist() if times else (None, None)
     figures = dict(zip(("level_ms", "detect_ms"), medians, strict=True))
     return {"samples": samples, "detections": detections, "problems": dict(problems), **figures}
@@ -118,21 +132,24 @@ def summarise(found: Iterable[Detected]) -> dict[str, Any]:
 
 def describe_summary(figures: dict[str, Any]) -> str:
     """Return a summary as a line of text."""
-    taken = (("level_ms", "to level"), ("detect_ms", "to detect"))
-    times = [f"{figures[name]:.0f} ms {what}" for name, what in taken if figures[name] is not None]
+    steps = (("level_ms", "to level"), ("detect_ms", "to detect"))
+    times = [
+        f"{figures[name]:.0f} ms {action}" for name, action in steps if figures[name] is not None
+    ]
     problems = [f"{number} {kind}" for kind, number in figures["problems"].items()]
     counts = f"{figures['detections']} detections in {figures['samples']} clouds"
-    return "; ".join(part for part in (counts, ", ".join(times), ", ".join(problems)) if part)
+    return "; ".join(text for text in (counts, ", ".join(times), ", ".join(problems)) if text)
 
 
 def resolve_detector(name: str) -> Any:
-    """Import what `package.module:callable` names, also from the current folder. Raises ValueError
-    in one line."""
+    """Import the object named `package.module:callable`, also from the current folder.
+
+    Raises ValueError in one line."""
     if not re.fullmatch("[^:]+:[^:]+", name):
         raise ValueError(
             f"a detector to import must be named package.module:callable, got {name!r}"
         )
-    module, _, attribute = name.partition(":")
+    module, attribute = name.split(":", 1)
     if module.endswith(".py") or "/" in module or "\\" in module:
         folder = Path(module).parent
         stem = Path(module).name.removesuffix(".py")
@@ -147,37 +164,39 @@ def resolve_detector(name: str) -> Any:
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # modules of the current folder are found last
     try:
-        named = resolve_name(name)
+        target = resolve_name(name)
     except Exception as error:  # importing runs the module
         raise ValueError(
             f"detector {name} cannot be imported ({type(error).__name__}: {error})"
         ) from error
-    if not callable(named):
-        raise ValueError(f"detector {name} must be callable, got {type(named).__name__}")
-    return named
+    if not callable(target):
+        raise ValueError(f"detector {name} must be callable, got {type(target).__name__}")
+    return target
 
 
 class ImportedDetector:
     """Any Python detector by its import path `package.module:callable`, also from the current
     folder.
 
-    The name stands for a detector, called with the points (n, 3) of a frame, world frame, m, or for
-    a maker of one: a class, or a callable with a parameter `site` (a `Site`) or `area` (xmin ymin
-    xmax ymax, m), or none at all. Its detections are kept for another run only with an attribute
-    `digest`, a text that changes with all they depend on. Another process imports it again. Raises
+    The name is a detector, called with the points (n, 3) of a frame, world frame, m, or a factory:
+    a class, or a callable with a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or
+    no parameter. Its detections are cached for later runs only if it has an attribute `digest`, a
+    text that changes with everything they depend on. Another process imports it again. Raises
     ValueError, in one line, if the import fails or the detector returns anything but `Detections`
     for a cloud without points."""
 
     def __init__(self, name: str, site: Site) -> None:
         self.name = name
         self.site = site
-        named = resolve_detector(name)
+        target = resolve_detector(name)
         offered = {"site": site, "area": tuple(site.area.tolist())}
         try:
-            parameters = inspect.signature(named).parameters
-            wanted = {key: value for key, value in offered.items() if key in parameters}
+            parameters = inspect.signature(target).parameters
+            arguments = {key: value for key, value in offered.items() if key in parameters}
             self._detect = (
-                named(**wanted) if wanted or not parameters or inspect.isclass(named) else named
+                target(**arguments)
+                if arguments or not parameters or inspect.isclass(target)
+                else target
             )
         except Exception as error:  # making the detector may raise anything
             raise ValueError(
@@ -210,7 +229,7 @@ class ImportedDetector:
 
     @property
     def labels(self) -> Sequence[str]:
-        """Classes that the detector names, or AttributeError."""
+        """Classes of the detector, or AttributeError."""
         labels: Sequence[str] = self._detect.labels
         return labels
 

@@ -1,7 +1,7 @@
-"""Label doctor: label mistakes that points give away. One is reported if undoing it fits better
-than by chance.
+"""Label doctor: label mistakes that points give away.
 
-How well boxes fit is measured by `toolkit.detection.label_fits`."""
+A mistake is reported if the boxes fit better without it than chance explains
+(`toolkit.detection.label_fits`)."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,8 +20,9 @@ from toolkit.datasets.doctor import Finding, diagnose_file, suspect_times
 from toolkit.datasets.layouts.hdf5 import holds_clouds
 from toolkit.datasets.recordings import Part, guess_layout, open_recording
 from toolkit.detection.label_fits import (
-    LEAST_BOXES,
+    MIN_FITTED_BOXES,
     SHIFTS_S,
+    Movers,
     Seen,
     better,
     find_movers,
@@ -33,11 +34,56 @@ from toolkit.frame import AWAY, Frame
 from toolkit.geometry import invert
 from toolkit.sites.site import Site
 
+_MIRROR_X = "negate x, and take 180 degrees minus yaw"
+_SWAP = "swap x and y, and take 90 degrees minus yaw"
+_HALVED = "half extents where full ones belong: the boxes are half as large"
+_DOUBLED = "doubled extents: the boxes are twice as large"
+_HALF = (1, 1, 1, 0.5, 0.5, 0.5, 1)
+_ACROSS = "length and width swapped, or yaw a quarter turn off"
+_ADD_QUARTER = "swap length and width, or add 90 degrees to yaw"
+_RADIANS = "yaw in radians where degrees belong"
+_TO_DEGREES = (1, 1, 1, 1, 1, 1, 180 / np.pi)
+MAX_FRAME_SHIFT = 3  # tried delays of clouds without times
+MAX_STILL_M = 0.2  # between frames, of an object that does not move
+MIN_ALONG_COSINE = 0.7  # between heading and direction of motion, for the two to agree
+MIN_TURNED_TRACKS = 2  # that head along their motion only without the mistake
+MAX_EMPTY_SHARE = 0.5  # share of labels without a point
+MAX_EXPLAINED_EMPTY_SHARE = 0.2  # share of labels without a point, once the mistake is undone
+MIN_SUNK_SHARE = 0.3  # share of its height by which the median box is off the ground
+MAX_TIED_FIT_GAP = 0.04  # in mean fit; the first of such mistakes in the list is named
+MIN_FULL_TURN_SHARE = 0.2  # share of yaws beyond a full turn
+_CHECK_UNIT = "check their unit, metres are read"
+_REMEDIES = {  # remedies for problems that no sound recording has
+    records.STRAY: "name clouds and labels alike, times in the same unit",
+    records.NOT_FINITE: "restore them, or remove them",
+    records.NO_SIZE: _CHECK_UNIT,
+    records.TOO_LARGE: _CHECK_UNIT,
+    AWAY: "check their unit, and the frame they are in",
+    records.TILTED: "check the order of quaternions, w first or last, and of angles",
+    records.EMPTY: "check their sensor, or leave these frames out",
+    records.FAR_POINTS: _CHECK_UNIT,
+}
+MIN_OFFSET_M = 0.3  # from the labels to the points
+MAX_OFFSET_M = 5.0  # from the labels to the points
+OFFSET_REACH_M = 2.0  # around a box in which its points may be
+OFFSET_ROUNDS = 4
+MIN_CHOICE_GAIN = 0.1  # in mean fit, for explanations that choose a sensor for each box
+MIN_CERTAIN_FIT_SHARE = 0.3  # mean fit of an explanation that is certain
+MIN_TURN_GAIN = 0.15  # in mean fit, for explanations that turn each box freely
+
 
 @dataclass(frozen=True)
 class LabelMistake:
-    """Mistake that boxes may have. Undone, columns in `order` are multiplied by `factor`, and
-    `turn` (rad) is added to yaw. axes: True if it depends on the frame's axes."""
+    """Mistake that boxes may have, and how to undo it.
+
+    Attributes:
+        name: words for the mistake.
+        remedy: what to do about it.
+        axes: True if it depends on the frame's axes.
+        order: columns of the boxes without the mistake.
+        factor: factor of each column.
+        turn: angle (rad) that is added to yaw.
+    """
 
     name: str
     remedy: str
@@ -47,7 +93,7 @@ class LabelMistake:
     turn: float = 0.0
 
     def undo(self, boxes: BoxRows) -> BoxRows:
-        """Boxes without the mistake."""
+        """Return the boxes without the mistake."""
         return boxes[:, list(self.order)] * np.array(self.factor) + np.array(
             [0, 0, 0, 0, 0, 0, self.turn]
         )
@@ -62,15 +108,6 @@ LOST_DEGREES = LabelMistake(  # not undone directly: `degrees_of_turns` gives th
     "multiply yaw by pi / 180 before its sine and cosine are taken",
 )
 
-_MIRROR_X = "negate x, and take 180 degrees minus yaw"
-_SWAP = "swap x and y, and take 90 degrees minus yaw"
-_HALVED = "half extents where full ones belong: the boxes are half as large"
-_DOUBLED = "doubled extents: the boxes are twice as large"
-_HALF = (1, 1, 1, 0.5, 0.5, 0.5, 1)
-_ACROSS = "length and width swapped, or yaw a quarter turn off"
-_ADD_QUARTER = "swap length and width, or add 90 degrees to yaw"
-_RADIANS = "yaw in radians where degrees belong"
-_TO_DEGREES = (1, 1, 1, 1, 1, 1, 180 / np.pi)
 LABEL_MISTAKES = (
     LabelMistake(
         "mirrored: y points the other way", "negate y and yaw", True, factor=(1, -1, 1, 1, 1, 1, -1)
@@ -97,29 +134,27 @@ LABEL_MISTAKES = (
 
 
 def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -> BoxRows:
-    """Undo a mistake made in another frame, of boxes (world)."""
+    """Undo a mistake that was made in another frame, of boxes (world)."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
-    own = mistake.undo(records.move_boxes(frame_SE3_world, boxes))
-    return records.move_boxes(invert(frame_SE3_world), own)
+    undone = mistake.undo(records.move_boxes(frame_SE3_world, boxes))
+    return records.move_boxes(invert(frame_SE3_world), undone)
 
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
-    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along
-    `yaw`. A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full
+    """All headings (rad, modulo half a turn) that point along `yaw` once degrees are taken for
+    radians.
+
+    A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full
     turns."""
     turns = np.arange(-15, 16)[:, None]  # of 2 pi "degrees" each: a quarter turn either way
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
 
 
-MOST_SAMPLES = 3  # frames; tried delays where clouds have no times
-STANDING = 0.2  # m between frames; an object that moves less stands still
-ALONG = 0.7  # cosine between heading and way: above this the two agree
-LEAST_TRACKS = 2  # tracks that must need the undoing to head along their way
-
-
 class Shift(NamedTuple):
-    """Delay of labels in words, fits with and without it."""
+    """Delay of labels, and fits with and without it.
+
+    amount: delay in words; behind: True if labels are late."""
 
     amount: str
     behind: bool
@@ -127,110 +162,108 @@ class Shift(NamedTuple):
     after: Float64[np.ndarray, " n"]
 
 
-def find_shift(some: Sequence[Seen]) -> Shift | None:
-    """Find the delay of labels, None if it cannot be told. Moving labels are moved along their
-    tracks. Where that shows nothing, labels are tried in other clouds; only those that are not in
-    the same place in both frames count."""
+def find_shift(views: Sequence[Seen]) -> Shift | None:
+    """Find the delay of labels, None if there is no clear one.
+
+    Moving labels are moved along their tracks. If that shows nothing, labels are tried in other
+    clouds; only labels that are not in the same place in both frames count."""
     from scipy.spatial import cKDTree
 
-    samples = [each.sample for each in some]
-    movers = [find_movers(samples, k) for k in range(len(some))]
+    samples = [view.sample for view in views]
+    movers = [find_movers(samples, k) for k in range(len(views))]
 
     def measure_shifted_fits(shift: float) -> np.ndarray:
-        return fits(
-            some,
-            [boxes + np.column_stack([shift * v, np.zeros((len(v), 5))]) for boxes, v, _ in movers],
-        )
+        return fits(views, [_move_along(moving, shift) for moving in movers])
 
-    if sum(len(boxes) for boxes, *_ in movers) >= LEAST_BOXES:
+    if sum(len(moving.boxes) for moving in movers) >= MIN_FITTED_BOXES:
         now = measure_shifted_fits(0.0)
         shifted = {
             sign * seconds: measure_shifted_fits(sign * seconds)
             for seconds in SHIFTS_S
             for sign in (1, -1)
         }
-        best = max(shifted, key=lambda each: shifted[each].mean())
+        best = max(shifted, key=lambda shift: shifted[shift].mean())
         if better(now, shifted[best]):
             return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
-    found: Shift | None = None
-    for places in [sign * k for k in range(1, MOST_SAMPLES + 1) for sign in (1, -1)]:
-        pairs = [
-            (some[k], some[k + places]) for k in range(len(some)) if 0 <= k + places < len(some)
-        ]
-        own = []
-        there = []
+    frame_shift: Shift | None = None
+    for steps in [sign * k for k in range(1, MAX_FRAME_SHIFT + 1) for sign in (1, -1)]:
+        numbers = [k for k in range(len(views)) if 0 <= k + steps < len(views)]
+        pairs = [(views[k], views[k + steps]) for k in numbers]
+        at_labels = []
+        at_clouds = []
         for labels, cloud in pairs:
             to_cloud = invert(cloud.sample.map_SE3_world) @ labels.sample.map_SE3_world
             boxes = records.move_boxes(to_cloud, labels.sample.objects.boxes)
-            others = cloud.sample.objects.boxes
-            # those farther than `STANDING` from all labels of that cloud
-            moving = np.ones(len(boxes), bool)
-            if len(boxes) and len(others):
-                moving = np.asarray(cKDTree(others[:, :3]).query(boxes[:, :3])[0] > STANDING)
-            own.append(labels.sample.objects.boxes[moving])
-            there.append(boxes[moving])
-        before = fits([labels for labels, _ in pairs], own)
-        after = fits([cloud for _, cloud in pairs], there)
-        gain = -np.inf if found is None else found.after.mean() - found.before.mean()
-        if better(before, after) and after.mean() - before.mean() > gain:
-            found = Shift(
-                f"{abs(places)} sample{'s' * (abs(places) > 1)}", places < 0, before, after
-            )
-    return found
+            cloud_boxes = cloud.sample.objects.boxes
+            # farther than `MAX_STILL_M` from all labels of the cloud's frame
+            is_moving = np.ones(len(boxes), bool)
+            if len(boxes) and len(cloud_boxes):
+                distances = cKDTree(cloud_boxes[:, :3]).query(boxes[:, :3])[0]
+                is_moving = np.asarray(distances > MAX_STILL_M)
+            at_labels.append(labels.sample.objects.boxes[is_moving])
+            at_clouds.append(boxes[is_moving])
+        before = fits([labels for labels, _ in pairs], at_labels)
+        after = fits([cloud for _, cloud in pairs], at_clouds)
+        if not better(before, after):
+            continue
+        best_gain = -np.inf
+        if frame_shift is not None:
+            best_gain = frame_shift.after.mean() - frame_shift.before.mean()
+        if after.mean() - before.mean() > best_gain:
+            amount = f"{abs(steps)} sample{'s' * (abs(steps) > 1)}"
+            frame_shift = Shift(amount, steps < 0, before, after)
+    return frame_shift
+
+
+def _move_along(movers: Movers, seconds: float) -> BoxRows:
+    """Boxes of moving objects after some time."""
+    path = np.column_stack([seconds * movers.velocities, np.zeros((len(movers.boxes), 5))])
+    return movers.boxes + path
+
+
+class TurnedTracks(NamedTuple):
+    """Tracks and moving boxes against their motion, and all moving boxes."""
+
+    tracks: int
+    boxes: int
+    total: int
 
 
 def against_their_way(
     samples: Sequence[Frame], undo: Callable[..., np.ndarray]
-) -> tuple[int, int, int] | None:
-    """Count tracks and moving boxes that only a mistake turns backwards, and all moving boxes."""
+) -> TurnedTracks | None:
+    """Count tracks and boxes that a mistake turns against their motion, and all moving boxes."""
     tracks: set[int] = set()
-    mended = spoilt = total = 0
+    mended = 0
+    spoilt = 0
+    total = 0
     for k, sample in enumerate(samples):
-        boxes, velocities, ids = find_movers(samples, k)
-        ways = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
-        yaws = (rows[:, 6] for rows in (boxes, undo(sample, boxes)))
-        before, after = (np.cos(yaw) * ways[:, 0] + np.sin(yaw) * ways[:, 1] for yaw in yaws)
-        turned = (before < 0) & (after > ALONG)
-        tracks |= set(ids[turned].tolist())
-        mended = mended + int(turned.sum())
-        total = total + len(boxes)
-        spoilt += int(((before > ALONG) & (after < 0)).sum())
-    if len(tracks) < LEAST_TRACKS or mended < LEAST_BOXES or spoilt > mended / 10:
+        movers = find_movers(samples, k)
+        before = _compare_headings(movers.boxes, movers.velocities)
+        after = _compare_headings(undo(sample, movers.boxes), movers.velocities)
+        is_turned = (before < 0) & (after > MIN_ALONG_COSINE)
+        tracks |= set(movers.ids[is_turned].tolist())
+        mended += int(is_turned.sum())
+        total += len(movers.boxes)
+        spoilt += int(((before > MIN_ALONG_COSINE) & (after < 0)).sum())
+    if len(tracks) < MIN_TURNED_TRACKS or mended < MIN_FITTED_BOXES or spoilt > mended / 10:
         return None
-    return len(tracks), mended, total
+    return TurnedTracks(len(tracks), mended, total)
 
 
-MAX_EMPTY_SHARE = 0.5  # labels without a point
-EXPLAINED_EMPTY_SHARE = 0.2
-SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground
-ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named
-TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
-_UNIT = "check their unit, metres are read"
-# remedies of what no sound recording has
-_ALIKE = "name clouds and labels alike, times in the same unit"
-_REMEDIES = {records.STRAY: _ALIKE, records.NOT_FINITE: "restore them, or remove them"}
-_REMEDIES |= {
-    records.NO_SIZE: _UNIT,
-    records.TOO_LARGE: _UNIT,
-    AWAY: "check their unit, and the frame they are in",
-}
-_REMEDIES |= {records.TILTED: "check the order of quaternions, w first or last, and of angles"}
-_REMEDIES |= {
-    records.EMPTY: "check their sensor, or leave these frames out",
-    records.FAR_POINTS: _UNIT,
-}
-MIN_OFFSET_M = 0.3  # of labels from the points
-MAX_OFFSET_M = 5.0
-OFFSET_REACH_M = 2.0  # around a box in which its points may be
-OFFSET_ROUNDS = 4
-FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
-MIN_CERTAIN_FIT_SHARE = 0.3  # mean fit below which the best explanation hardly explains the labels
-TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
+def _compare_headings(
+    boxes: BoxRows, velocities: Float64[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, " n"]:
+    """Cosine between each box's heading and its direction of motion."""
+    speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
+    directions = velocities / np.maximum(speeds, 1e-9)
+    yaw = boxes[:, 6]
+    return np.cos(yaw) * directions[:, 0] + np.sin(yaw) * directions[:, 1]
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Findings of the doctor, and the word where none is."""
+    """Findings of the doctor, and the words for a recording without any."""
 
     findings: list[Finding]
     healthy: str = "nothing suspected"
@@ -241,14 +274,14 @@ def diagnose(
 ) -> Diagnosis:
     """Check a recording for the classic mistakes.
 
-    Raises what opening a recording of clouds raises. Files of images are checked as they are stored
-    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames
-    lie in them."""
+    Raises whatever opening a recording of clouds raises. Files of images are checked as they are
+    stored (`toolkit.datasets.doctor`). Labels of clouds are checked by the fit of their boxes to
+    the points of the first frames."""
     if (layout or guess_layout(path)) == "hdf5":
         try:
             clouds = Path(path).is_file() and holds_clouds(path)
         except (OSError, ValueError):
-            clouds = False  # the file's own doctor says what is wrong
+            clouds = False  # `diagnose_file` names the damage
         if not clouds:
             stored = diagnose_file(path, site)
             return Diagnosis(stored or diagnose_images(path, site, frames))
@@ -268,7 +301,7 @@ def diagnose(
 
 
 def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Finding]:
-    """Return what looks wrong with the sensors of a sound file of images, one against another."""
+    """Return faults of the sensors in a file of images, compared with each other."""
     try:
         recording = open_recording(path, "hdf5", site=site)
     except UnknownSite:  # points are compared with boxes in the site's frame
@@ -280,111 +313,104 @@ def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Fi
 
 
 def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
-    """Find labels that cannot be, as reading counted them, and times that cannot follow each
-    other."""
-    problems = sum((Counter(each.problems) for each in samples), Counter[str]())
-    total = sum(len(each.objects) for each in samples)
-    if all(len(each.objects) for each in samples):
-        problems.pop(records.STRAY, None)  # a part of a recording beside the labels of all of it
+    """Find labels that reading left out, and times that cannot follow each other."""
+    problems = sum((Counter(sample.problems) for sample in samples), Counter[str]())
+    total = sum(len(sample.objects) for sample in samples)
+    if all(len(sample.objects) for sample in samples):
+        problems.pop(records.STRAY, None)  # labels of the whole recording with a part of the clouds
     for kind, remedy in _REMEDIES.items():
         if problems[kind]:
-            where = "labels"
-            beside = f"beside {total} labels that are read"
+            subject = "labels"
+            context = f"beside {total} labels that are read"
             if kind in (records.EMPTY, records.FAR_POINTS):
-                where = "clouds"
-                beside = f"in {len(samples)} frames"
-            yield Finding("error", where, kind, f"{problems[kind]}, {beside}", remedy)
-    yield from suspect_times(np.array([each.time for each in samples]))
+                subject = "clouds"
+                context = f"in {len(samples)} frames"
+            yield Finding("error", subject, kind, f"{problems[kind]}, {context}", remedy)
+    yield from suspect_times(np.array([sample.time for sample in samples]))
 
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
-    """Return what looks wrong with labels of consecutive frames."""
+    """Return mistakes in the labels of consecutive frames."""
     return diagnose_boxes([Seen.of(sample) for sample in samples])
 
 
-def diagnose_boxes(some: Sequence[Seen]) -> list[Finding]:
-    """Return what looks wrong with labels of consecutive frames whose ground is known."""
-    total = sum(len(each.sample.objects) for each in some)
-    beyond = sum(each.sample.problems.get(records.FULL_TURNS, 0) for each in some)
-    if beyond and beyond >= TURNED_TOO_FAR * total:
-        evidence = f"{beyond} of {total} yaws are beyond a full turn in radians"
-        return [
-            Finding(
-                "error",
-                "labels",
-                "yaw in degrees where radians belong",
-                evidence,
-                "multiply yaw by pi / 180",
-            )
-        ]
-    boxes = [each.sample.objects.boxes for each in some]
+def diagnose_boxes(views: Sequence[Seen]) -> list[Finding]:
+    """Return mistakes in the labels of consecutive frames whose ground is known."""
+    total = sum(len(view.sample.objects) for view in views)
+    turned_count = sum(view.sample.problems.get(records.FULL_TURNS, 0) for view in views)
+    if turned_count and turned_count >= MIN_FULL_TURN_SHARE * total:
+        evidence = f"{turned_count} of {total} yaws are beyond a full turn in radians"
+        words = "yaw in degrees where radians belong"
+        return [Finding("error", "labels", words, evidence, "multiply yaw by pi / 180")]
+    boxes = [view.sample.objects.boxes for view in views]
     findings = list[Finding]()
-    current = fits(some, boxes)
-    best = _find_best(some, current)
+    current = fits(views, boxes)
+    best = _find_best(views, current)
     # a choice for each box explains an offset too
     is_free = best is not None and best.mistake is LOST_DEGREES
-    best = _clearer(best, _find_offset(some, current), -FREER if is_free else ALIKE)
+    margin = -MIN_CHOICE_GAIN if is_free else MAX_TIED_FIT_GAP
+    best = _clearer(best, _find_offset(views, current), margin)
     if best is not None:
         findings.append(_finding(best.mistake.name, current, best.fits, best.mistake.remedy))
         boxes = best.boxes
-    grounds = [
-        (each.ground, own) for each, own in zip(some, boxes, strict=True) if each.ground is not None
-    ]
-    above = [(own[:, 2] - ground.height(own[:, :2])) / own[:, 5] for ground, own in grounds]
-    # heights of centres above the ground, in heights of their boxes
-    shares = np.concatenate([np.zeros(0), *above])
-    share = float(np.median(shares)) if len(shares) >= LEAST_BOXES else 0.5
-    if abs(share - 0.5) >= SUNK:
-        side, remedy = (
-            ("floor", "add half the height to z")
-            if share < 0.5
-            else ("roof", "take half the height off z")
-        )
-        where = f"the centre of the {side} where the centre of the box belongs"
-        height = (
-            f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median "
-            f"of {len(shares)}"
-        )
-        findings.append(Finding("error", "labels", where, height, remedy))
+    findings += suspect_heights(views, boxes)
     if findings:
         return findings
-    empty = [*suspect_empty(some)]
+    empty = [*suspect_empty(views)]
     if empty:
         return empty
-    shift = find_shift(some)
+    shift = find_shift(views)
     if shift is not None:
-        name = (
-            f"labels lie about {shift.amount} {'behind' if shift.behind else 'ahead of'} the clouds"
-        )
-        remedy = (
-            f"move labels by {'+' if shift.behind else '-'}{shift.amount} along their way, or "
-            "pair other clouds"
-        )
+        side = "behind" if shift.behind else "ahead of"
+        sign = "+" if shift.behind else "-"
+        name = f"labels lie about {shift.amount} {side} the clouds"
+        remedy = f"move labels by {sign}{shift.amount} along their way, or pair other clouds"
         return [_finding(name, shift.before, shift.after, remedy)]
-    turned = _turn_each(some)
-    if better(current, turned.fits, TURNED_GAIN):
+    turned = _turn_each(views)
+    if better(current, turned.fits, MIN_TURN_GAIN):
         return [_finding(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
-    samples = [each.sample for each in some]
-    ways = (
+    return suspect_headings([view.sample for view in views])
+
+
+def suspect_heights(views: Sequence[Seen], boxes: Sequence[BoxRows]) -> list[Finding]:
+    """Find boxes whose z is the height of their floor or roof."""
+    shares = [np.zeros(0)]  # heights of centres above the ground, in heights of their boxes
+    for view, rows in zip(views, boxes, strict=True):
+        if view.ground is not None:
+            shares.append((rows[:, 2] - view.ground.height(rows[:, :2])) / rows[:, 5])
+    pooled = np.concatenate(shares)
+    share = float(np.median(pooled)) if len(pooled) >= MIN_FITTED_BOXES else 0.5
+    if not abs(share - 0.5) >= MIN_SUNK_SHARE:
+        return []
+    side = "floor" if share < 0.5 else "roof"
+    remedy = "add half the height to z" if share < 0.5 else "take half the height off z"
+    words = f"the centre of the {side} where the centre of the box belongs"
+    evidence = (
+        f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median "
+        f"of {len(pooled)}"
+    )
+    return [Finding("error", "labels", words, evidence, remedy)]
+
+
+def suspect_headings(samples: Sequence[Frame]) -> list[Finding]:
+    """Find moving boxes whose yaw has the wrong sign, in the world or in the map."""
+    undos = (
         lambda _, boxes: YAW_SIGN.undo(boxes),
         lambda sample, boxes: undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world),
     )
-    for undo in ways:
-        headed = against_their_way(samples, undo)
-        if headed is not None:
-            tracks, against, total = headed
+    for undo in undos:
+        turned = against_their_way(samples, undo)
+        if turned is not None:
             evidence = (
-                f"{against} of {total} boxes that move, of {tracks} objects, head against their "
-                "way, "
+                f"{turned.boxes} of {turned.total} boxes that move, of {turned.tracks} objects, "
+                "head against their way, and along it with that undone"
             )
-            evidence += "and along it with that undone"
             return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
     return []
 
 
 class OtherFrame(NamedTuple):
-    """Mistake of labels that are in another frame than the world, and their boxes in the world if
-    it was made."""
+    """Mistake of labels in another frame than the world, and the boxes in the world without it."""
 
     mistake: LabelMistake
     choose: Callable[[Frame], list[BoxRows]]
@@ -432,31 +458,37 @@ def _make_other_frame(
     return OtherFrame(LabelMistake(name, remedy), choose)
 
 
-def suspect_empty(some: Sequence[Seen]) -> Iterator[Finding]:
-    """Find labels that mostly hold no point of any sensor, and the frame in which they would."""
-    empty, total = _count_empty(some, [each.sample.objects.boxes for each in some])
+def suspect_empty(views: Sequence[Seen]) -> Iterator[Finding]:
+    """Find labels that mostly hold no point of any sensor, and the frame in which they would hold
+    some."""
+    empty, total = _count_empty(views, [view.sample.objects.boxes for view in views])
     if not total or empty / total <= MAX_EMPTY_SHARE:
         return
-    counted = f"{empty} of {total} boxes hold no point above the ground"
-    samples = [each.sample for each in some]
-    undone = [_undo_each(wrong.mistake, some, wrong.choose) for wrong in other_frames(samples)]
+    observation = f"{empty} of {total} boxes hold no point above the ground"
+    samples = [view.sample for view in views]
+    undone = [
+        _undo_each(other_frame.mistake, views, other_frame.choose)
+        for other_frame in other_frames(samples)
+    ]
     best = max(undone, key=lambda attempt: float(attempt.fits.mean()))
-    left, _ = _count_empty(some, best.boxes)
-    if left / total <= EXPLAINED_EMPTY_SHARE:
-        evidence = f"{counted}, {left} with that undone"
+    left_empty, _ = _count_empty(views, best.boxes)
+    if left_empty / total <= MAX_EXPLAINED_EMPTY_SHARE:
+        evidence = f"{observation}, {left_empty} with that undone"
         yield Finding("error", "labels", best.mistake.name, evidence, best.mistake.remedy)
         return
     remedy = (
         "check the frame and unit of labels, the poses of sensors, and that labels and clouds "
         "belong together"
     )
-    yield Finding("warning", "labels", "boxes without a point from any sensor", counted, remedy)
+    yield Finding("warning", "labels", "boxes without a point from any sensor", observation, remedy)
 
 
-def _count_empty(some: Sequence[Seen], boxes: Sequence[BoxRows]) -> tuple[int, int]:
+def _count_empty(views: Sequence[Seen], boxes: Sequence[BoxRows]) -> tuple[int, int]:
     """Count boxes without a point above the ground, and all boxes."""
     counts = [
-        count_points(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)
+        count_points(view.points, rows)
+        for view, rows in zip(views, boxes, strict=True)
+        if len(rows)
     ]
     inside = np.concatenate([np.zeros(0, np.int64), *counts])
     return int((inside == 0).sum()), len(inside)
@@ -470,75 +502,81 @@ class _Undone(NamedTuple):
     fits: np.ndarray
 
 
-def _find_best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
-    """Find the mistake whose undoing raises the fits most; choices for each box must fit clearly
-    better."""
+def _find_best(views: Sequence[Seen], current: np.ndarray) -> _Undone | None:
+    """Find the mistake whose undoing raises the fits most.
+
+    Explanations with a choice for each box must fit clearly better."""
 
     def undo(mistake: LabelMistake, frames: Callable[[Frame], Sequence[np.ndarray]]) -> _Undone:
         def choose(sample: Frame) -> list[np.ndarray]:
             return [undo_mistake(mistake, sample.objects.boxes, frame) for frame in frames(sample)]
 
-        return _undo_each(mistake, some, choose)
+        return _undo_each(mistake, views, choose)
 
     def in_sensors(sample: Frame) -> list[np.ndarray]:
         return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]
 
     in_axes = [mistake for mistake in LABEL_MISTAKES if mistake.axes]
-    samples = [each.sample for each in some]
-    frames = [_undo_each(wrong.mistake, some, wrong.choose) for wrong in other_frames(samples)]
+    samples = [view.sample for view in views]
+    frames = [
+        _undo_each(other_frame.mistake, views, other_frame.choose)
+        for other_frame in other_frames(samples)
+    ]
     attempts = [undo(mistake, lambda _: [np.eye(4)]) for mistake in LABEL_MISTAKES]
-    if any(not np.allclose(each.sample.map_SE3_world, np.eye(4)) for each in some):
+    if any(not np.allclose(view.sample.map_SE3_world, np.eye(4)) for view in views):
         attempts += [undo(mistake, lambda sample: [sample.map_SE3_world]) for mistake in in_axes]
     plain = _find_most([*attempts, *frames], current)
-    best = _clearer(
-        plain, _find_most([undo(mistake, in_sensors) for mistake in in_axes], current, FREER), FREER
-    )
-    return (
-        best
-        if best is None
-        else _clearer(best, _turn_each(some), TURNED_GAIN if best is plain else FREER)
-    )
+    by_sensor = [undo(mistake, in_sensors) for mistake in in_axes]
+    chosen_sensor = _find_most(by_sensor, current, MIN_CHOICE_GAIN)
+    best = _clearer(plain, chosen_sensor, MIN_CHOICE_GAIN)
+    if best is None:
+        return None
+    return _clearer(best, _turn_each(views), MIN_TURN_GAIN if best is plain else MIN_CHOICE_GAIN)
 
 
 def _find_most(attempts: Sequence[_Undone], current: np.ndarray, *gain: float) -> _Undone | None:
+    """Return the first of the mistakes that fit nearly best, None if none improves the fits."""
     surer = [attempt for attempt in attempts if better(current, attempt.fits, *gain)]
     means = _means(surer) if surer else []
-    return next(
-        (attempt for attempt, mean in zip(surer, means, strict=True) if mean >= max(means) - ALIKE),
-        None,
-    )
+    for attempt, mean in zip(surer, means, strict=True):
+        if mean >= max(means) - MAX_TIED_FIT_GAP:
+            return attempt
+    return None
 
 
 def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
     """Return the freer explanation if it wins by a margin."""
     if best is None or freer is None:
         return best or freer
-    one, other = _means([best, freer])
-    return freer if other > one + margin else best
+    best_mean, freer_mean = _means([best, freer])
+    return freer if freer_mean > best_mean + margin else best
 
 
 def _means(attempts: Sequence[_Undone]) -> list[float]:
     """Mean fit under each explanation, over the same boxes."""
-    known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
-    return [float(attempt.fits[known].mean()) for attempt in attempts]
+    has_fit = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
+    return [float(attempt.fits[has_fit].mean()) for attempt in attempts]
 
 
-def _find_offset(some: Sequence[Seen], current: Float64[np.ndarray, " n"]) -> _Undone | None:
-    """Find one horizontal offset of all labels from the points, None if undoing it does not fit
-    better."""
-    boxes = [each.sample.objects.boxes for each in some]
+def _find_offset(views: Sequence[Seen], current: Float64[np.ndarray, " n"]) -> _Undone | None:
+    """Find one horizontal offset of all labels from the points.
+
+    Returns None if undoing it does not fit better."""
+    boxes = [view.sample.objects.boxes for view in views]
     offset = np.zeros(2)
     for _ in range(OFFSET_ROUNDS):
         moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
-        away = [_measure_offsets(each.points, rows) for each, rows in zip(some, moved, strict=True)]
-        known = np.concatenate([np.zeros((0, 2)), *away])
-        if len(known) < LEAST_BOXES:
+        view_offsets = [
+            _measure_offsets(view.points, rows) for view, rows in zip(views, moved, strict=True)
+        ]
+        offsets = np.concatenate([np.zeros((0, 2)), *view_offsets])
+        if len(offsets) < MIN_FITTED_BOXES:
             return None
-        offset = offset - np.median(known, axis=0)
+        offset = offset - np.median(offsets, axis=0)
     moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
     if not MIN_OFFSET_M <= np.hypot(*offset) <= MAX_OFFSET_M:
         return None
-    undone = fits(some, moved)
+    undone = fits(views, moved)
     if not better(current, undone):
         return None
     words = (
@@ -553,45 +591,44 @@ def _find_offset(some: Sequence[Seen], current: Float64[np.ndarray, " n"]) -> _U
 
 
 def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2"]:
-    """Places of the points around boxes from the boxes' centres, of those that have some."""
+    """Offsets of the points around boxes from the boxes' centres; boxes without points are
+    skipped."""
     from scipy.spatial import cKDTree
 
     if not len(points) or not len(boxes):
         return np.zeros((0, 2))
     tree = cKDTree(points[:, :2])
-    near = tree.query_ball_point(
+    neighbours = tree.query_ball_point(
         boxes[:, :2], np.hypot(boxes[:, 3], boxes[:, 4]) / 2 + OFFSET_REACH_M
     )
     rows = [
-        np.median(points[found, :2], axis=0) - box[:2]
-        for found, box in zip(near, boxes, strict=True)
-        if found
+        np.median(points[point_rows, :2], axis=0) - box[:2]
+        for point_rows, box in zip(neighbours, boxes, strict=True)
+        if point_rows
     ]
     return np.array(rows).reshape(-1, 2)
 
 
-def _turn_each(some: Sequence[Seen]) -> _Undone:
+def _turn_each(views: Sequence[Seen]) -> _Undone:
     def turn(sample: Frame) -> list[np.ndarray]:
         rows = sample.objects.boxes
         return [np.column_stack([rows[:, :6], yaw]) for yaw in degrees_of_turns(rows[:, 6])]
 
-    return _undo_each(LOST_DEGREES, some, turn)
+    return _undo_each(LOST_DEGREES, views, turn)
 
 
 def _undo_each(
-    mistake: LabelMistake, some: Sequence[Seen], choose: Callable[[Frame], Sequence[np.ndarray]]
+    mistake: LabelMistake, views: Sequence[Seen], choose: Callable[[Frame], Sequence[np.ndarray]]
 ) -> _Undone:
-    """Take the best-fitting choice for every box."""
+    """Take the choice with the best fit for every box."""
     boxes = []
-    for each in some:
-        choices = choose(each.sample)
-        best = (
-            np.argmax([measure_fits(each.points, own) for own in choices], axis=0)
-            if len(choices) > 1
-            else 0
-        )
+    for view in views:
+        choices = choose(view.sample)
+        best = np.zeros(len(choices[0]), np.int64)
+        if len(choices) > 1:
+            best = np.argmax([measure_fits(view.points, rows) for rows in choices], axis=0)
         boxes.append(np.stack(choices)[best, np.arange(len(choices[0]))])
-    return _Undone(mistake, boxes, fits(some, boxes))
+    return _Undone(mistake, boxes, fits(views, boxes))
 
 
 def _finding(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:

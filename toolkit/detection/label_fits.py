@@ -1,9 +1,9 @@
 """Fit of boxes to the points of a frame, and the boxes that move.
 
 A correct box has points just within its faces, none in its middle and nothing close around it but
-ground. The fit of a box is the share of its points (those at least `CLEARANCE` above the ground)
-that lie there, of all within the box and `SHELL` around it. A box with hardly any points has a fit
-of 0."""
+ground. The fit of a box is the share of its points just within its faces, among all points within
+the box and `SHELL_M` around it. Only points at least `CLEARANCE_M` above the ground count. A box
+with hardly any points has a fit of 0."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ from toolkit.calibration.ground import Ground, level
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 
-CLEARANCE = 0.3  # m above the ground
-SHELL = 0.5  # m
-SLACK = 0.1  # m that a point may lie outside its box, as sensors err
-HOLLOW = 0.6  # inner fraction of a box's length and width, where no sensor sees a vehicle
-LEAST_ON_BOX = 15  # points in and around a box; its fit is 0 below this
-LEAST_BOXES = 5  # boxes with a fit; nothing is suspected below this
-STANDARD_ERRORS = 3.0  # least mean change of fits for a suspicion, in standard errors
-GAIN = 0.02  # least gain in mean fit for a suspicion
+CLEARANCE_M = 0.3  # above the ground
+SHELL_M = 0.5  # around a box
+BOX_SLACK_M = 0.1  # that a point may be outside its box, as sensors err
+HOLLOW_SHARE = 0.6  # inner share of a box's length and width, in which no sensor sees a vehicle
+MIN_BOX_POINTS = 15  # points in and around a box; its fit is 0 below this
+MIN_FITTED_BOXES = 5  # boxes with a fit; nothing is suspected below this
+MIN_STANDARD_ERRORS = 3.0  # mean change of fits for a suspicion, in standard errors
+MIN_FIT_GAIN = 0.02  # in mean fit, for a suspicion
 GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
 SHIFTS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # tried delays of labels and clouds, late or early
-MOVING = 2.0  # m/s
-FASTEST = 60.0  # m/s: a faster track has jumped
+MIN_MOVING_SPEED_MPS = 2.0
+MAX_TRACK_SPEED_MPS = 60.0  # a faster track has jumped
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Frame, its points above the ground, and the ground if found."""
+    """Frame, its points above the ground, and the ground if one was found."""
 
     sample: Frame
     points: Float64[np.ndarray, "n 3"]
@@ -51,38 +51,46 @@ class Seen:
         return Seen(sample, seen.above_ground(points), ground)
 
     def above_ground(self, points: Points) -> Float64[np.ndarray, "_ 3"]:
-        """Points (world frame) at least `CLEARANCE` above the ground, all if there is no ground."""
+        """Points (world frame) at least `CLEARANCE_M` above the ground.
+
+        All points are returned if there is no ground."""
         if self.ground is None:
             return np.asarray(points, np.float64)
-        return points[points[:, 2] - self.ground.height(points[:, :2]) > CLEARANCE]
+        return points[points[:, 2] - self.ground.height(points[:, :2]) > CLEARANCE_M]
 
 
-def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of each frame's boxes (m, 7), one after another."""
+def fits(views: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
+    """Fit of each frame's boxes (m, 7), frame after frame."""
     parts = [
-        measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)
+        measure_fits(view.points, rows)
+        for view, rows in zip(views, boxes, strict=True)
+        if len(rows)
     ]
     return np.concatenate([np.zeros(0), *parts])
 
 
 def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
-    """Fit of boxes to points that stand on the ground."""
+    """Fit of boxes to points above the ground."""
     around = np.array([0, 0, 0.5, 2, 2, 1, 0])  # one metre more on all sides and above
-    hollow = boxes * [1, 1, 1, HOLLOW, HOLLOW, 1, 1] - np.array([0, 0, SLACK, 0, 0, 2 * SLACK, 0])
+    hollow = boxes * [1, 1, 1, HOLLOW_SHARE, HOLLOW_SHARE, 1, 1] - np.array(
+        [0, 0, BOX_SLACK_M, 0, 0, 2 * BOX_SLACK_M, 0]
+    )
     hollow[:, 5] = np.maximum(hollow[:, 5], 1e-6)
-    every = np.concatenate([boxes + SHELL * around, boxes + SLACK * around, hollow])
-    near, on, inner = count_points(points, every).reshape(3, -1)
-    return np.where(near >= LEAST_ON_BOX, (on - inner) / np.maximum(near, 1), 0.0)
+    all_boxes = np.concatenate([boxes + SHELL_M * around, boxes + BOX_SLACK_M * around, hollow])
+    counts = count_points(points, all_boxes).reshape(3, -1)
+    near = counts[0]
+    on_faces = counts[1] - counts[2]
+    return np.where(near >= MIN_BOX_POINTS, on_faces / np.maximum(near, 1), 0.0)
 
 
 def better(
-    before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN
+    before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = MIN_FIT_GAIN
 ) -> bool:
-    """True if boxes fit better by `gain` and beyond chance."""
+    """Return True if boxes fit better by `gain` and beyond chance."""
     change = (after - before)[(after > 0) | (before > 0)]
-    if len(change) < LEAST_BOXES or change.mean() < gain:
+    if len(change) < MIN_FITTED_BOXES or change.mean() < gain:
         return False
-    return bool(change.mean() >= STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
+    return bool(change.mean() >= MIN_STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
 
 
 class Movers(NamedTuple):
@@ -94,25 +102,24 @@ class Movers(NamedTuple):
 
 
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
-    """Find the moving boxes of frame k by neighbours' tracks."""
-    here = samples[k]
+    """Find the moving boxes of frame k by their tracks in the frames before and after."""
+    frame = samples[k]
     rows = list[int]()
     velocities = list[np.ndarray]()
-    for row, track in enumerate(here.objects.ids):
-        for there in (samples[other] for other in (k + 1, k - 1) if 0 <= other < len(samples)):
-            match = np.flatnonzero(there.objects.ids == track)
-            seconds = there.time - here.time
+    neighbours = [samples[index] for index in (k + 1, k - 1) if 0 <= index < len(samples)]
+    for row, track in enumerate(frame.objects.ids):
+        for neighbour in neighbours:
+            match = np.flatnonzero(neighbour.objects.ids == track)
+            seconds = neighbour.time - frame.time
             if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
-                place = transform(there.map_SE3_world, there.objects.boxes[match, :3])
-                path = (
-                    transform(invert(here.map_SE3_world), place)[0, :2]
-                    - here.objects.boxes[row, :2]
-                )
-                if MOVING < np.linalg.norm(path / seconds) < FASTEST:
+                in_map = transform(neighbour.map_SE3_world, neighbour.objects.boxes[match, :3])
+                position = transform(invert(frame.map_SE3_world), in_map)[0, :2]
+                velocity = (position - frame.objects.boxes[row, :2]) / seconds
+                if MIN_MOVING_SPEED_MPS < np.linalg.norm(velocity) < MAX_TRACK_SPEED_MPS:
                     rows.append(row)
-                    velocities.append(path / seconds)
+                    velocities.append(velocity)
                 break
     moving = np.array(rows, np.int64)
     return Movers(
-        here.objects.boxes[moving], np.array(velocities).reshape(-1, 2), here.objects.ids[moving]
+        frame.objects.boxes[moving], np.array(velocities).reshape(-1, 2), frame.objects.ids[moving]
     )

@@ -48,24 +48,28 @@ from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Obj
 
 Protocol = Literal["exact", "published"]
 
-GRID = 50  # points along each side of a truth's footprint, protocol `published`
+GRID_POINTS = 50  # points along each side of a truth's footprint, protocol `published`
 USUAL_IOUS = {
     VEHICLE: (0.7, 0.8, 0.9),
     HEAVY: (0.7, 0.8, 0.9),
     CYCLIST: (0.25, 0.5, 0.7),
     PEDESTRIAN: (0.25, 0.5, 0.7),
 }
-# least 3D IoU of a true detection
-TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}
-MOSTLY = 0.5  # share of a footprint on an unscored object above which a detection is ignored
+TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # 3D, of a true detection
+MAX_UNSCORED_SHARE = 0.5  # of a footprint on an unscored object; above, a detection is ignored
 
 
 @dataclass(frozen=True)
 class Match:
-    """Outcome of n detections of a frame against m truths, in the rows of the input. truth: row of
-    the truth that a detection hit, -1 for none; iou: its IoU with that truth, 0 for none; ignored:
-    detections that do not count (of another label, or on an object that is not scored); hit: truths
-    that were hit; scored: truths that count."""
+    """Outcome of n detections of a frame against m truths, in the rows of the input.
+
+    Attributes:
+        truth: row of the truth that a detection hit, -1 without one.
+        iou: IoU with that truth, 0 without one.
+        ignored: detections that do not count: of another label, or on an object that is not scored.
+        hit: truths that were hit.
+        scored: truths that count.
+    """
 
     truth: Int64[np.ndarray, " n"]
     iou: Float64[np.ndarray, " n"]
@@ -85,8 +89,19 @@ class Curve:
 
 @dataclass(frozen=True)
 class DetectionScore:
-    """Score of a detector at one IoU threshold. scores, hits: of the n detections that are not
-    ignored, in no order."""
+    """Score of a detector at one IoU threshold.
+
+    Attributes:
+        ap: average precision.
+        precision: precision over all detections.
+        recall: recall over all detections.
+        tp: number of hits.
+        fp: number of false alarms.
+        truths: number of truths to find.
+        curve: precision and recall down to each score.
+        scores: scores of the n detections that are not ignored, in no order.
+        hits: mask of the hits among these n detections.
+    """
 
     ap: float
     precision: float
@@ -101,7 +116,7 @@ class DetectionScore:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Mean score, share of true and number of detections by bin."""
+    """Mean score, share of true detections and number of detections by bin of scores."""
 
     score: Float[np.ndarray, " b"]
     true: Float[np.ndarray, " b"]
@@ -116,13 +131,12 @@ class Reliability:
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> Reliability:
-    """Build the reliability diagram, NaN in empty bins."""
-    place = np.clip((scores * bins).astype(np.int64), 0, bins - 1)
-    count = np.bincount(place, minlength=bins)
+    """Return the reliability diagram, NaN in empty bins."""
+    bin_index = np.clip((scores * bins).astype(np.int64), 0, bins - 1)
+    count = np.bincount(bin_index, minlength=bins)
     with np.errstate(invalid="ignore"):
-        mean, true = (
-            np.bincount(place, values, minlength=bins) / count for values in (scores, hits)
-        )
+        mean = np.bincount(bin_index, scores, minlength=bins) / count
+        true = np.bincount(bin_index, hits, minlength=bins) / count
     return Reliability(mean, true, count)
 
 
@@ -152,36 +166,46 @@ def evaluate(
     thresholds = list(dict.fromkeys(_check(iou_thresholds, metric, protocol)))
     label = label_index(label)
     pooled = {threshold: [(np.zeros(0), np.zeros(0, bool))] for threshold in thresholds}
-    to_find = 0
+    truth_count = 0
     masks = repeat(None) if counted is None else iter(counted)
     outsides = repeat(None) if outside is None else iter(outside)
-    for number, (detected, there) in enumerate(zip_longest(detections, truths)):
+    for number, (detected, objects) in enumerate(zip_longest(detections, truths)):
         mask = next(masks, None)
-        beyond = next(outsides, None)
-        lacks_mask = (counted is not None and mask is None) or (
-            outside is not None and beyond is None
-        )
-        if detected is None or there is None or lacks_mask:
+        is_outside = next(outsides, None)
+        lacks_mask = counted is not None and mask is None
+        lacks_outside = outside is not None and is_outside is None
+        if detected is None or objects is None or lacks_mask or lacks_outside:
             raise ValueError(
                 "detections, truths and counted must have as many frames, but one ended after "
                 f"{number}"
             )
-        where = f" of frame {number}"
-        overlaps = _overlap(detected, there, label, mask, metric, protocol, where, outside=beyond)
+        location = f" of frame {number}"
+        overlaps = _overlap(
+            detected, objects, label, mask, metric, protocol, location, outside=is_outside
+        )
         if protocol == "published" and not len(overlaps.columns):
             continue
-        to_find += len(overlaps.columns)
+        truth_count += len(overlaps.columns)
         for threshold in thresholds:
-            taken, ignored = overlaps.resolve(threshold)
-            pooled[threshold].append((overlaps.scores[~ignored], taken[~ignored] >= 0))
+            matched, ignored = overlaps.resolve(threshold)
+            pooled[threshold].append((overlaps.scores[~ignored], matched[~ignored] >= 0))
     results = {}
     for threshold, frames in pooled.items():
-        every, hit = (np.concatenate(column) for column in zip(*frames, strict=True))
-        curve = precision_recall(every, hit, to_find)
-        tp = int(hit.sum())
-        ap, recall = (average_precision(curve), tp / to_find) if to_find else (np.nan, np.nan)
-        counts = tp / len(hit) if len(hit) else np.nan, recall, tp, len(hit) - tp, to_find
-        results[threshold] = DetectionScore(ap, *counts, curve, every, hit)
+        scores = np.concatenate([frame_scores for frame_scores, _ in frames])
+        hits = np.concatenate([frame_hits for _, frame_hits in frames])
+        curve = precision_recall(scores, hits, truth_count)
+        tp = int(hits.sum())
+        results[threshold] = DetectionScore(
+            ap=average_precision(curve) if truth_count else np.nan,
+            precision=tp / len(hits) if len(hits) else np.nan,
+            recall=tp / truth_count if truth_count else np.nan,
+            tp=tp,
+            fp=len(hits) - tp,
+            truths=truth_count,
+            curve=curve,
+            scores=scores,
+            hits=hits,
+        )
     return results
 
 
@@ -196,8 +220,7 @@ def matches(
     counted: ArrayLike | None = None,
     outside: ArrayLike | None = None,
 ) -> Iterator[Match]:
-    """Match detections and truths of one frame as `evaluate` does, at each of several IoU
-    thresholds."""
+    """Match detections and truths of one frame as `evaluate` does, at several IoU thresholds."""
     thresholds = _check(iou_thresholds, metric, protocol)
     overlaps = _overlap(
         detections, truths, label_index(label), counted, metric, protocol, outside=outside
@@ -205,16 +228,21 @@ def matches(
     rows = overlaps.rows
     columns = overlaps.columns
     for threshold in thresholds:
-        taken, ignored = overlaps.resolve(threshold)
-        hitting = np.flatnonzero(taken >= 0)
+        matched, ignored = overlaps.resolve(threshold)
+        hit_rows = np.flatnonzero(matched >= 0)
         n = len(detections)
         m = len(truths)
-        scored = np.isin(np.arange(m), columns)
-        result = Match(np.full(n, -1), np.zeros(n), np.ones(n, bool), np.zeros(m, bool), scored)
-        result.truth[rows[hitting]] = columns[taken[hitting]]
-        result.iou[rows[hitting]] = overlaps.iou[hitting, taken[hitting]]
+        result = Match(
+            truth=np.full(n, -1),
+            iou=np.zeros(n),
+            ignored=np.ones(n, bool),
+            hit=np.zeros(m, bool),
+            scored=np.isin(np.arange(m), columns),
+        )
+        result.truth[rows[hit_rows]] = columns[matched[hit_rows]]
+        result.iou[rows[hit_rows]] = overlaps.iou[hit_rows, matched[hit_rows]]
         result.ignored[rows] = ignored
-        result.hit[columns[taken[hitting]]] = True
+        result.hit[columns[matched[hit_rows]]] = True
         yield result
 
 
@@ -248,7 +276,8 @@ def second_labels(
     if outside is not None:
         second &= ~np.asarray(outside, bool)
     return second & (
-        footprint_overlap(detections.boxes, truths.boxes[heavy.hit]).max(axis=1) > MOSTLY
+        footprint_overlap(detections.boxes, truths.boxes[heavy.hit]).max(axis=1)
+        > MAX_UNSCORED_SHARE
     )
 
 
@@ -258,12 +287,8 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int)
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
     """
-    if (
-        truths < 0
-        or truths != int(truths)
-        or np.shape(scores) != np.shape(hits)
-        or np.ndim(scores) != 1
-    ):
+    is_count = truths >= 0 and truths == int(truths)
+    if not is_count or np.shape(scores) != np.shape(hits) or np.ndim(scores) != 1:
         needs = "one score and one hit for each detection, and 0 or more truths"
         got = f"{np.shape(scores)}, {np.shape(hits)} and {truths} truths"
         raise ValueError(f"precision_recall needs {needs}, got {got}")
@@ -292,35 +317,38 @@ def average_precision(curve: Curve) -> float:
 
 
 def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Free truth of greatest IoU, at least `threshold`, that each detection takes, best score
-    first; else -1."""
-    taken = np.full(len(iou), -1)
+    """Truth that each detection takes, or -1: the free truth of greatest IoU, best score first.
+
+    The IoU must be at least `threshold`."""
+    matched = np.full(len(iou), -1)
     free = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
         truth = free[row].argmax()
         if free[row, truth] >= threshold:
-            taken[row] = truth
+            matched[row] = truth
             free[:, truth] = 0
-    return taken
+    return matched
 
 
 def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Truth that each detection takes, or -1. Only the first to claim a truth by any overlap may
-    hit it."""
-    taken = np.full(len(iou), -1)
+    """Truth that each detection takes, or -1.
+
+    Only the first detection to claim a truth by any overlap may hit it."""
+    matched = np.full(len(iou), -1)
     if iou.shape[1]:
-        claimed, first = np.unique(iou.argmax(axis=1), return_index=True)
-        hit = iou[first, claimed] > threshold
-        taken[first[hit]] = claimed[hit]
-    return taken
+        claimed, claimants = np.unique(iou.argmax(axis=1), return_index=True)
+        hit = iou[claimants, claimed] > threshold
+        matched[claimants[hit]] = claimed[hit]
+    return matched
 
 
 def sample_iou(
     detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d"
 ) -> Float64[np.ndarray, "n m"]:
-    """Estimate IoU of boxes (n, 7) and (m, 7) by 50 × 50 points in each truth's footprint, edges
-    included. For "3d" it is multiplied by (overlap of the heights / greater height), which is not
-    the IoU of the volumes."""
+    """Estimate IoU of boxes (n, 7) and (m, 7) by 50 × 50 points in each truth's footprint.
+
+    The points include the edges. For "3d" it is multiplied by (overlap of the heights / greater
+    height), which is not the IoU of the volumes."""
     a = check_boxes(detected, "detected")
     b = check_boxes(truths, "truths")
     half = a[:, 3:5] / 2 + FACE_TOLERANCE
@@ -328,20 +356,24 @@ def sample_iou(
     near = iou_bev(a, b) > 0
     for column, (x, y, _, length, width, _, yaw) in enumerate(b):
         rows = np.flatnonzero(near[:, column])
-        (cos_a, sin_a), turn = (f(a[rows, 6]) for f in (np.cos, np.sin)), yaw - a[rows, 6]
-        dx, dy = x - a[rows, 0], y - a[rows, 1]
-        u, v = np.linspace(-length / 2, length / 2, GRID), np.linspace(-width / 2, width / 2, GRID)
-        cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        cos_a = np.cos(a[rows, 6])
+        sin_a = np.sin(a[rows, 6])
+        turn = (yaw - a[rows, 6])[:, None]
+        dx = x - a[rows, 0]
+        dy = y - a[rows, 1]
+        u = np.linspace(-length / 2, length / 2, GRID_POINTS)
+        v = np.linspace(-width / 2, width / 2, GRID_POINTS)
+        cos = np.cos(turn)
+        sin = np.sin(turn)
         ahead = (
             (dx * cos_a + dy * sin_a)[:, None, None] + (u * cos)[:, :, None] - (v * sin)[:, None, :]
         )
         aside = (
             (dy * cos_a - dx * sin_a)[:, None, None] + (u * sin)[:, :, None] + (v * cos)[:, None, :]
         )
-        inside = (np.abs(ahead) <= half[rows, 0, None, None]) & (
-            np.abs(aside) <= half[rows, 1, None, None]
-        )
-        share[rows, column] = inside.mean(axis=(1, 2))
+        is_inside = np.abs(ahead) <= half[rows, 0, None, None]
+        is_inside &= np.abs(aside) <= half[rows, 1, None, None]
+        share[rows, column] = is_inside.mean(axis=(1, 2))
     overlap = share * (b[:, 3] * b[:, 4])
     iou = overlap / ((a[:, 3] * a[:, 4])[:, None] + b[:, 3] * b[:, 4] - overlap)
     if metric == "3d":
@@ -364,58 +396,68 @@ class _Overlaps(NamedTuple):
     protocol: Protocol
 
     def resolve(self, threshold: float) -> tuple[np.ndarray, np.ndarray]:
-        """Truth that each detection hit, or -1, and ignored ones."""
-        taken = (claim_then_test if self.protocol == "published" else greedy)(self.iou, threshold)
+        """Truth that each detection hit, or -1, and mask of ignored detections."""
+        match = claim_then_test if self.protocol == "published" else greedy
+        matched = match(self.iou, threshold)
         iou, share = self.elsewhere.T
-        excused = (iou >= threshold) | (share > MOSTLY) | self.outside
-        return taken, excused & (taken < 0)
+        is_excused = (iou >= threshold) | (share > MAX_UNSCORED_SHARE) | self.outside
+        return matched, is_excused & (matched < 0)
 
 
 def _overlap(
     detected: Detections,
-    there: Objects,
+    objects: Objects,
     label: int,
     counted: ArrayLike | None,
     metric: Overlap,
     protocol: Protocol,
-    where: str = "",
+    location: str = "",
     *,
     outside: ArrayLike | None = None,
 ) -> _Overlaps:
     if np.isnan(detected.scores).any():
         raise ValueError(
-            f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{where} is "
-            "NaN"
+            f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{location} "
+            "is NaN"
         )
-    scored = there.labels == label
-    unscored = (there.labels == HEAVY) & (label == VEHICLE)
+    is_scored = objects.labels == label
+    is_unscored = (objects.labels == HEAVY) & (label == VEHICLE)
     if counted is not None:
         mask = np.asarray(counted, bool)
-        if mask.shape != scored.shape:
+        if mask.shape != is_scored.shape:
             raise ValueError(
-                f"counted{where} must have one entry for each of {len(there)} truths, got "
+                f"counted{location} must have one entry for each of {len(objects)} truths, got "
                 f"{mask.shape}"
             )
-        scored, unscored = scored & mask, unscored | (scored & ~mask)
-    beyond = np.zeros(len(detected), bool) if outside is None else np.asarray(outside, bool)
-    if beyond.shape != (len(detected),):
-        rule = f"outside{where} must have one entry for each of {len(detected)} detections"
-        raise ValueError(f"{rule}, got {beyond.shape}")
+        is_unscored = is_unscored | (is_scored & ~mask)
+        is_scored = is_scored & mask
+    is_outside = np.zeros(len(detected), bool) if outside is None else np.asarray(outside, bool)
+    if is_outside.shape != (len(detected),):
+        rule = f"outside{location} must have one entry for each of {len(detected)} detections"
+        raise ValueError(f"{rule}, got {is_outside.shape}")
     rows = np.flatnonzero(detected.labels == label)
-    columns = np.flatnonzero(scored)
-    boxes = check_boxes(detected.boxes, "detections" + where)[rows]
-    truths = check_boxes(there.boxes, "truths" + where)
-    exact = iou_3d if metric == "3d" else iou_bev
-    between = partial(sample_iou, metric=metric) if protocol == "published" else exact
-    every = between(boxes, np.concatenate([truths[columns], truths[unscored]]))
-    iou = every[:, : len(columns)]
-    others = every[:, len(columns) :]
-    share = footprint_overlap(boxes, truths[unscored])
-    elsewhere = np.stack([others.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1)
+    columns = np.flatnonzero(is_scored)
+    boxes = check_boxes(detected.boxes, "detections" + location)[rows]
+    truths = check_boxes(objects.boxes, "truths" + location)
+    exact_iou = iou_3d if metric == "3d" else iou_bev
+    measure_iou = partial(sample_iou, metric=metric) if protocol == "published" else exact_iou
+    all_iou = measure_iou(boxes, np.concatenate([truths[columns], truths[is_unscored]]))
+    iou = all_iou[:, : len(columns)]
+    unscored_iou = all_iou[:, len(columns) :]
+    share = footprint_overlap(boxes, truths[is_unscored])
+    elsewhere = np.stack(
+        [unscored_iou.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1
+    )
     order = np.lexsort((-iou.max(axis=1, initial=0), -detected.scores[rows]))
     best = rows[order]
     return _Overlaps(
-        best, columns, detected.scores[best], iou[order], elsewhere[order], beyond[best], protocol
+        best,
+        columns,
+        detected.scores[best],
+        iou[order],
+        elsewhere[order],
+        is_outside[best],
+        protocol,
     )
 
 

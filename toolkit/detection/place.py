@@ -1,10 +1,10 @@
 """Places: a detection area and its level ground, z = 0, on which points are put.
 
 A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. A
-recording of a known site says where its ground is. For any other the ground is found first
-(`toolkit.calibration.ground`), in every frame or, where the sensors stand still, once. Detectors
-work in float32 about an origin near by: points are counted from the middle of the area, and boxes
-are brought back into the frame's world."""
+recording of a known site defines its ground. For any other recording the ground is found first
+(`toolkit.calibration.ground`), in every frame, or once if the sensors do not move. Detectors work
+in float32 around a nearby origin: points are counted from the middle of the area, and boxes are
+moved back into the frame's world."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -24,23 +24,25 @@ from toolkit.sites.site import Site, check_area
 Level = Literal["map", "plane", "none"]
 Corners = tuple[float, float, float, float]
 LEVELS: tuple[Level, ...] = ("map", "plane", "none")
-DETECTION_REACH = 50.0  # m about the sensors, where no area is given
-CROP_HEIGHT = 4.0  # m, as in the paper's crop
-GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # about the area, in which its ground is looked for
+DETECTION_REACH_M = 50.0  # around the sensors, if no area is given
+CROP_HEIGHT_M = 4.0  # as in the paper's crop
+GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # around the area, in which its ground is looked for
 MIN_GROUND_SQUARES = 150  # a metre wide, with points
-ROW_STRIDE = 1 << 20  # squares in a row of them, more than an area has
-MARGIN_AROUND = (
-    5.0  # m around the area in which objects are kept, so that those on its edge are known
-)
+ROW_STRIDE = 1 << 20  # more squares than a row of an area has
+OBJECT_MARGIN_M = 5.0  # around the area, so that objects on its edge are kept
 
 
 @dataclass(frozen=True)
 class Stand:
     """Ground and area of one frame.
 
-    area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that
-    points are counted from; ground: below the points counted so, None where z = 0 already. warning:
-    of ground that is not level; ms: time that finding the ground took."""
+    Attributes:
+        area: a site, or xmin ymin xmax ymax (m) around the middle.
+        middle: x and y, world frame, from which points are counted.
+        ground: ground below the points counted so, None if it is z = 0 already.
+        warning: warning of ground that is not level.
+        ms: time that finding the ground took.
+    """
 
     area: Area
     middle: Float64[np.ndarray, "2"]
@@ -57,20 +59,18 @@ class Stand:
     def lift(self, points: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
         """Put points (world) on level ground, counted from the middle."""
         near = points - [*self.middle, 0.0]
-        return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(
-            np.float32
-        )
+        if self.ground is not None and len(near):
+            near = self.ground.points(near)
+        return near.astype(np.float32)
 
-    def put_back(self, found: Detections) -> Detections:
+    def put_back(self, detections: Detections) -> Detections:
         """Return detections of lifted points in the world frame."""
         if isinstance(self.area, Site):
-            return found
-        boxes = (
-            found.boxes
-            if self.ground is None or not len(found)
-            else self.ground.boxes_back(found.boxes)
-        )
-        return replace(found, boxes=boxes + np.array([*self.middle, 0, 0, 0, 0, 0]))
+            return detections
+        boxes = detections.boxes
+        if self.ground is not None and len(detections):
+            boxes = self.ground.boxes_back(boxes)
+        return replace(detections, boxes=boxes + np.array([*self.middle, 0, 0, 0, 0, 0]))
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Place:
     def half(self) -> tuple[float, float]:
         """Half the sides of the area (m)."""
         if self.area is None:
-            return DETECTION_REACH, DETECTION_REACH
+            return DETECTION_REACH_M, DETECTION_REACH_M
         xmin, ymin, xmax, ymax = self.area
         return (xmax - xmin) / 2, (ymax - ymin) / 2
 
@@ -109,7 +109,7 @@ class Place:
         return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
 
     def at(self, site: Site | None) -> bool:
-        """True where detection is at the site itself."""
+        """Return True if detection is at the site itself."""
         return site is not None and self.level is None and self.area is None
 
     def find_ground(self, points: Points, method: Literal["map", "plane"]) -> Ground:
@@ -119,7 +119,8 @@ class Place:
         Raises ValueError if no ground is found."""
         if self.area is None:
             return level(points, method=method)
-        half, (column, row) = np.array(self.half), np.floor(points[:, :2].T)
+        half = np.array(self.half)
+        column, row = np.floor(points[:, :2].T)
         for margin in GROUND_MARGINS_M:
             inside = (np.abs(points[:, :2]) <= half + margin).all(axis=1)
             # one number each, far quicker to sort than rows
@@ -131,18 +132,19 @@ class Place:
     def stands(
         self, frames: Iterable[Frame], site: Site | None = None
     ) -> Iterator[tuple[Frame, Stand]]:
-        """Yield every frame with its stand; warn where ground lacks."""
+        """Yield every frame with its ground and area; a warning marks ground that is not level."""
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return
-        (x, y), kept = self.half, None
+        x, y = self.half
+        still_ground: Ground | None = None
         method = self.level or ("map" if site is None else "none")
         for frame in frames:
             middle = self.find_middle(frame)
             start = perf_counter()
-            ground = kept
+            ground = still_ground
             warning = None
-            points = frame.points() - [*middle, 0.0] if kept is None else np.zeros((0, 3))
+            points = frame.points() - [*middle, 0.0] if still_ground is None else np.zeros((0, 3))
             if method == "none":
                 warning = level_warning(points) if len(points) else None
             elif len(points):
@@ -151,28 +153,21 @@ class Place:
                     warning = describe_levels(ground.levels)
                 except ValueError as error:
                     warning = f"not levelled: {error}"
-            kept = ground if self.still else None
-            yield (
-                frame,
-                Stand(
-                    np.array([-x, -y, x, y]),
-                    middle,
-                    ground,
-                    warning,
-                    1e3 * (perf_counter() - start),
-                ),
-            )
+            still_ground = ground if self.still else None
+            ms = 1e3 * (perf_counter() - start)
+            yield frame, Stand(np.array([-x, -y, x, y]), middle, ground, warning, ms)
 
 
 def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
     """Return the lifted points in an area, below 4 m."""
-    return points[Crop.of(area, CROP_HEIGHT).holds(points)]
+    return points[Crop.of(area, CROP_HEIGHT_M).holds(points)]
 
 
 class LevelFrame(NamedTuple):
     """Frame on level ground, ready to train a network, counted from the middle of the area.
-    sensors: names; clouds: points in the area, below 4 m; objects: in the area or close beside it;
-    area: xmin ymin xmax ymax (m), about the origin."""
+
+    sensors: names; clouds: points in the area, below 4 m; objects: objects in the area or near it;
+    area: xmin ymin xmax ymax (m), around the origin."""
 
     sensors: tuple[str, ...]
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
@@ -181,25 +176,29 @@ class LevelFrame(NamedTuple):
 
 
 def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
-    """Yield frames on level ground, but for those without points, or without ground where it is
-    looked for. Points where the labels of a set are not complete, in KITTI beside the camera's
-    image, are left out: nobody labelled what is there, so it must not be learnt as background."""
-    (x, y), method = place.half, place.level or "map"
+    """Yield frames on level ground.
+
+    Frames without points are left out, and frames without ground if a ground is looked for. Points
+    outside the region with complete labels, in KITTI outside the camera's image, are left out:
+    nobody labelled them, so they must not be learnt as background."""
+    x, y = place.half
+    method = place.level or "map"
     for frame, stand in Place(method, place.still, place.area).stands(frames):
-        if not any(len(cloud.points) for cloud in frame.clouds) or (
-            stand.ground is None and method != "none"
-        ):
+        if not any(len(cloud.points) for cloud in frame.clouds):
+            continue
+        if stand.ground is None and method != "none":
             continue
         clouds = []
         for cloud in frame.clouds:
             points = cloud.in_world()
-            # a point is where labels are complete if a small box there is
+            # a point is in the region with complete labels if a small box around it is
             small = np.column_stack([points, np.full((len(points), 3), 0.1), np.zeros(len(points))])
-            clouds.append(crop_points(stand.lift(points[frame.complete.covers(small)]), stand.area))
+            complete = points[frame.complete.covers(small)]
+            clouds.append(crop_points(stand.lift(complete), stand.area))
         boxes = frame.objects.boxes - np.array([*stand.middle, 0, 0, 0, 0, 0])
-        boxes = boxes if stand.ground is None or not len(boxes) else stand.ground.boxes(boxes)
-        near = (np.abs(boxes[:, :2]) <= np.array([x, y]) + MARGIN_AROUND).all(axis=1)
-        objects = Objects(boxes, frame.objects.labels, frame.objects.ids)[np.asarray(near)]
-        yield LevelFrame(
-            tuple(sensor.name for sensor in frame.sensors), tuple(clouds), objects, (-x, -y, x, y)
-        )
+        if stand.ground is not None and len(boxes):
+            boxes = stand.ground.boxes(boxes)
+        is_near = (np.abs(boxes[:, :2]) <= np.array([x, y]) + OBJECT_MARGIN_M).all(axis=1)
+        objects = Objects(boxes, frame.objects.labels, frame.objects.ids)[np.asarray(is_near)]
+        names = tuple(sensor.name for sensor in frame.sensors)
+        yield LevelFrame(names, tuple(clouds), objects, (-x, -y, x, y))

@@ -11,7 +11,7 @@ from toolkit.objects import Detector
 
 
 def coview_version() -> str:
-    """Version of this installation, "unknown" where not installed."""
+    """Version of this installation, "unknown" if it is not installed."""
     try:
         return version("coview")
     except PackageNotFoundError:
@@ -19,7 +19,7 @@ def coview_version() -> str:
 
 
 def dataset_origin(dataset: object) -> dict[str, object]:
-    """Name and file of a recording, None in memory."""
+    """Name and file of a recording, None for one in memory."""
     path = getattr(dataset, "path", None)
     return {
         "dataset": type(dataset).__name__ if path is None else Path(path).name,
@@ -28,7 +28,9 @@ def dataset_origin(dataset: object) -> dict[str, object]:
 
 
 def detector_origin(detector: Detector) -> dict[str, Any]:
-    """Name of a detector, by which commands take it, or its kind, and its digest; None without a
+    """Name and digest of a detector.
+
+    The name is the one in commands, else the detector's kind; the digest is None if it has no
     digest."""
     name = getattr(detector, "name", getattr(detector, "__name__", type(detector).__name__))
     return {"detector": name, "detector_digest": getattr(detector, "digest", None)}

@@ -1,9 +1,9 @@
 """`Scheme`: messages of each sensor, fused at the centre.
 
-A scheme of your own is a class with the members of `Scheme`. Pass it as an object,
+To add a scheme, write a class with the members of `Scheme` and pass an instance,
 `scheme=MyScheme()`; nothing else needs to know about it. `fuse` works on the points themselves. The
-other members serve fidelities that only count points: they say how much is sent and how evidence
-adds up."""
+other members serve fidelities that only count points: they give the amount of data sent and how
+evidence adds up."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Protocol, runtime_checkable
@@ -50,7 +50,7 @@ class Scheme(Protocol):
 
     @property
     def sends_boxes(self) -> bool:
-        """True if each sensor detects alone and sends boxes."""
+        """True if each sensor detects in its points and sends boxes."""
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Detect together with sensors (indices, ascending) in one frame."""
@@ -61,8 +61,10 @@ class Scheme(Protocol):
     def mask_pooled(
         self, distance: Float32[np.ndarray, "C O"], radius: float, /
     ) -> Bool[np.ndarray, "C O"] | None:
-        """Mark objects whose points reach the centre beside boxes; None if it gets points alone or
-        boxes alone. radius: the site's hybrid radius (m)."""
+        """Mark objects whose points reach the centre in addition to boxes.
+
+        Returns None if the centre gets only points or only boxes. radius: the site's hybrid radius
+        (m)."""
 
 
 @runtime_checkable
@@ -70,10 +72,10 @@ class Chained(Protocol):
     """Extra members of a scheme whose messages need earlier ones."""
 
     def dependencies(self, number: int, /) -> Sequence[int]:
-        """Numbers of messages needed to read one, itself last."""
+        """Numbers of the messages needed to read one, including itself as the last."""
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
-        """Bits that sensors send of a frame, arrived or not."""
+        """Bits that sensors send for a frame, arrived or not."""
 
 
 class DetectsOnce(Parameters):
@@ -88,20 +90,21 @@ class DetectsOnce(Parameters):
 
 
 def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
-    """Return the scheme's own `codec`, else the given one."""
+    """Return the `codec` of a scheme if it has one, else the given codec."""
     return getattr(scheme, "codec", codec)
 
 
 def surrogate_name(scheme: Scheme) -> str:
-    """Name of a scheme's surrogate: `predicted_as`, else its own."""
+    """Name of a scheme's surrogate: `predicted_as` if it has one, else the scheme's name."""
     return getattr(scheme, "predicted_as", scheme.name)
 
 
 def estimate_bits(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
-    """Expected bits of each candidate in all frames, whole numbers. boxes: detections of each in
-    all frames."""
+    """Expected bits of each candidate in all frames, whole numbers.
+
+    boxes: number of detections of each candidate in all frames."""
     codec = scheme_codec(scheme, codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
     boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)

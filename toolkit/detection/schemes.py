@@ -9,14 +9,16 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32
 from toolkit.detection.codec import PAPER, Codec, Parameters, check_codec
-from toolkit.detection.link.differences import KEY_EVERY, ForegroundDifferences, RefersTo
+from toolkit.detection.link.differences import DEFAULT_KEY_EVERY, ForegroundDifferences, RefersTo
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Counts, DetectsOnce, Fused, Scheme
 from toolkit.detection.view import NMS_IOU, View, frame_view
 from toolkit.frame import Frame, select_sensors
 from toolkit.objects import Detector
 from toolkit.points import Area, Distance, is_beyond
-from toolkit.sites.site import HYBRID_RADIUS, Site
+from toolkit.sites.site import HYBRID_RADIUS_M, Site
+
+PAPER_SCHEMES = ("early", "late", "hybrid")  # order of schemes in tables and observations
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,10 @@ class Late(Parameters):
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Fuse boxes detected in each sensor's points."""
         sent = view.share_boxes(sensors)
-        boxes = view.suppress([each.arrived for each in sent])
-        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
+        boxes = view.suppress([message.arrived for message in sent])
+        return Fused(
+            boxes.detections, np.array([message.bits for message in sent], np.int64), boxes.ms
+        )
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return zeros: no points are sent."""
@@ -58,7 +62,9 @@ class Late(Parameters):
 
 @dataclass(frozen=True)
 class Hybrid(Parameters):
-    """Hybrid fusion. radius: within which no points are sent (m), None for the site's; metric: see
+    """Hybrid fusion: boxes near the sensor, points far from it.
+
+    radius: distance (m) within which no points are sent, None for the site's; metric: see
     `is_beyond`."""
 
     radius: float | None = None
@@ -74,19 +80,22 @@ class Hybrid(Parameters):
             )
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Fuse boxes as late, with detections in far points."""
+        """Fuse boxes as late fusion does, with detections in far points."""
         radius = self.find_radius(view.site)
         far = partial(is_beyond, radius=radius, metric=self.metric)
         name = f"beyond {radius} m, {self.metric}"
-        points = view.share_points(sensors, name, far)
-        centre = view.suppress([view.detect([each.arrived for each in points])])
-        found = view.share_boxes(sensors)
-        boxes = view.suppress([*(each.arrived for each in found), centre])
-        bits = [box.bits + point.bits for box, point in zip(found, points, strict=True)]
+        point_messages = view.share_points(sensors, name, far)
+        centre = view.suppress([view.detect([message.arrived for message in point_messages])])
+        box_messages = view.share_boxes(sensors)
+        arrived = [message.arrived for message in box_messages]
+        boxes = view.suppress([*arrived, centre])
+        bits = [
+            box.bits + point.bits for box, point in zip(box_messages, point_messages, strict=True)
+        ]
         return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return points beyond the site's radius; ValueError for another."""
+        """Return points beyond the site's radius; ValueError for another radius."""
         if self.radius is not None or self.metric != "horizontal":
             remedy = "use Hybrid() at dataclasses.replace(site, hybrid_radius=...)"
             raise ValueError(
@@ -104,30 +113,32 @@ class Hybrid(Parameters):
         """Radius at a site, the paper's for a bare area."""
         if self.radius is not None:
             return self.radius
-        return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS
+        return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS_M
 
 
-PAPER_SCHEMES = ("early", "late", "hybrid")  # order of schemes in tables and observations
 _BUILT_IN: tuple[Scheme, ...] = Early(), Late(), Hybrid(), Foreground(), ForegroundDifferences()
 SCHEMES = {scheme.name: scheme for scheme in _BUILT_IN}
 
 
 def schemes_in_steps(
-    step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY
+    step: float, *, refers_to: RefersTo = "previous", key_every: int = DEFAULT_KEY_EVERY
 ) -> dict[str, Scheme]:
-    """Return the schemes by name, with messages in steps of `step` (m). refers_to, key_every: of
-    differences."""
+    """Return the schemes by name, with messages in steps of `step` (m).
+
+    refers_to, key_every: see `toolkit.detection.link.differences.DifferenceSender`."""
     differences = ForegroundDifferences(step, refers_to, key_every)
     return {**SCHEMES, "foreground": Foreground(step), "differences": differences}
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:
-    """Return a scheme by its name, or itself, or ValueError."""
+    """Return a scheme by its name, or the scheme itself. Raises ValueError for others."""
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):
-        own = f"an object with the members of toolkit.detection.scheme.Scheme, got {scheme!r}"
-        raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, or {own}")
+        alternative = (
+            f"an object with the members of toolkit.detection.scheme.Scheme, got {scheme!r}"
+        )
+        raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, or {alternative}")
     return scheme
 
 
@@ -145,13 +156,12 @@ def fuse_frame(
     """Fuse the measurements of a frame by a scheme or its name.
 
     sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin,
-    xmax, ymax (m); height: of the crop (m), else the site's own, else 4. The frame is taken as it
-    is: draw noise first with `toolkit.datasets.recordings`. Raises ValueError for a sensor that the
-    frame does not have or that is named twice.
-    """
-    chosen = select_sensors(frame.sensors, sensors)
+    xmax, ymax (m); height: height of the crop (m), None for the site's, else 4. No noise is added:
+    draw it first with `toolkit.datasets.recordings`. Raises ValueError for a sensor that the frame
+    does not have or that is named twice."""
+    indices = select_sensors(frame.sensors, sensors)
     view = frame_view(
         frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold
     )
-    fused = find_scheme(scheme).fuse(view, sorted(chosen))
-    return Fused(fused.detections, fused.bits[np.argsort(np.argsort(chosen))], fused.ms)
+    fused = find_scheme(scheme).fuse(view, sorted(indices))
+    return Fused(fused.detections, fused.bits[np.argsort(np.argsort(indices))], fused.ms)

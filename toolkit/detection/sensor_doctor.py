@@ -1,13 +1,13 @@
-"""Doctor of a recording's sensors, one against another: their times, their rates, and boxes that
-only one misses.
+"""Doctor of a recording's sensors, compared with each other: times, rates and missed boxes.
 
 - Clouds of one frame should be of one instant. Their stamps show it, and so do moving objects:
-  boxes moved along their tracks fit the points of a sensor that is late, and of no other.
+  boxes moved along their tracks fit the points of a late sensor, and of no other.
 - Sensors of two rates cannot be paired: steps between stamps differ, clouds repeat, or frames lack
   a sensor.
-- Points far below the ground are of a sensor whose pose is wrong or missing.
-- A box is missed if a sensor sees the ground just in front of it, and no point on it. Every sensor
-  misses a few. If one misses many that others see, its pose is wrong or its points were lost."""
+- Points far below the ground come from a sensor whose pose is wrong or missing.
+- A box is missed if a sensor sees the ground just in front of the box, but no point on it. Every
+  sensor misses a few. If one misses many that others see, its pose is wrong or its points were
+  lost."""
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, pairwise
@@ -19,7 +19,7 @@ from toolkit.arrays import BoxRows, Float64, Mask, Points
 from toolkit.boxes import count_points, iou_bev
 from toolkit.calibration.ground import Ground
 from toolkit.datasets.doctor import Finding
-from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Movers, Seen, find_movers, fits
+from toolkit.detection.label_fits import MIN_FITTED_BOXES, SHIFTS_S, Movers, Seen, find_movers, fits
 from toolkit.frame import MAX_APART_S, Frame, SensorCloud, measure_spread
 
 MAX_RATE_RATIO = 1.2
@@ -28,29 +28,28 @@ MAX_MISSING_SHARE = 0.3  # in the frames from a sensor's first to its last cloud
 MIN_LATE_GAIN = 0.05  # in mean fit, for a sensor to be late
 MIN_LATE_OBJECTS = 5  # that must fit better, and hardly any worse
 MIN_TIMELY_OBJECTS = 3
-SAME_FIT = 0.01
+MIN_FIT_CHANGE = 0.01
 MIN_STALE_POINTS = 20  # on the former place of an object that has left it
 MIN_FRONT_POINTS = 5  # on the ground in front of a box, which show that a sensor sees it
 FRONT_M = 2.0
 MARGIN_M = 0.1  # that a point may be outside its box
 GROUND_BAND_M = 0.2
-MISSED_SHARE = 0.5
-USUAL_MISSED_SHARE = 0.2
-BURIED_M = 1.0  # below the ground that all sensors together show
-BURIED_SHARE = 0.3  # of a sensor's points, which no ramp or ditch explains
-USUAL_BURIED_SHARE = 0.05
+MIN_MISSED_SHARE = 0.5
+MAX_USUAL_MISSED_SHARE = 0.2
+MIN_BURIED_M = 1.0  # below the ground that all sensors together show
+MIN_BURIED_SHARE = 0.3  # share of a sensor's points, which no ramp or ditch explains
+MAX_USUAL_BURIED_SHARE = 0.05
 
 
 def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
-    """Return what looks wrong with the times of consecutive frames' clouds, as they are stated."""
+    """Return faults in the stated times of consecutive frames' clouds."""
     return [*suspect_stamps(samples), *suspect_rates(samples), *suspect_twins(samples)]
 
 
 def diagnose_sensors(seen: Sequence[Seen], *, timely: bool) -> list[Finding]:
-    """Return what the labels of consecutive frames, if they are right, show to be wrong with
-    sensors.
+    """Return faults of sensors, as the labels of consecutive frames show them if they are right.
 
-    timely: whether `diagnose_times` found nothing; only then can a late sensor be told."""
+    timely: whether `diagnose_times` found nothing; only then a late sensor can be recognised."""
     late = [*suspect_late_sensors(seen)] if timely else []
     return [*late, *suspect_missed_boxes(seen), *suspect_buried_points(seen)]
 
@@ -123,8 +122,15 @@ def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find two sensors that have the same points in every frame: one cloud under two names."""
     for first, second in combinations(_sensor_names(samples), 2):
         pairs = [(_find_cloud(sample, first), _find_cloud(sample, second)) for sample in samples]
-        clouds = [(one, other) for one, other in pairs if one and other and len(one.points) > 0]
-        if clouds and all(np.array_equal(one.points, other.points) for one, other in clouds):
+        clouds = [
+            (first_cloud, second_cloud)
+            for first_cloud, second_cloud in pairs
+            if first_cloud and second_cloud and len(first_cloud.points) > 0
+        ]
+        if clouds and all(
+            np.array_equal(first_cloud.points, second_cloud.points)
+            for first_cloud, second_cloud in clouds
+        ):
             evidence = f"all points in {len(clouds)} frames"
             words = f"it has the same points as {second}"
             yield Finding(
@@ -147,19 +153,20 @@ def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
 
 
 def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
-    """Return True if a cloud that repeats the one before shows objects where they were then, or if
-    none moves."""
-    stale = 0
-    moves = 0
+    """Return True if a cloud that repeats the one before shows objects at their earlier positions.
+
+    Also returns True if no object moves."""
+    stale_count = 0
+    changes = 0
     for former, latter in pairwise(samples):
         places = former.objects.boxes
         gone = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
         before = _find_cloud(former, name)
         cloud = _find_cloud(latter, name)
         if before and cloud and len(gone) and np.array_equal(cloud.points, before.points):
-            moves += 1
-            stale += bool((count_points(cloud.in_world(), gone) >= MIN_STALE_POINTS).any())
-    return moves == 0 or stale > 0.5 * moves
+            changes += 1
+            stale_count += bool((count_points(cloud.in_world(), gone) >= MIN_STALE_POINTS).any())
+    return changes == 0 or stale_count > 0.5 * changes
 
 
 def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
@@ -170,17 +177,16 @@ def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
 
 
 def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
-    """Find sensors whose points show moving objects where they are at another time than for other
-    sensors."""
-    samples = [each.sample for each in seen]
+    """Find sensors whose points show moving objects at another time than other sensors."""
+    samples = [view.sample for view in seen]
     names = _sensor_names(samples)
     movers = [find_movers(samples, k) for k in range(len(samples))]
-    if len(names) < 2 or sum(len(moving.boxes) for moving in movers) < LEAST_BOXES:
+    if len(names) < 2 or sum(len(moving.boxes) for moving in movers) < MIN_FITTED_BOXES:
         return
     late: dict[str, tuple[float, np.ndarray, np.ndarray]] = {}
     timely = []
     for name in names:
-        views = [_restrict_sensor(each, name) for each in seen]
+        views = [_restrict_sensor(view, name) for view in seen]
         now = _measure_shift(views, movers, 0.0)
         shifts = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
         shifted = {shift_s: _measure_shift(views, movers, shift_s) for shift_s in shifts}
@@ -208,8 +214,8 @@ def _is_later(
 ) -> bool:
     """Return True if nearly all moving objects fit better with their boxes moved."""
     change = (after - before)[(before > 0) | (after > 0)]
-    improved = int((change > SAME_FIT).sum())
-    spoilt = int((change < -SAME_FIT).sum())
+    improved = int((change > MIN_FIT_CHANGE).sum())
+    spoilt = int((change < -MIN_FIT_CHANGE).sum())
     return (
         improved >= MIN_LATE_OBJECTS
         and spoilt <= 0.1 * improved
@@ -222,7 +228,7 @@ def _measure_shift(
 ) -> Float64[np.ndarray, " tracks"]:
     """Mean fit of each moving object's boxes, moved along its track by some time.
 
-    Frames of one object tell the same, so they count as one."""
+    All frames of one object count as one, as they show the same."""
     moved = []
     for moving in movers:
         path = np.column_stack([shift_s * moving.velocities, np.zeros((len(moving.boxes), 5))])
@@ -235,28 +241,28 @@ def _measure_shift(
 def _restrict_sensor(seen: Seen, name: str) -> Seen:
     """Points of one sensor above the ground."""
     points = [cloud.in_world() for cloud in seen.sample.clouds if cloud.name == name]
-    own = np.concatenate([np.zeros((0, 3)), *points])
-    return Seen(seen.sample, seen.above_ground(own), seen.ground)
+    sensor_points = np.concatenate([np.zeros((0, 3)), *points])
+    return Seen(seen.sample, seen.above_ground(sensor_points), seen.ground)
 
 
 def suspect_buried_points(seen: Sequence[Seen]) -> Iterator[Finding]:
-    """Find sensors whose points are below the ground on which those of other sensors are."""
+    """Find sensors whose points are below the ground that other sensors see."""
     shares: dict[str, float] = {}
-    for name in _sensor_names([each.sample for each in seen]):
+    for name in _sensor_names([view.sample for view in seen]):
         heights = [np.zeros(0)]
-        for each in seen:
-            cloud = _find_cloud(each.sample, name)
-            if cloud is not None and each.ground is not None:
+        for view in seen:
+            cloud = _find_cloud(view.sample, name)
+            if cloud is not None and view.ground is not None:
                 points = cloud.in_world()
-                heights.append(points[:, 2] - each.ground.height(points[:, :2]))
-        known = np.concatenate(heights)
-        if len(known):
-            shares[name] = float((known < -BURIED_M).mean())
-    usual = [name for name, share in shares.items() if share <= USUAL_BURIED_SHARE]
+                heights.append(points[:, 2] - view.ground.height(points[:, :2]))
+        sensor_heights = np.concatenate(heights)
+        if len(sensor_heights):
+            shares[name] = float((sensor_heights < -MIN_BURIED_M).mean())
+    usual = [name for name, share in shares.items() if share <= MAX_USUAL_BURIED_SHARE]
     for name, share in shares.items():
-        if share >= BURIED_SHARE and usual:
+        if share >= MIN_BURIED_SHARE and usual:
             evidence = (
-                f"{share:.0%} of its points are more than {BURIED_M:g} m below it, of "
+                f"{share:.0%} of its points are more than {MIN_BURIED_M:g} m below it, of "
                 f"{usual[0]}'s hardly any"
             )
             words = "its points are below the ground that others see"
@@ -270,7 +276,7 @@ def suspect_buried_points(seen: Sequence[Seen]) -> Iterator[Finding]:
 
 
 class _Visibility(NamedTuple):
-    """For each box of a frame: whether a sensor must see it, and whether it has points on it."""
+    """For each box of a frame: whether a sensor must see it, and whether a point is on it."""
 
     must_see: Mask
     hit: Mask
@@ -278,28 +284,32 @@ class _Visibility(NamedTuple):
 
 def suspect_missed_boxes(seen: Sequence[Seen]) -> Iterator[Finding]:
     """Find sensors without points on boxes that they must see and other sensors see."""
-    names = _sensor_names([each.sample for each in seen])
+    names = _sensor_names([seen_frame.sample for seen_frame in seen])
     if len(names) < 2:
         return
     must_see = dict.fromkeys(names, 0)
     missed = dict.fromkeys(names, 0)
-    for each in seen:
-        sample = each.sample
-        ground = each.ground
+    for seen_frame in seen:
+        sample = seen_frame.sample
+        ground = seen_frame.ground
         if ground is None or not len(sample.objects):
             continue
         views = {cloud.name: _look(cloud, sample.objects.boxes, ground) for cloud in sample.clouds}
         for name, view in views.items():
-            others = [other.hit for other_name, other in views.items() if other_name != name]
-            known = view.must_see & np.any([np.zeros(len(view.hit), bool), *others], axis=0)
-            must_see[name] += int(known.sum())
-            missed[name] += int((known & ~view.hit).sum())
+            other_hits = [
+                other_view.hit for other_name, other_view in views.items() if other_name != name
+            ]
+            is_expected = view.must_see & np.any(
+                [np.zeros(len(view.hit), bool), *other_hits], axis=0
+            )
+            must_see[name] += int(is_expected.sum())
+            missed[name] += int((is_expected & ~view.hit).sum())
     shares = {
-        name: missed[name] / must_see[name] for name in names if must_see[name] >= LEAST_BOXES
+        name: missed[name] / must_see[name] for name in names if must_see[name] >= MIN_FITTED_BOXES
     }
-    usual = [name for name, share in shares.items() if share <= USUAL_MISSED_SHARE]
+    usual = [name for name, share in shares.items() if share <= MAX_USUAL_MISSED_SHARE]
     for name, share in shares.items():
-        if share >= MISSED_SHARE and usual:
+        if share >= MIN_MISSED_SHARE and usual:
             evidence = (
                 f"{missed[name]} of {must_see[name]} boxes in front of which it sees the ground"
             )
@@ -309,15 +319,15 @@ def suspect_missed_boxes(seen: Sequence[Seen]) -> Iterator[Finding]:
 
 
 def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
-    """Tell which boxes (world frame) a sensor must see and hits.
+    """Return the boxes (world frame) that a sensor must see, and the boxes that it hits.
 
     It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the
     box and within its inner half as seen from the sensor."""
     points = cloud.in_world()
     heights = points[:, 2] - ground.height(points[:, :2])
     grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
-    standing = points[heights > GROUND_BAND_M]
-    hit = count_points(standing, grown) > 0
+    above_ground = points[heights > GROUND_BAND_M]
+    hit = count_points(above_ground, grown) > 0
     level_points = points[np.abs(heights) < GROUND_BAND_M]
     position = cloud.world_SE3_sensor[:2, 3]
     must_see = [_sees_front(level_points, position, box) for box in boxes]
@@ -327,7 +337,7 @@ def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
 def _sees_front(
     level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]
 ) -> bool:
-    """Return True if points on the ground are just in front of a box, as seen from a place."""
+    """Return True if points on the ground are just in front of a box, as seen from a position."""
     to_box = box[:2] - position
     distance = float(np.hypot(*to_box))
     ahead = to_box / max(distance, 1e-9)

@@ -1,18 +1,19 @@
-"""`SensorMonitor`: sensor faults that the fusion centre notices by what the sensor sends.
+"""`SensorMonitor`: sensor faults that the fusion centre recognises in a sensor's messages.
 
     silent    the newest measurement is older than `silent_after`, not counting one more than
-              `CLOCK_AHEAD` from now
-    frozen    `REPEATS` messages have the same pixels with the same distances as the one before
+              `MAX_CLOCK_AHEAD_S` from now
+    frozen    `MIN_REPEATS` messages have the same pixels with the same distances as the one before
               them: noise makes no two images alike, not even in steps of 8 cm, once they have
-              `LEAST_REPEATED` pixels
-    blinded   of the pixels where its empty scene returns something, most return nothing, or a
-              message of foreground says that they are missing. Also if foreground has hardly a
-              pixel although objects that others see stand before its empty scene; so a sensor is
-              found that froze while the place was empty.
-    shifted   many pixels measure farther than the empty scene. Road users stand before it, never
-              behind it, so it is another scene, or seen from elsewhere
+              `MIN_REPEATED_PX` pixels
+    blinded   most of the pixels in which its empty scene returns something return nothing, or a
+              message of foreground marks them as missing. Also if foreground has hardly a pixel
+              although objects that others see are in front of its empty scene; so a sensor is
+              found that froze while the site was empty.
+    shifted   many pixels measure farther than the empty scene. Road users are in front of it, never
+              behind it, so it is another scene, or seen from another position
 
-The last two need `MESSAGES` messages in a row. An alarm stays until the sensor shows otherwise."""
+The last two need `MIN_FAULTY_MESSAGES` messages in a row. An alarm stays until the sensor shows
+otherwise."""
 
 from collections.abc import Callable
 from enum import Enum
@@ -24,19 +25,17 @@ from toolkit.arrays import BoxRows, ImageMask, ImageRanges
 from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
 from toolkit.sensors.sensor import Sensor, is_return
 
-SILENT_AFTER = 0.5  # s
-CLOCK_AHEAD = 0.1  # s, by which a sensor's clock may be ahead of the centre's
-LEAST_REPEATED = 50  # pixels of a message whose repetition counts; below this, ask other sensors
-REPEATS = 2  # messages that repeat another
-MESSAGES = 3  # in a row that show a sensor blind or shifted
-BLIND_SHARE = 0.5  # of the pixels that should return something
-SHIFTED_SHARE = 0.1  # of the pixels that return something
-LEAST_COVERED = (
-    100  # pixels that others' objects must cover before a sensor can be found blind to them
-)
-SEEN_SHARE = 0.1  # share of these pixels below which it shows none
-_INSIDE = 0.2  # m: a body may be this much smaller than its box on each side
-_BEFORE = 1.0  # m between an object and the scene behind it
+DEFAULT_SILENT_AFTER_S = 0.5
+MAX_CLOCK_AHEAD_S = 0.1  # from the centre's clock to a sensor's
+MIN_REPEATED_PX = 50  # pixels of a message whose repetition counts; below this, ask other sensors
+MIN_REPEATS = 2  # messages that repeat another
+MIN_FAULTY_MESSAGES = 3  # in a row that show a sensor blind or shifted
+MIN_BLIND_SHARE = 0.5  # share of the pixels that should return something
+MIN_SHIFTED_SHARE = 0.1  # share of the pixels that return something
+MIN_COVERED_PX = 100  # covered by others' objects, for a sensor to be blind to them
+MIN_SEEN_SHARE = 0.1  # share of the covered pixels that a sensor must show
+_BODY_MARGIN_M = 0.2  # by which a body may be smaller than its box on each side
+_SCENE_GAP_M = 1.0  # between an object and the scene behind it
 
 
 class Fault(Enum):
@@ -49,9 +48,10 @@ class Fault(Enum):
 
 
 class Shown(NamedTuple):
-    """Newest data of a sensor, measured at `time` (s). image: 0 where nothing returned or nothing
-    was sent; sent: mask of the pixels of a foreground, None for a whole image; missing: mask of
-    those it says are missing."""
+    """Newest data of a sensor, measured at `time` (s).
+
+    image: 0 in pixels that returned nothing or were not sent; sent: mask of the pixels of a
+    foreground, None for a whole image; missing: mask of the pixels that it marks as missing."""
 
     time: float
     image: ImageRanges
@@ -63,21 +63,21 @@ class SensorMonitor:
     """Monitor of one sensor.
 
     scene: its empty scene; start: time from which it should send (s); silent_after: age of its
-    newest data (s), above 0, from which it is silent; view: mask of the pixels that it sends at
-    all, such as those of its crop, None for all.
-    """
+    newest data (s), above 0, from which it is silent; view: mask of the pixels that it ever sends,
+    such as the pixels of its crop, None for all."""
 
     def __init__(
         self,
         scene: EmptyScene,
         *,
         start: float = 0.0,
-        silent_after: float = SILENT_AFTER,
+        silent_after: float = DEFAULT_SILENT_AFTER_S,
         view: ImageMask | None = None,
     ) -> None:
         if not 0 < silent_after < np.inf:
             raise ValueError(
-                f"silent_after must be seconds above 0, got {silent_after}: such as {SILENT_AFTER}"
+                f"silent_after must be seconds above 0, got {silent_after}: such as "
+                f"{DEFAULT_SILENT_AFTER_S}"
             )
         self._scene = scene
         self._silent_after = silent_after
@@ -85,56 +85,73 @@ class SensorMonitor:
         self._returns = (scene.first > 0) & (scene.share >= HALF)
         self._returns &= True if view is None else view
         self._pixels: ImageRanges | None = None
-        self._repeats = self._blind = self._shifted = 0
+        self._repeats = 0
+        self._blind = 0
+        self._shifted = 0
 
     def look(
-        self, now: float, shown: Shown | None, covered: Callable[[], ImageMask] | None = None
+        self, now: float, newest: Shown | None, covered: Callable[[], ImageMask] | None = None
     ) -> Fault | None:
-        """Return the fault of the sensor at a time, None without one. shown: newest data, None
-        before the first; covered: returns the mask of the pixels where objects that others see
-        stand before its empty scene, called only if foreground has hardly a pixel. Raises
-        ValueError for an image of another size than the empty scene."""
-        if shown is not None and shown.image.shape != self._scene.first.shape:
+        """Return the fault of the sensor at a time, None without one.
+
+        newest: newest data, None before the first; covered: returns the mask of the pixels in which
+        objects that others see are in front of its empty scene, called only if foreground has
+        hardly a pixel. Raises ValueError for an image of another size than the empty scene."""
+        if newest is not None and newest.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
             raise ValueError(
                 f"sensor {self._scene.name!r} measures {size} pixels, got an image of "
-                f"{shown.image.shape}"
+                f"{newest.image.shape}"
             )
-        fresh = shown is not None and shown.time <= now + CLOCK_AHEAD
-        if shown is not None and fresh and (self._pixels is None or shown.time > self._newest):
-            self._newest = shown.time
-            there = is_return(shown.image, self._scene.model.max_range)
-            there &= True if shown.sent is None else shown.sent
-            pixels = np.where(there, shown.image, np.float32(0))
-            count = int(there.sum())
-            enough = count >= LEAST_REPEATED
-            same = self._pixels is not None and enough and np.array_equal(pixels, self._pixels)
-            self._repeats = self._repeats + 1 if same else 0
-            self._pixels = pixels
-            missing = ~there if shown.sent is None else shown.missing
-            blind = missing is not None and bool(
-                (missing & self._returns).sum() > BLIND_SHARE * self._returns.sum()
-            )
-            if not blind and shown.sent is not None and covered is not None and not enough:
-                expected = covered()
-                blind = bool(
-                    expected.sum() >= LEAST_COVERED
-                    and (there & expected).sum() < SEEN_SHARE * expected.sum()
-                )
-            self._blind = self._blind + 1 if blind else 0
-            shifted = (
-                shown.sent is None
-                and enough
-                and farther(self._scene, pixels).sum() > SHIFTED_SHARE * count
-            )
-            self._shifted = self._shifted + 1 if shifted else 0
+        if newest is not None and self._is_new(newest, now):
+            self._read(newest, covered)
         if not now - self._newest <= self._silent_after + 1e-9:
             return Fault.SILENT
-        if self._repeats >= REPEATS:
+        if self._repeats >= MIN_REPEATS:
             return Fault.FROZEN
-        if self._blind >= MESSAGES:
+        if self._blind >= MIN_FAULTY_MESSAGES:
             return Fault.BLINDED
-        return Fault.SHIFTED if self._shifted >= MESSAGES else None
+        return Fault.SHIFTED if self._shifted >= MIN_FAULTY_MESSAGES else None
+
+    def _is_new(self, newest: Shown, now: float) -> bool:
+        if not newest.time <= now + MAX_CLOCK_AHEAD_S:
+            return False
+        return self._pixels is None or newest.time > self._newest
+
+    def _read(self, newest: Shown, covered: Callable[[], ImageMask] | None) -> None:
+        """Count messages in a row that repeat another, or show the sensor blind or shifted."""
+        self._newest = newest.time
+        is_returned = is_return(newest.image, self._scene.model.max_range)
+        is_returned &= True if newest.sent is None else newest.sent
+        pixels = np.where(is_returned, newest.image, np.float32(0))
+        count = int(is_returned.sum())
+        is_enough = count >= MIN_REPEATED_PX
+        is_same = self._pixels is not None and is_enough and np.array_equal(pixels, self._pixels)
+        self._repeats = self._repeats + 1 if is_same else 0
+        self._pixels = pixels
+        is_blind = self._misses_returns(newest, is_returned)
+        if not is_blind and newest.sent is not None and covered is not None and not is_enough:
+            is_blind = _misses_objects(is_returned, covered())
+        self._blind = self._blind + 1 if is_blind else 0
+        is_shifted = False
+        if newest.sent is None and is_enough:
+            is_shifted = farther(self._scene, pixels).sum() > MIN_SHIFTED_SHARE * count
+        self._shifted = self._shifted + 1 if is_shifted else 0
+
+    def _misses_returns(self, newest: Shown, is_returned: ImageMask) -> bool:
+        """Return True if most pixels that should return something are missing."""
+        is_missing = ~is_returned if newest.sent is None else newest.missing
+        if is_missing is None:
+            return False
+        missing = (is_missing & self._returns).sum()
+        return bool(missing > MIN_BLIND_SHARE * self._returns.sum())
+
+
+def _misses_objects(is_returned: ImageMask, is_covered: ImageMask) -> bool:
+    """Return True if hardly any pixel shows the objects that cover it."""
+    if is_covered.sum() < MIN_COVERED_PX:
+        return False
+    return bool((is_returned & is_covered).sum() < MIN_SEEN_SHARE * is_covered.sum())
 
 
 def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
@@ -146,8 +163,8 @@ def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
 
 
 def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageMask:
-    """Mask of pixels in which a sensor must see one of these boxes, or something nearer, before its
-    empty scene."""
+    """Mask of pixels in which a sensor must see a box, or something nearer, in front of its empty
+    scene."""
     nothing = np.float32(np.inf)
     behind = np.where(
         scene.first > 0,
@@ -157,11 +174,12 @@ def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageM
     rays = sensor.world_rays.astype(np.float64)
     hit = np.zeros(behind.size, bool)
     for x, y, z, *size, yaw in boxes:
-        cos, sin = np.cos(yaw), np.sin(yaw)
+        cos = np.cos(yaw)
+        sin = np.sin(yaw)
         turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
         start = turn @ (sensor.position - [x, y, z])
         along = turn @ rays
-        half = np.maximum(np.array(size) / 2 - _INSIDE, 0.05)[:, None]
+        half = np.maximum(np.array(size) / 2 - _BODY_MARGIN_M, 0.05)[:, None]
         along = np.where(np.abs(along) < 1e-9, 1e-9, along)
         ends = np.stack([(-half - start[:, None]) / along, (half - start[:, None]) / along])
         near = ends.min(axis=0).max(axis=0)
@@ -170,6 +188,6 @@ def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageM
             (near < far)
             & (near > 0)
             & (near < sensor.model.max_range)
-            & (near + _BEFORE < behind.ravel())
+            & (near + _SCENE_GAP_M < behind.ravel())
         )
     return hit.reshape(behind.shape)

@@ -1,16 +1,15 @@
-"""Figures of a recording before any detector: objects, points on each of them, and the bits of
-early fusion.
+"""Figures of a recording before any detector: objects, points on each object, bits of early fusion.
 
-They stand beside the paper's: 516 and 674 kbit per sensor (its first table), and the share of
-vehicles without a point for sensor sets of the T-junction (section IV-E: more than 60 % for 4, 30 %
-for 3 and 4, none for 0, 2 and 5)."""
+They can be compared with the paper's: 516 and 674 kbit per sensor (its first table), and the share
+of vehicles without a point for sensor sets of the T-junction (section IV-E: more than 60 % for 4,
+30 % for 3 and 4, none for 0, 2 and 5)."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,20 +18,28 @@ from toolkit.boxes import count_points
 from toolkit.datasets.recordings import ReadRecording, Reads
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import dataset_origin, settings_origin, with_file_digest
-from toolkit.frame import Recording
+from toolkit.frame import Frame, Recording
 from toolkit.objects import LABELS, VEHICLE, label_index
 from toolkit.points import count_on_ground, frame_points, has_centre_inside
+from toolkit.sites.site import Site
 
 
 @dataclass(frozen=True)
 class Survey:
-    """Figures of a recording, in its site's area if known, else of all that is there.
+    """Figures of a recording, in its site's area if known, else of the whole recording.
 
-    objects_per_frame: mean by class; kbit_per_sensor: of all points; counts: points of each sensor
-    on each vehicle; by_class: the same of each class that was counted; points_per_cloud: mean of
-    each sensor, by name; agreeing: number of labelled cuboids that hold as many points as the set
-    says, of those where it says so, None where it does not; problems: labels and points left out in
-    reading, by kind."""
+    Attributes:
+        frames: number of frames.
+        objects_per_frame: mean number of objects by class.
+        kbit_per_sensor: mean kbit of all points of each sensor.
+        counts: points of each sensor on each vehicle.
+        provenance: data, settings and version.
+        by_class: points of each sensor on each object, for each counted class.
+        points_per_cloud: mean number of points of each sensor, by name.
+        agreeing: number of labelled cuboids that hold as many points as the data set states, and
+            number of cuboids for which it states a number; None if it states none.
+        problems: labels and points left out in reading, by kind.
+    """
 
     frames: int
     objects_per_frame: dict[str, float]
@@ -59,31 +66,28 @@ class Survey:
         return self.by_class[label][:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
-        """Share of objects, or vehicles, without a point, or NaN."""
-        points = (
-            self.points_on_vehicles(sensors)
-            if label is None
-            else self.points_on_objects(label, sensors)
-        )
+        """Share of objects of a class, or of vehicles, without a point; NaN without objects."""
+        if label is None:
+            points = self.points_on_vehicles(sensors)
+        else:
+            points = self.points_on_objects(label, sensors)
         return float((points == 0).mean()) if len(points) else float("nan")
 
     def as_dict(self, sensor_sets: Sequence[Sequence[int]]) -> dict[str, Any]:
         """Return the figures for JSON, undefined as None."""
-        named = {",".join(map(str, chosen)): chosen for chosen in sensor_sets}
+        sensors_by_name = {",".join(map(str, sensors)): sensors for sensors in sensor_sets}
         classes = {}
         for label, counts in self.by_class.items():
             sets: dict[str, dict[str, float | None]] = {}
-            for name, chosen in named.items():
-                points = self.points_on_objects(label, chosen)
-                shares = (
-                    [points.mean(), np.median(points), (points == 0).mean()]
-                    if len(points)
-                    else [None] * 3
-                )
-                figures = [None if share is None else float(share) for share in shares]
-                sets[name] = dict(
-                    zip(("mean_points", "median_points", "unseen"), figures, strict=True)
-                )
+            for name, sensors in sensors_by_name.items():
+                points = self.points_on_objects(label, sensors)
+                sets[name] = {"mean_points": None, "median_points": None, "unseen": None}
+                if len(points):
+                    sets[name] = {
+                        "mean_points": float(points.mean()),
+                        "median_points": float(np.median(points)),
+                        "unseen": float((points == 0).mean()),
+                    }
             classes[label] = {"objects": len(counts), "sets": sets}
         means = {
             name: getattr(self, name)
@@ -93,7 +97,7 @@ class Survey:
             "kbit_per_sensor": float(self.kbit_per_sensor.mean()),
             "vehicles": len(self.counts),
         }
-        unseen = {name: self.unseen(chosen) for name, chosen in named.items()}
+        unseen = {name: self.unseen(sensors) for name, sensors in sensors_by_name.items()}
         agree = {
             "counts_that_agree": self.agreeing and list(self.agreeing),
             "problems": self.problems,
@@ -114,13 +118,18 @@ class Survey:
             f"early fusion: {figures['kbit_per_sensor']:.0f} kbit/sensor",
         ]
         for label, of_class in figures["classes"].items():
-            for chosen, each in of_class["sets"].items() if of_class["objects"] else ():
-                unseen = f"{each['unseen']:.1%} of {of_class['objects']} without a point"
-                points = f"mean {each['mean_points']:.1f}, median {each['median_points']:g} points"
-                lines.append(f"{label} from {chosen}: {unseen}, {points}")
+            for sensors, set_figures in of_class["sets"].items() if of_class["objects"] else ():
+                unseen = f"{set_figures['unseen']:.1%} of {of_class['objects']} without a point"
+                points = (
+                    f"mean {set_figures['mean_points']:.1f}, median "
+                    f"{set_figures['median_points']:g} points"
+                )
+                lines.append(f"{label} from {sensors}: {unseen}, {points}")
         if self.agreeing is not None:
-            agree, known = self.agreeing
-            lines.append(f"{agree} of {known} labelled cuboids hold as many points as the set says")
+            agree, compared = self.agreeing
+            lines.append(
+                f"{agree} of {compared} labelled cuboids hold as many points as the set says"
+            )
         return "\n".join([*lines, *(f"{number} {kind}" for kind, number in self.problems.items())])
 
 
@@ -132,63 +141,37 @@ def survey(
     codec: Codec = PAPER,
     progress: Callable[[int], None] | None = None,
 ) -> Survey:
-    """Count over the frames of a recording.
+    """Count objects, points and bits over the frames of a recording.
 
-    classes: whose points are counted beside those of vehicles; reads: errors of the sensors and
-    number of frames; codec: of the points; progress: called with the number of frames done. Raises
-    ValueError for an unknown class or error profile, and without frames."""
+    classes: classes whose points are counted, in addition to vehicles; reads: errors of the sensors
+    and number of frames; codec: codec of the points; progress: called with the number of frames
+    done. Raises ValueError for an unknown class or error profile, and without frames."""
     check_codec(codec)
-    wanted = sorted({label_index(label) for label in classes})
+    class_numbers = sorted({label_index(label) for label in classes})
     total = reads.count(recording)
     errors = reads.profile()
     site = recording.site
     measured = ReadRecording(recording, reads)
-    agreeing = [0, 0]
+    frames = list[_FrameCounts]()
     problems = Counter[str]()
-    sent: list[dict[str, tuple[int, float]]] = []
-    # labels of a frame's objects, points of each cloud
-    counted: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
     for k in range(total):
         frame = measured[k]
-        if site is None:
-            objects = frame.objects
-            clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
-        else:
-            objects = frame.objects[has_centre_inside(frame.objects.boxes, site.area)]
-            points = frame_points(frame, area=site)
-            clouds = {
-                sensor.name: cloud for sensor, cloud in zip(frame.sensors, points, strict=True)
-            }
-        count = count_points if site is None else partial(count_on_ground, place=site)
-        counted.append(
-            (
-                objects.labels,
-                {name: count(points, objects.boxes) for name, points in clouds.items()},
-            )
-        )
-        sent.append(
-            {
-                name: (len(each), codec.encode_points(each).bits / 1000)
-                for name, each in clouds.items()
-            }
-        )
-        for boxes, own in (
-            (frame.objects.boxes, frame.counts),
-            (frame.others.boxes, frame.others.counts),
-        ):
-            if own is not None:
-                agreeing[0] += int((count_points(frame.points(), boxes) == own).sum())
-                agreeing[1] += len(own)
+        frames.append(_count_frame(frame, site, codec))
         problems.update(frame.problems)
         if progress is not None:
             progress(k + 1)
-    every = np.concatenate([own for own, _ in counted])
-    names = list(dict.fromkeys(chain.from_iterable(sent)))
-    columns = [
-        np.concatenate([each.get(name, np.zeros_like(own)) for own, each in counted])
-        for name in names
-    ]
-    points_on = np.array(columns, np.int64).reshape(len(names), len(every)).T
+    labels = np.concatenate([frame.labels for frame in frames])
+    names = list(dict.fromkeys(chain.from_iterable(frame.points for frame in frames)))
+    columns = [_join_column(frames, name) for name in names]
+    points_on = np.array(columns, np.int64).reshape(len(names), len(labels)).T
+    kbits = []
+    points_per_cloud = {}
+    for name in names:
+        present = [frame for frame in frames if name in frame.points]
+        kbits.append(np.sum([frame.kbit[name] for frame in present]) / total)
+        points_per_cloud[name] = float(np.mean([frame.points[name] for frame in present]))
+    agree = sum(frame.agree for frame in frames)
+    compared = sum(frame.compared for frame in frames)
     settings = {
         "site": site and site.name,
         "frames": total,
@@ -196,15 +179,70 @@ def survey(
         "errors": errors.origin,
     }
     return Survey(
-        total,
-        {name: float((every == number).sum()) / total for number, name in enumerate(LABELS)},
-        np.array(
-            [np.sum([each[name][1] for each in sent if name in each]) / total for name in names]
-        ),
-        points_on[every == VEHICLE],
-        dataset_origin(recording) | settings_origin(codec, **settings),
-        {LABELS[label]: points_on[every == label] for label in wanted},
-        {name: float(np.mean([each[name][0] for each in sent if name in each])) for name in names},
-        (agreeing[0], agreeing[1]) if agreeing[1] else None,
-        dict(problems),
+        frames=total,
+        objects_per_frame={
+            name: float((labels == number).sum()) / total for number, name in enumerate(LABELS)
+        },
+        kbit_per_sensor=np.array(kbits),
+        counts=points_on[labels == VEHICLE],
+        provenance=dataset_origin(recording) | settings_origin(codec, **settings),
+        by_class={LABELS[label]: points_on[labels == label] for label in class_numbers},
+        points_per_cloud=points_per_cloud,
+        agreeing=(agree, compared) if compared else None,
+        problems=dict(problems),
     )
+
+
+class _FrameCounts(NamedTuple):
+    """Counts of one frame.
+
+    Attributes:
+        labels: class of each object.
+        points_on: points of each sensor on each object, by the sensor's name.
+        points: points of each sensor, by name.
+        kbit: kbit of each sensor, by name.
+        agree: labelled cuboids that hold as many points as the data set states.
+        compared: labelled cuboids for which the data set states a number.
+    """
+
+    labels: Int64[np.ndarray, " objects"]
+    points_on: dict[str, Int64[np.ndarray, " objects"]]
+    points: dict[str, int]
+    kbit: dict[str, float]
+    agree: int
+    compared: int
+
+
+def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
+    """Count points, bits and agreeing cuboids of a frame."""
+    objects = frame.objects
+    count = count_points
+    if site is None:
+        clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
+    else:
+        objects = objects[has_centre_inside(objects.boxes, site.area)]
+        count = partial(count_on_ground, place=site)
+        in_area = frame_points(frame, area=site)
+        names = [sensor.name for sensor in frame.sensors]
+        clouds = dict(zip(names, in_area, strict=True))
+    agree = 0
+    compared = 0
+    labelled = [(frame.objects.boxes, frame.counts), (frame.others.boxes, frame.others.counts)]
+    for boxes, stated in labelled:
+        if stated is not None:
+            agree += int((count_points(frame.points(), boxes) == stated).sum())
+            compared += len(stated)
+    return _FrameCounts(
+        objects.labels,
+        {name: count(points, objects.boxes) for name, points in clouds.items()},
+        {name: len(points) for name, points in clouds.items()},
+        {name: codec.encode_points(points).bits / 1000 for name, points in clouds.items()},
+        agree,
+        compared,
+    )
+
+
+def _join_column(frames: Sequence[_FrameCounts], name: str) -> Int64[np.ndarray, " objects"]:
+    """Points of a sensor on the objects of all frames, 0 in frames that lack it."""
+    columns = [frame.points_on.get(name, np.zeros_like(frame.labels)) for frame in frames]
+    return np.concatenate(columns)

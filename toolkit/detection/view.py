@@ -1,9 +1,9 @@
 """`View`: one frame as its sensors saw it.
 
 A fusion scheme takes clouds and detections from it, each computed once. All schemes and sensor sets
-that are scored on a frame share one view. Every value says when it is ready, in milliseconds after
-the measurement. Sensors work side by side, so a step begins when the last of its inputs is
-ready."""
+that are scored on a frame share one view. Every value has the time at which it is ready, in
+milliseconds after the measurement. Sensors work in parallel, so a step begins when the last of its
+inputs is ready."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from toolkit.arrays import Float32, ImageRanges, Int64, Mask
 from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene, Scenes
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, Origin, RangeImage
-from toolkit.detection.place import CROP_HEIGHT, Stand, crop_points
+from toolkit.detection.place import CROP_HEIGHT_M, Stand, crop_points
 from toolkit.frame import Frame, unproject
 from toolkit.geometry import LEVEL
 from toolkit.objects import Detections, Detector, Objects
@@ -34,9 +34,16 @@ Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Mask]
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of
-    one sensor and frame with equal histories are equal. rows: which of its cropped points these
-    are, None for all of them."""
+    """Points of one sensor of a view.
+
+    Attributes:
+        sensor: index of the sensor.
+        history: steps that its cropped points went through; clouds of one sensor and frame with
+            equal histories are equal.
+        points: the points, world frame (m).
+        ms: time after the measurement at which they are ready.
+        rows: rows of the points among the sensor's cropped points, None for all.
+    """
 
     sensor: int
     history: tuple[str, ...]
@@ -47,21 +54,28 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """Image in which a sensor's points were measured: number `index` of a frame. area, height: of
-    the crop; kept: the pixels of the points in the crop in the order of these, None to find them;
-    lift: what was done to points of the frame's world before they were cropped, such as putting
-    them on level ground."""
+    """Image in which a sensor's points were measured: number `index` of a frame.
+
+    Attributes:
+        frame: frame of the image.
+        index: index of the sensor.
+        area: area of the crop.
+        height: height of the crop (m), None for the area's.
+        crop_pixels: pixels of the points in the crop, in the points' order, None to find them.
+        lift: what was done to points of the frame's world before they were cropped, such as putting
+            them on level ground.
+    """
 
     frame: Frame
     index: int
     area: Area
     height: float | None = None
-    kept: Int64[np.ndarray, " n"] | None = None
+    crop_pixels: Int64[np.ndarray, " n"] | None = None
     lift: Lift | None = None
 
     @property
     def sensor(self) -> Sensor:
-        """Sensor of the image, where it is believed to be."""
+        """Sensor of the image, at its assumed pose."""
         return self.frame.sensors[self.index]
 
     @property
@@ -72,15 +86,15 @@ class Captured:
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
         """Pixels of the points in the crop, in their order."""
-        if self.kept is not None:
-            return self.kept
+        if self.crop_pixels is not None:
+            return self.crop_pixels
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
         return crop_image(
             self.sensor, self.measurement, Crop.of(self.area, self.height), shift=shift
         )[1]
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
-        """Image of some pixels alone."""
+        """Image with only some of the pixels."""
         sent = np.zeros(self.measurement.size, np.float32)
         sent[pixels] = self.measurement.ravel()[pixels]
         return RangeImage(
@@ -98,8 +112,9 @@ class Captured:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Detections, and when they are ready. sensor: index of the one whose points they are of, None
-    for several."""
+    """Detections, and when they are ready.
+
+    sensor: index of the sensor whose points they were detected in, None for several."""
 
     detections: Detections
     ms: float
@@ -118,8 +133,9 @@ class Sent(NamedTuple, Generic[_Arrived]):
 
 @dataclass(frozen=True)
 class Fused:
-    """Fused detections of a frame, each sensor's bits in the order named, and ms from measurement
-    to fused boxes."""
+    """Fused detections of a frame.
+
+    bits: bits of each sensor, in the order named; ms: time from measurement to fused boxes."""
 
     detections: Detections
     bits: Int64[np.ndarray, " sensors"]
@@ -133,8 +149,9 @@ class Fused:
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Images behind the points of sensors (index), and their empty scenes, where there are any.
-    time, number: of the frame."""
+    """Images behind the points of sensors (index), and their empty scenes if known.
+
+    time, number: time and number of the frame."""
 
     capture: Callable[[int], Captured] | None = None
     scene: Callable[[int], EmptyScene] | None = None
@@ -145,10 +162,11 @@ class Images:
 class View:
     """View of one frame.
 
-    site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on
-    the points of some clouds together; codec: of what is sent; nms_iou: BEV IoU above which the
-    less sure of two boxes of one label is dropped; images: behind the points, None without; memory:
-    passed from one frame's view to the next where frames are read in order."""
+    site: a site or an area; measure: returns the cropped points of a sensor (index); run: the
+    detector, on the points of some clouds together; codec: codec of the messages; nms_iou: BEV IoU
+    above which the less sure of two boxes of one label is dropped; images: images behind the
+    points, None without; memory: passed from one frame's view to the next if frames are read in
+    order."""
 
     def __init__(
         self,
@@ -188,9 +206,9 @@ class View:
         key = cloud.sensor, (*cloud.history, name)
         if key not in self._clouds:
             start = perf_counter()
-            kept = np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor]))
-            rows = kept if cloud.rows is None else cloud.rows[kept]
-            points = cloud.points[kept]
+            selected = np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor]))
+            rows = selected if cloud.rows is None else cloud.rows[selected]
+            points = cloud.points[selected]
             self._clouds[key] = Cloud(*key, points, cloud.ms + _ms_since(start), rows)
         return self._clouds[key]
 
@@ -206,7 +224,7 @@ class View:
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
-        """Empty scene of a sensor; ValueError where none is known."""
+        """Empty scene of a sensor; ValueError if the view knows no scenes."""
         if self._images.scene is None:
             raise ValueError(
                 "this view knows no empty scenes: pass some of toolkit.calibration.empty_scene"
@@ -214,18 +232,21 @@ class View:
         return self._images.scene(sensor)
 
     def remember(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
-        """State that a sensor's link keeps between frames. `begin` makes it in the first frame.
-        name: of the link."""
+        """State of a sensor's link between frames, made by `begin` in the first frame.
+
+        name: name of the link."""
         if (sensor, name) not in self._memory:
             self._memory[sensor, name] = begin()
-        kept: _Value = self._memory[sensor, name]
-        return kept
+        state: _Value = self._memory[sensor, name]
+        return state
 
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> Sent[Cloud]:
-        """Send an image of a sensor to the centre. through: gives what the centre makes of it, and
-        the bits that took; name: says all that this depends on beside the measurement."""
+        """Send an image of a sensor to the centre.
+
+        through: returns the points that the centre gets and the bits that were sent; name: states
+        everything that this depends on in addition to the measurement."""
         if (sensor, name) not in self._sent_clouds:
             measured = self.cloud(sensor)
             start = perf_counter()
@@ -267,7 +288,8 @@ class View:
         return self._sent_clouds[cloud]
 
     def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
-        """Send a sensor's detections through the codec; ValueError for those of several sensors."""
+        """Send a sensor's detections through the codec; ValueError for detections of several
+        sensors."""
         if boxes.sensor is None:
             raise ValueError(
                 "boxes are sent by the sensor that detected them, got those of several: send "
@@ -287,28 +309,30 @@ class View:
     def share_points(
         self, sensors: Sequence[int], part: str = "", keep: Keep | None = None
     ) -> list[Sent[Cloud]]:
-        """Send the cloud of each sensor, or the part of it that `keep` selects."""
+        """Send the cloud of each sensor, or only the points that `keep` selects."""
         clouds = [self.cloud(sensor) for sensor in sensors]
         return [
-            self.send_points(each if keep is None else self.part(each, part, keep))
-            for each in clouds
+            self.send_points(cloud if keep is None else self.part(cloud, part, keep))
+            for cloud in clouds
         ]
 
     def fuse_points(self, sent: Sequence[Sent[Cloud]]) -> Fused:
         """Detect in all points that arrive."""
-        boxes = self.suppress([self.detect([each.arrived for each in sent])])
-        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
+        boxes = self.suppress([self.detect([message.arrived for message in sent])])
+        return Fused(
+            boxes.detections, np.array([message.bits for message in sent], np.int64), boxes.ms
+        )
 
     def share_boxes(self, sensors: Sequence[int]) -> list[Sent[Boxes]]:
         """Send what is detected in the cloud of each sensor."""
         return [self.send_boxes(self.detect([self.cloud(sensor)])) for sensor in sensors]
 
-    def suppress(self, parts: Sequence[Boxes]) -> Boxes:
-        """Pool all boxes, best first, without doubles."""
+    def suppress(self, inputs: Sequence[Boxes]) -> Boxes:
+        """Pool all boxes, best first, without duplicates."""
         start = perf_counter()
-        merged = suppress(Detections.merge([part.detections for part in parts]), self.nms_iou)
+        merged = suppress(Detections.merge([boxes.detections for boxes in inputs]), self.nms_iou)
         return Boxes(
-            merged, _last(parts) + _ms_since(start), parts[0].sensor if len(parts) == 1 else None
+            merged, _last(inputs) + _ms_since(start), inputs[0].sensor if len(inputs) == 1 else None
         )
 
 
@@ -323,8 +347,9 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame, cropped to a site or area below a height (m). scene, memory: see
-    `View`."""
+    """Return the view of a frame, cropped to a site or area below a height (m).
+
+    scene, memory: see `View`."""
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(
@@ -335,7 +360,7 @@ def frame_view(
     )
     return view(
         measure=lambda sensor: crop_sensor(frame, sensor, crop),
-        run=lambda each: detect(together(each)),
+        run=lambda clouds: detect(together(clouds)),
     )
 
 
@@ -345,9 +370,10 @@ def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
 
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
-    """Drop detections that overlap a surer one of their label, by more than a BEV IoU. They come
-    back best first. Equal scores are settled by the boxes' numbers, so the order of the input makes
-    no difference."""
+    """Drop detections that overlap a surer one of their label by more than a BEV IoU.
+
+    They come back best first. Equal scores are settled by the boxes' numbers, so the order of the
+    input makes no difference."""
     boxes = detections.boxes
     scores = detections.scores
     labels = detections.labels
@@ -355,12 +381,12 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
     return detections[order[nms(boxes[order], scores[order], iou_threshold, labels=labels[order])]]
 
 
-def _last(inputs: Sequence[Cloud] | Sequence[Boxes]) -> float:
-    return max((each.ms for each in inputs), default=0.0)
+def _last(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:
+    return max((source.ms for source in sources), default=0.0)
 
 
 def _sent_time(frame: Frame) -> float:
-    """Time of a frame in messages, 0 where unknown."""
+    """Time of a frame in messages, 0 if unknown."""
     return frame.time if np.isfinite(frame.time) and frame.time >= 0 else 0.0
 
 
@@ -378,12 +404,11 @@ def stand_view(
     scenes: Scenes | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame where it stands: at its site, else counted from the middle, on
-    level ground.
+    """Return the view of a frame on level ground, at its site or counted from the middle.
 
     With scenes, clouds are images too, so schemes that send pixels work as on simulated frames: a
-    sensor has the points that its image shows, and what the centre makes of a message lies along
-    the rays of its cells. memory: of links, from frame to frame."""
+    sensor has the points that its image shows, and the points that the centre restores are on the
+    rays of its cells. memory: state of the links, from frame to frame."""
     if isinstance(stand.area, Site):
         return frame_view(
             frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory
@@ -398,13 +423,13 @@ def stand_view(
         cloud = frame.clouds[k]
         image = scenes.image(cloud)
         sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)
-        alone = Frame(
+        sensor_frame = Frame(
             (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
         )
-        upright = stand.lift(cloud.in_world()[image.shown])
-        kept = Crop.of(stand.area, CROP_HEIGHT).holds(upright)
-        return upright[kept], Captured(
-            alone, 0, stand.area, CROP_HEIGHT, image.cells[image.shown][kept], lift
+        level_points = stand.lift(cloud.in_world()[image.shown])
+        is_kept = Crop.of(stand.area, CROP_HEIGHT_M).holds(level_points)
+        return level_points[is_kept], Captured(
+            sensor_frame, 0, stand.area, CROP_HEIGHT_M, image.cells[image.shown][is_kept], lift
         )
 
     def run(clouds: Sequence[Cloud]) -> Detections:
@@ -422,7 +447,8 @@ def stand_view(
     ]
     placed = zip(frame.clouds, models, strict=True)
     sensors = tuple(
-        Sensor(each.name, model, level_SE3_world @ each.world_SE3_sensor) for each, model in placed
+        Sensor(lidar.name, model, level_SE3_world @ lidar.world_SE3_sensor)
+        for lidar, model in placed
     )
     view = partial(View, stand.area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory)
     images = Images(time=_sent_time(frame), number=frame.index)

@@ -1,14 +1,17 @@
-"""`Cache`: arrays that took long to compute, by a key (`make_key`) that says all they depend on, so
-they never change. The file is an SQLite database with a write-ahead log, so that several processes
-read and write it at once, and a process killed while writing leaves it as it was before. Each value
-is signed, over key and value, with a secret beside the file that its owner alone may read; one that
-does not fit (damaged, forged, of an older version) is computed again. A damaged file is put aside
-under another name, with a warning, and begun anew.
+"""`Cache`: arrays that took long to compute, by a key.
+
+A key (`make_key`) states everything that the arrays depend on, so they never change. The file is an
+SQLite database with a write-ahead log, so that several processes read and write it in parallel, and
+a process killed while writing leaves it unchanged. Each value is signed, over key and value, with a
+secret in a file next to it that only its owner may read. A value whose signature does not fit
+(damaged, forged, of an older version) is computed again. A damaged file is renamed, with a warning,
+and started afresh.
 
 Digest of a job's source: results on disk are valid only while their code is the same. The source of
-a job is its import closure: its module, the imports of that, inside functions too, and so on,
-within the house, but not of code under `if TYPE_CHECKING:`. A package whose face loads lazily adds
-only the names that are asked of it, as its stub says. Libraries count by their version."""
+a job is its import closure: its module and, recursively, the modules of this project that it
+imports, inside functions too, but not under `if TYPE_CHECKING:`. A package with lazy imports adds
+only the names that are imported from it, as its stub defines them. Libraries count by their
+version."""
 
 import ast
 import hashlib
@@ -34,32 +37,33 @@ import numpy as np
 Arrays = tuple[np.ndarray, ...]
 _Outcome = TypeVar("_Outcome")
 
-WAIT = 60.0  # s that a process waits while another one writes
-AT_ONCE = 500  # keys in one question
-CHECKSUM = 16  # bytes
-SECRET = 32  # bytes
-COMPRESSED = 1 << 14  # bytes, from which on a value is compressed
-LARGEST_VALUE = 1 << 29  # bytes of a value, compressed; SQLite takes a little more
-ARRAY_KINDS = (
-    "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no objects and no records
-)
+MAX_WAIT_S = 60.0  # for another process that writes
+QUERY_KEYS = 500  # in one query
+CHECKSUM_BYTES = 16
+SECRET_BYTES = 32
+MIN_COMPRESSED_BYTES = 1 << 14  # larger values are compressed
+MAX_VALUE_BYTES = 1 << 29  # compressed value; SQLite takes a little more
+ARRAY_KINDS = "biufcmMSU"  # NumPy's types that are plain bytes, so no objects and no records
 CACHE_SCHEMA = (
     "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
 )
+SOURCE_ROOT = Path(__file__).parents[2]  # folder of this checkout or installation
+PACKAGES = ("toolkit", "models", "placement_env")
+_Import = tuple[str, str]  # a module, and a name imported from it or ""
 
 
 def make_key(*parts: object) -> bytes:
     """SHA-256 of texts, numbers, lists and dictionaries, as JSON."""
-    return hashlib.sha256(
-        json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()
-    ).digest()
+    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).digest()
 
 
 class Cache:
-    """Tuples of arrays by key, in a file or in memory. path: of the file, made if missing, None for
-    memory only. Sent to another process, it opens the file again there; in memory, each process has
-    its own. If the file cannot be written, or its secret is no secret, it warns and goes on
-    without."""
+    """Tuples of arrays by key, in a file or in memory.
+
+    path: the file, made if missing, None for memory only. In another process, a cache opens the
+    same file; in memory, each process has a separate one. If the file cannot be written, or others
+    can read its secret, the cache warns and works without the file."""
 
     def __init__(self, path: str | Path | None = None) -> None:
         self.path = None if path is None else Path(path)
@@ -71,16 +75,19 @@ class Cache:
         """Values of some keys, None for unknown ones."""
 
         def select(database: sqlite3.Connection) -> dict[bytes, bytes]:
-            found: dict[bytes, bytes] = {}
-            for first in range(0, len(keys), AT_ONCE):
-                some = list(keys[first : first + AT_ONCE])
-                query = f"SELECT key, value FROM entries WHERE key IN ({','.join('?' * len(some))})"
-                found |= dict(database.execute(query, some))
-            return found
+            values: dict[bytes, bytes] = {}
+            for start in range(0, len(keys), QUERY_KEYS):
+                chunk = list(keys[start : start + QUERY_KEYS])
+                query = (
+                    f"SELECT key, value FROM entries WHERE key IN ({','.join('?' * len(chunk))})"
+                )
+                values |= dict(database.execute(query, chunk))
+            return values
 
-        found = self._safely(select, dict[bytes, bytes]())
+        values = self._safely(select, dict[bytes, bytes]())
         return [
-            decode_arrays(key + self._secret, found[key]) if key in found else None for key in keys
+            decode_arrays(key + self._secret, values[key]) if key in values else None
+            for key in keys
         ]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
@@ -90,8 +97,9 @@ class Cache:
             rows = [
                 (key, encode_arrays(key + self._secret, value)) for key, value in values.items()
             ]
-            fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
-            if too_large := len(rows) - len(fitting):
+            fitting = [row for row in rows if len(row[1]) <= MAX_VALUE_BYTES]
+            too_large = len(rows) - len(fitting)
+            if too_large:
                 warnings.warn(
                     f"{too_large} values are too large to be kept in {self.path}", stacklevel=4
                 )
@@ -124,14 +132,12 @@ class Cache:
     def _safely(
         self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome
     ) -> _Outcome:
-        """Result of a call; of the call on a new file if this one is damaged. `otherwise` if
-        neither works."""
+        """Result of a call, repeated on a new file if this one is damaged, else `otherwise`."""
         for attempt in ("as it is", "begun anew"):
             try:
                 return call(self._database())
-            except (
-                sqlite3.OperationalError
-            ) as error:  # locked too long, read-only, disk full: the file may be sound
+            except sqlite3.OperationalError as error:
+                # locked too long, read-only, disk full: the file may be sound
                 warnings.warn(
                     f"{self.path} cannot be used ({error}): what it keeps is computed again",
                     stacklevel=3,
@@ -145,14 +151,16 @@ class Cache:
         return otherwise
 
     def _database(self) -> sqlite3.Connection:
-        if (
-            self._open is not None and self._open[0] == os.getpid()
-        ):  # a forked process must not share a handle
+        # a forked process must not share a handle
+        if self._open is not None and self._open[0] == os.getpid():
             return self._open[1]
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         database = sqlite3.connect(
-            self.path or ":memory:", timeout=WAIT, isolation_level=None, check_same_thread=False
+            self.path or ":memory:",
+            timeout=MAX_WAIT_S,
+            isolation_level=None,
+            check_same_thread=False,
         )
         self._inode = self._on_disk()
         try:
@@ -173,9 +181,8 @@ class Cache:
         return self.path.stat().st_ino if self.path is not None and self.path.exists() else None
 
     def _put_aside(self, error: str) -> None:
-        if (
-            self.path is None or self._on_disk() != self._inode
-        ):  # another process has begun it anew already
+        # another process may have started it afresh already
+        if self.path is None or self._on_disk() != self._inode:
             return
         aside = self.path.with_name(f"{self.path.name}.damaged-{os.getpid()}")
         warnings.warn(
@@ -194,27 +201,29 @@ def recall(
     keys: Sequence[bytes],
     make: Callable[[list[int]], Iterable[Iterable[np.ndarray]]],
 ) -> Iterator[Arrays]:
-    """Yield the value of each key, kept or made and then kept. make: values of the keys at missing
-    places, in order."""
-    found: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
-    missing = [place for place, arrays in enumerate(found) if arrays is None]
-    made = iter(make(missing) if missing else ())
-    for key, arrays in zip(keys, found, strict=True):
-        value = tuple(next(made)) if arrays is None else arrays
+    """Yield the value of each key, from the cache or computed and then stored.
+
+    make: returns the values of the keys at missing indices, in order."""
+    cached: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
+    missing = [index for index, arrays in enumerate(cached) if arrays is None]
+    results = iter(make(missing) if missing else ())
+    for key, arrays in zip(keys, cached, strict=True):
+        value = tuple(next(results)) if arrays is None else arrays
         if arrays is None and cache is not None:
             cache.put({key: value})
         yield value
 
 
 def read_secret(path: Path) -> bytes:
-    """Secret in a file that its owner alone may read, made if missing. Raises PermissionError for
-    any other file."""
+    """Secret in a file that only its owner may read, made if missing.
+
+    Raises PermissionError for a file that others can read."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        number, name = tempfile.mkstemp(dir=path.parent)  # of mode 0600
+        number, name = tempfile.mkstemp(dir=path.parent)  # with mode 0600
         try:
             with os.fdopen(number, "wb") as file:
-                file.write(secrets.token_bytes(SECRET))
+                file.write(secrets.token_bytes(SECRET_BYTES))
             os.link(name, path)
         except FileExistsError:  # another process was first
             pass
@@ -223,14 +232,14 @@ def read_secret(path: Path) -> bytes:
         finally:
             Path(name).unlink(missing_ok=True)
     # a pipe has nothing, and must not be waited for
-    opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    with os.fdopen(opened, "rb") as file:
-        there = os.fstat(file.fileno())
-        secret = file.read(SECRET) or b""
-    ours = not hasattr(os, "geteuid") or (
-        there.st_uid == os.geteuid() and not there.st_mode & 0o077
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(file.fileno())
+        secret = file.read(SECRET_BYTES) or b""
+    is_private = not hasattr(os, "geteuid") or (
+        status.st_uid == os.geteuid() and not status.st_mode & 0o077
     )
-    if not ours or len(secret) < SECRET:
+    if not is_private or len(secret) < SECRET_BYTES:
         raise PermissionError(
             f"{path.name} is not a secret of yours alone: remove it, or give a folder of your own"
         )
@@ -238,8 +247,9 @@ def read_secret(path: Path) -> bytes:
 
 
 def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Encode arrays: checksum, types and shapes in a line of JSON, content. Raises ValueError for
-    arrays of objects."""
+    """Encode arrays: checksum, types and shapes in a line of JSON, content.
+
+    Raises ValueError for arrays of objects."""
     columns = [np.ascontiguousarray(column) for column in arrays]
     for column in columns:
         if column.dtype.kind not in ARRAY_KINDS:
@@ -247,54 +257,52 @@ def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
                 f"a cache keeps plain arrays, got one of {column.dtype}: keep its fields one by one"
             )
     content = b"".join(column.tobytes() for column in columns)
-    compressed = len(content) >= COMPRESSED
+    compressed = len(content) >= MIN_COMPRESSED_BYTES
     described = [compressed, *((column.dtype.str, column.shape) for column in columns)]
-    body = (
-        json.dumps(described).encode()
-        + b"\n"
-        + (zlib.compress(content, 1) if compressed else content)
-    )
+    if compressed:
+        content = zlib.compress(content, 1)
+    body = json.dumps(described).encode() + b"\n" + content
     return _checksum(key, body) + body
 
 
 def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
-    """Decode arrays of `encode_arrays`; None for damaged bytes, and for what is no bytes."""
-    body = value[CHECKSUM:] if isinstance(value, bytes) else b""
-    if not body or not secrets.compare_digest(value[:CHECKSUM], _checksum(key, body)):
+    """Decode arrays of `encode_arrays`; None for damaged bytes and other objects."""
+    body = value[CHECKSUM_BYTES:] if isinstance(value, bytes) else b""
+    if not body or not secrets.compare_digest(value[:CHECKSUM_BYTES], _checksum(key, body)):
         return None
     head, _, content = body.partition(b"\n")
     try:
         compressed, *columns = json.loads(head)
         types = [np.dtype(str(dtype)) for dtype, _ in columns]
-        shapes = [[int(length) for length in shape] for _, shape in columns]
+        shapes = [list(map(int, shape)) for _, shape in columns]
         sizes = [
             dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)
         ]
-        if any(each.kind not in ARRAY_KINDS for each in types) or any(
-            n < 0 for shape in shapes for n in shape
-        ):
+        if any(dtype.kind not in ARRAY_KINDS for dtype in types):
+            return None
+        if any(length < 0 for shape in shapes for length in shape):
             return None
         if compressed:
             content = zlib.decompressobj().decompress(content, sum(sizes) + 1)
         if len(content) != sum(sizes):
             return None
-        first = np.cumsum([0, *sizes]).tolist()
+        offsets = np.cumsum([0, *sizes]).tolist()
         return tuple(
-            np.ndarray(*each)
-            for each in zip(shapes, types, [content] * len(types), first, strict=False)
+            np.ndarray(shape, dtype, content, offset)
+            for shape, dtype, offset in zip(shapes, types, offsets, strict=False)
         )
     except (ValueError, TypeError, IndexError, OverflowError, RecursionError, zlib.error):
         return None
 
 
 def _checksum(key: bytes, body: bytes) -> bytes:
-    return hashlib.blake2b(body, digest_size=CHECKSUM, key=key).digest()
+    return hashlib.blake2b(body, digest_size=CHECKSUM_BYTES, key=key).digest()
 
 
 def _patiently(database: sqlite3.Connection, statement: str) -> None:
-    """Execute a statement for which SQLite itself does not wait, such as a change of the journal's
+    """Execute a statement for which SQLite does not wait, such as a change of the journal's
     mode."""
-    until = time.monotonic() + WAIT
+    until = time.monotonic() + MAX_WAIT_S
     while True:
         try:
             database.execute(statement)
@@ -305,33 +313,30 @@ def _patiently(database: sqlite3.Connection, statement: str) -> None:
             time.sleep(0.02)
 
 
-TOP = Path(__file__).parents[2]  # of this checkout or installation
-PACKAGES = ("toolkit", "models", "placement_env")
-
-_Import = tuple[str, str]  # a module, and a name asked of it or ""
-
-
 @cache
 def code_digest(*modules: str) -> str:
-    """SHA-256 over the source that `modules` run, and the tables (TOML) beside it."""
+    """SHA-256 over the source that `modules` run, and the tables (TOML) in its folders."""
     return digest_of_source(modules)
 
 
-def digest_of_source(modules: tuple[str, ...], top: Path = TOP) -> str:
+def digest_of_source(modules: tuple[str, ...], top: Path = SOURCE_ROOT) -> str:
     """Compute `code_digest` of the source below `top`, read now."""
     files, libraries = import_closure(modules, top)
     digest = sha256()
     for module in sorted(files):
         digest.update(module.encode() + b"\0" + sha256(files[module].read_bytes()).digest())
     folders = {path.parent for module, path in files.items() if _is_ours(module)}
-    for data in sorted(each for folder in folders for each in folder.glob("*.toml")):
+    tables = sorted(table for folder in folders for table in folder.glob("*.toml"))
+    for data in tables:
         digest.update(data.name.encode() + b"\0" + sha256(data.read_bytes()).digest())
     for library in sorted(libraries):
         digest.update(f"{library} {_version(library)}\n".encode())
     return digest.hexdigest()
 
 
-def import_closure(modules: tuple[str, ...], top: Path = TOP) -> tuple[dict[str, Path], set[str]]:
+def import_closure(
+    modules: tuple[str, ...], top: Path = SOURCE_ROOT
+) -> tuple[dict[str, Path], set[str]]:
     """Source files and libraries that `modules` import, directly or not."""
     files: dict[str, Path] = {}
     libraries: set[str] = set()
@@ -370,33 +375,27 @@ def _file(module: str, top: Path) -> Path | None:
         loaded = getattr(sys.modules.get(module), "__file__", None)
         return Path(loaded) if loaded and loaded.endswith(".py") else None
     path = top.joinpath(*module.split("."))
-    return next(
-        (each for each in (path.with_suffix(".py"), path / "__init__.py") if each.is_file()), None
-    )
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
 @cache
 def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...]:
-    """Imports of a module when it and its functions run, but not those that only type checkers
-    read."""
-    found: list[_Import] = []
+    """Imports of a module when it and its functions run, without imports for type checkers only."""
+    imports: list[_Import] = []
     pending: list[ast.AST] = [ast.parse(source)]
     while pending:
         node = pending.pop()
         if isinstance(node, ast.Import | ast.ImportFrom):
-            found += _list_imports(node, module if is_package else module.rpartition(".")[0])
-        test = (
-            node.test
-            if isinstance(node, ast.If) and isinstance(node.test, ast.Name | ast.Attribute)
-            else None
-        )
-        skipped = test is not None and ast.unparse(test).rpartition(".")[2] == "TYPE_CHECKING"
-        for block in (
-            ("orelse",) if skipped else ("body", "orelse", "handlers", "finalbody", "cases")
-        ):
+            imports += _list_imports(node, module if is_package else module.rpartition(".")[0])
+        skipped = False
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name | ast.Attribute):
+            skipped = ast.unparse(node.test).rpartition(".")[2] == "TYPE_CHECKING"
+        blocks = ("orelse",) if skipped else ("body", "orelse", "handlers", "finalbody", "cases")
+        for block in blocks:
             inner = getattr(node, block, ())
             pending.extend(inner if isinstance(inner, list) else ())
-    return tuple(found)
+    return tuple(imports)
 
 
 def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
@@ -414,12 +413,12 @@ def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
     offered: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
-            places = _list_imports(node, package)
+            targets = _list_imports(node, package)
             offered |= {
-                alias.asname or alias.name: place
-                for alias, place in zip(node.names, places, strict=True)
+                alias.asname or alias.name: target
+                for alias, target in zip(node.names, targets, strict=True)
             }
-    return tuple(place for key, place in offered.items() if name in ("*", key))
+    return tuple(target for key, target in offered.items() if name in ("*", key))
 
 
 @cache

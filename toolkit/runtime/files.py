@@ -1,9 +1,11 @@
-"""Files written whole and read with care: JSON, TOML, arrays. A file is written beside its place
-under another name, synced to disk and renamed, so that no reader, kill or full disk ever meets half
-of one. A symbolic link stays, its target is replaced. On failure nothing is left behind, and one
-OSError names file and reason. What a killed process leaves is named `.NAME.0.unfinished`; the next
-one that writes NAME takes it over. A writer locks it, so that nobody takes over what is being
-written. Damage met in reading becomes one ValueError in one line."""
+"""Files written whole and read with care: JSON, TOML, arrays.
+
+A file is written in its folder under another name, synced to disk and renamed, so that no reader,
+kill or full disk ever meets half a file. A symbolic link stays, its target is replaced. On failure
+no file is left behind, and one OSError names file and reason. The file that a killed process leaves
+is named `.NAME.0.unfinished`; the next process that writes NAME takes it over. A writer locks it,
+so that no other process takes it over. Damage found in reading becomes one ValueError in one
+line."""
 
 import errno
 import json
@@ -33,11 +35,34 @@ try:
 except ImportError:  # not a Unix
     fcntl = None  # type: ignore[assignment]
 
-UNFINISHED = (
-    ".unfinished"  # in the names of what is being written, or was when its process was killed
-)
+UNFINISHED = ".unfinished"  # in the names of files that are, or were, being written
 WRITTEN = ".coview"  # file in folders that are ours to replace
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+_MAX_SILENCE_S = 10.0  # pause of a pipe between bytes
+_MAX_PIPE_BYTES = 1 << 26
+MAX_FILE_BYTES = 1 << 30
+MAX_TEXT_BYTES = 1 << 29  # for a text, which becomes up to twice as many
+MAX_YAML_VALUES = 1_000_000  # in a YAML text; a value that an alias repeats counts each time
+# SHA-256 over the whole content, at the end of the file, which NumPy does not read
+_CHECKSUM_BYTES = 32
+# errors that np.load was seen to raise on damaged files: from the zip archive, the header's text
+# or its shape
+_DAMAGE = (
+    *(
+        OSError,
+        ValueError,
+        EOFError,
+        LookupError,
+        TypeError,
+        OverflowError,
+        MemoryError,
+        RuntimeError,
+        SyntaxError,
+    ),
+    *(AttributeError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
+)
+MAX_UNPACKED_BYTES = 1 << 30  # memory that one file may need
+MAX_CLOUD_BYTES = 1 << 28  # packed cloud; float64 copies take several times as much
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
@@ -53,17 +78,19 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
-    """Give the block a name, with the same ending and folder, to write a file under; rename it at
-    the end. If the block raises, `path` stays as it was. Raises OSError, with file and reason in
-    one line, where the disk is full or the folder cannot be written. unfinished: that name, if it
-    matters, on the file system of `path`; none is made before the block."""
+    """Give the block a temporary path to write a file to, and rename the file at the end.
+
+    The path has the same ending and folder. If the block raises, `path` stays as it was. Raises
+    OSError, with file and reason in one line, if the disk is full or the folder cannot be written.
+    unfinished: the temporary path, if it matters, on the file system of `path`; no file is made
+    before the block."""
     target = Path(os.path.realpath(path))
-    held = None
+    descriptor = None
     try:
         with _name_output(path):
             target.parent.mkdir(parents=True, exist_ok=True)
             if unfinished is None:
-                unfinished, held = _take_unfinished(
+                unfinished, descriptor = _take_unfinished(
                     target.parent, f".{target.name[:100]}", target.suffix
                 )
             yield unfinished
@@ -75,30 +102,32 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
         if unfinished is not None:
             with suppress(OSError):
                 unfinished.unlink(missing_ok=True)
-        if held is not None:
-            os.close(held)
+        if descriptor is not None:
+            os.close(descriptor)
 
 
 @contextmanager
 def writing_together(folder: str | Path) -> Iterator[Path]:
-    """Give the block a folder; move its files into `folder`, made if missing, at the end. If the
-    block raises, nothing moves. Raises OSError as `writing`."""
+    """Give the block a folder, and move its files into `folder` at the end.
+
+    `folder` is made if missing. If the block raises, nothing moves. Raises OSError as `writing`."""
     with (
         _name_output(folder),
         _aside(Path(os.path.realpath(folder)), inside=True) as (target, unfinished),
     ):
         yield unfinished
-        for each in sorted(unfinished.iterdir()):
-            place = Path(os.path.realpath(target / each.name))
-            each.chmod(_mode(place))
-            each.replace(place)
+        for file in sorted(unfinished.iterdir()):
+            destination = Path(os.path.realpath(target / file.name))
+            file.chmod(_mode(destination))
+            file.replace(destination)
 
 
 @contextmanager
 def writing_folder(folder: str | Path) -> Iterator[Path]:
-    """Give the block a folder that becomes `folder` at the end, in place of all that is there: see
-    `check_new_folder`. If the block raises, `folder` stays as it was. Raises OSError as `writing`,
-    and while another process writes it."""
+    """Give the block a folder that replaces `folder` at the end: see `check_new_folder`.
+
+    If the block raises, `folder` stays as it was. Raises OSError as `writing`, and while another
+    process writes it."""
     target = Path(os.path.realpath(folder))
     try:
         with _aside(target, inside=target.exists()) as (_, unfinished):
@@ -108,9 +137,8 @@ def writing_folder(folder: str | Path) -> Iterator[Path]:
                 )
             yield unfinished
             (unfinished / WRITTEN).touch()
-            if (
-                unfinished.parent == target
-            ):  # it stays, as it may be mounted, or be where somebody works
+            # the folder stays, as it may be mounted, or somebody may work in it
+            if unfinished.parent == target:
                 _replace_content(target, unfinished)
             else:
                 unfinished.chmod(0o777 & ~_mask())
@@ -126,47 +154,49 @@ def _replace_content(target: Path, unfinished: Path) -> None:
     """Move the content of a folder inside `target` in place of the rest."""
     write_text(target / WRITTEN, UNFINISHED)  # until the end, so that a killed run is known
     with _aside(target, inside=True) as (_, old):
-        for each in target.iterdir():
-            if each not in (old, unfinished, target / WRITTEN):
-                each.rename(old / each.name)
-        for each in sorted(unfinished.iterdir(), key=lambda each: each.name == WRITTEN):
-            each.replace(target / each.name)
+        for entry in target.iterdir():
+            if entry not in (old, unfinished, target / WRITTEN):
+                entry.rename(old / entry.name)
+        for entry in sorted(unfinished.iterdir(), key=lambda entry: entry.name == WRITTEN):
+            entry.replace(target / entry.name)
 
 
 @contextmanager
 def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
-    """Give the block `target` and an empty folder, inside or beside it, that is removed at the
-    end."""
+    """Give the block `target` and an empty folder that is removed at the end.
+
+    The empty folder is inside `target` or next to it."""
     parent = target if inside else target.parent
-    missing = [each for each in (parent, *parent.parents) if not each.exists()]
-    unfinished = held = None
+    missing = [path for path in (parent, *parent.parents) if not path.exists()]
+    unfinished = descriptor = None
     try:
         parent.mkdir(parents=True, exist_ok=True)
-        unfinished, held = _take_unfinished(parent, "" if inside else f".{target.name[:100]}", None)
+        unfinished, descriptor = _take_unfinished(
+            parent, "" if inside else f".{target.name[:100]}", None
+        )
         yield target, unfinished
     finally:
         if unfinished is not None:
             shutil.rmtree(unfinished, ignore_errors=True)
-        if held is not None:
-            os.close(held)
-        for each in missing:  # those that are empty are what nothing came of
+        if descriptor is not None:
+            os.close(descriptor)
+        for path in missing:  # those that are empty are what nothing came of
             with suppress(OSError):
-                each.rmdir()
+                path.rmdir()
 
 
 def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path, int]:
-    """Make and lock an empty file, or folder (suffix None), or take over one whose writer was
-    killed."""
+    """Make and lock an empty file, or folder (suffix None), or take over one of a killed writer."""
     for number in range(1000):
         path = folder / f"{start}.{number}{UNFINISHED}{suffix or ''}"
-        there = path.exists()
+        existed = path.exists()
         try:
-            held = take(path, folder=suffix is None, unlocked=not there)
+            descriptor = take(path, folder=suffix is None, unlocked=not existed)
         except PermissionError:
-            if not there:
+            if not existed:
                 raise
             continue  # another user's
-        if held is None:
+        if descriptor is None:
             continue
         if suffix is not None:
             os.truncate(path, 0)
@@ -174,33 +204,36 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
             warnings.warn(
                 f"{path}, which a killed run left, is removed and begun anew", stacklevel=2
             )
-            for each in left:
-                shutil.rmtree(each) if each.is_dir() and not each.is_symlink() else each.unlink()
-        return path, held
+            for entry in left:
+                shutil.rmtree(
+                    entry
+                ) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
+        return path, descriptor
     raise FileExistsError(f"{folder} is full of files {start}.N{UNFINISHED}: remove them")
 
 
 def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | None:
-    """Open a file or folder, made if missing, and lock it until it is closed. None where another
-    process holds it. unlocked: open it where there are no locks, too."""
+    """Open a file or folder, made if missing, and lock it until it is closed.
+
+    Returns None if another process holds it. unlocked: also open it on systems without locks."""
     while True:
         if folder:
             path.mkdir(0o700, exist_ok=True)
         kind = os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT
-        held = os.open(
+        descriptor = os.open(
             path if fcntl or not folder else os.devnull, kind | getattr(os, "O_NOFOLLOW", 0), 0o600
         )
         try:
             if fcntl is not None:
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if not path.exists() or not os.path.samestat(os.fstat(held), path.stat()):
-                    os.close(held)
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if not path.exists() or not os.path.samestat(os.fstat(descriptor), path.stat()):
+                    os.close(descriptor)
                     continue  # whoever held it removed it in between
         except OSError as error:
             if isinstance(error, BlockingIOError) or not unlocked:
-                os.close(held)
+                os.close(descriptor)
                 return None
-        return held
+        return descriptor
 
 
 @contextmanager
@@ -217,8 +250,9 @@ def _name_output(path: str | Path) -> Iterator[None]:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Raise OSError if a file of `size` bytes has no room. For libraries that do not tell; `path`
-    is left empty."""
+    """Raise OSError if a file of `size` bytes has no room; `path` is left empty.
+
+    It serves libraries that do not report a full disk."""
     with path.open("wb") as file:
         if hasattr(os, "posix_fallocate") and size:
             os.posix_fallocate(file.fileno(), 0, size)
@@ -228,49 +262,51 @@ def reserve(path: Path, size: int) -> None:
 def check_output(
     out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False
 ) -> None:
-    """Check that a command may write to `out`. Raises ValueError where `out` is one of the inputs,
-    or below one, under whatever name or link; FileExistsError where it exists (a folder: is not
-    empty) without `overwrite`."""
-    out, place = Path(out), Path(os.path.realpath(out))
-    for each in inputs:
-        read = Path(os.path.realpath(each))
-        if any(above == read or _same(above, read) for above in (place, *place.parents)):
-            same = place == read or _same(place, read)
-            where = "is what is read" if same else f"is inside {each}, which is read"
-            raise ValueError(f"{out} {where}: write to another place, so that nothing is lost")
-    there = (
-        any(UNFINISHED not in each.name for each in out.iterdir()) if out.is_dir() else out.exists()
-    )
-    if there and not overwrite:
+    """Check that a command may write to `out`.
+
+    Raises ValueError if `out` is one of the inputs, or inside one, under any name or link;
+    FileExistsError if it exists (a folder: is not empty) without `overwrite`."""
+    out = Path(out)
+    target = Path(os.path.realpath(out))
+    for source in inputs:
+        read_path = Path(os.path.realpath(source))
+        above = (target, *target.parents)
+        if any(parent == read_path or _same(parent, read_path) for parent in above):
+            is_same = target == read_path or _same(target, read_path)
+            relation = "is what is read" if is_same else f"is inside {source}, which is read"
+            raise ValueError(f"{out} {relation}: write to another place, so that nothing is lost")
+    is_occupied = out.exists()
+    if out.is_dir():
+        is_occupied = any(UNFINISHED not in entry.name for entry in out.iterdir())
+    if is_occupied and not overwrite:
         raise FileExistsError(
             f"{out} exists: write to another file, or replace it with --overwrite"
         )
 
 
-def _same(one: Path, other: Path) -> bool:
-    return one.exists() and other.exists() and one.samefile(other)
+def _same(first: Path, second: Path) -> bool:
+    return first.exists() and second.exists() and first.samefile(second)
 
 
 def check_new_folder(
     out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False
 ) -> None:
-    """Check that `out` may become what `writing_folder` writes. Raises as `check_output`;
-    ValueError where files would be lost that `writing_folder` has not written, or that are
-    inputs."""
+    """Check that `writing_folder` may write `out`.
+
+    Raises as `check_output`, and ValueError if files would be lost that `writing_folder` has not
+    written, or that are inputs."""
     out = Path(out)
     inputs = list(inputs)
     note = out / WRITTEN
-    check_output(
-        out,
-        inputs=inputs,
-        overwrite=overwrite or (note.is_file() and note.read_text() == UNFINISHED),
-    )
-    if out.is_dir() and any(UNFINISHED not in each.name for each in out.iterdir()):
-        place = Path(os.path.realpath(out))
-        for each in inputs:
-            if place in Path(os.path.realpath(each)).parents:
+    is_unfinished = note.is_file() and note.read_text() == UNFINISHED
+    check_output(out, inputs=inputs, overwrite=overwrite or is_unfinished)
+    if out.is_dir() and any(UNFINISHED not in entry.name for entry in out.iterdir()):
+        target = Path(os.path.realpath(out))
+        for source in inputs:
+            if target in Path(os.path.realpath(source)).parents:
                 raise ValueError(
-                    f"{out} holds {each}, which is read: write to another folder, it would be lost"
+                    f"{out} holds {source}, which is read: write to another folder, it would be "
+                    "lost"
                 )
         if not note.is_file():
             remedy = "write to another folder, or empty it if an earlier coview wrote them"
@@ -289,8 +325,10 @@ def _mode(target: Path) -> int:
 
 
 def plain_file(path: str | Path) -> Path:
-    """Return the path of a file or folder that is about to be read. Raises OSError for a missing
-    one, ValueError for a pipe or a device, whose content may never come or never end."""
+    """Return the path of a file or folder that is about to be read.
+
+    Raises OSError if it is missing, ValueError for a pipe or a device, whose content may never come
+    or never end."""
     path = Path(path)
     mode = path.stat().st_mode
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
@@ -298,16 +336,10 @@ def plain_file(path: str | Path) -> Path:
     return path
 
 
-# s without a byte, bytes
-_PATIENCE = 10.0
-_LONGEST_PIPE = 1 << 26
-MAX_FILE_BYTES = 1 << 30
-MAX_TEXT_BYTES = 1 << 29  # for a text, which becomes up to twice as many
-
-
 def read_plain(path: str | Path) -> bytes:
-    """Read a file whole. Raises OSError; ValueError for a pipe, a device and more than
-    `MAX_FILE_BYTES`."""
+    """Read a whole file.
+
+    Raises OSError; ValueError for a pipe, a device and more than `MAX_FILE_BYTES`."""
     size = plain_file(path).stat().st_size
     if size > MAX_FILE_BYTES:
         allowed = f"more than the {MAX_FILE_BYTES / 2**30:g} GiB that are read at a time"
@@ -316,19 +348,21 @@ def read_plain(path: str | Path) -> bytes:
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Read a file or a pipe. Raises OSError; ValueError for a device, a file larger than
-    `MAX_FILE_BYTES`, and a pipe that is silent or does not end."""
+    """Read a file or a pipe.
+
+    Raises OSError; ValueError for a device, a file larger than `MAX_FILE_BYTES`, and a pipe that is
+    silent or does not end."""
     if not Path(path).is_fifo():
         return read_plain(path)
     content = bytearray()
     with open(
         path, "rb", 0, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
     ) as pipe:
-        while len(content) < _LONGEST_PIPE and select.select([pipe], [], [], _PATIENCE)[0]:
-            part = pipe.read(1 << 20)
-            if not part:
+        while len(content) < _MAX_PIPE_BYTES and select.select([pipe], [], [], _MAX_SILENCE_S)[0]:
+            chunk = pipe.read(1 << 20)
+            if not chunk:
                 return bytes(content)
-            content += part
+            content += chunk
     raise ValueError(
         f"{path} is a pipe that is silent or does not end: save its content to a file, and give "
         "that"
@@ -336,8 +370,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_text(path: str | Path, kind: str = "text") -> str:
-    """Read UTF-8 as `read_bytes`. kind: of the file, for the message of the ValueError if it is no
-    text."""
+    """Read UTF-8 as `read_bytes`. kind: word for the file in the ValueError if it is no text."""
     if (size := os.stat(path).st_size) > MAX_TEXT_BYTES:
         raise ValueError(f"{path} has {size / 2**30:.1f} GiB, too much for a {kind} file: split it")
     try:
@@ -362,9 +395,8 @@ def parse_json(text: str) -> Any:
 
 
 def _whole_number(digits: str) -> int:
-    if (
-        len(digits) > 300
-    ):  # no float is as large, and Python turns no text of thousands into a number
+    # no float is as large, and Python turns no text of thousands into a number
+    if len(digits) > 300:
         raise ValueError(f"it has a number of {len(digits)} digits")
     return int(digits)
 
@@ -381,19 +413,19 @@ def _refuse_doubled(keys: list[Any]) -> None:
 
 
 def read_own_table(module: str, name: str) -> dict[str, Any]:
-    """Read a TOML file of ours that lies beside a module, given by its `__file__`."""
+    """Read a TOML file of this project in the folder of a module, given by its `__file__`."""
     return tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
 
 
 def parse_toml(content: bytes) -> dict[str, object]:
-    """Parse a TOML file's content. Raises ValueError, in one line, for damaged, too large or too
-    deeply nested text."""
+    """Parse a TOML file's content.
+
+    Raises ValueError, in one line, for damaged, too large or too deeply nested text."""
     try:
         if len(content) > 1_000_000:
             raise ValueError("it is larger than 1 MB")
-        if any(
-            line.count(b".") > 300 for line in content.splitlines()
-        ):  # the parser takes their square in memory
+        # the parser takes the square of the dots in memory
+        if any(line.count(b".") > 300 for line in content.splitlines()):
             raise ValueError("a line has more than 300 dots")
         if re.search(rb"\d{300}", content):
             raise ValueError("it has a number of hundreds of digits")
@@ -410,12 +442,11 @@ def parse_toml(content: bytes) -> dict[str, object]:
         raise ValueError(f"not TOML ({str(error)[:120]}): repair the file") from None
 
 
-MOST_VALUES = 1_000_000  # of a YAML text, where a value that an alias repeats counts each time
-
-
 def parse_yaml(text: str) -> Any:
-    """Parse a YAML text. Raises ValueError, in one line, for damage, a key that is there twice, and
-    aliases that make more than `MOST_VALUES` of a few lines."""
+    """Parse a YAML text.
+
+    Raises ValueError, in one line, for damage, a repeated key, and aliases that make more than
+    `MAX_YAML_VALUES` values of a few lines."""
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
@@ -423,9 +454,9 @@ def parse_yaml(text: str) -> Any:
         node = loader.get_single_node()
         if node is None:
             return None
-        if _count_values(node, {}) > MOST_VALUES:
+        if _count_values(node, {}) > MAX_YAML_VALUES:
             raise ValueError(
-                f"it holds more than {MOST_VALUES} values, aliases included: restore the file"
+                f"it holds more than {MAX_YAML_VALUES} values, aliases included: restore the file"
             )
         return loader.construct_document(node)
     except yaml.YAMLError as error:
@@ -441,15 +472,15 @@ def parse_yaml(text: str) -> Any:
 def _count_values(node: Any, counted: dict[int, int]) -> int:
     """Count a YAML node and all below it; aliases lead to one node many times."""
     if id(node) not in counted:
-        counted[id(node)] = MOST_VALUES + 1  # met again below itself
+        counted[id(node)] = MAX_YAML_VALUES + 1  # met again below itself
         below = node.value if node.id != "scalar" else ()
         if node.id == "mapping":
             _refuse_doubled(
                 [key.value for key, _ in below if key.id == "scalar" and key.value != "<<"]
             )
-            below = [each for pair in below for each in pair]
+            below = [child for pair in below for child in pair]
         counted[id(node)] = min(
-            MOST_VALUES + 1, 1 + sum(_count_values(each, counted) for each in below)
+            MAX_YAML_VALUES + 1, 1 + sum(_count_values(child, counted) for child in below)
         )
     return counted[id(node)]
 
@@ -458,45 +489,47 @@ def resolve_below(root: str | Path, name: str) -> Path:
     """Return the file of a data set that one of its files names, as Linux or Windows writes paths.
 
     Raises ValueError for a name that leaves `root`."""
-    given = Path(name)
-    if "\\" in name and "\0" not in name and not os.path.lexists(Path(root) / given):
-        given = Path(name.replace("\\", "/"))
-    if given.is_absolute() or ".." in given.parts or "\0" in name:
+    relative = Path(name)
+    if "\\" in name and "\0" not in name and not os.path.lexists(Path(root) / relative):
+        relative = Path(name.replace("\\", "/"))
+    if relative.is_absolute() or ".." in relative.parts or "\0" in name:
         raise ValueError(
             f"the file name {name[:100]!r} leads out of {root}: name files below that folder"
         )
-    return Path(root) / given
+    return Path(root) / relative
 
 
 def check_links(root: str | Path) -> None:
-    """Raise ValueError if a symbolic link in a folder leads out of it, so that only the folder's
-    own is copied."""
-    place = os.path.realpath(root)
+    """Raise ValueError if a symbolic link in a folder points outside it.
+
+    So only files of the folder are copied."""
+    real_root = os.path.realpath(root)
     for folder, folders, files in os.walk(root):
-        for link in (
-            each
-            for name in (*folders, *files)
-            if os.path.islink(each := os.path.join(folder, name))
-        ):
-            if os.path.commonpath([place, target := os.path.realpath(link)]) != place:
+        for name in (*folders, *files):
+            entry = os.path.join(folder, name)
+            if not os.path.islink(entry):
+                continue
+            target = os.path.realpath(entry)
+            if os.path.commonpath([real_root, target]) != real_root:
                 raise ValueError(
-                    f"{link} leads out of {root}, to {target}: put a copy in its place"
+                    f"{entry} leads out of {root}, to {target}: put a copy in its place"
                 )
 
 
 @contextmanager
 def limit_memory(size: int) -> Iterator[None]:
-    """Let this process map at most `size` more bytes, where the system can limit that; more raises
-    MemoryError."""
+    """Let this process map at most `size` more bytes; beyond that it gets MemoryError.
+
+    Does nothing if the system has no such limit."""
     try:
         import resource
 
         mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-        most = min(
+        limit_bytes = min(
             limit for limit in (mapped + size, soft, hard) if limit != resource.RLIM_INFINITY
         )
-        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+        resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, hard))
     except (ImportError, OSError, ValueError):
         yield
         return
@@ -523,22 +556,19 @@ def read_json(path: str | Path) -> Any:
 
 
 def replace_infinite(value: Any) -> Any:
-    """Replace numbers that JSON lacks by null, such as an infinite bound or the AP without
-    objects."""
+    """Replace numbers that JSON lacks by null, such as an infinite bound or an undefined AP."""
     if isinstance(value, dict):
-        return {key: replace_infinite(each) for key, each in value.items()}
+        return {key: replace_infinite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [replace_infinite(each) for each in value]
+        return [replace_infinite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-# bytes of SHA-256 over all that comes before, at the end of the file, where NumPy overlooks them
-_CHECKSUM = 32
-
-
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write a .npz file with a checksum, replacing an old one. A process killed while writing
-    leaves the old one. Raises ValueError for arrays that `read_arrays` would refuse."""
+    """Write a .npz file with a checksum, replacing an old one.
+
+    A process killed while writing leaves the old one. Raises ValueError for arrays that
+    `read_arrays` would refuse."""
     with name_errors(path):
         check_unpacked(sum(array.nbytes for array in arrays.values()))
     content = BytesIO()
@@ -547,10 +577,12 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Read the arrays of a file of `write_arrays`. Raises FileNotFoundError; ValueError for a
-    damaged or other file."""
-    content = read_plain(path)
-    content, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
+    """Read the arrays of a file of `write_arrays`.
+
+    Raises FileNotFoundError; ValueError for a damaged or other file."""
+    stored = read_plain(path)
+    content = stored[:-_CHECKSUM_BYTES]
+    checksum = stored[-_CHECKSUM_BYTES:]
     if sha256(content).digest() != checksum:
         raise ValueError(
             f"{path} does not fit its checksum: it is damaged or not a coview file, make it again"
@@ -558,46 +590,24 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     return load_arrays(path, BytesIO(content))
 
 
-# what np.load was seen to raise on damaged files: from the zip archive, the header's text, its
-# shape
-_DAMAGE = (
-    *(
-        OSError,
-        ValueError,
-        EOFError,
-        LookupError,
-        TypeError,
-        OverflowError,
-        MemoryError,
-        RuntimeError,
-        SyntaxError,
-    ),
-    *(AttributeError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
-)
-
-
-MOST_UNPACKED = 1 << 30  # bytes of memory that one file may ask for
-# bytes of a cloud that is packed: float64 copies of it take several times as much
-MOST_CLOUD = 1 << 28
-
-
-def check_unpacked(size: int, most: int | None = None) -> None:
-    """Raise ValueError where a file asks for more memory than `most`, by default
-    `MOST_UNPACKED`."""
-    most = most or MOST_UNPACKED
-    if size > most:
+def check_unpacked(size: int, max_bytes: int | None = None) -> None:
+    """Raise ValueError if a file needs more memory than `max_bytes`, by default
+    `MAX_UNPACKED_BYTES`."""
+    max_bytes = max_bytes or MAX_UNPACKED_BYTES
+    if size > max_bytes:
         raise ValueError(
-            f"it unpacks to {size / 2**30:.1f} GiB, more than the {most / 2**30:g} GiB allowed: "
-            "split it"
+            f"it unpacks to {size / 2**30:.1f} GiB, more than the {max_bytes / 2**30:g} GiB "
+            "allowed: split it"
         )
 
 
 def load_arrays(
-    path: str | Path, content: BytesIO | None = None, *, most: int | None = None
+    path: str | Path, content: BytesIO | None = None, *, max_bytes: int | None = None
 ) -> dict[str, np.ndarray]:
-    """Load the arrays of a .npz file by name, that of a .npy file as "". Raises ValueError, in one
-    line, also where those of a .npz would take more memory than `check_unpacked` allows. content:
-    of the file, if it was read before."""
+    """Load the arrays of a .npz file by name, or the array of a .npy file as "".
+
+    Raises ValueError, in one line, also if the arrays of a .npz would take more memory than
+    `check_unpacked` allows. content: content of the file, if it was read before."""
     try:
         with content or plain_file(path).open("rb") as file:
             if file.read(2) != b"PK":
@@ -611,7 +621,7 @@ def load_arrays(
                 file.seek(0)
                 return {"": np.load(file, allow_pickle=False)}
             with zipfile.ZipFile(file) as archive:
-                check_unpacked(sum(entry.file_size for entry in archive.infolist()), most)
+                check_unpacked(sum(entry.file_size for entry in archive.infolist()), max_bytes)
                 for entry in archive.infolist():
                     with archive.open(entry) as stream:
                         _check_array(stream, entry.file_size)
@@ -624,11 +634,12 @@ def load_arrays(
 
 
 def _check_array(stream: IO[bytes], size: int) -> None:
-    """Check that the array of a stream of `size` bytes is as large as its header says."""
+    """Check that the array in a stream of `size` bytes is as large as its header states."""
     form = np.lib.format
     version = form.read_magic(stream)
     read_header = form.read_array_header_1_0 if version == (1, 0) else form.read_array_header_2_0
     shape, _, kind = read_header(stream)
-    check_unpacked(declared := math.prod(shape) * kind.itemsize)
+    declared = math.prod(shape) * kind.itemsize
+    check_unpacked(declared)
     if kind.itemsize and declared != size - stream.tell() and not kind.hasobject:
         raise ValueError(f"its header says {declared} bytes, but {size - stream.tell()} are there")

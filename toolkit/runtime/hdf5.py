@@ -1,8 +1,9 @@
-"""HDF5 files read and written with care. Damage makes h5py raise errors of many kinds from any
-access, even from `in`. Every access here stands in `reading`, which turns them into one OSError
-that names the place. HDF5 ends the process when it cannot write a file to its end: `hdf5_file`
-therefore writes through a file object that keeps the first error to itself and lets all later
-writes pass."""
+"""HDF5 files read and written with care.
+
+Damage makes h5py raise errors of many kinds from any access, even from `in`. Every access here is
+in a block of `reading`, which turns them into one OSError that names the member. HDF5 ends the
+process when it cannot write a file to its end: `hdf5_file` therefore writes through a file object
+that keeps the first error and ignores all later writes."""
 
 import io
 import os
@@ -17,13 +18,10 @@ import numpy as np
 
 from toolkit.runtime.files import plain_file
 
-# Deflate makes nothing smaller than this; a dataset that claims more than that, and this many
-# bytes, is damaged, and
-# reading it would stop the machine.
-_SMALLEST = 1 / 1100
-_PLENTY = 1 << 28
+_MIN_DEFLATED_SHARE = 1 / 1100  # share of its size to which Deflate can reduce a dataset
+_MANY_BYTES = 1 << 28  # a larger dataset that seems deflated further is damaged: do not read it
 _KINDS = {"iu": "whole numbers", "f": "floating-point numbers", "fiu": "numbers"}
-_DAMAGE = (  # what h5py was seen to raise on damaged files
+_DAMAGE = (  # errors that h5py was seen to raise on damaged files
     *(OSError, RuntimeError, LookupError, TypeError, ValueError),
     *(AttributeError, OverflowError, MemoryError, SystemError),
 )
@@ -32,8 +30,9 @@ _Place = int | slice | EllipsisType | tuple[int, ...]
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """Turn errors of the block's HDF5 accesses into one OSError. Only such accesses belong in the
-    block."""
+    """Turn errors of the block's HDF5 accesses into one OSError.
+
+    Only such accesses belong in the block."""
     try:
         yield
     except _DAMAGE as error:
@@ -44,8 +43,9 @@ def reading(where: str) -> Iterator[None]:
 
 
 def open_hdf5(path: str | Path) -> h5py.File:
-    """Open a file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut
-    off."""
+    """Open a file for reading.
+
+    Raises OSError, in one line, if it is no HDF5 file, empty or cut off."""
     path = plain_file(path)
     try:
         return h5py.File(path, "r")
@@ -53,7 +53,7 @@ def open_hdf5(path: str | Path) -> h5py.File:
         size = path.stat().st_size
         with path.open("rb") as file:
             head = file.read(48)
-        # of the end-of-file address, by the version of the superblock
+        # offset of the end-of-file address, by the version of the superblock
         start = 28 if head[8:9] >= b"\2" else 40
         claimed = int.from_bytes(head[start : start + 8], "little")
         if size == 0:
@@ -71,7 +71,7 @@ def open_hdf5(path: str | Path) -> h5py.File:
 
 
 def find_kinds(group: h5py.Group, names: Iterable[str]) -> dict[str, type]:
-    """Kinds (h5py.Dataset, h5py.Group or h5py.Datatype) of those members that exist."""
+    """Kinds (h5py.Dataset, h5py.Group or h5py.Datatype) of the members that exist."""
     kinds: dict[str, type] = {}
     for name in names:
         node = _own(group, name)
@@ -80,32 +80,33 @@ def find_kinds(group: h5py.Group, names: Iterable[str]) -> dict[str, type]:
 
 
 def _own(group: h5py.Group, name: str) -> Any:
-    """Member of a group, None if missing. Raises ValueError if it lies elsewhere, perhaps in a file
-    that is nobody's business; that file is not even opened."""
+    """Member of a group, None if missing.
+
+    Raises ValueError if it is stored in another file, which is not even opened."""
     node = group.file["/"] if name.startswith("/") else group
-    place = ""
-    elsewhere = ""
-    for part in filter(None, name.split("/")):
-        place = f"{place}/{part}".lstrip("/")
-        with reading(place):
-            if not isinstance(node, h5py.Group) or not node.id.links.exists(part.encode()):
+    path = ""
+    fault = ""
+    for step in filter(None, name.split("/")):
+        path = f"{path}/{step}".lstrip("/")
+        with reading(path):
+            if not isinstance(node, h5py.Group) or not node.id.links.exists(step.encode()):
                 return None
-            if node.id.links.get_info(part.encode()).type != h5py.h5l.TYPE_HARD:
-                elsewhere = "is a link"
+            if node.id.links.get_info(step.encode()).type != h5py.h5l.TYPE_HARD:
+                fault = "is a link"
                 break
-            node = node[part]
+            node = node[step]
             if isinstance(node, h5py.Dataset) and (node.is_virtual or node.external):
-                elsewhere = "has its numbers in another file"
+                fault = "has its numbers in another file"
                 break
-    if elsewhere:
+    if fault:
         raise ValueError(
-            f"{place} {elsewhere}, which is not followed: store what belongs there in this file"
+            f"{path} {fault}, which is not followed: store what belongs there in this file"
         )
     return node
 
 
 def contains(group: h5py.Group, name: str) -> bool:
-    """True if a group has a member of that name."""
+    """Return True if a group has a member with this name."""
     return bool(find_kinds(group, [name]))
 
 
@@ -119,14 +120,15 @@ def child_names(group: h5py.Group, name: str) -> list[str]:
 def dataset(
     group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
 ) -> h5py.Dataset:
-    """Dataset of that name, not yet read. axes: their number; kinds: of NumPy's types that it may
-    have."""
+    """Dataset with this name, not yet read.
+
+    axes: number of its axes; kinds: NumPy's types that it may have."""
     node = _own(group, name)
     with reading(name):
         numeric = isinstance(node, h5py.Dataset) and node.shape is not None
-        shape, dtype, size = (
-            (node.shape, node.dtype, node.nbytes) if numeric else ((), np.dtype(float), 0)
-        )
+        shape = node.shape if numeric else ()
+        dtype = node.dtype if numeric else np.dtype(float)
+        size = node.nbytes if numeric else 0
         stored = node.id.get_storage_size() if numeric else 0
     if node is None:
         raise ValueError(f"dataset {name!r} is missing: restore the file, or make it again")
@@ -140,7 +142,7 @@ def dataset(
         )
     if axes is not None and len(shape) != axes:
         raise ValueError(f"{name} must have {axes} axes, got {dtype} of shape {shape}")
-    if size > _PLENTY and size * _SMALLEST > stored:
+    if size > _MANY_BYTES and size * _MIN_DEFLATED_SHARE > stored:
         raise ValueError(
             f"{name} claims {size} bytes, but only {stored} are stored: the file is damaged, "
             "restore it"
@@ -158,7 +160,7 @@ def array(
 def find_array(
     group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
 ) -> np.ndarray | None:
-    """`array`, or None where there is no such member."""
+    """Return `array`, or None if there is no such member."""
     return array(group, name, axes=axes, kinds=kinds) if contains(group, name) else None
 
 
@@ -195,8 +197,10 @@ def read_node_attributes(node: h5py.Group | h5py.Dataset, where: str) -> dict[st
 def hdf5_file(
     path: str | Path, mode: Literal["w", "r+"] = "w"
 ) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
-    """Give the block an HDF5 file to write, and a function that raises OSError once the disk has
-    refused. That function is called at the end, and may be called before. Not atomic: see
+    """Give the block an HDF5 file to write, and a function that raises OSError once the disk
+    failed.
+
+    That function is called at the end, and may be called before. Not atomic: see
     `toolkit.runtime.files.writing`."""
     with _Disk(path, "w+" if mode == "w" else "r+") as disk:
         try:
@@ -218,14 +222,14 @@ class _Disk(io.FileIO):
             raise self.error
 
     def write(self, content: Any) -> int:
-        rest = memoryview(content).cast("B")
-        size = len(rest)
+        remaining = memoryview(content).cast("B")
+        size = len(remaining)
         try:
-            while len(rest) and self.error is None:
-                rest = rest[super().write(rest) :]
+            while len(remaining) and self.error is None:
+                remaining = remaining[super().write(remaining) :]
         except OSError as error:
             self.error = error
-        self.seek(len(rest), os.SEEK_CUR)
+        self.seek(len(remaining), os.SEEK_CUR)
         return size
 
     def truncate(self, size: int | None = None) -> int:

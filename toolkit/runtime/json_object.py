@@ -21,13 +21,13 @@ _MAX_TEXT = 60  # characters of a value that messages quote
 
 
 class JsonObject:
-    """Members of a JSON object. Every method raises ValueError that names the member, the rule and
-    the value.
+    """Members of a JSON object, checked as they are taken.
+
+    Every method raises ValueError that names the member, the rule and the value.
 
     >>> JsonObject({"a": {"b": True}}, "file").node("a").get("b", int)
     Traceback (most recent call last):
-    ValueError: file.a.b must be a whole number, got 'True'
-    """
+    ValueError: file.a.b must be a whole number, got 'True'"""
 
     def __init__(self, value: Any, path: str = "") -> None:
         if not isinstance(value, dict):
@@ -56,11 +56,11 @@ class JsonObject:
         """Member that is an object."""
         return JsonObject(self.get(key, dict), self.where(key))
 
-    def nodes(self, key: str, most: int) -> "Iterator[JsonObject]":
+    def nodes(self, key: str, max_count: int) -> "Iterator[JsonObject]":
         """Member that is a list of at most so many objects."""
         rows = self.get(key, list)
-        if len(rows) > most:
-            raise ValueError(f"{self.where(key)} must hold at most {most}, got {len(rows)}")
+        if len(rows) > max_count:
+            raise ValueError(f"{self.where(key)} must hold at most {max_count}, got {len(rows)}")
         for i, row in enumerate(rows):
             yield JsonObject(row, f"{self.where(key)}[{i}]")
 
@@ -118,12 +118,12 @@ class JsonObject:
             raise ValueError(f"{self.where(key)} must be {count} numbers, got {len(row)}")
         return [_check_number(value, f"{self.where(key)}.{i}") for i, value in enumerate(row)]
 
-    def check_keys(self, known: Collection[str]) -> None:
+    def check_keys(self, allowed: Collection[str]) -> None:
         """Refuse a member of another name."""
         for key in self.value:
-            if key not in known:
+            if key not in allowed:
                 raise ValueError(
-                    f"{self.where(key[:_MAX_TEXT])} is unknown: it has {', '.join(known)}"
+                    f"{self.where(key[:_MAX_TEXT])} is unknown: it has {', '.join(allowed)}"
                 )
 
 

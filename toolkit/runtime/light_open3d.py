@@ -1,5 +1,6 @@
-"""`o3d`: Open3D without its viewer for web pages, whose framework takes half a second at every
-start."""
+"""`o3d`: Open3D without its viewer for web pages.
+
+The viewer's framework would take half a second at every start."""
 
 import sys
 from importlib import import_module
@@ -18,10 +19,10 @@ class _Viewer(ModuleType):
         if name.startswith("__"):
             raise AttributeError(name)
 
-        def call(*given: Any, **named: Any) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
             if sys.modules[VIEWER] is self:
                 del sys.modules[VIEWER]
-            return getattr(import_module(VIEWER), name)(*given, **named)
+            return getattr(import_module(VIEWER), name)(*args, **kwargs)
 
         return call
 

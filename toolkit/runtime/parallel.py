@@ -1,6 +1,7 @@
 """One function over many inputs: in this process, in several on this machine, or on a Ray cluster.
-The results are the same everywhere. Work that a process or a machine had begun when it died is done
-again."""
+
+The results are the same everywhere. Work that a process or a machine had begun when it died is
+repeated."""
 
 import ctypes
 import multiprocessing
@@ -22,38 +23,44 @@ from typing import Any
 
 Value = Any  # an input or result of a job, or an object of Ray, which has no types
 Task = Callable[[Value], Value]
+MAX_KEPT_BYTES = 32 << 20  # the C library always takes larger blocks from the system
+_MMAP_THRESHOLD = -3  # option of mallopt(3)
+_TRIM_THRESHOLD = -1  # option of mallopt(3)
+_MAX_TRIM_BYTES = 2**31 - 1  # the largest int, so that the end of the heap is never returned
+_OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABLES")
+RETRIES = 3  # when work is lost
+AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and nodes may join
+AHEAD_PER_PROCESS = 2  # inputs handed out per process
+TICK_S = 0.2  # between two looks at the ticks
+IDLE_S = 20.0  # before processes without a job end
 
 
 class WorkLost(RuntimeError):
-    """A worker died, perhaps through no fault of input or code. Finished work is kept: start
-    again."""
+    """A worker died, perhaps through no fault of input or code.
 
-
-# bytes; the C library takes larger blocks from the system whatever it is asked
-LARGEST_KEPT = 32 << 20
-# of mallopt(3)
-_MMAP_THRESHOLD = -3
-_TRIM_THRESHOLD = -1
-_NEVER = 2**31 - 1  # bytes at the end of the heap that are handed back, as far as an int goes
-_OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABLES")
+    Finished work is kept: start again."""
 
 
 @lru_cache(maxsize=1)
 def keep_freed_memory() -> bool:
-    """Let new arrays of up to `LARGEST_KEPT` bytes reuse the memory of old ones; return success.
-    The GNU C library hands back freed memory at the end of its heap, and the system clears every
-    page of it before it can be used again: a third of the time of a network whose maps come and go.
-    The process then keeps its peak memory. Nothing changes under another C library, or where the
-    environment says how to allocate."""
+    """Let new arrays of up to `MAX_KEPT_BYTES` bytes reuse the memory of old ones; return success.
+
+    The GNU C library returns freed memory at the end of its heap to the system, which clears every
+    page before it is used again: a third of the time of a network that allocates and frees maps.
+    The process then keeps its peak memory. Nothing changes under another C library, or if the
+    environment configures allocation."""
     mallopt = getattr(_c_library(), "mallopt", None)
     if mallopt is None or any(name in os.environ for name in _OWN_SETTINGS):
         return False
-    return bool(mallopt(_MMAP_THRESHOLD, LARGEST_KEPT)) and bool(mallopt(_TRIM_THRESHOLD, _NEVER))
+    return bool(mallopt(_MMAP_THRESHOLD, MAX_KEPT_BYTES)) and bool(
+        mallopt(_TRIM_THRESHOLD, _MAX_TRIM_BYTES)
+    )
 
 
 def return_freed_memory() -> None:
-    """Hand freed memory back to the system, after a job that took much. Does nothing under another
-    C library."""
+    """Return freed memory to the system, after a job that took much.
+
+    Does nothing under another C library."""
     getattr(_c_library(), "malloc_trim", bool)(0)
 
 
@@ -62,10 +69,6 @@ def _c_library() -> object:
         return ctypes.CDLL(None)
     except (OSError, TypeError):  # no handle of the program itself, as on Windows
         return None
-
-
-RETRIES = 3  # how often work that was lost is done again
-AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
 
 def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Value]:
@@ -96,8 +99,8 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
             ray.cancel(reference, force=True)
 
 
-_jobs: dict[str, Task] = {}  # of a Ray worker: its last job, whose caches stay
-_address: str | None = None  # of the cluster that we are connected to
+_jobs: dict[str, Task] = {}  # last job of a Ray worker, whose caches stay
+_address: str | None = None  # address of the connected cluster
 
 
 def _work_on_ray(shared: list[Value], x: Value) -> Value:
@@ -136,11 +139,6 @@ def _connect(address: str) -> Value:
     return ray
 
 
-AHEAD = 2  # inputs handed out per process
-TICK_S = 0.2  # between two looks at the ticks
-IDLE_S = 20.0  # that processes wait for more of the same job
-
-
 def spread(
     job: Task,
     inputs: Iterable[Value],
@@ -150,16 +148,18 @@ def spread(
     progress: Callable[[int], None] | None = None,
     ticks: Callable[[int], None] | None = None,
 ) -> Iterator[Value]:
-    """Yield `job(x)` for each of `inputs`, in their order. job: a function of a module, or an
-    object that can be called and pickled; large constants belong into it, since each process gets
-    it once. Its results must not depend on earlier inputs. workers: processes on this machine; a
-    script that asks for several must do so under `if __name__ == "__main__":`; ray: address of a
-    Ray cluster to use instead, "auto" for the one of this machine, "local" to start one here;
-    coview must be installed on all its machines. progress: called with the number of finished
-    results; ticks: called now and then with the number of calls of `tick` in processes, repeated
-    work included. Raises the errors of `job`; ValueError where workers is less than 1; WorkLost
-    where work was lost more than RETRIES times; ImportError without Ray; ConnectionError where no
-    cluster answers."""
+    """Yield `job(x)` for each of `inputs`, in their order.
+
+    job: a function of a module, or an object that can be called and pickled; store large constants
+    in it, since each process gets it once. Its results must not depend on earlier inputs. workers:
+    processes on this machine; a script that uses several must do so under `if __name__ ==
+    "__main__":`; ray: address of a Ray cluster to use instead, "auto" for the one of this machine,
+    "local" to start one here; coview must be installed on all its machines. progress: called with
+    the number of finished results; ticks: called now and then with the number of calls of `tick` in
+    processes, repeated work included.
+
+    Raises the errors of `job`; ValueError if workers is less than 1; WorkLost if work was lost more
+    than RETRIES times; ImportError without Ray; ConnectionError if no cluster answers."""
     if workers < 1 or workers != int(workers):
         rule = "at least 1" if workers < 1 else "a whole number"
         raise ValueError(f"workers must be {rule}, got {workers}")
@@ -199,14 +199,15 @@ def _in_processes(
     remaining = iter(inputs)
     # every input without a result; None while no pool has it
     pending: list[tuple[Value, Future[Value] | None]] = []
-    deaths = given = given_before = 0  # deaths since there was a result
+    deaths = yielded = results_before = 0  # deaths since there was a result
     ticked = 0  # in pools that died
     while True:
         try:
             with _pool(pickled, workers) as pool:
                 while True:
                     pending.extend(
-                        (x, None) for x in islice(remaining, AHEAD * workers - len(pending))
+                        (x, None)
+                        for x in islice(remaining, AHEAD_PER_PROCESS * workers - len(pending))
                     )
                     for k, (x, future) in enumerate(pending):
                         pending[k] = x, future or pool.executor.submit(_work, x)
@@ -219,26 +220,28 @@ def _in_processes(
                     result = future.result()
                     ticks(ticked + pool.ticks)
                     del pending[0]
-                    given += 1
+                    yielded += 1
                     yield result
         except BrokenProcessPool:
             pending = [(x, None if _is_lost(future) else future) for x, future in pending]
             lost = [x for x, future in pending if future is None]
-            known = given + len(pending) - len(lost)
-            deaths = deaths + 1 if known == given_before else 1
-            given_before = known
+            result_count = yielded + len(pending) - len(lost)
+            deaths = deaths + 1 if result_count == results_before else 1
+            results_before = result_count
             if deaths > RETRIES:
-                where = f"{deaths} times in a row, at or near input {str(lost[0])[:60]}"
+                occurrence = f"{deaths} times in a row, at or near input {str(lost[0])[:60]}"
                 script = 'called from a script without `if __name__ == "__main__":`'
                 cause = f"out of memory (use fewer workers), or {script}"
-                raise WorkLost(f"a worker process died {where}: {cause}") from None
+                raise WorkLost(f"a worker process died {occurrence}: {cause}") from None
             ticked += pool.ticks
 
 
 @contextmanager
 def _pool(pickled: bytes, workers: int) -> "Iterator[_Pool]":
-    """Give the block processes, which end at once if it raises. The last ones are kept for `IDLE_S`
-    seconds: a search repeats the same job, and a process takes seconds to begin."""
+    """Give the block processes, which end immediately if it raises.
+
+    The last ones are kept for `IDLE_S` seconds: a search repeats the same job, and a process takes
+    seconds to begin."""
     with _lock:
         pool = _kept.pop((pickled, workers), None)
     if pool is None:

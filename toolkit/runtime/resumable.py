@@ -1,8 +1,8 @@
 """Work in blocks that survives being killed: every finished block is one whole file.
 
 A shard is called `{block}.{crc32}.hdf5`. It is written under another name, synced to disk, then
-renamed; a shard that does not fit its checksum is damaged and made again. The plan of the shards
-stands beside them in `plan.json`."""
+renamed; a shard that does not fit its checksum is damaged and made again. The plan of the shards is
+in their folder, in `plan.json`."""
 
 import errno
 import json
@@ -31,8 +31,9 @@ class Work(Protocol[_Item]):
     """Work in blocks, pickled to every worker."""
 
     def start(self, threads: int) -> Callable[[int], Iterator[_Item]]:
-        """Prepare once per process; return a maker of a block's items. threads: that the process
-        may use."""
+        """Prepare once per process; return a maker of a block's items.
+
+        threads: number of threads that the process may use."""
 
     def encode(self, items: Sequence[_Item]) -> bytes:
         """Content of the shard of a block's items."""
@@ -47,21 +48,21 @@ class ShardFolder:
 
     @property
     def found(self) -> Plan | None:
-        """Plan of the run that was killed here; None where there was none, or it cannot be read."""
+        """Plan of the run that was killed here; None without one, or if it cannot be read."""
         with suppress(FileNotFoundError, NotADirectoryError, ValueError):
             return dict(json.loads((self.path / "plan.json").read_text()))
         return None
 
     def open(self, overwrite: bool) -> None:
         """Make the folder, or continue in it. Raises FileExistsError."""
-        found = self.found
-        differences = "" if found is None else describe_differences(found, self.plan)
+        stored_plan = self.found
+        differences = "" if stored_plan is None else describe_differences(stored_plan, self.plan)
         if differences and not overwrite:
             remedy = "finish that one first, write to another file, or --overwrite it"
             raise FileExistsError(
                 f"{self.path} holds an unfinished run made from {differences}: {remedy}"
             )
-        if found is None or differences:
+        if stored_plan is None or differences:
             self._clear()
             write_text(self.path / "plan.json", json.dumps(self.plan, indent=1))
 
@@ -81,19 +82,19 @@ class ShardFolder:
         write_bytes(self.path / f"{block:05d}.{zlib.crc32(content):08x}.hdf5", content)
 
     def publish(self, out: Path, join: Callable[[list[Path], Path], _Made]) -> _Made:
-        """Join all shards into `out`, which appears whole; remove them. Returns what `join`
-        returns."""
+        """Join all shards into `out`, which appears whole, and remove them. Returns the result of
+        `join`."""
         shards = [path for _, path in sorted(self.shards().items())]
         size = sum(path.stat().st_size for path in shards)
         if size > shutil.disk_usage(self.path).free:
             raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the shards")
         with writing(out, self.path / f"joined{UNFINISHED}") as joined:
-            made = join(shards, joined)
+            result = join(shards, joined)
         self.remove()
-        return made
+        return result
 
     def shards(self) -> dict[int, Path]:
-        """Shards by block, as far as their names tell."""
+        """Shards by block, judging by their names."""
         return {
             int(name[1]): path
             for path in self.path.iterdir()
@@ -119,26 +120,26 @@ class ShardFolder:
         """Keep a second run out until the block ends."""
         self.path.mkdir(parents=True, exist_ok=True)
         lock = self.path / "lock"
-        held = take(lock)
-        if held is None:
+        descriptor = take(lock)
+        if descriptor is None:
             raise FileExistsError(f"another run is writing to {self.path}: wait for it, or stop it")
         try:
             yield
         finally:
-            with suppress(
-                OSError
-            ):  # it may be gone already, with the folder, or be that of the next run
-                if os.path.samestat(os.fstat(held), lock.stat()):
+            # it may be gone already, with the folder, or belong to the next run
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(descriptor), lock.stat()):
                     lock.unlink()
                     self.path.rmdir()  # if empty
-            os.close(held)
+            os.close(descriptor)
 
     @contextmanager
     def explain_disk_errors(
         self, out: Path, frames: Callable[[Collection[int]], int]
     ) -> Iterator[None]:
-        """Turn a full or failing disk into one line that says what is safe. frames: counts the
-        frames of blocks."""
+        """Turn a full or failing disk into one line that states what is safe.
+
+        frames: counts the frames of blocks."""
         try:
             yield
         except OSError as error:
@@ -166,8 +167,9 @@ def make_shards(
     ray: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> None:
-    """Make those shards of `blocks` that are missing, in `workers` processes, or on a Ray cluster,
-    which sends their content back. progress: called with the number of finished items."""
+    """Make the shards of `blocks` that are missing, in `workers` processes or on a Ray cluster.
+
+    A cluster sends their content back. progress: called with the number of finished items."""
     blocks = sorted(set(blocks) - folder.shards().keys())
     workers = min(workers, max(1, len(blocks)))
     done = 0
@@ -182,17 +184,17 @@ def make_shards(
     job = _ShardJob(
         work, None if ray else folder, threads, count if workers == 1 and not ray else tick
     )
-    made = spread(job, blocks, workers=workers, ray=ray, ticks=progress)
-    for block, (items, content) in zip(blocks, made, strict=True):
+    results = spread(job, blocks, workers=workers, ray=ray, ticks=progress)
+    for block, (items, content) in zip(blocks, results, strict=True):
         if content is not None:
             folder.add(block, content)
             count(items)
 
 
-def describe_differences(found: Plan, asked: Plan) -> str:
-    """Describe how `found` differs from `asked`; empty if equal."""
-    keys = [key for key in {**found, **asked} if found.get(key) != asked.get(key)]
-    return ", ".join(f"{key} {found.get(key)} instead of {asked.get(key)}" for key in keys)
+def describe_differences(stored: Plan, requested: Plan) -> str:
+    """Describe how `stored` differs from `requested`; empty if equal."""
+    keys = [key for key in {**stored, **requested} if stored.get(key) != requested.get(key)]
+    return ", ".join(f"{key} {stored.get(key)} instead of {requested.get(key)}" for key in keys)
 
 
 @dataclass

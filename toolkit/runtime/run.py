@@ -1,11 +1,11 @@
-"""`Run`: how an answer is computed, whatever is asked.
+"""`Run`: settings for how a result is computed, whatever the result.
 
 A command takes the smallest class that holds what it uses: `Processes` (workers, ray, progress) for
-work on given files, `Simulation` (those, seed, frames) where traffic is simulated, `Run` (those,
-cache) where results are kept. Other usual values are the parameter's default, `run:
-Run = Run(frames=1000)`. tyro makes options and help of the fields. The same seed and frames give
-the same answer on one machine; cache and processes change its time alone. Fields that do not fit
-raise ValueError, a cluster without Ray ImportError."""
+work on given files, `Simulation` (also seed and frames) if traffic is simulated, `Run` (also cache)
+if results are kept. Other defaults are the parameter's default, `run: Run = Run(frames=1000)`. tyro
+makes options and help of the fields. The same seed and frames give the same result on one machine;
+cache and processes change only the time it takes. Values that do not fit raise ValueError, a
+cluster without Ray ImportError."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from toolkit.runtime.cache import Cache
 
 PART_SEEDS = 1_000_003  # between the seeds of two parts of traffic
-# name of a stage, done, to do (None where unknown)
-Stages = Callable[[str, int, "int | None"], None]
+Stages = Callable[[str, int, "int | None"], None]  # name of a stage, done, to do (None if unknown)
 
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
@@ -57,7 +56,7 @@ class Processes:
 
     @property
     def alone(self) -> bool:
-        """True where all work is done in this process."""
+        """True if all work is done in this process."""
         return self.ray is None and self.count == 1
 
     def map(
@@ -67,21 +66,23 @@ class Processes:
         *,
         progress: Callable[[int], None] | None = None,
     ) -> Iterator[_Out]:
-        """`job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` gives it. job: a
-        module's function or a callable object that can be pickled; progress: called with the number
-        of results. Raises what `job` raises, WorkLost and ConnectionError."""
+        """Yield `job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` does.
+
+        job: a module's function or a callable object that can be pickled; progress: called with the
+        number of results. Raises the errors of `job`, WorkLost and ConnectionError."""
         return spread(job, inputs, workers=self.count, ray=self.ray, progress=progress)
 
     def stage(
         self, name: str, total: int | None = None, *, before: int = 0
     ) -> Callable[[int], None] | None:
-        """Callback that counts one stage, to `total` at most; None where nobody listens. before:
-        done already."""
-        tell = self.progress
-        most = float("inf") if total is None else total
-        return (
-            None if tell is None else lambda done: tell(name, int(min(most, before + done)), total)
-        )
+        """Callback that counts one stage, up to `total`; None if nobody listens.
+
+        before: number done already."""
+        report = self.progress
+        if report is None:
+            return None
+        limit = float("inf") if total is None else total
+        return lambda done: report(name, int(min(limit, before + done)), total)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,14 +101,14 @@ class Simulation(Processes):
             check_whole("frames", self.frames, least=1, remedy="leave it out for the usual number")
 
     def frames_or(self, usual: int) -> int:
-        """Number of frames, the usual one where none is given."""
+        """Number of frames, the usual number if no number is given."""
         return usual if self.frames is None else self.frames
 
     def part(self, number: int, frames: int | None = None) -> Self:
-        """Run on another part of the traffic, which shares no seed with the parts of any run of a
-        seed below a million.
+        """Run on another part of the traffic.
 
-        number: 0 for this run's own traffic; frames: None for as many."""
+        It shares no seed with the parts of any run with a seed below a million. number: 0 for the
+        traffic of this run; frames: None for as many."""
         return replace(
             self,
             seed=self.seed + PART_SEEDS * number,

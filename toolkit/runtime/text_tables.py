@@ -9,19 +9,23 @@ _UNPRINTABLE = re.compile(
 
 
 def escape(text: object) -> str:
-    r"""Replace what steers a terminal, turns the direction of writing or is no character by its
-    escape sequence.
+    r"""Replace characters that control a terminal, change the writing direction or are unprintable.
 
-    Names come out of files of others."""
-    return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
+    They become escape sequences. Names come from other people's files."""
+    return _UNPRINTABLE.sub(lambda match: match[0].encode("unicode_escape").decode(), str(text))
 
 
 def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
     """Align the columns of a table; the first `texts` to the left."""
-    table = [[cell.replace("\n", "\\n") for cell in line] for line in table]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    sides = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
-    rows = [zip(sides, line, widths, strict=True) for line in table]
-    return "\n".join(
-        "  ".join(side(cell, width) for side, cell, width in row).rstrip() for row in rows
-    )
+    rows = [_escape_breaks(row) for row in table]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    justify = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
+    lines = []
+    for row in rows:
+        cells = [side(cell, width) for side, cell, width in zip(justify, row, widths, strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def _escape_breaks(row: Sequence[str]) -> list[str]:
+    return [cell.replace("\n", "\\n") for cell in row]

@@ -1,6 +1,8 @@
-"""Argoverse 2 logs with two real lidars: lasers 0-31 of a sweep are `up_lidar`'s, 32-63
-`down_lidar`'s. World frame: the ego vehicle's. `check_log` fuses the two lidars as any two sensors,
-and counts the points in every labelled cuboid beside the recording's own count."""
+"""Argoverse 2 logs with two real lidars.
+
+Lasers 0-31 of a sweep belong to `up_lidar`, 32-63 to `down_lidar`. World frame: the ego vehicle's.
+`check_log` fuses the two lidars as any two sensors, and counts the points in every labelled cuboid,
+to compare with the recording's count."""
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -41,8 +43,9 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class Labels:
-    """Cuboids of one sweep, ego frame. interior_points: the recording's own number of points in
-    each."""
+    """Cuboids of one sweep, ego frame.
+
+    interior_points: the recording's number of points in each."""
 
     boxes: BoxRows
     categories: tuple[str, ...]
@@ -60,7 +63,7 @@ class Checked(NamedTuple):
 
 
 def sweep_times(log: str | Path) -> list[int]:
-    """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is not a
+    """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is no
     log."""
     files = records.list_files(Path(log, "sensors", "lidar"), "*.feather")
     times = sorted(int(file.stem) for file in files if file.stem.isdecimal())
@@ -70,21 +73,21 @@ def sweep_times(log: str | Path) -> list[int]:
 
 
 def read_labels(log: str | Path, time: int, problems: records.Problems | None = None) -> Labels:
-    """The cuboids labelled at one sweep's time. problems: counts boxes that no road tilts so
-    far."""
+    """Cuboids labelled at one sweep's time. problems: counts boxes with more tilt than any road."""
     table = read_table(Path(log, "annotations.feather"))
     table = {name: column[_stamps(table) == time] for name, column in table.items()}
     poses = _poses(table)
     yaw = records.find_headings(poses[:, :3, :3], {} if problems is None else problems)
     size = [table[name] for name in ("length_m", "width_m", "height_m")]
-    categories, tracks = (tuple(map(str, table[name])) for name in ("category", "track_uuid"))
+    categories = tuple(map(str, table["category"]))
+    tracks = tuple(map(str, table["track_uuid"]))
     boxes = np.column_stack([poses[:, :3, 3], *size, yaw])
     return Labels(boxes, categories, table["num_interior_pts"].astype(np.int64), tracks)
 
 
 def check_log(log: str | Path) -> list[Checked]:
-    """Count the points of every labelled cuboid in the fused sweep, beside the recording's own
-    count."""
+    """Count the points of every labelled cuboid in the fused sweep, and compare with the
+    recording's."""
     checked = []
     for frame in argoverse(Path(log)):
         labels = read_labels(log, int(frame.name))
@@ -113,8 +116,9 @@ def argoverse(path: Path) -> records.Listing:
 
 
 def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Times (ns) of a table's rows, as they are: a float has lost the last ones, a text is equal to
-    none."""
+    """Times (ns) of a table's rows, unconverted.
+
+    A float has lost the last digits; a text equals no number."""
     stamps = table["timestamp_ns"]
     if stamps.dtype.kind not in "iu":
         raise ValueError(
@@ -143,21 +147,23 @@ def _sample(log: Path, name: str) -> Frame:
         strange = ~np.isin(table["laser_number"], [*chain(*LASERS.values())])
         add_problem(problems, NO_LASER, int(strange.sum()))
         for lidar, lasers in LASERS.items():
-            own = np.isin(table["laser_number"], lasers)
-            if own.any() or lidar in calibration:
-                part = {key: column[own] for key, column in recorded.items()}
+            is_lidar = np.isin(table["laser_number"], lasers)
+            if is_lidar.any() or lidar in calibration:
+                lidar_columns = {key: column[is_lidar] for key, column in recorded.items()}
                 pose = calibration[lidar] if calibration else np.eye(4)
-                stamp = (time + _first_offset_ns(part)) * 1e-9
+                stamp = (time + _first_offset_ns(lidar_columns)) * 1e-9
                 clouds.append(
-                    records.build_cloud(part, lidar, pose, problems, frame="world", stamp_s=stamp)
+                    records.build_cloud(
+                        lidar_columns, lidar, pose, problems, frame="world", stamp_s=stamp
+                    )
                 )
     annotations = log / "annotations.feather"
-    found = records.no_labels()
+    labels_in_frame = records.no_labels()
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labels = read_labels(log, time, problems)
-            named = labels.boxes, labels.categories, labels.tracks
-            found = records.labelled(*named, problems, labels.interior_points)
+            columns = labels.boxes, labels.categories, labels.tracks
+            labels_in_frame = records.labelled(*columns, problems, labels.interior_points)
     city = log / "city_SE3_egovehicle.feather"
     map_SE3_ego = np.eye(4)
     if lexists(city):
@@ -167,23 +173,30 @@ def _sample(log: Path, name: str) -> Frame:
             add_problem(problems, NO_PLACE, int(not len(rows)))
             map_SE3_ego = next(iter(_poses({key: table[key][rows] for key in _POSE})), map_SE3_ego)
     return Frame.of_clouds(
-        name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems
+        name,
+        clouds,
+        *labels_in_frame,
+        time=time * 1e-9,
+        map_SE3_world=map_SE3_ego,
+        problems=problems,
     )
 
 
-def _first_offset_ns(part: Mapping[str, np.ndarray]) -> int:
+def _first_offset_ns(columns: Mapping[str, np.ndarray]) -> int:
     """Time of a lidar's first point after its sweep's, 0 if the sweep has no times."""
-    offsets = part.get("offset_ns", np.zeros(0, np.int64))
+    offsets = columns.get("offset_ns", np.zeros(0, np.int64))
     return int(offsets.min()) if offsets.size and offsets.dtype.kind in "iu" else 0
 
 
 def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as a log. Of several sensors the first two become up_lidar and down_lidar; a
-    frame of more raises ValueError. Sweeps without times get tenths of a second."""
+    """Write frames as a log.
+
+    The first two sensors become up_lidar and down_lidar; a frame of more raises ValueError. Sweeps
+    without times get tenths of a second."""
     annotations: dict[str, np.ndarray] = {}
     stamps: list[int] = []
     cities: list[np.ndarray] = []
-    mounted: dict[str, np.ndarray] = {}
+    poses_by_lidar: dict[str, np.ndarray] = {}
     for k, sample in enumerate(near_frames(samples)):
         if len(sample.clouds) > len(LASERS):
             count = len(sample.clouds)
@@ -198,7 +211,7 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
                 f"{sample.time:g} s"
             )
         cities.append(sample.map_SE3_world)
-        mounted |= {
+        poses_by_lidar |= {
             name: cloud.world_SE3_sensor for name, cloud in zip(LASERS, sample.clouds, strict=False)
         }
         sweep = _sweep(sample, stamps[-1] * 1e-9)
@@ -208,7 +221,7 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
     if stamps:
         _write_table(
             folder / _CALIBRATION,
-            {"sensor_name": list(mounted), **_pose_columns(list(mounted.values()))},
+            {"sensor_name": list(poses_by_lidar), **_pose_columns(list(poses_by_lidar.values()))},
         )
         _write_table(
             folder / "city_SE3_egovehicle.feather",
@@ -240,8 +253,10 @@ def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
 
 
 def _fit_offsets(offsets_s: Float64[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
-    """Whole nanoseconds; 0, with a warning, if a point is too far from its sweep's time for the
-    column's type."""
+    """Whole nanoseconds of point times.
+
+    They are 0, with a warning, if a point is too far from its sweep's time for the column's
+    type."""
     offsets_ns = np.round(offsets_s * 1e9)
     if np.abs(offsets_ns).max(initial=0) > np.iinfo(np.int32).max:
         warnings.warn(
@@ -270,8 +285,8 @@ def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
     return labels | {"num_interior_pts": counts}
 
 
-def _pose_columns(placed: Sequence[np.ndarray]) -> dict[str, list[float]]:
-    rows = np.array([[*compute_quaternion(each), *each[:3, 3]] for each in placed]).reshape(-1, 7)
+def _pose_columns(poses: Sequence[np.ndarray]) -> dict[str, list[float]]:
+    rows = np.array([[*compute_quaternion(pose), *pose[:3, 3]] for pose in poses]).reshape(-1, 7)
     return {name: column.tolist() for name, column in zip(_POSE, rows.T, strict=True)}
 
 

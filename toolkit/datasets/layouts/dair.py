@@ -1,8 +1,9 @@
-"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/; the cooperative part has two
-sides, world labels.
+"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/.
 
-World frame: of one side its lidar's; of the cooperative part the infrastructure's **virtual
-lidar**. Its x-y plane is level with the ground, and the clouds of velodyne/ are in it already.
+The cooperative part has two sides and labels in the world.
+
+World frame: the lidar's for one side; the infrastructure's **virtual lidar** for the cooperative
+part. Its x-y plane is level with the ground, and the clouds of velodyne/ are in it already.
 
 - Numbers are often strings ("3d_location": {"x": "12.3", ...}), and translations are columns, [[x],
   [y], [z]].
@@ -14,10 +15,9 @@ lidar**. Its x-y plane is level with the ground, and the clouds of velodyne/ are
   to be added to the infrastructure's place in that world; a missing offset is left out or an empty
   string.
 - Infrastructure and vehicle of a pair measured up to tens of milliseconds apart:
-  pointcloud_timestamp of each side's data_info.json, microseconds since 1970, says when.
-- Of label/camera, taken where there are no other labels, nobody labelled what the camera does not
-  show.
-- CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are
+  pointcloud_timestamp of each side's data_info.json, microseconds since 1970, has the times.
+- label/camera, used if there are no other labels, lacks objects that the camera does not show.
+- CarIgnore and similar labels are no objects, Trafficcone and Barrowlist no classes here: they are
   counted."""
 
 import json
@@ -39,17 +39,19 @@ from toolkit.geometry import invert
 from toolkit.runtime.files import write_text
 
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
-_IMAGE = 1920, 1080  # pixels
+_IMAGE_PX = 1920, 1080  # width and height
 NO_PARTNER = "pairs whose clouds are not there, left out"
 UNPLACED_LIDAR = "calibrations that say where the lidar is in the map and cannot be read"
 NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
 WORLD_LABELS = "label_world"
 _COOPERATIVE = f"cooperative/{WORLD_LABELS}", "cooperative/label"
+_MAX_OFFSET_M = 1000.0  # correction of the position of the infrastructure
 
 
 def dair(path: Path) -> records.Listing:
-    """Frames of one side's folder or of the cooperative part. Raises FileNotFoundError for any
-    other folder."""
+    """Frames of one side's folder or of the cooperative part.
+
+    Raises FileNotFoundError for any other folder."""
     for root in (path, path / "cooperative-vehicle-infrastructure"):
         if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
             return _pairs(root)
@@ -78,22 +80,21 @@ def _load_side(
     )
     file = _first(path, _LABELS, name)
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
-    found = read_annotations(file, np.eye(4), problems)
+    labels = read_annotations(file, np.eye(4), problems)
     complete: Region = Everywhere()
-    if (
-        file is not None and file.parent.name == "camera"
-    ):  # nobody labelled what the camera does not show
+    # nobody labelled what the camera does not show
+    if file is not None and file.parent.name == "camera":
         complete = _read_camera(path / "calib", name, problems)
-    place = _read_place(path / "calib", name, problems)
+    map_SE3_world = _read_place(path / "calib", name, problems)
     time = records.frame_time([cloud])
-    measured = name, (cloud,), *found
+    measured = name, (cloud,), *labels
     return Frame.of_clouds(
-        *measured, time=time, complete=complete, map_SE3_world=place, problems=problems
+        *measured, time=time, complete=complete, map_SE3_world=map_SE3_world, problems=problems
     )
 
 
 def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
-    """Pose of a side's lidar in the map: of calib/virtuallidar_to_world, or through the vehicle's
+    """Pose of a side's lidar in the map, from calib/virtuallidar_to_world or the vehicle's
     novatel."""
     map_SE3_lidar = np.eye(4)
     for kinds in (("virtuallidar_to_world",), ("novatel_to_world", "lidar_to_novatel")):
@@ -128,19 +129,18 @@ def _read_stamps(side: Path) -> dict[str, float]:
 
 
 def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
-    """Region that the camera shows, from its calibration and the lidar's to it; everywhere without
-    them."""
-    intrinsic, extrinsic = (
-        folder / kind / f"{name}.json" for kind in ("camera_intrinsic", "virtuallidar_to_camera")
-    )
+    """Region that the camera shows, from its calibration and its pose in the lidar's frame.
+
+    Without these it is everywhere."""
+    intrinsic = folder / "camera_intrinsic" / f"{name}.json"
+    extrinsic = folder / "virtuallidar_to_camera" / f"{name}.json"
     if not (lexists(intrinsic) and lexists(extrinsic)):
         records.add_problem(problems, NO_CAMERA, 1)
         return Everywhere()
     with named_damage(intrinsic, "calibration"):
-        matrix = records.numbers(entry(records.load_json(intrinsic), "cam_K"), 9, "cam_K").reshape(
-            3, 3
-        )
-    return ImageWedge(matrix @ read_transform(extrinsic)[:3], *_IMAGE)
+        values = entry(records.load_json(intrinsic), "cam_K")
+        matrix = records.numbers(values, 9, "cam_K").reshape(3, 3)
+    return ImageWedge(matrix @ read_transform(extrinsic)[:3], *_IMAGE_PX)
 
 
 def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:
@@ -148,22 +148,21 @@ def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:
 
 
 def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
-    return next(
-        (file for folder in folders if lexists(file := root / folder / f"{name}.json")), None
-    )
+    files = (root / folder / f"{name}.json" for folder in folders)
+    return next((file for file in files if lexists(file)), None)
 
 
 def _pairs(root: Path) -> records.Listing:
     index = root / "cooperative" / "data_info.json"
     with named_damage(index, "list of pairs"):
-        every = records.as_list(records.load_json(index))
+        all_rows = records.as_list(records.load_json(index))
         road = root / "infrastructure-side"
         car = root / "vehicle-side"
-        whole = [row for row in every if _has_clouds(row, road, car)] or every
-        pairs = _name_pairs(whole)
-        vehicles = [_stem(row, "vehicle") for row in every]
+        complete_rows = [row for row in all_rows if _has_clouds(row, road, car)] or all_rows
+        pairs = _name_pairs(complete_rows)
+        vehicles = [_stem(row, "vehicle") for row in all_rows]
     labelled = _labelled(root, _COOPERATIVE)
-    noted = {NO_PARTNER: len(every) - len(whole)}
+    noted = {NO_PARTNER: len(all_rows) - len(complete_rows)}
     load = partial(_load_pair, root, pairs, (_read_stamps(road), _read_stamps(car)), bool(labelled))
     return records.Listing(tuple(pairs), load, labelled=labelled, known=vehicles, noted=noted)
 
@@ -200,21 +199,21 @@ def _load_pair(
     file = _first(root, _COOPERATIVE, vehicle)
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
     in_world = file is None or file.parent.name == WORLD_LABELS
-    found = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
+    labels = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
     time = records.frame_time([near])
     return Frame.of_clouds(
-        name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems
+        name, (near, far), *labels, time=time, map_SE3_world=map_SE3_road, problems=problems
     )
 
 
 def _name_pairs(rows: list[records.Unchecked]) -> dict[str, records.Unchecked]:
     """Pairs by the infrastructure's frame, and the vehicle's too if it has several vehicles."""
     count = Counter(_stem(row, "infrastructure") for row in rows)
-    named = {}
+    pairs = {}
     for row in rows:
         pole = _stem(row, "infrastructure")
-        named[pole if count[pole] == 1 else f"{pole}-{_stem(row, 'vehicle')}"] = row
-    return named
+        pairs[pole if count[pole] == 1 else f"{pole}-{_stem(row, 'vehicle')}"] = row
+    return pairs
 
 
 def _has_clouds(pair: records.Unchecked, road: Path, car: Path) -> bool:
@@ -229,17 +228,15 @@ def _stem(pair: records.Unchecked, side: str) -> str:
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Pose:
-    """Pose of a calibration file, made rigid. offset: added to x and y, the file's own
-    relative_error if None."""
+    """Pose of a calibration file, made rigid.
+
+    offset: added to x and y, the file's relative_error if None."""
     with named_damage(path, "calibration"):
         content = records.load_json(path)
         inner = content.get("transform", content)
         matrix = records.rigid(entry(inner, "rotation"), entry(inner, "translation"))
         matrix[:2, 3] += offset or _offset(content.get("relative_error")) or (0.0, 0.0)
     return matrix
-
-
-_MOST_OFFSET = 1000.0  # m of a correction to where the infrastructure stands
 
 
 def _offset(value: records.Unchecked) -> tuple[float, float] | None:
@@ -249,9 +246,9 @@ def _offset(value: records.Unchecked) -> tuple[float, float] | None:
         as_number(entry(value, "delta_x"), "delta_x"),
         as_number(entry(value, "delta_y"), "delta_y"),
     )
-    if not np.abs(delta).max() <= _MOST_OFFSET:
+    if not np.abs(delta).max() <= _MAX_OFFSET_M:
         raise ValueError(
-            f"delta_x and delta_y must be numbers within {_MOST_OFFSET:g} m of 0, got {delta}"
+            f"delta_x and delta_y must be numbers within {_MAX_OFFSET_M:g} m of 0, got {delta}"
         )
     return delta
 
@@ -263,14 +260,14 @@ def read_annotations(
     with named_damage(path or "", "list of labels"):
         labels = [] if path is None else records.as_list(records.load_json(path))
         parts = [
-            (records.xyz(each, "3d_location"), records.xyz(each, "3d_dimensions", "lwh"))
-            for each in labels
+            (records.xyz(label, "3d_location"), records.xyz(label, "3d_dimensions", "lwh"))
+            for label in labels
         ]
-        yaws = [as_number(entry(each, "rotation"), "rotation") for each in labels]
-        names = [str(entry(each, "type")) for each in labels]
-        ids = [each.get("track_id", each.get("id", k)) for k, each in enumerate(labels)]
+        yaws = [as_number(entry(label, "rotation"), "rotation") for label in labels]
+        names = [str(entry(label, "type")) for label in labels]
+        ids = [label.get("track_id", label.get("id", k)) for k, label in enumerate(labels)]
     rows = np.array(
-        [[*place, *size, yaw] for (place, size), yaw in zip(parts, yaws, strict=True)]
+        [[*centre, *size, yaw] for (centre, size), yaw in zip(parts, yaws, strict=True)]
     ).reshape(-1, 7)
     records.count_full_turns(rows[:, 6], problems)
     return records.labelled(records.move_boxes(world_SE3_labels, rows), names, ids, problems)
@@ -291,7 +288,7 @@ def written_labels(sample: Frame) -> list[dict[str, object]]:
 
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as one infrastructure side. The clouds of each become one, in its world
+    """Write frames as one infrastructure side. The clouds of a frame become one, in its world
     frame."""
     index = []
     for number, sample in enumerate(near_frames(samples)):

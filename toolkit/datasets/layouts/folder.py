@@ -1,8 +1,7 @@
-"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd, with poses.json (or .txt) and labels.json
-or without.
+"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd.
 
-World frame: the poses', world_SE3_sensor; without a pose file the clouds are taken to be in it
-already.
+There may be poses.json (or .txt) and labels.json. World frame: the poses', world_SE3_sensor;
+without a pose file the clouds are assumed to be in it already.
 
 - Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
 - Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`),
@@ -51,18 +50,24 @@ SCANS = {  # files of points that are not read, and what to do with them
     (".e57", ".pts", ".ptx", ".obj", ".stl", ".drc"): _CONVERT,
     (".txt",): "call them .xyz or .csv",
 }
-MAX_START_BYTES = 4096  # at a text's start, which tell points from words
-ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
+MAX_START_BYTES = 4096  # at a text's start, which distinguish points from words
+ALONE = "lidar"  # sensor of clouds directly in the folder
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 
 
 def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> records.Listing:
-    """Frames of a folder, or of one cloud file. poses: a file of poses, the folder's own if None;
-    inverted: it gives world → sensor. Raises FileNotFoundError if there are no clouds."""
+    """Frames of a folder, or of one cloud file.
+
+    poses: a file of poses, None for the one in the folder; inverted: it gives world → sensor.
+    Raises FileNotFoundError if there are no clouds."""
     if path.is_file():
         clouds = {ALONE: [path]}
     elif path.is_dir():
-        below = {each.name: _files(each) for each in records.list_files(path) if each.is_dir()}
+        below = {
+            subfolder.name: _files(subfolder)
+            for subfolder in records.list_files(path)
+            if subfolder.is_dir()
+        }
         clouds = {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
     else:
         raise FileNotFoundError(f"no such folder or cloud file: {path}")
@@ -80,25 +85,34 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
             f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {_find_remedy(path)}"
         )
     base = path.parent if path.is_file() else path
-    given = poses or next((base / each for each in POSES if lexists(base / each)), None)
-    placed = {} if given is None else read_poses(given, inverted=inverted)
-    files = [(sensor, file.stem) for each in names.values() for sensor, file in each.items()]
-    if poses and not placed.keys() & {
-        key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")
-    }:
-        sensors = ", ".join(sorted({sensor for sensor, _ in files}))
-        raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {sensors}")
+    pose_file = poses or next((base / name for name in POSES if lexists(base / name)), None)
+    poses_by_name = {} if pose_file is None else read_poses(pose_file, inverted=inverted)
+    sensors = set()
+    pose_names = set()
+    for by_sensor in names.values():
+        for sensor, file in by_sensor.items():
+            sensors.add(sensor)
+            pose_names |= {sensor, file.stem, f"{sensor}/{file.stem}"}
+    if poses and not poses_by_name.keys() & pose_names:
+        raise ValueError(
+            f"{poses} has poses {', '.join(poses_by_name)}, but the sensors are "
+            f"{', '.join(sorted(sensors))}"
+        )
     middles = Middles({sensor: files[0] for sensor, files in clouds.items()})
     labels = base / LABELS_FILE
     entries = records.read_entries(labels) if lexists(labels) else {}
     with records.named_damage(labels, "file of boxes"):
         times = _written_times(entries)
 
-    load = _Loader(names, len(clouds), by_order, placed, labels, entries, times, middles)
-    known = [_stem(file) for files in names.values() for file in files.values()]
+    load = _Loader(names, len(clouds), by_order, poses_by_name, labels, entries, times, middles)
+    cloud_names = [_stem(file) for files in names.values() for file in files.values()]
     of_folder = entries if path.is_dir() else ()
     return records.Listing(
-        tuple(names), load, labelled=of_folder, known=known, noted={records.DOUBLED_CLOUDS: doubled}
+        tuple(names),
+        load,
+        labelled=of_folder,
+        known=cloud_names,
+        noted={records.DOUBLED_CLOUDS: doubled},
     )
 
 
@@ -109,17 +123,18 @@ class _Loader:
     Attributes:
         names: cloud file of each sensor in each frame.
         sensors: number of sensors of the folder.
-        by_order: whether the order of the clouds put them together.
-        placed: poses by name.
+        by_order: whether clouds were put together by their order.
+        poses: poses by name.
         labels: the file of labels.
         entries: labels by the names of frames.
-        times: times (s) of frames and of their clouds, as the labels say.
-        middles: of the sensors' first clouds."""
+        times: times (s) of frames and of their clouds, from the labels.
+        middles: middles of the sensors' first clouds.
+    """
 
     names: Mapping[str, Mapping[str, Path]]
     sensors: int
     by_order: bool
-    placed: Mapping[str, Pose]
+    poses: Mapping[str, Pose]
     labels: Path
     entries: Mapping[str, records.Unchecked]
     times: Mapping[str, tuple[float | None, dict[str, float]]]
@@ -141,25 +156,25 @@ class _Loader:
             stamp = next(
                 (time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None
             )
-            pose = _pose(self.placed, sensor, stem)
+            pose = _pose(self.poses, sensor, stem)
             clouds.append(
                 records.read_cloud(
                     file, sensor, pose, problems, stamp_s=stamp, middles=self.middles
                 )
             )
-        found = records.no_labels()
+        labels = records.no_labels()
         if title in self.entries:
-            found = records.parse_objects(self.labels, self.entries[title], problems)
-        known = next(
+            labels = records.parse_objects(self.labels, self.entries[title], problems)
+        frame_time = next(
             (time for time in (find_epoch(name), seconds) if time is not None), float("nan")
         )
-        return Frame.of_clouds(name, clouds, *found, time=known, problems=problems)
+        return Frame.of_clouds(name, clouds, *labels, time=frame_time, problems=problems)
 
 
 def _find_remedy(path: Path) -> str:
     """Remedy for a folder without clouds, by its content."""
-    recorded = sorted(each for kind in RECORDED for each in path.glob(kind))
-    recorded += [each.parent for each in sorted(path.glob("*/metadata.yaml"))]
+    recorded = sorted(entry for kind in RECORDED for entry in path.glob(kind))
+    recorded += [entry.parent for entry in sorted(path.glob("*/metadata.yaml"))]
     if recorded:
         more = f" or another of its {len(recorded)}" if len(recorded) > 1 else ""
         return f"give the recording in it, {recorded[0]}{more}"
@@ -173,8 +188,8 @@ def _find_remedy(path: Path) -> str:
                 f"it holds {count}{scans[0].suffix}, such as {scans[0].relative_to(path)}: {remedy}"
             )
     kinds = Counter(file.suffix.lower() or file.name for file in files)
-    held = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4)) or "no files"
-    return f"it holds {held}: give --layout, or another folder"
+    content = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4)) or "no files"
+    return f"it holds {content}: give --layout, or another folder"
 
 
 def _holds_rows(file: Path) -> bool:
@@ -220,11 +235,10 @@ def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]]
         return _match_times(clouds), False
     apart = all(len(files) == 1 for files in by_stem.values())
     if apart and len({len(files) for files in clouds.values()}) == 1:
-        first = next(iter(clouds.values()))
-        return {
-            _stem(file): {s: files[k] for s, files in clouds.items()}
-            for k, file in enumerate(first)
-        }, True
+        frames = {}
+        for k, file in enumerate(next(iter(clouds.values()))):
+            frames[_stem(file)] = {sensor: files[k] for sensor, files in clouds.items()}
+        return frames, True
     return _sort_frames(by_stem), False
 
 
@@ -234,7 +248,9 @@ def _sort_frames(by_stem: Mapping[str, dict[str, Path]]) -> dict[str, dict[str, 
 
 
 def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
-    """Files of each frame by sensor, whose names are times; a frame has the name of its first."""
+    """Files of each frame by sensor, whose names are times.
+
+    A frame has the name of its first file."""
     times = {}
     for sensor, files in clouds.items():
         times[sensor] = np.array([parse_epoch(_stem(file)) for file in files])
@@ -250,38 +266,42 @@ def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]
 def _written_times(
     entries: Mapping[str, records.Unchecked],
 ) -> dict[str, tuple[float | None, dict[str, float]]]:
-    """Time of each frame of labels.json and of its clouds by sensor. Times that are all the same
-    are none."""
+    """Time of each frame of labels.json and of its clouds by sensor.
+
+    Times that are all the same are left out."""
     times = {}
     for name, content in entries.items():
         clouds = content.get("clouds") or {}
         stamps = {
             str(sensor): parse_time(stamp, f"clouds.{sensor}") for sensor, stamp in clouds.items()
         }
-        known = {sensor: stamp for sensor, stamp in stamps.items() if stamp is not None}
-        times[name] = parse_time(content.get("time"), "time"), known
+        cloud_times = {sensor: stamp for sensor, stamp in stamps.items() if stamp is not None}
+        times[name] = parse_time(content.get("time"), "time"), cloud_times
     count = Counter(seconds for seconds, _ in times.values())
     if len(count) == 1 < len(times):
         return {name: (None, stamps) for name, (_, stamps) in times.items()}
     return times
 
 
-def _pose(placed: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
+def _pose(poses_by_name: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
     for key in (f"{sensor}/{stem}", stem, sensor):
-        if key in placed:
-            return placed[key]
-    if list(placed) == ["0"]:
-        return placed["0"]  # the one pose of a file without names
-    if placed:
+        if key in poses_by_name:
+            return poses_by_name[key]
+    if list(poses_by_name) == ["0"]:
+        return poses_by_name["0"]  # the one pose of a file without names
+    if poses_by_name:
         raise ValueError(
-            f"there is no pose of {sensor}/{stem}: the pose file has {', '.join(list(placed)[:8])}"
+            f"there is no pose of {sensor}/{stem}: the pose file has "
+            f"{', '.join(list(poses_by_name)[:8])}"
         )
     return np.eye(4)
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> None:
-    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses. Poses are lines of
-    poses.txt, or poses.json where a sensor's name would not stay one word there."""
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.
+
+    Poses are lines of poses.txt, or poses.json if the name of a sensor would not be one word
+    there."""
     entries = []
     poses = dict[str, list[float]]()
     for k, sample in enumerate(samples):
@@ -297,10 +317,10 @@ def write_folder(samples: Iterable[Frame], path: Path) -> None:
     if entries:
         records.write_boxes(path / LABELS_FILE, entries)
         if all(map(_ONE_WORD.fullmatch, poses)):
-            lines = (
-                f"{name} {' '.join(f'{value:.17g}' for value in pose)}\n"
-                for name, pose in poses.items()
-            )
+            lines = []
+            for name, pose in poses.items():
+                numbers = " ".join(f"{value:.17g}" for value in pose)
+                lines.append(f"{name} {numbers}\n")
             write_text(path / "poses.txt", "".join(lines))
         else:
             write_text(path / "poses.json", json.dumps(poses))

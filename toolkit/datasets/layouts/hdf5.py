@@ -1,7 +1,6 @@
-"""HDF5 files: our own recordings and the paper's, of images (`toolkit.datasets.dataset`) or
-recorded clouds.
+"""HDF5 files of images (`toolkit.datasets.dataset`), ours or the paper's, or of recorded clouds.
 
-Recorded clouds are kept in one file, nothing lost. Each frame is a group of its own:
+Recorded clouds are kept in one file without loss. Each frame is a group:
 
     coview                      attribute "clouds", version 1
     names                       JSON: the frames' names, in order
@@ -14,7 +13,7 @@ Recorded clouds are kept in one file, nothing lost. Each frame is a group of its
                                                   them
     samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o]
                                                   if it has some
-    samples/K/clouds/S/points   float32 [n, 3]    in the frame that `about` says
+    samples/K/clouds/S/points   float32 [n, 3]    in the frame that `about` names
     samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time
                                                   float64 [n] and ring int64 [n] if known"""
 
@@ -83,28 +82,27 @@ def _load(path: Path, places: Mapping[str, int], name: str) -> Frame:
         return _sample(file, f"samples/{places[name]}", name)
 
 
-def _sample(file: h5py.File, place: str, name: str) -> Frame:
-    about = parse_json(reader.text(file, f"{place}/about"))
+def _sample(file: h5py.File, path: str, name: str) -> Frame:
+    about = parse_json(reader.text(file, f"{path}/about"))
     sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))
-    clouds = tuple(_cloud(file, f"{place}/clouds/{k}", each) for k, each in sensors)
-    labels, ids = (
-        reader.array(file, f"{place}/{key}", axes=1, kinds="iu") for key in ("labels", "ids")
+    clouds = tuple(_cloud(file, f"{path}/clouds/{k}", sensor) for k, sensor in sensors)
+    labels = reader.array(file, f"{path}/labels", axes=1, kinds="iu")
+    ids = reader.array(file, f"{path}/ids", axes=1, kinds="iu")
+    objects = Objects(_boxes(file, f"{path}/boxes"), labels.astype(np.int64), ids.astype(np.int64))
+    names = tuple(map(str, as_list(entry(about, "others"), "others")))
+    other_objects = OtherObjects(
+        _boxes(file, f"{path}/others"), names, _counts(file, f"{path}/others_counts")
     )
-    objects = Objects(_boxes(file, f"{place}/boxes"), labels.astype(np.int64), ids.astype(np.int64))
-    names = tuple(str(each) for each in as_list(entry(about, "others"), "others"))
-    others = OtherObjects(
-        _boxes(file, f"{place}/others"), names, _counts(file, f"{place}/others_counts")
-    )
-    if names and len(names) != len(others.boxes):
-        raise ValueError(f"{len(others.boxes)} other boxes but {len(names)} names")
-    categories = tuple(str(each) for each in as_list(entry(about, "categories"), "categories"))
+    if names and len(names) != len(other_objects.boxes):
+        raise ValueError(f"{len(other_objects.boxes)} other boxes but {len(names)} names")
+    categories = tuple(map(str, as_list(entry(about, "categories"), "categories")))
     time = entry(about, "time")
     return Frame.of_clouds(
-        *(name, clouds, objects, categories, _counts(file, f"{place}/counts"), others),
+        *(name, clouds, objects, categories, _counts(file, f"{path}/counts"), other_objects),
         complete=parse_region(entry(about, "complete")),
         time=float("nan") if time is None else as_number(time, "time"),
         map_SE3_world=rigid_matrix(
-            reader.array(file, f"{place}/map_SE3_world", axes=2), "map_SE3_world"
+            reader.array(file, f"{path}/map_SE3_world", axes=2), "map_SE3_world"
         ),
         problems={
             str(kind): int(as_number(count)) for kind, count in entry(about, "problems").items()
@@ -112,26 +110,26 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
     )
 
 
-def _cloud(file: h5py.File, place: str, about: Unchecked) -> SensorCloud:
-    points = reader.array(file, f"{place}/points", axes=2).astype(np.float32)
+def _cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
+    points = reader.array(file, f"{path}/points", axes=2).astype(np.float32)
     if points.shape[1] != 3 or not np.isfinite(points).all():
-        raise ValueError(f"{place}/points must be finite, 3 to a row, got shape {points.shape}")
+        raise ValueError(f"{path}/points must be finite, 3 to a row, got shape {points.shape}")
     columns: dict[str, np.ndarray] = {}
     for name, kind, kinds in (
         ("time", np.float64, "fiu"),
         ("intensity", np.float32, "fiu"),
         ("ring", np.int64, "iu"),
     ):
-        column = reader.find_array(file, f"{place}/{name}", axes=1, kinds=kinds)
+        column = reader.find_array(file, f"{path}/{name}", axes=1, kinds=kinds)
         if column is not None and len(column) != len(points):
-            raise ValueError(f"{place}/{name} must be of {len(points)} points, got {len(column)}")
+            raise ValueError(f"{path}/{name} must be of {len(points)} points, got {len(column)}")
         columns |= {} if column is None else {name: column.astype(kind)}
     frame = entry(about, "frame")
     if frame not in ("sensor", "world"):
-        raise ValueError(f"{place} must be in the frame of the sensor or the world, got {frame!r}")
-    stored = reader.array(file, f"{place}/pose", axes=2)
-    pose = rigid_matrix(stored, f"{place}/pose")
-    if np.allclose(pose, stored, atol=1e-9):  # to the bit where it is one
+        raise ValueError(f"{path} must be in the frame of the sensor or the world, got {frame!r}")
+    stored = reader.array(file, f"{path}/pose", axes=2)
+    pose = rigid_matrix(stored, f"{path}/pose")
+    if np.allclose(pose, stored, atol=1e-9):  # to the bit if it is rigid
         pose = stored.astype(np.float64)
     stamp = finite_time(about.get("stamp_s"), "stamp_s")
     return SensorCloud(str(entry(about, "name")), points, pose, frame, **columns, stamp_s=stamp)
@@ -150,7 +148,8 @@ def _counts(file: h5py.File, name: str) -> np.ndarray | None:
 
 
 def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
-    """Write frames as one file, whole or not at all. Raises ValueError for two of the same name."""
+    """Write frames as one file, whole or not at all. Raises ValueError for two frames of the same
+    name."""
     names: list[str] = []
     with writing(path) as unfinished, reader.hdf5_file(unfinished) as (file, _):
         file.attrs["coview"] = CLOUDS_KIND
@@ -181,13 +180,13 @@ def _write(group: h5py.Group, sample: Frame) -> None:
         "others_counts": sample.others.counts,
     }
     for k, cloud in enumerate(sample.clouds):
-        own: dict[str, np.ndarray | None] = {
+        cloud_columns: dict[str, np.ndarray | None] = {
             "points": cloud.points,
             "pose": cloud.world_SE3_sensor,
             "time": cloud.time,
         }
-        own |= {"intensity": cloud.intensity, "ring": cloud.ring}
-        columns |= {f"clouds/{k}/{name}": column for name, column in own.items()}
+        cloud_columns |= {"intensity": cloud.intensity, "ring": cloud.ring}
+        columns |= {f"clouds/{k}/{name}": column for name, column in cloud_columns.items()}
     for name, column in columns.items():
         if column is not None:
             packed = (
@@ -199,8 +198,9 @@ def _write(group: h5py.Group, sample: Frame) -> None:
 
 
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
-    """Return the frames of a file, images or recorded clouds. site, drop_invalid: see
-    `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`."""
+    """Return the frames of a file, images or recorded clouds.
+
+    site, drop_invalid: see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`."""
     if path.is_file() and holds_clouds(path):
         return hdf5_clouds(path)
     return CoopDataset(path, site, drop_invalid=drop_invalid)

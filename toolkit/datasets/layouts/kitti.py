@@ -1,5 +1,4 @@
-"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt in the folder or in
-training/ below it.
+"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt in the folder or training/.
 
 World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground.
 
@@ -20,6 +19,7 @@ from collections.abc import Iterable
 from functools import partial
 from os.path import lexists
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,19 +34,20 @@ from toolkit.runtime.files import read_bytes, write_bytes, write_text
 SENSOR = "velodyne"
 _PLACE = "Tr_velo_to_world"
 _OTHER_NAMES = {"R_rect": "R0_rect", "R_rect_00": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
-IMAGE = 1242, 375  # pixels, used without an image
+IMAGE_PX = 1242, 375  # width and height if there is no image
 NONE_SHOWN = "labels lie all outside the image: P2, R0_rect or Tr_velo_to_cam are of another camera"
 _CAMERA = invert(BODY_SE3_CAMERA)  # camera_SE3_lidar of what is written
-_FOCAL = 721.5377  # of the camera that is written where a recording has none
+_FOCAL_PX = 721.5377  # camera that is written if a recording has no camera
+_KITTI_KINDS = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc"}
 
 
 def kitti(path: Path) -> records.Listing:
     """Frames of a folder. Raises FileNotFoundError if it is not one of KITTI's."""
     folder = next(
         (
-            each
-            for each in (path, path / "training", path / "testing")
-            if (each / "velodyne").is_dir()
+            candidate
+            for candidate in (path, path / "training", path / "testing")
+            if (candidate / "velodyne").is_dir()
         ),
         None,
     )
@@ -78,9 +79,7 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
             f"no calibration {calib}: the boxes of {labels.name} are in a camera's frame, add it"
         )
     with records.named_damage(calib, "calibration"):
-        camera_SE3_lidar, projection, map_SE3_lidar = _parse_calibration(
-            read_bytes(calib).decode("utf-8-sig")
-        )
+        calibration = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
     with records.named_damage(labels, "list of labels"):
         rows = [
             line.split()
@@ -90,30 +89,37 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
         for row in rows:
             if len(row) not in (15, 16):
                 is_tracking = len(row) in (17, 18) and row[0].isdigit()
-                remedy = (
-                    ": it is KITTI's tracking, write a file per frame without the first two"
-                    if is_tracking
-                    else ""
-                )
+                remedy = ""
+                if is_tracking:
+                    remedy = (
+                        ": it is KITTI's tracking, write a file per frame without the first two"
+                    )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
-        values = np.array(
-            [[records.as_number(cell) for cell in row[1:15]] for row in rows]
-        ).reshape(-1, 14)
+        values = np.array([_parse_values(row) for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
-        boxes = _boxes(values[real], invert(camera_SE3_lidar))
+        boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
         records.count_full_turns(values[real, 13], problems)
-    found = records.labelled(
+    labels_in_frame = records.labelled(
         boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems
     )
     width, height = _image_size(folder / "image_2" / f"{name}.png")
     ignored = tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist())
-    wedge = ImageWedge(projection @ camera_SE3_lidar, width, height, ignored)
-    if len(found.objects) and not wedge.covers(found.objects.boxes).any():
-        records.add_problem(problems, NONE_SHOWN, len(found.objects))
-    place = map_SE3_lidar
+    projection = calibration.projection @ calibration.camera_SE3_lidar
+    wedge = ImageWedge(projection, width, height, ignored)
+    if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
+        records.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
     return Frame.of_clouds(
-        name, (cloud,), *found, complete=wedge, map_SE3_world=place, problems=problems
+        name,
+        (cloud,),
+        *labels_in_frame,
+        complete=wedge,
+        map_SE3_world=calibration.map_SE3_lidar,
+        problems=problems,
     )
+
+
+def _parse_values(row: list[str]) -> list[float]:
+    return [records.as_number(cell) for cell in row[1:15]]
 
 
 def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
@@ -126,12 +132,21 @@ def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
     return np.column_stack([transform(lidar_SE3_camera, centre), length, width, height, yaw])
 
 
-def _parse_calibration(text: str) -> tuple[Pose, np.ndarray, Pose]:
-    """Return camera_SE3_lidar, the projection (3, 4) of camera 2 (rectified camera → pixels), and
-    map_SE3_lidar."""
+class _Calibration(NamedTuple):
+    """Poses of a calibration file, and the projection (3, 4) of camera 2."""
+
+    camera_SE3_lidar: Pose
+    projection: np.ndarray
+    map_SE3_lidar: Pose
+
+
+def _parse_calibration(text: str) -> _Calibration:
+    """Return camera_SE3_lidar, the projection and map_SE3_lidar.
+
+    The projection (3, 4) is camera 2's, from rectified camera to pixels."""
     lines = [line.split() for line in text.splitlines() if line.strip()]
-    named = ((words[0].removesuffix(":"), words[1:]) for words in lines)
-    entries = {_OTHER_NAMES.get(name, name): rest for name, rest in named}
+    named_words = ((words[0].removesuffix(":"), words[1:]) for words in lines)
+    entries = {_OTHER_NAMES.get(name, name): cells for name, cells in named_words}
     rectification = records.rigid(records.entry(entries, "R0_rect"), np.zeros(3), "R0_rect")
     unrectified_SE3_lidar = records.rigid_matrix(
         records.entry(entries, "Tr_velo_to_cam"), "Tr_velo_to_cam"
@@ -142,23 +157,25 @@ def _parse_calibration(text: str) -> tuple[Pose, np.ndarray, Pose]:
     map_SE3_lidar = (
         records.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
     )
-    return rectification @ unrectified_SE3_lidar, projection, map_SE3_lidar
+    camera_SE3_lidar = rectification @ unrectified_SE3_lidar
+    return _Calibration(camera_SE3_lidar, projection, map_SE3_lidar)
 
 
 def _image_size(image: Path) -> tuple[int, int]:
     """Width and height in the header of a PNG, the usual ones without a file."""
     head = image.open("rb").read(24) if image.is_file() else b""
     if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n":
-        return IMAGE
+        return IMAGE_PX
     width, height = struct.unpack(">II", head[16:24])
-    return (width, height) if 0 < width < 1 << 16 and 0 < height < 1 << 16 else IMAGE
+    return (width, height) if 0 < width < 1 << 16 and 0 < height < 1 << 16 else IMAGE_PX
 
 
 def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as training/ of KITTI, numbered from 000000. The clouds of a frame become one,
-    in its world frame. The camera is that of the frame's labels, else one at the origin that looks
-    along x."""
-    place = folder / "training"
+    """Write frames as training/ of KITTI, numbered from 000000.
+
+    The clouds of a frame become one, in its world frame. The camera is the one of the frame's
+    labels, else one at the origin that faces along x."""
+    training = folder / "training"
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
         points = [
@@ -166,8 +183,8 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
             for cloud in sample.clouds
         ]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
-        write_bytes(place / "velodyne" / f"{name}.bin", cloud.tobytes())
-        write_text(place / "label_2" / f"{name}.txt", kitti_text(sample))
+        write_bytes(training / "velodyne" / f"{name}.bin", cloud.tobytes())
+        write_text(training / "label_2" / f"{name}.txt", kitti_text(sample))
         projection = _camera(sample.complete)[1]
         entries = {f"P{k}": projection for k in range(4)}
         entries |= {
@@ -177,27 +194,27 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
         }
         if not np.array_equal(sample.map_SE3_world, np.eye(4)):
             entries[_PLACE] = sample.map_SE3_world[:3]
-        lines = [
-            f"{key}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n"
-            for key, matrix in entries.items()
-        ]
-        write_text(place / "calib" / f"{name}.txt", "".join(lines))
+        lines = []
+        for key, matrix in entries.items():
+            numbers = " ".join(f"{value:.12e}" for value in matrix.ravel())
+            lines.append(f"{key}: {numbers}\n")
+        write_text(training / "calib" / f"{name}.txt", "".join(lines))
 
 
 def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
     """Format a frame's labels, or its detections with their scores, as label_2 of `write_kitti`."""
     wedge, _ = _camera(sample.complete)
-    shown = sample.objects if found is None else found
-    own = sample.categories if found is None else ()
-    names = [records.COMMON_NAMES[LABELS[label]] for label in shown.labels]
+    objects = sample.objects if found is None else found
+    categories = sample.categories if found is None else ()
+    names = [records.COMMON_NAMES[LABELS[label]] for label in objects.labels]
     names = [
-        category if category in _OWN else name
-        for category, name in zip(own or names, names, strict=True)
+        category if category in _KITTI_KINDS else name
+        for category, name in zip(categories or names, names, strict=True)
     ]
     ends = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
     lines = []
     for box, name, rectangle, end in zip(
-        shown.boxes, names, wedge.rectangles(shown.boxes), ends, strict=True
+        objects.boxes, names, wedge.rectangles(objects.boxes), ends, strict=True
     ):
         *_, length, width, height, yaw = box
         x, y, z = transform(_CAMERA, box[None, :3])[0]
@@ -206,22 +223,22 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
         alpha = np.arctan2(np.sin(turn - np.arctan2(x, z)), np.cos(turn - np.arctan2(x, z)))
         image = " ".join(f"{edge:.2f}" for edge in rectangle)
         sizes = f"{height:.6f} {width:.6f} {length:.6f}"
-        place = f"{x:.6f} {y + height / 2:.6f} {z:.6f}"
-        lines.append(f"{name} 0 0 {alpha:.6f} {image} {sizes} {place} {turn:.6f}{end}\n")
+        position = f"{x:.6f} {y + height / 2:.6f} {z:.6f}"
+        lines.append(f"{name} 0 0 {alpha:.6f} {image} {sizes} {position} {turn:.6f}{end}\n")
     for left, top, right, bottom in wedge.ignored if found is None else ():
         edges = f"{left:.2f} {top:.2f} {right:.2f} {bottom:.2f}"
         lines.append(f"DontCare -1 -1 -10 {edges} -1 -1 -1 -1000 -1000 -1000 -10\n")
     return "".join(lines)
 
 
-_OWN = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc"}
-
-
 def _camera(complete: Region) -> tuple[ImageWedge, np.ndarray]:
-    """Wedge of the labels, the frame's own or that of a camera that looks along x; its projection
-    from the camera."""
+    """Wedge of the labels, and its projection from the camera.
+
+    Without a wedge it is a camera's that faces along x."""
     if isinstance(complete, ImageWedge):
         return complete, complete.projection @ invert(_CAMERA)
-    width, height = IMAGE
-    own = np.array([[_FOCAL, 0, width / 2, 0], [0, _FOCAL, height / 2, 0], [0, 0, 1, 0]])
-    return ImageWedge(own @ _CAMERA, width, height), own
+    width, height = IMAGE_PX
+    projection = np.array(
+        [[_FOCAL_PX, 0, width / 2, 0], [0, _FOCAL_PX, height / 2, 0], [0, 0, 1, 0]]
+    )
+    return ImageWedge(projection @ _CAMERA, width, height), projection

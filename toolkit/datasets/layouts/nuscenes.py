@@ -5,10 +5,10 @@ below the rear axle; `map_SE3_world` is its place in the map.
 
 - Boxes are **global**: their centre is in the map, hundreds of metres from its origin.
 - `size` is **width, length, height**; quaternions are **w x y z**.
-- Each sensor has its own ego pose: the vehicle moves between the lidar's time and a camera's.
-- The lidar's own x points right and its y forward.
+- Each sensor has a different ego pose: the vehicle moves between the lidar's time and a camera's.
+- The x axis of the lidar points right and its y axis forward.
 - .pcd.bin is float32 x y z intensity ring, not a PCD file.
-- num_lidar_pts is the set's own count, over the lidar's points at that time; boxes without points
+- num_lidar_pts is the data set's count, over the lidar's points at that time; boxes without points
   are labelled too.
 - Time is in microseconds."""
 
@@ -50,54 +50,17 @@ _Row = dict[str, records.Unchecked]
 
 
 def nuscenes(path: Path) -> records.Listing:
-    """Frames, by time, of a data root or its folder of tables. Raises FileNotFoundError for any
-    other folder."""
-    folders = [
-        each
-        for each in (path, *sorted(path.glob("v1.0*")))
-        if (each / "sample_data.json").is_file()
-    ]
-    if not folders:
-        raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
-    folder = folders[0]
-    if len(folders) > 1 and folder != path:
-        others = ", ".join(each.name for each in folders[1:6])
-        warnings.warn(
-            f"{path}: {folder.name} is read, and not {others}: give the folder to read another",
-            stacklevel=2,
-        )
+    """Frames, by time, of a data root or its folder of tables.
+
+    Raises FileNotFoundError for any other folder."""
+    folder = _find_folder(path)
     tables = {name: _read_rows(folder / f"{name}.json", name in _LISTS) for name in _TABLES}
-    lidars: dict[str, list[_Row]] = {}
-    modalities: set[str] = set()
-    unknown = 0
-    reason: ValueError | None = None
     with named_damage(folder / "sample_data.json", "table"):
-        for row in tables["sample_data"].values():
-            if not row.get("is_key_frame", True):
-                continue
-            try:
-                modality = _sensor(tables, row, "modality").lower()
-            except ValueError as error:
-                unknown = unknown + 1
-                reason = error
-                continue
-            modalities.add(modality)
-            if modality == "lidar":
-                lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
-        if reason is not None and not lidars:
-            raise reason
-        if modalities and not lidars:
-            names = ", ".join(sorted(modalities)[:6])
-            raise ValueError(
-                f"it has no row of a sensor whose modality is lidar, but of {names}: add the "
-                "lidars' rows"
-            )
-    with named_damage(folder / "sample_data.json", "table"):
+        lidars, unknown = _group_lidars(tables)
         between = 0
         for token, rows in lidars.items():
-            lidars[token] = _drop_sweeps(
-                tables, rows, tables["sample"].get(token, {}).get("timestamp")
-            )
+            timestamp = tables["sample"].get(token, {}).get("timestamp")
+            lidars[token] = _drop_sweeps(tables, rows, timestamp)
             between += len(rows) - len(lidars[token])
     labels: dict[str, list[_Row]] = {}
     with named_damage(folder / "sample_annotation.json", "table"):
@@ -117,8 +80,56 @@ def nuscenes(path: Path) -> records.Listing:
     return records.Listing(tuple(order), load, labelled=labels, noted=noted)
 
 
+def _find_folder(path: Path) -> Path:
+    """Folder of tables: a path, or the first one in it."""
+    folders = [
+        candidate
+        for candidate in (path, *sorted(path.glob("v1.0*")))
+        if (candidate / "sample_data.json").is_file()
+    ]
+    if not folders:
+        raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
+    folder = folders[0]
+    if len(folders) > 1 and folder != path:
+        unread = ", ".join(candidate.name for candidate in folders[1:6])
+        warnings.warn(
+            f"{path}: {folder.name} is read, and not {unread}: give the folder to read another",
+            stacklevel=3,
+        )
+    return folder
+
+
+def _group_lidars(tables: dict[str, dict[str, _Row]]) -> tuple[dict[str, list[_Row]], int]:
+    """Rows of lidars by sample, and number of rows whose sensor is unknown."""
+    lidars: dict[str, list[_Row]] = {}
+    modalities: set[str] = set()
+    unknown = 0
+    reason: ValueError | None = None
+    for row in tables["sample_data"].values():
+        if not row.get("is_key_frame", True):
+            continue
+        try:
+            modality = _sensor(tables, row, "modality").lower()
+        except ValueError as error:
+            unknown += 1
+            reason = error
+            continue
+        modalities.add(modality)
+        if modality == "lidar":
+            lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
+    if reason is not None and not lidars:
+        raise reason
+    if modalities and not lidars:
+        names = ", ".join(sorted(modalities)[:6])
+        raise ValueError(
+            f"it has no row of a sensor whose modality is lidar, but of {names}: add the lidars' "
+            "rows"
+        )
+    return lidars, unknown
+
+
 def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
-    """Rows of a table by token; of a list, whose tokens no row refers to, every row.
+    """Rows of a table by token, or every row of a list, to whose tokens no row refers.
 
     Raises ValueError for rows of one token that differ."""
     with named_damage(path, "table"):
@@ -166,8 +177,8 @@ def _load(
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
     """Entry of the sensor of a row of sample_data."""
-    mounted = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
-    return str(entry(tables["sensor"], str(entry(mounted, "sensor_token")), key))
+    calibration = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
+    return str(entry(tables["sensor"], str(entry(calibration, "sensor_token")), key))
 
 
 def _sample(
@@ -179,14 +190,16 @@ def _sample(
     is_clock: bool,
 ) -> Frame:
     problems: records.Problems = {}
-    placed = [_placed(folder, tables, "ego_pose", row) for row in data]
-    mounted = [_placed(folder, tables, "calibrated_sensor", row) for row in data]
+    ego_poses = [_placed(folder, tables, "ego_pose", row) for row in data]
+    sensor_poses = [_placed(folder, tables, "calibrated_sensor", row) for row in data]
     with named_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
         stamps = [_parse_time(entry(row, "timestamp")) if is_clock else None for row in data]
-    map_SE3_ego = records.level_frame(placed[0])
-    poses = [invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(placed, mounted, strict=True)]
+    map_SE3_ego = records.level_frame(ego_poses[0])
+    poses = [
+        invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(ego_poses, sensor_poses, strict=True)
+    ]
     clouds = []
     for file, name, pose, stamp in zip(files, names, poses, stamps, strict=True):
         clouds.append(records.read_cloud(file, name, pose, problems, stamp_s=stamp))
@@ -203,29 +216,29 @@ def _sample(
         kinds = [
             _kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)
         ]
-    found = records.labelled(
+    labelled_objects = records.labelled(
         records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts
     )
     time = records.frame_time(clouds)
     return Frame.of_clouds(
-        token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems
+        token, clouds, *labelled_objects, time=time, map_SE3_world=map_SE3_ego, problems=problems
     )
 
 
 def _parse_time(value: records.Unchecked) -> float:
-    """Time (s) of a row in microseconds, or in another unit since 1970 that its size tells."""
+    """Time (s) of a row in microseconds, or in another unit since 1970, judging by its size."""
     return parse_microseconds(as_number(value, "timestamp"))
 
 
 def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
     """Pose in a table that a row of sample_data names."""
     with named_damage(folder / f"{name}.json", "table"):
-        where = entry(tables[name], str(entry(row, f"{name}_token")))
-        turned = numbers(entry(where, "rotation"), 4, "rotation")
-        moved = numbers(entry(where, "translation"), 3, "translation")
-        if not (np.isfinite(turned).all() and np.isfinite(moved).all()):
+        pose_row = entry(tables[name], str(entry(row, f"{name}_token")))
+        quaternion = numbers(entry(pose_row, "rotation"), 4, "rotation")
+        translation = numbers(entry(pose_row, "translation"), 3, "translation")
+        if not (np.isfinite(quaternion).all() and np.isfinite(translation).all()):
             raise ValueError(f"{name}_token holds NaN or infinite numbers")
-        return quaternion_pose(turned, moved)
+        return quaternion_pose(quaternion, translation)
 
 
 def _box(row: _Row) -> np.ndarray:
@@ -238,10 +251,10 @@ def _box(row: _Row) -> np.ndarray:
 
 def _turn(row: _Row) -> Float64[np.ndarray, "3 3"]:
     """Rotation of a label's box, NaN if its numbers are not finite."""
-    turned = numbers(entry(row, "rotation"), 4, "rotation")
-    if not np.isfinite(turned).all():
+    quaternion = numbers(entry(row, "rotation"), 4, "rotation")
+    if not np.isfinite(quaternion).all():
         return np.full((3, 3), np.nan)
-    return quaternion_pose(turned, np.zeros(3))[:3, :3]
+    return quaternion_pose(quaternion, np.zeros(3))[:3, :3]
 
 
 def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
@@ -255,15 +268,16 @@ def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as a root with v1.0-coview/, one scene that the nuScenes devkit loads. Each
-    sensor is a channel in its own frame. Objects without a count of points get the number of the
+    """Write frames as a root with v1.0-coview/, one scene that the nuScenes devkit loads.
+
+    Each sensor is a channel with its frame. Objects without a count of points get the number of the
     frame's points in their box."""
     tables: dict[str, list[_Row]] = {
         name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")
     }
-    named = zip(LABELS, _NAMES, strict=True)
+    pairs = zip(LABELS, _NAMES, strict=True)
     tables["category"] = [
-        {"token": label, "name": name, "description": ""} for label, name in named
+        {"token": label, "name": name, "description": ""} for label, name in pairs
     ]
     channels: dict[str, str] = {}  # by sensor
     instances: dict[str, str] = {}  # category by token
@@ -324,8 +338,8 @@ def _write_cloud(
     ring = np.zeros(len(cloud.points)) if cloud.ring is None else cloud.ring
     columns = cloud.in_sensor(), records.get_intensity(cloud), ring
     write_bytes(folder / file, np.column_stack(columns).astype("<f4").tobytes())
-    mounted = {"token": key, "sensor_token": channel, "camera_intrinsic": []}
-    tables["calibrated_sensor"].append({**mounted, **_format_pose(cloud.world_SE3_sensor)})
+    calibration = {"token": key, "sensor_token": channel, "camera_intrinsic": []}
+    tables["calibrated_sensor"].append({**calibration, **_format_pose(cloud.world_SE3_sensor)})
     tokens = {
         "token": key,
         "sample_token": token,
@@ -343,51 +357,50 @@ def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, 
         if sample.counts is None
         else sample.counts
     )
-    placed = sample.map_SE3_world
+    map_SE3_world = sample.map_SE3_world
     formatted = []
     for k, (box, label, track) in enumerate(
         records.list_rows(sample.objects, {name: name for name in LABELS})
     ):
-        # objects of recordings without tracks are counted anew in each frame: a number may have
+        # objects of recordings without tracks are counted again in each frame: a number may have
         # several classes
         instance = (
             str(track) if instances.setdefault(str(track), label) == label else f"{track}_{label}"
         )
         instances.setdefault(instance, label)
         row = np.array(box)
-        yaw = float(records.heading(placed, row[6]))
+        yaw = float(records.heading(map_SE3_world, row[6]))
         tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
-        place = {
-            "translation": transform(placed, row[None, :3])[0].tolist(),
+        geometry = {
+            "translation": transform(map_SE3_world, row[None, :3])[0].tolist(),
             "size": row[[4, 3, 5]].tolist(),
         }
-        place["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
-        counted = {"num_lidar_pts": int(counts[k]), "num_radar_pts": 0}
+        geometry["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
+        point_counts = {"num_lidar_pts": int(counts[k]), "num_radar_pts": 0}
         formatted.append(
-            {**tokens, **place, "attribute_tokens": [], "visibility_token": "", **counted}
+            {**tokens, **geometry, "attribute_tokens": [], "visibility_token": "", **point_counts}
         )
     return formatted
 
 
 def _link(rows: list[_Row], find_group: Callable[[_Row], str]) -> dict[str, list[_Row]]:
-    """Give each row the tokens of its neighbours among the rows of one group, in their order;
-    return the groups."""
+    """Give each row the tokens of its neighbours in its group, and return the groups."""
     groups: dict[str, list[_Row]] = {}
     for row in rows:
         groups.setdefault(find_group(row), []).append(row)
     for group in groups.values():
         tokens = ["", *(row["token"] for row in group), ""]
-        for place, row in enumerate(group):
-            row["prev"] = tokens[place]
-            row["next"] = tokens[place + 2]
+        for index, row in enumerate(group):
+            row["prev"] = tokens[index]
+            row["next"] = tokens[index + 2]
     return groups
 
 
 def _format_scene(rows: list[_Row]) -> _Row:
     """Row of the one scene of all samples."""
-    named = {"token": SCENE, "log_token": SCENE, "name": "scene-0001", "description": ""}
+    texts = {"token": SCENE, "log_token": SCENE, "name": "scene-0001", "description": ""}
     ends = {"first_sample_token": rows[0]["token"], "last_sample_token": rows[-1]["token"]}
-    return {**named, **ends, "nbr_samples": len(rows)}
+    return {**texts, **ends, "nbr_samples": len(rows)}
 
 
 def _draw_pixel() -> bytes:
@@ -410,13 +423,13 @@ def _draw_pixel() -> bytes:
     )
 
 
-def _format_pose(placed: np.ndarray) -> dict[str, list[float]]:
-    return {"translation": placed[:3, 3].tolist(), "rotation": compute_quaternion(placed).tolist()}
+def _format_pose(pose: np.ndarray) -> dict[str, list[float]]:
+    return {"translation": pose[:3, 3].tolist(), "rotation": compute_quaternion(pose).tolist()}
 
 
-def compute_quaternion(placed: Pose) -> Float64[np.ndarray, "4"]:
+def compute_quaternion(pose: Pose) -> Float64[np.ndarray, "4"]:
     """Unit quaternion w x y z of a pose's rotation, w not negative."""
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_matrix(placed[:3, :3]).as_quat(canonical=True)
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
     return np.array([w, x, y, z]) + 0.0

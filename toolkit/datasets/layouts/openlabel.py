@@ -1,8 +1,8 @@
-"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are
-next to or below them.
+"""ASAM OpenLABEL 1.0.0, and its variant of TUM Traffic (A9): JSON files of frames.
 
-World frame: the root of the coordinate systems that the first cloud's sensor hangs from, z roughly
-up. In a file that places no sensor it is the lidar's, as in TUM Traffic.
+Clouds are in the folder of the files or below. World frame: the root of the coordinate systems of
+the first cloud's sensor, z roughly up. In a file without poses of sensors it is the lidar's, as in
+TUM Traffic.
 
 - A cuboid's `val` is x y z, then the quaternion **x y z w** of any length, then length, width,
   height; x y z is the centre. With 9 numbers it has Euler angles about x, y and z, turned in the
@@ -15,9 +15,9 @@ up. In a file that places no sensor it is the lidar's, as in TUM Traffic.
   or, in TUM Traffic, of object_data. Objects at the top may have cuboids too, which hold in their
   frame_intervals.
 - A frame's clouds are point_cloud_file_names (TUM Traffic), the `uri` of its streams, or files
-  called as the labels. A cloud's sensor is the stream whose uri it is, else one that its folder or
-  its name tells.
-- num_points among the attributes is the set's count, -1 if nobody counted.
+  named as the labels. A cloud's sensor is the stream with its uri, else the one in the name of its
+  folder or file.
+- num_points among the attributes is the data set's count, -1 if nobody counted.
 - An object seen by two lidars has a label in each lidar's file: they are different frames here, not
   doubled labels."""
 
@@ -27,6 +27,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import NamedTuple
 
 import numpy as np
 
@@ -94,37 +95,41 @@ def openlabel(path: Path) -> records.Listing:
         if file.suffix.lower() in records.ENDINGS:
             clouds.setdefault(file.name, []).append(file)
     frames: dict[str, tuple[Path, str]] = {}
-    known: list[str] = []
+    cloud_names: list[str] = []
     first_clouds: dict[str, Path] = {}
-    others = 0
+    other_count = 0
     for file in files:
         with named_damage(file, "OpenLABEL file"):
             document = records.load_json(file)
             if len(files) > 1 and not (isinstance(document, dict) and "openlabel" in document):
-                others += 1
+                other_count += 1
                 continue
             content = entry(document, "openlabel")
             described = _frames(content)
             stem = file.relative_to(root).with_suffix("").as_posix()
-            named = {stem if len(described) == 1 else f"{stem}#{key}": key for key in described}
-            for name, key in named.items():
+            keys_by_name = {
+                stem if len(described) == 1 else f"{stem}#{key}": key for key in described
+            }
+            for name, key in keys_by_name.items():
                 sensors = _find_sensors(file, content, described[key], clouds, {})
-                known += [name] * bool(sensors)
+                cloud_names += [name] * bool(sensors)
                 first_clouds = sensors | first_clouds
-        frames |= {name: (file, key) for name, key in named.items()}
+        frames |= {name: (file, key) for name, key in keys_by_name.items()}
     if not frames:
         raise ValueError(
-            f"{path} holds no OpenLABEL files, but {others} other *.json, such as {files[0].name}"
+            f"{path} holds no OpenLABEL files, but {other_count} other *.json, such as "
+            f"{files[0].name}"
         )
     load = partial(_sample, frames, clouds, Middles(first_clouds))
     return records.Listing(
-        tuple(frames), load, labelled=frames, known=known, noted={NOT_OPENLABEL: others}
+        tuple(frames), load, labelled=frames, known=cloud_names, noted={NOT_OPENLABEL: other_count}
     )
 
 
 def _frames(content: Unchecked) -> dict[str, Unchecked]:
-    """Frames by key in the order of their numbers; a file of objects without frames, whose cuboids
-    hold always, is one frame."""
+    """Frames by key in the order of their numbers.
+
+    A file of objects without frames, whose cuboids always hold, is one frame."""
     if "frames" not in content and content.get("objects"):
         return {"0": {}}
     frames = dict(entry({"openlabel": content}, "openlabel", "frames"))
@@ -161,15 +166,16 @@ def _find_clouds(
     clouds: _Clouds,
     problems: Problems,
 ) -> list[Path]:
-    """Files of a frame's clouds: as it names them, by its streams, else by its file's name."""
+    """Files of a frame's clouds: as the frame names them, by its streams, else by its file's
+    name."""
     listed = [
         str(name)
         for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()
     ]
     if listed:
-        chosen = [_find_cloud(name, file, clouds) for name in listed]
-        present = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
-        add_problem(problems, NO_CLOUD, chosen.count(None) if present else 0)
+        matches = [_find_cloud(name, file, clouds) for name in listed]
+        present = list(dict.fromkeys(cloud for cloud in matches if cloud is not None))
+        add_problem(problems, NO_CLOUD, matches.count(None) if present else 0)
         return present
     if of_streams:
         return list(of_streams)
@@ -192,21 +198,22 @@ def _find_stream_clouds(
     return streams
 
 
-def _find_cloud(place: str, labels: Path, clouds: _Clouds) -> Path | None:
-    """File that a label file names: of several of one name the one with most folders in common."""
-    candidates = clouds.get(PurePosixPath(place).name) or clouds.get(
-        PureWindowsPath(place).name, ()
+def _find_cloud(location: str, labels: Path, clouds: _Clouds) -> Path | None:
+    """File that a label file names; of several with one name, the one with most folders in
+    common."""
+    candidates = clouds.get(PurePosixPath(location).name) or clouds.get(
+        PureWindowsPath(location).name, ()
     )
-    return max(candidates, key=lambda cloud: _common_tail(cloud, place, labels), default=None)
+    return max(candidates, key=lambda cloud: _common_tail(cloud, location, labels), default=None)
 
 
-def _common_tail(cloud: Path, place: str, labels: Path) -> tuple[int, bool]:
-    """Fit of a file to a place that a label file names: path components in common, and the folder's
+def _common_tail(cloud: Path, location: str, labels: Path) -> tuple[int, bool]:
+    """Fit of a file to the location in a label file: path components in common, and the folder's
     name."""
-    pairs = zip(reversed(cloud.parts), reversed(PureWindowsPath(place).parts), strict=False)
+    pairs = zip(reversed(cloud.parts), reversed(PureWindowsPath(location).parts), strict=False)
     common = 0
-    for ours, theirs in pairs:
-        if ours != theirs:
+    for name, stated_name in pairs:
+        if name != stated_name:
             break
         common += 1
     return common, cloud.parent.name == labels.parent.name
@@ -219,24 +226,25 @@ def _name_sensors(
     of_streams: Mapping[Path, str],
     problems: Problems,
 ) -> dict[str, Path]:
-    """Cloud of each sensor, named by the stream or coordinate system that the file, its folder or
-    its name tells."""
+    """Cloud of each sensor, named by a stream or coordinate system.
+
+    The stream is the one with this file, or the one in the name of the file or its folder."""
     streams = _streams(content, frame)
     systems = content.get("coordinate_systems") or {}
     sensors: dict[str, Path] = {}
-    for place, file in enumerate(files):
-        named = [name for name in (*streams, *systems) if name in file.stem]
+    for index, file in enumerate(files):
+        names_in_stem = [name for name in (*streams, *systems) if name in file.stem]
         if file in of_streams:
             name = of_streams[file]
         elif file.parent.name in streams or file.parent.name in systems:
             name = file.parent.name
-        elif named:
-            name = max(named, key=len)
-        elif place < len(streams):
-            name = list(streams)[place]
+        elif names_in_stem:
+            name = max(names_in_stem, key=len)
+        elif index < len(streams):
+            name = list(streams)[index]
             add_problem(problems, STREAM_BY_ORDER, 1)
-        elif len(files) == 1 and len(alone := _list_sensors(systems)) == 1:
-            (name,) = alone
+        elif len(files) == 1 and len(single := _list_sensors(systems)) == 1:
+            (name,) = single
             add_problem(problems, ONLY_SENSOR, 1)
         else:
             name = file.parent.name
@@ -245,8 +253,8 @@ def _name_sensors(
 
 
 def _list_sensors(systems: Mapping[str, Unchecked]) -> list[str]:
-    """Names of the coordinate systems that are sensors by their type, else of those that are
-    nobody's parent."""
+    """Names of the coordinate systems that are sensors by their type, else that are nobody's
+    parent."""
     of_type = [
         name for name, system in systems.items() if "sensor" in str(system.get("type")).lower()
     ]
@@ -273,15 +281,15 @@ class _Systems:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def find_root(self, name: str) -> tuple[str, Pose]:
-        """Return the root that a system hangs from, and the system's pose in it."""
-        placed = np.eye(4)
+        """Return the root of a system, and the system's pose in it."""
+        root_SE3_system = np.eye(4)
         for _ in range(MAX_SYSTEMS_DEEP):
             if name in self.unreadable:
                 raise ValueError(self.unreadable[name])
             if name not in self.parents:
-                return name, placed
+                return name, root_SE3_system
             name, in_parent = self.parents[name]
-            placed = in_parent @ placed
+            root_SE3_system = in_parent @ root_SE3_system
         raise ValueError(f"its coordinate systems run in a circle, through {name!r}")
 
     def list_roots(self) -> set[str]:
@@ -300,20 +308,20 @@ def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
     systems = content.get("coordinate_systems") or {}
     for name, system in systems.items():
         parent = str(system.get("parent") or "")
-        placed = system.get("pose_wrt_parent")
-        if placed:
+        pose_content = system.get("pose_wrt_parent")
+        if pose_content:
             try:
-                parents[name] = parent, parse_transform(placed, f"pose of {name}")
+                parents[name] = parent, parse_transform(pose_content, f"pose of {name}")
             except ValueError as error:
                 unreadable[name] = str(error)
         elif parent:
             parents[name] = parent, np.eye(4)
             unplaced.add(name)
-    known = {*systems, *(parent for parent, _ in parents.values())}
+    system_names = {*systems, *(parent for parent, _ in parents.values())}
     for title, link in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
         source = str(entry(link, "src"))
         target = str(entry(link, "dst"))
-        known |= {source, target}
+        system_names |= {source, target}
         try:
             dst_SE3_src = parse_transform(_find_transform(link), f"transform {title}")
         except ValueError as error:
@@ -329,7 +337,7 @@ def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
             parents[source] = target, dst_SE3_src
             unplaced.discard(source)
             unreadable.pop(source, None)
-    return _Systems(parents, frozenset(known), frozenset(unplaced), unreadable)
+    return _Systems(parents, frozenset(system_names), frozenset(unplaced), unreadable)
 
 
 def _find_transform(transform: Unchecked) -> Unchecked:
@@ -339,26 +347,27 @@ def _find_transform(transform: Unchecked) -> Unchecked:
 
 
 def parse_transform(value: Unchecked, name: str) -> Pose:
-    """Parse OpenLABEL's transform data: a matrix, or a rotation and a translation. Raises
-    ValueError for neither."""
+    """Parse OpenLABEL's transform data: a matrix, or a rotation and a translation.
+
+    Raises ValueError for neither."""
     if isinstance(value, list):  # TUM Traffic, without a name
         return records.rigid_matrix(value, name)
     if "matrix4x4" in value:
         return records.rigid_matrix(value["matrix4x4"], name)
     if "quaternion" in value:
-        turned = turn_by_quaternion(numbers(value["quaternion"], 4, f"quaternion of {name}"))
+        rotation = turn_by_quaternion(numbers(value["quaternion"], 4, f"quaternion of {name}"))
     elif "euler_angles" in value:
-        turned = turn_by_angles(value, name)
+        rotation = turn_by_angles(value, name)
     else:
         forms = "matrix4x4, quaternion and translation, or euler_angles and translation"
         raise ValueError(f"{name} must be {forms}, got {', '.join(value)[:60]}")
     translation = numbers(entry(value, "translation"), 3, f"translation of {name}")
-    return records.rigid(turned, translation, name)
+    return records.rigid(rotation, translation, name)
 
 
 def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
-    """Rotation of euler_angles (rad), each about the turned axes of those before it in
-    `sequence`."""
+    """Rotation of euler_angles (rad) in the order of `sequence`, each about the axes turned so
+    far."""
     from scipy.spatial.transform import Rotation
 
     angles = numbers(value["euler_angles"], 3, f"euler_angles of {name}")
@@ -368,7 +377,7 @@ def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
             f"{name} must turn by three finite angles about a sequence of X, Y and Z, got "
             f"{sequence!r:.40}"
         )
-    if np.abs(angles).max() > records.FULL_TURN:
+    if np.abs(angles).max() > records.FULL_TURN_RAD:
         raise ValueError(
             f"euler_angles of {name} must be radians, got {angles.tolist()}: give degrees times "
             "pi / 180"
@@ -403,20 +412,20 @@ def _sample(
         systems = _parse_systems(content, frame)
         root, poses = _place_sensors(systems, list(sensors), problems)
         rows = _Rows.parse(content, frame, key, systems, root, problems)
-        moved = any(not np.array_equal(in_root, np.eye(4)) for in_root in poses.values())
-        add_problem(problems, NO_FRAME, rows.unnamed * moved)
+        are_moved = any(not np.array_equal(in_root, np.eye(4)) for in_root in poses.values())
+        add_problem(problems, NO_FRAME, rows.unnamed * are_moved)
         add_problem(problems, NO_POSE, len(systems.unplaced) * bool(sensors))
         add_problem(problems, UNREADABLE_POSE, len(systems.unreadable))
-    found = records.labelled(rows.boxes, rows.kinds, rows.ids, problems, rows.counts)
+    labels = records.labelled(rows.boxes, rows.kinds, rows.ids, problems, rows.counts)
     measured = []
     for sensor, cloud in sensors.items():
         stamp = stamps[sensor]
-        placed = poses[sensor]
+        pose = poses[sensor]
         measured.append(
-            records.read_cloud(cloud, sensor, placed, problems, stamp_s=stamp, middles=middles)
+            records.read_cloud(cloud, sensor, pose, problems, stamp_s=stamp, middles=middles)
         )
-    known = records.frame_time(measured) if seconds is None else seconds
-    return Frame.of_clouds(name, measured, *found, time=known, problems=problems)
+    frame_time = records.frame_time(measured) if seconds is None else seconds
+    return Frame.of_clouds(name, measured, *labels, time=frame_time, problems=problems)
 
 
 def _stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
@@ -430,20 +439,21 @@ def _stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
 def _place_sensors(
     systems: _Systems, sensors: list[str], problems: Problems
 ) -> tuple[str | None, dict[str, Pose]]:
-    """Root system of the clouds, None if the file does not place their sensors, and the sensors'
-    poses in it."""
-    placed = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
-    roots = [root for root, _ in placed.values()]
+    """Root system of the clouds, and the sensors' poses in it.
+
+    The root is None if the file does not place their sensors."""
+    places = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
+    roots = [root for root, _ in places.values()]
     if not roots:
         of_file = systems.list_roots()
         roots = list(of_file) if len(of_file) == 1 else []
     root = roots[0] if roots else None
     poses = {}
     for sensor in sensors:
-        found, in_root = placed.get(sensor, (None, np.eye(4)))
-        if systems.known and found is None:
+        sensor_root, in_root = places.get(sensor, (None, np.eye(4)))
+        if systems.known and sensor_root is None:
             add_problem(problems, UNPLACED_SENSOR, 1)
-        elif found != root:
+        elif sensor_root != root:
             add_problem(problems, UNCONNECTED_SENSOR, 1)
         poses[sensor] = in_root
     return root, poses
@@ -451,8 +461,15 @@ def _place_sensors(
 
 @dataclass(frozen=True)
 class _Rows:
-    """Cuboids of one frame in the world frame: boxes, classes, ids, the set's counts of points, and
-    how many of them name no coordinate system."""
+    """Cuboids of one frame in the world frame.
+
+    Attributes:
+        boxes: the boxes.
+        kinds: classes as the file names them.
+        ids: ids of the objects.
+        counts: the data set's counts of points.
+        unnamed: number of cuboids that name no coordinate system.
+    """
 
     boxes: BoxRows
     kinds: list[str]
@@ -475,7 +492,7 @@ class _Rows:
         ids = list[str]()
         counts = list[int]()
         turns: list[np.ndarray] = []
-        names: list[str] = []  # of each box's coordinate system
+        names: list[str] = []  # coordinate system of each box
         poses: dict[str, Pose | None] = {}
         described = content.get("objects") or {}
         for track, data in _list_object_data(described, frame, key):
@@ -495,10 +512,10 @@ class _Rows:
                 if poses[name] is None:
                     add_problem(problems, UNKNOWN_FRAME, 1)
                     continue
-                box, turned, angles = _parse_box(entry(cuboid, "val"))
-                records.count_full_turns(angles, problems)
-                boxes.append(box)
-                turns.append(turned)
+                parsed = _parse_box(entry(cuboid, "val"))
+                records.count_full_turns(parsed.angles, problems)
+                boxes.append(parsed.box)
+                turns.append(parsed.rotation)
                 names.append(name)
                 kinds.append(
                     str(data.get("type") or entry({"objects": described}, "objects", track, "type"))
@@ -519,18 +536,17 @@ class _Rows:
 def _list_object_data(
     described: Unchecked, frame: Unchecked, key: str
 ) -> Iterable[tuple[str, Unchecked]]:
-    """Yield id and object_data of the objects of a frame, then of those at the top that hold in
-    it."""
-    for track, found in (frame.get("objects") or {}).items():
-        about = found or {}
-        named = {key: about[key] for key in ("coordinate_system", "type") if about.get(key)}
-        yield track, named | (about.get("object_data") or {})
+    """Yield id and object_data of a frame's objects, then of valid objects at the top level."""
+    for track, content in (frame.get("objects") or {}).items():
+        about = content or {}
+        inherited = {key: about[key] for key in ("coordinate_system", "type") if about.get(key)}
+        yield track, inherited | (about.get("object_data") or {})
     for track, about in described.items():
         data = (about or {}).get("object_data") or {}
         intervals = about.get("frame_intervals") or [] if data else []
         limits = [
-            (int(as_number(each["frame_start"])), int(as_number(each["frame_end"])))
-            for each in intervals
+            (int(as_number(interval["frame_start"])), int(as_number(interval["frame_end"])))
+            for interval in intervals
         ]
         if data and (not limits or any(first <= int(key) <= last for first, last in limits)):
             yield track, data
@@ -540,8 +556,8 @@ def _place_box(systems: _Systems, system: str, root: str | None) -> Pose | None:
     """Pose in the world frame of the system that a cuboid names, None if nothing connects them."""
     if not system or (root is None and system not in systems.known):
         return np.eye(4)
-    found, in_root = systems.find_root(system)
-    return in_root if found == root else None
+    system_root, in_root = systems.find_root(system)
+    return in_root if system_root == root else None
 
 
 def _count(cuboid: Unchecked) -> int:
@@ -552,20 +568,26 @@ def _count(cuboid: Unchecked) -> int:
     return -1
 
 
-def _parse_box(
-    value: Unchecked,
-) -> tuple[Float64[np.ndarray, "7"], Float64[np.ndarray, "3 3"], Float64[np.ndarray, " n"]]:
-    """Box of a cuboid's numbers without its yaw, its rotation, and its Euler angles (rad) if it has
-    any."""
+class _ParsedBox(NamedTuple):
+    """Box of a cuboid without its yaw, its rotation, and any Euler angles (rad)."""
+
+    box: Float64[np.ndarray, "7"]
+    rotation: Float64[np.ndarray, "3 3"]
+    angles: Float64[np.ndarray, " n"]
+
+
+def _parse_box(value: Unchecked) -> _ParsedBox:
+    """Parse the numbers of a cuboid."""
     angles = np.zeros(0)
     if np.size(np.array(value, dtype=object)) == 9:
-        x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
+        values = numbers(value, 9, "cuboid val")
+        roll, pitch, yaw = values[3:6]
         angles = np.array([max(roll, pitch, yaw, key=abs)])
-        turned = pose(roll=roll, pitch=pitch, yaw=yaw)[:3, :3]
+        rotation = pose(roll=roll, pitch=pitch, yaw=yaw)[:3, :3]
     else:
-        x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
-        turned = turn_by_quaternion(np.array([qx, qy, qz, qw]))
-    return np.array([x, y, z, *sizes, 0.0]), turned, angles
+        values = numbers(value, 10, "cuboid val")
+        rotation = turn_by_quaternion(np.array(values[3:7]))
+    return _ParsedBox(np.array([*values[:3], *values[-3:], 0.0]), rotation, angles)
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
@@ -579,8 +601,15 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
         for cloud in sample.clouds:
             file = f"{name}_{cloud.name}.pcd"
             records.write_cloud(folder / "point_clouds" / cloud.name / file, cloud.in_own_frame())
-            placed = {"pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()}}
-            systems[cloud.name] = {"type": "sensor_cs", "parent": WORLD, "children": [], **placed}
+            pose_content = {
+                "pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()}
+            }
+            systems[cloud.name] = {
+                "type": "sensor_cs",
+                "parent": WORLD,
+                "children": [],
+                **pose_content,
+            }
             systems[WORLD]["children"].append(cloud.name)
             sync = (
                 {}
@@ -594,31 +623,23 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
 
 
 def openlabel_content(sample: Frame, found: Detections | None = None) -> Unchecked:
-    """Return a frame's objects, or the detections `found` with scores as attributes, as one
-    OpenLABEL document."""
-    shown: Objects | Detections = sample.objects if found is None else found
+    """Return a frame's objects as one OpenLABEL document.
+
+    found: detections instead of the objects, with scores as attributes."""
+    written: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))
     described = {}
     objects = {}
-    for k, (box, label) in enumerate(zip(shown.boxes, shown.labels, strict=True)):
+    for k, (box, label) in enumerate(zip(written.boxes, written.labels, strict=True)):
+        nums = []
         if found is not None:
-            nums = [{"name": "score", "val": float(found.scores[k])}]
-        else:
-            nums = (
-                []
-                if sample.counts is None
-                else [{"name": "num_points", "val": int(sample.counts[k])}]
-            )
+            nums.append({"name": "score", "val": float(found.scores[k])})
+        elif sample.counts is not None:
+            nums.append({"name": "num_points", "val": int(sample.counts[k])})
         kind = _NAMES[LABELS[label]]
         half = box[6] / 2
-        value = [
-            *box[:3].tolist(),
-            0.0,
-            0.0,
-            float(np.sin(half)),
-            float(np.cos(half)),
-            *box[3:6].tolist(),
-        ]
+        quaternion = [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
+        value = box[:3].tolist() + quaternion + box[3:6].tolist()
         cuboid = {
             "name": "shape3D",
             "coordinate_system": WORLD,
@@ -637,7 +658,5 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> Uncheck
         "objects": described,
     }
     content |= {"frame_intervals": [{"frame_start": 0, "frame_end": 0}]}
-    return {
-        "openlabel": content
-        | {"frames": {"0": {"frame_properties": properties, "objects": objects}}}
-    }
+    content |= {"frames": {"0": {"frame_properties": properties, "objects": objects}}}
+    return {"openlabel": content}

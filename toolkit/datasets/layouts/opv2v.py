@@ -1,8 +1,7 @@
-"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd, a folder per vehicle or
-roadside unit.
+"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd.
 
-World frame: level, its origin at the first agent's lidar, x where that lidar faces; `map_SE3_world`
-is its place.
+There is a folder per vehicle or roadside unit. World frame: level, its origin at the first agent's
+lidar, x in the direction of that lidar; `map_SE3_world` is its pose in the map.
 
 - OPV2V and V2XSet come from CARLA, whose world is **left-handed** (y right), and so are the points
   of their .pcd: here y is negated in both. V2X-Real is measured: its points and poses are
@@ -11,7 +10,7 @@ is its place.
   4×4 matrix.
 - vehicles[id]: `extent` are **half** sizes, `angle` is roll yaw pitch, `center` is added to
   `location` unturned.
-- Only objects that this agent's lidar hit are listed: an object that another agent alone hit is in
+- Only objects that this agent's lidar hit are listed: an object that only another agent hit is in
   that agent's file. The agents' lists are put together by id.
 - A roadside unit's folder has a negative number; intensity is in the first of a .pcd's colours.
 - YAML 1.1 reads 1e-05 as a string."""
@@ -34,34 +33,35 @@ from toolkit.runtime.files import parse_yaml, read_text, write_text
 
 NO_YAML = "clouds of agents without their YAML file, left out"
 SAME_NUMBER = "objects that two agents give one number and places far apart: the first is taken"
-MAX_APART_M = 5.0  # of one object at one tick, as two agents measure it
+MAX_APART_M = 5.0  # between positions of one object at one tick, as two agents measure it
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
 def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
-    """Frames of all scenarios below a folder, all agents together. Raises FileNotFoundError if
-    there are none."""
+    """Frames of all scenarios below a folder, all agents together.
+
+    Raises FileNotFoundError without any."""
     names: dict[str, list[Path]] = {}
-    # of agents; a scenario's own files, such as data_protocol.yaml, lie above
+    # clouds of agents; a scenario's files, such as data_protocol.yaml, are above
     clouds: dict[Path, set[str]] = {}
     labelled = list[str]()
-    known = list[str]()
+    cloud_names = list[str]()
     described: dict[Path, set[str]] = {}
     for file in records.list_files(path, "*.yaml", recursive=True):
         if file.parent not in clouds:
             clouds[file.parent] = {
-                each.stem
-                for each in records.list_files(file.parent)
-                if each.suffix in records.ENDINGS
+                cloud_file.stem
+                for cloud_file in records.list_files(file.parent)
+                if cloud_file.suffix in records.ENDINGS
             }
-        place = file.with_suffix("").relative_to(path.parent).as_posix()
-        labelled += [place] * bool(clouds[file.parent])
+        file_name = file.with_suffix("").relative_to(path.parent).as_posix()
+        labelled += [file_name] * bool(clouds[file.parent])
         described.setdefault(file.parent, set()).add(file.stem)
         if file.stem in clouds[file.parent]:
             names.setdefault(
                 (file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []
             ).append(file)
-            known.append(place)
+            cloud_names.append(file_name)
     if not names:
         raise FileNotFoundError(
             f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names"
@@ -81,7 +81,7 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
     counts = {scenario: len(members) for scenario, members in of_scenario.items()}
     load = partial(_load, agents, counts, mirror)
     noted = {NO_YAML: undescribed}
-    return records.Listing(tuple(agents), load, labelled=labelled, known=known, noted=noted)
+    return records.Listing(tuple(agents), load, labelled=labelled, known=cloud_names, noted=noted)
 
 
 v2xreal = partial(opv2v, left_handed=False)
@@ -119,14 +119,14 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.
     clouds: list[SensorCloud] = []
     rows: dict[object, np.ndarray] = {}
     turns: dict[object, np.ndarray] = {}
-    apart = 0
+    apart_count = 0
     kinds: dict[object, str] = {}
-    for file, content, placed in zip(files, contents, poses, strict=True):
+    for file, content, map_SE3_lidar in zip(files, contents, poses, strict=True):
         recorded = next(
             file.with_suffix(end) for end in records.ENDINGS if lexists(file.with_suffix(end))
         )
         cloud = records.read_cloud(
-            recorded, file.parent.name, invert(map_SE3_world) @ placed, problems
+            recorded, file.parent.name, invert(map_SE3_world) @ map_SE3_lidar, problems
         )
         clouds.append(_mirror(cloud, mirror))
         with named_damage(file, "YAML file of an agent"):
@@ -135,46 +135,49 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.
                 raise ValueError(
                     f"vehicles must be a mapping of ids to vehicles, got {str(vehicles)[:40]!r}"
                 )
-            for track, each in vehicles.items():
-                box, turned = _box(each, mirror)
+            for track, vehicle in vehicles.items():
+                box, rotation = _box(vehicle, mirror)
                 first = rows.setdefault(track, box)
-                turns.setdefault(track, turned)
-                apart += int(np.linalg.norm(first[:3] - box[:3]) > MAX_APART_M)
-                kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
-    records.add_problem(problems, SAME_NUMBER, apart)
+                turns.setdefault(track, rotation)
+                apart_count += int(np.linalg.norm(first[:3] - box[:3]) > MAX_APART_M)
+                kinds.setdefault(
+                    track, str(vehicle.get("obj_type", vehicle.get("object_type", "Car")))
+                )
+    records.add_problem(problems, SAME_NUMBER, apart_count)
     boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
     boxes[:, 6] = records.find_headings(np.array(list(turns.values())).reshape(-1, 3, 3), problems)
     boxes = records.move_boxes(invert(map_SE3_world), boxes)
-    found = records.labelled(boxes, list(kinds.values()), list(rows), problems)
+    labels = records.labelled(boxes, list(kinds.values()), list(rows), problems)
     return Frame.of_clouds(
-        name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems
+        name, tuple(clouds), *labels, map_SE3_world=map_SE3_world, problems=problems
     )
 
 
 def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
     if np.array(value, dtype=object).size == 16:
-        placed = records.rigid_matrix(value, "lidar_pose")
+        lidar_pose = records.rigid_matrix(value, "lidar_pose")
     else:
         x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
-        placed = records.rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
-    return mirror @ placed @ mirror
+        lidar_pose = records.rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
+    return mirror @ lidar_pose @ mirror
 
 
 def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
-    """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x,
-    then roll."""
+    """Rotation of Unreal's angles in its left-handed axes.
+
+    It turns by yaw about z, then pitch, which lifts x, then roll."""
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
 def _box(vehicle: records.Unchecked, mirror: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Box of a vehicle without its yaw, and its rotation."""
-    place = numbers(entry(vehicle, "location"), 3, "location") + numbers(
+    centre = numbers(entry(vehicle, "location"), 3, "location") + numbers(
         entry(vehicle, "center"), 3, "center"
     )
     roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
     sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
-    turned = mirror @ unreal_pose(roll, yaw, pitch) @ mirror
-    return np.array([*(mirror[:3, :3] @ place), *sizes, 0.0]), turned[:3, :3]
+    rotation = mirror @ unreal_pose(roll, yaw, pitch) @ mirror
+    return np.array([*(mirror[:3, :3] @ centre), *sizes, 0.0]), rotation[:3, :3]
 
 
 def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
@@ -192,19 +195,23 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
         vehicles = {}
         for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
             angle = [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0]
-            where = {
+            placement = {
                 "angle": angle,
                 "center": [0.0] * 3,
                 "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
             }
-            vehicles[track] = {**where, "extent": [size / 2 for size in box[3:6]], "obj_type": kind}
+            vehicles[track] = {
+                **placement,
+                "extent": [size / 2 for size in box[3:6]],
+                "obj_type": kind,
+            }
         for agent, cloud in enumerate(sample.clouds):
-            placed = flat @ cloud.world_SE3_sensor @ mirror
-            roll = np.arctan2(-placed[2, 1], placed[2, 2])
-            yaw = np.arctan2(placed[1, 0], placed[0, 0])
+            lidar_pose = flat @ cloud.world_SE3_sensor @ mirror
+            roll = np.arctan2(-lidar_pose[2, 1], lidar_pose[2, 2])
+            yaw = np.arctan2(lidar_pose[1, 0], lidar_pose[0, 0])
             # as Unreal has them
-            angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(placed[2, 0], -1, 1))]).tolist()
-            content = {"lidar_pose": [*placed[:3, 3].tolist(), *angles], "vehicles": vehicles}
+            angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(lidar_pose[2, 0], -1, 1))]).tolist()
+            content = {"lidar_pose": [*lidar_pose[:3, 3].tolist(), *angles], "vehicles": vehicles}
             records.write_cloud(
                 folder / "scenario" / str(agent) / f"{name}.pcd",
                 _mirror(cloud.in_own_frame(), mirror),

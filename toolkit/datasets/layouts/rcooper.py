@@ -1,9 +1,9 @@
 """RCooper: data/SCENE/AGENT/SEQUENCE/lidar/*.pcd, label/SCENE/AGENT/SEQUENCE/*.json,
 calib/lidar2world/AGENT.json.
 
-World frame: lidar2world's, in which all agents (poles) of a scene stand; right-handed, z up. Each
-agent's labels are in its own lidar's frame and say what that agent sees; label/SCENE/coop is not
-read. Tracks are numbered by each agent for itself: boxes of one class that two agents list and that
+World frame: lidar2world's, the same for all agents (poles) of a scene; right-handed, z up. Each
+agent's labels are in its lidar's frame and cover the objects that it sees; label/SCENE/coop is not
+read. Each agent numbers its tracks separately: boxes of one class that two agents list and that
 overlap are one object, the first agent's.
 
 - SCENE lists its agents, "117-118-120-119"; files are named by their time in seconds and differ by
@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Int64
+from toolkit.arrays import Float64, Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
@@ -37,27 +37,34 @@ from toolkit.datasets.records import (
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
-SAME_OBJECT = 0.3  # BEV IoU; two agents' labels of one class above it are one object
+SAME_OBJECT_IOU = 0.3  # BEV IoU; two agents' labels of one class above it are one object
 
 
 def rcooper(path: Path) -> Listing:
-    """Frames of the whole set, each of all agents. Raises FileNotFoundError if the folder is not
-    such a set."""
+    """Frames of the whole data set, each of all agents.
+
+    Raises FileNotFoundError if the folder is no such data set."""
     names: dict[str, list[tuple[str, Path]]] = {}
     noted: dict[str, Problems] = {}
     labelled = list[str]()
-    known = list[str]()
+    cloud_names = list[str]()
     for scene in list_files(path / "data"):
         agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
         for sequence in sorted(
-            {each.name for name in agents for each in (scene / name).iterdir() if each.is_dir()}
+            {
+                folder.name
+                for name in agents
+                for folder in (scene / name).iterdir()
+                if folder.is_dir()
+            }
         ):
             files = [(name, _clouds(scene / name / sequence / "lidar")) for name in agents]
-            for name, some in files:
-                own = f"{scene.name}/{name}/{sequence}"
-                known += [f"{own}/{file.stem}" for file in some]
+            for name, agent_files in files:
+                relative = f"{scene.name}/{name}/{sequence}"
+                cloud_names += [f"{relative}/{file.stem}" for file in agent_files]
                 labelled += [
-                    f"{own}/{file.stem}" for file in list_files(path / "label" / own, "*.json")
+                    f"{relative}/{file.stem}"
+                    for file in list_files(path / "label" / relative, "*.json")
                 ]
             groups, by_order = _match(dict(files))
             for k, group in enumerate(groups):
@@ -70,20 +77,24 @@ def rcooper(path: Path) -> Listing:
         )
 
     load = partial(_sample, path, names, noted, bool(labelled))
-    return Listing(tuple(names), load, labelled=labelled, known=known)
+    return Listing(tuple(names), load, labelled=labelled, known=cloud_names)
 
 
 def _match(files: Mapping[str, Sequence[Path]]) -> tuple[list[dict[str, Path]], bool]:
     """Clouds of each frame by agent, and whether their order put them together."""
-    times = {agent: np.array([_time(file)[0] for file in some]) for agent, some in files.items()}
-    if all(np.isfinite(each).all() for each in times.values()):
+    times = {agent: _list_times(agent_files) for agent, agent_files in files.items()}
+    if all(np.isfinite(stamps).all() for stamps in times.values()):
         return [_take(files, group) for group in group_by_time(times)], False
     count = min((len(clouds) for clouds in files.values()), default=0)
     return [_take(files, dict.fromkeys(files, k)) for k in range(count)], len(files) > 1
 
 
+def _list_times(files: Sequence[Path]) -> Float64[np.ndarray, " n"]:
+    return np.array([_time(file)[0] for file in files])
+
+
 def _take(files: Mapping[str, Sequence[Path]], rows: Mapping[str, int]) -> dict[str, Path]:
-    """Clouds of these numbers by agent."""
+    """Clouds with these numbers by agent."""
     return {agent: files[agent][row] for agent, row in rows.items()}
 
 
@@ -119,28 +130,31 @@ def _sample(
         labels = root / "label" / scene / agent / sequence / f"{file.stem}.json"
         is_there = lexists(labels)
         add_problem(problems, UNLABELLED, int(is_labelled and not is_there))
-        found = read_annotations(labels if is_there else None, pose, problems)
-        parts.append(found.objects)
-        categories += found.categories
+        labels_of_agent = read_annotations(labels if is_there else None, pose, problems)
+        parts.append(labels_of_agent.objects)
+        categories += labels_of_agent.categories
     objects, rows = merged(parts)
-    kept = tuple(categories[k] for k in rows)
-    return Frame.of_clouds(name, clouds, objects, kept, time=frame_time(clouds), problems=problems)
+    object_categories = tuple(categories[k] for k in rows)
+    return Frame.of_clouds(
+        name, clouds, objects, object_categories, time=frame_time(clouds), problems=problems
+    )
 
 
 def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
-    """Merge several agents' objects into one list. Returns it and its rows among all of them."""
-    boxes = np.concatenate([np.zeros((0, 7)), *(part.boxes for part in parts)])
-    labels = np.concatenate([np.zeros(0, np.int64), *(part.labels for part in parts)])
-    ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in parts)])
-    agent = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    """Merge several agents' objects into one list, and return it with its rows among all of
+    them."""
+    boxes = np.concatenate([np.zeros((0, 7)), *(objects.boxes for objects in parts)])
+    labels = np.concatenate([np.zeros(0, np.int64), *(objects.labels for objects in parts)])
+    ids = np.concatenate([np.zeros(0, np.int64), *(objects.ids for objects in parts)])
+    agent = np.repeat(np.arange(len(parts)), [len(objects) for objects in parts])
     same = (
-        (iou_bev(boxes, boxes) > SAME_OBJECT)
+        (iou_bev(boxes, boxes) > SAME_OBJECT_IOU)
         & (labels[:, None] == labels)
         & (agent[:, None] != agent)
     )
-    kept: list[int] = []
+    kept_rows: list[int] = []
     for k in range(len(boxes)):
-        if not same[k, kept].any():
-            kept.append(k)
-    rows = np.array(kept, np.int64)
+        if not same[k, kept_rows].any():
+            kept_rows.append(k)
+    rows = np.array(kept_rows, np.int64)
     return Objects(boxes[rows], labels[rows], ids[rows]), rows

@@ -1,5 +1,6 @@
-"""ROS bags: PointCloud2 topics with tf, of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml,
-.mcap or .db3 files).
+"""ROS bags: PointCloud2 topics with tf.
+
+They are of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, .mcap or .db3 files).
 
 World frame: the root of the clouds' frames in tf. A cloud whose frame no tf mentions stays in its
 frame, and is counted.
@@ -17,7 +18,7 @@ frame, and is counted.
 
 import struct
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -64,7 +65,7 @@ REPLAYED = "clouds with a stamp that their topic has already, as of a bag played
 OTHER_CLOCKS = (
     "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
 )
-RosObject = Any  # of rosbags, which has no types
+RosObject = Any  # object of rosbags, which has no types
 MAX_TF_GAP_S = 1.0
 MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
 OTHER_PROFILE = "Profile is not ros2."  # rosbags' words for an .mcap of ROS 1
@@ -73,8 +74,16 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 
 
 class _Message(NamedTuple):
-    """A message of a bag, not parsed. recorded_ns: time of its recording; has_seq: ROS 1, whose
-    headers begin with a number."""
+    """A message of a bag, not parsed.
+
+    Attributes:
+        topic: its topic.
+        kind: its message type.
+        recorded_ns: time of its recording.
+        data: its bytes.
+        has_seq: ROS 1, whose headers begin with a number.
+        parser: parses the bytes.
+    """
 
     topic: str
     kind: str
@@ -99,15 +108,17 @@ class _Message(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """Frames of a bag, which is read from its beginning each time they are asked for.
+    """Frames of a bag, which is read from its beginning for each iteration.
 
     Attributes:
         path: file or folder.
         groups: number of each topic's cloud in each frame.
-        tree: frames of coordinates.
-        topics: of the clouds.
+        tree: coordinate frames.
+        topics: topics of the clouds.
         recorded: topics whose clouds have the time of their recording.
-        problems: of the whole bag, by kind; the first frame counts them."""
+        problems: problems of the whole bag, by kind; the first frame counts them.
+        site: the site, None if unknown.
+    """
 
     path: Path
     groups: tuple[Mapping[str, int], ...]
@@ -125,7 +136,7 @@ class Bag:
         return len(self.groups)
 
     def __getitem__(self, index: int) -> Frame:
-        """Frame of this number. The bag is read on from the last frame, or again from its
+        """Return the frame with this number, reading on from the last frame or again from the
         beginning."""
         if not 0 <= index < len(self):
             raise IndexError(
@@ -201,8 +212,9 @@ class Bag:
         roots: list[str],
         problems: Problems,
     ) -> SensorCloud:
-        """A topic's cloud in the world. roots: of the frame's clouds before it, and then of this
-        one too."""
+        """A topic's cloud in the world.
+
+        roots: roots of the frame's clouds before it, and afterwards of this one too."""
         frame = clean_frame(cloud.header.frame_id)
         stamp = _stamp(cloud.header)
         measured = (
@@ -239,82 +251,108 @@ def clean_frame(name: object) -> str:
 
 
 def rosbag(path: Path) -> Bag:
-    """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no
-    PointCloud2."""
-    if path.is_dir() and not lexists(path / "metadata.yaml") and len(files := list_bags(path)) > 1:
+    """Frames of a bag.
+
+    Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
+    is_bare = path.is_dir() and not lexists(path / "metadata.yaml")
+    files = list_bags(path) if is_bare else []
+    if len(files) > 1:
         names = ", ".join(file.name for file in files[:6])
         warnings.warn(
             f"{path}: {names} are read as one recording: give one of them to read no other",
             stacklevel=2,
         )
-    stamps: dict[str, list[int]] = {}
-    recorded: dict[str, list[int]] = {}
-    with_points: dict[str, bool] = {}  # topics that have a readable cloud: whether it has points
-    reason: Exception | None = None
-    links: list[TransformLink] = []
-    for message in _messages(path, CLOUD, TF, OLD_TF):
-        topic = message.topic
-        if message.kind != CLOUD:
-            links += _parse_links(path, message)
-            continue
-        if topic not in with_points:
-            try:
-                with_points[topic] = {"x", "y", "z"} <= {
-                    str(column.name) for column in message.parse().fields
-                }
-            except Exception as error:  # rosbags and its parsers raise errors of any kind
-                reason = error
-        with _damage(path):
-            stamps.setdefault(topic, []).append(message.read_stamp())
-        recorded.setdefault(topic, []).append(message.recorded_ns)
-    topics = tuple(topic for topic in stamps if with_points.get(topic, True))
-    if not any(with_points.values()):
-        _refuse(path, bool(with_points), reason)
-    own_clock = {topic: np.array(stamps[topic], np.int64) for topic in topics}
-    on_record = {topic: np.array(recorded[topic], np.int64) for topic in topics}
-    tree = TransformTree.from_links(links)
-    moving = [
-        link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving
-    ]
-    of_tf = {}
-    if moving:
-        of_tf = {
-            TF: (
-                np.array([link.stamp_ns for link in moving]),
-                np.array([link.recorded_ns for link in moving]),
-            )
-        }
+    index = _index_messages(path)
+    topics = tuple(topic for topic in index.stamps_ns if index.with_points.get(topic, True))
+    if not any(index.with_points.values()):
+        _refuse(path, bool(index.with_points), index.reason)
+    stamps = {topic: np.array(index.stamps_ns[topic], np.int64) for topic in topics}
+    recorded = {topic: np.array(index.recorded_ns[topic], np.int64) for topic in topics}
+    tree = TransformTree.from_links(index.links)
     instead = _find_other_clocks(
-        {topic: (own_clock[topic], on_record[topic]) for topic in topics}, of_tf
+        {topic: (stamps[topic], recorded[topic]) for topic in topics},
+        _moving_times(index.links, tree),
     )
     times = {}
     for topic in topics:
         if topic in instead:
-            times[topic] = on_record[topic]
+            times[topic] = recorded[topic]
         else:
-            times[topic] = np.where(own_clock[topic] == 0, on_record[topic], own_clock[topic])
-    start = min(int(stamps_ns.min()) for stamps_ns in times.values())
+            times[topic] = np.where(stamps[topic] == 0, recorded[topic], stamps[topic])
+    start = min(int(times_ns.min()) for times_ns in times.values())
     groups = group_by_time(
-        {topic: (stamps_ns - start) / NS_PER_S for topic, stamps_ns in times.items()}
+        {topic: (times_ns - start) / NS_PER_S for topic, times_ns in times.items()}
     )
     problems = dict(tree.problems)
     if not instead:
-        stamped = [times[times != 0] for times in own_clock.values()]
-        add_problem(
-            problems, REPLAYED, sum(len(times) - len(np.unique(times)) for times in stamped)
-        )
-    add_problem(problems, NO_XYZ, len(stamps) - len(topics))
+        stamped = [stamps_ns[stamps_ns != 0] for stamps_ns in stamps.values()]
+        replayed = sum(len(stamps_ns) - len(np.unique(stamps_ns)) for stamps_ns in stamped)
+        add_problem(problems, REPLAYED, replayed)
+    add_problem(problems, NO_XYZ, len(index.stamps_ns) - len(topics))
     return Bag(path, tuple(groups), tree, topics, instead, problems)
+
+
+@dataclass
+class _Index:
+    """Contents of a bag, without the points.
+
+    Attributes:
+        stamps_ns: stamps of each topic's clouds.
+        recorded_ns: times of recording of each topic's clouds.
+        with_points: whether a topic's first readable cloud has x, y and z.
+        links: transforms of tf.
+        reason: error of the last cloud that cannot be read.
+    """
+
+    stamps_ns: dict[str, list[int]] = field(default_factory=dict)
+    recorded_ns: dict[str, list[int]] = field(default_factory=dict)
+    with_points: dict[str, bool] = field(default_factory=dict)
+    links: list[TransformLink] = field(default_factory=list)
+    reason: Exception | None = None
+
+
+def _index_messages(path: Path) -> _Index:
+    """Read stamps and transforms of a bag."""
+    index = _Index()
+    for message in _messages(path, CLOUD, TF, OLD_TF):
+        topic = message.topic
+        if message.kind != CLOUD:
+            index.links += _parse_links(path, message)
+            continue
+        if topic not in index.with_points:
+            try:
+                names = {str(column.name) for column in message.parse().fields}
+                index.with_points[topic] = {"x", "y", "z"} <= names
+            except Exception as error:  # rosbags and its parsers raise errors of any kind
+                index.reason = error
+        with _damage(path):
+            index.stamps_ns.setdefault(topic, []).append(message.read_stamp())
+        index.recorded_ns.setdefault(topic, []).append(message.recorded_ns)
+    return index
+
+
+def _moving_times(
+    links: Sequence[TransformLink], tree: TransformTree
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Stamps and times of recording (ns) of moving transforms, under the topic of tf."""
+    moving = [
+        link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving
+    ]
+    if not moving:
+        return {}
+    stamps = np.array([link.stamp_ns for link in moving])
+    recorded = np.array([link.recorded_ns for link in moving])
+    return {TF: (stamps, recorded)}
 
 
 def _find_other_clocks(
     clouds: Mapping[str, tuple[np.ndarray, np.ndarray]],
     moving: Mapping[str, tuple[np.ndarray, np.ndarray]],
 ) -> dict[str, str]:
-    """Topics whose clouds have the time of their recording, and why: all if stamps are of different
-    clocks.
+    """Topics whose clouds have the time of their recording, and why.
 
-    clouds: stamps and times of recording (ns) by topic; moving: those of moving transforms."""
+    These are all topics if stamps are of different clocks. clouds: stamps and times of recording
+    (ns) by topic; moving: the same of moving transforms."""
     offsets_s = []
     for stamps, recorded in (*clouds.values(), *moving.values()):
         is_stamped = stamps != 0
@@ -336,13 +374,15 @@ def _refuse(path: Path, has_clouds: bool, reason: Exception | None) -> None:
         )
     kinds: dict[str, str] = {}
     with _open(path) as readers:
-        for connection in (each for reader in readers for each in reader.connections):
+        for connection in (
+            connection_info for reader in readers for connection_info in reader.connections
+        ):
             kinds[str(connection.topic)] = str(connection.msgtype)
-    held = (
+    content = (
         ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "no topics"
     )
     raise ValueError(
-        f"{path} holds no messages of {CLOUD}, but {held}: convert its lidar's messages to "
+        f"{path} holds no messages of {CLOUD}, but {content}: convert its lidar's messages to "
         "PointCloud2"
     )
 
@@ -351,39 +391,45 @@ def _parse_links(path: Path, message: _Message) -> list[TransformLink]:
     with _damage(path):
         content = message.parse()
         links = []
-        for each in content.transforms:
-            where = each.transform.translation
-            turned = each.transform.rotation
-            wxyz = np.array([turned.w, turned.x, turned.y, turned.z])
-            pose = parse_link_pose(wxyz, np.array([where.x, where.y, where.z]))
-            names = clean_frame(each.child_frame_id), clean_frame(each.header.frame_id)
+        for link in content.transforms:
+            translation = link.transform.translation
+            rotation = link.transform.rotation
+            wxyz = np.array([rotation.w, rotation.x, rotation.y, rotation.z])
+            pose = parse_link_pose(wxyz, np.array([translation.x, translation.y, translation.z]))
+            names = clean_frame(link.child_frame_id), clean_frame(link.header.frame_id)
             is_static = message.topic.rstrip("/").endswith("tf_static")
             links.append(
-                TransformLink(*names, pose, _stamp(each.header), message.recorded_ns, is_static)
+                TransformLink(*names, pose, _stamp(link.header), message.recorded_ns, is_static)
             )
     return links
 
 
 def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
-    """Parse the fields of a PointCloud2, a row per point. Raises ValueError if they do not fit its
-    bytes."""
+    """Parse the fields of a PointCloud2, a row per point.
+
+    Raises ValueError if they do not fit its bytes."""
     order = ">" if message.is_bigendian else "<"
-    width, height, step, row_step = map(
-        int, (message.width, message.height, message.point_step, message.row_step)
-    )
+    width = int(message.width)
+    height = int(message.height)
+    step = int(message.point_step)
+    row_step = int(message.row_step)
     data = np.asarray(message.data, np.uint8)
     names = []
     formats = []
     offsets = []
-    for each in message.fields:
-        if each.datatype not in _TYPES or each.name in names or each.count not in (0, 1):
+    for point_field in message.fields:
+        if (
+            point_field.datatype not in _TYPES
+            or point_field.name in names
+            or point_field.count not in (0, 1)
+        ):
             continue  # padding, or several numbers
-        kind = np.dtype(order + _TYPES[each.datatype])
-        if not 0 <= each.offset <= step - kind.itemsize:
-            raise ValueError(f"field {each.name} does not fit a point of {step} bytes")
-        names.append(str(each.name))
+        kind = np.dtype(order + _TYPES[point_field.datatype])
+        if not 0 <= point_field.offset <= step - kind.itemsize:
+            raise ValueError(f"field {point_field.name} does not fit a point of {step} bytes")
+        names.append(str(point_field.name))
         formats.append(kind)
-        offsets.append(int(each.offset))
+        offsets.append(int(point_field.offset))
     packed_step = width * step
     if row_step < packed_step <= len(data) // max(height, 1) or (
         height * row_step > len(data) == height * packed_step
@@ -458,16 +504,20 @@ def _list_files(path: Path) -> list[Path]:
 def _make_parser(
     kind: str, readers: Iterable[RosObject], has_seq: bool
 ) -> Callable[[bytes], RosObject]:
-    """Parser of one kind of messages, by the definition that the bag holds of this one, else by ROS
-    2 Humble's."""
+    """Parser of one message type, by its definition in the bag, else by ROS 2 Humble's."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     connections = [
-        each for reader in readers for each in reader.connections if each.msgtype == kind
+        connection
+        for reader in readers
+        for connection in reader.connections
+        if connection.msgtype == kind
     ]
     definitions = [
-        each.msgdef for each in connections if each.msgdef.format != MessageDefinitionFormat.NONE
+        connection.msgdef
+        for connection in connections
+        if connection.msgdef.format != MessageDefinitionFormat.NONE
     ]
     store = get_typestore(Stores.EMPTY if definitions else Stores.ROS2_HUMBLE)
     if definitions and definitions[0].format == MessageDefinitionFormat.MSG:
@@ -490,15 +540,21 @@ def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
     with _open(path) as readers:
         has_seq = any(file.suffix.lower() == FIRST_ENDING for file in _list_files(path))
         with _damage(path):
-            wanted = {each.msgtype for reader in readers for each in reader.connections} & set(
-                kinds
-            )
-            parsers = {kind: _make_parser(kind, readers, has_seq) for kind in wanted}
+            message_types = {
+                connection_info.msgtype
+                for reader in readers
+                for connection_info in reader.connections
+            } & set(kinds)
+            parsers = {kind: _make_parser(kind, readers, has_seq) for kind in message_types}
             streams = []
             for reader in readers:
-                connections = [each for each in reader.connections if each.msgtype in wanted]
+                connections = [
+                    connection_info
+                    for connection_info in reader.connections
+                    if connection_info.msgtype in message_types
+                ]
                 streams += [reader.messages(connections=connections)] if connections else []
-            messages = merge(*streams, key=lambda each: each[1])
+            messages = merge(*streams, key=lambda connection_info: connection_info[1])
         while True:
             with _damage(path):
                 following = next(messages, None)
@@ -510,8 +566,9 @@ def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
-    """Write clouds for ROS 2: recording.mcap, a topic per sensor with tf, without labels, with a
-    warning."""
+    """Write clouds for ROS 2: recording.mcap, a topic per sensor with tf, without labels.
+
+    A warning names the labels that are left out."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -548,12 +605,13 @@ def _header(store: RosObject, stamp: int, frame: str) -> RosObject:
 
 
 def _link(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
-    names = ("Transform", "Vector3", "Quaternion", "TransformStamped")
-    make, vector, quaternion, stamped = (store.types[f"geometry_msgs/msg/{name}"] for name in names)
+    package = "geometry_msgs/msg"
     w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
-    place = vector(*cloud.world_SE3_sensor[:3, 3].tolist())
-    moved = make(translation=place, rotation=quaternion(x=x, y=y, z=z, w=w))
-    return stamped(_header(store, stamp, "world"), child_frame_id=cloud.name, transform=moved)
+    position = store.types[f"{package}/Vector3"](*cloud.world_SE3_sensor[:3, 3].tolist())
+    rotation = store.types[f"{package}/Quaternion"](x=x, y=y, z=z, w=w)
+    transform = store.types[f"{package}/Transform"](translation=position, rotation=rotation)
+    make = store.types[f"{package}/TransformStamped"]
+    return make(_header(store, stamp, "world"), child_frame_id=cloud.name, transform=transform)
 
 
 def _message(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:

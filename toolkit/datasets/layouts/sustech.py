@@ -1,4 +1,4 @@
-"""SUSTechPOINTS, the labelling tool's own folders: lidar/*.pcd (or .bin), label/*.json.
+"""SUSTechPOINTS, folders of the labelling tool: lidar/*.pcd (or .bin), label/*.json.
 
 World frame: the lidar's, as recorded; z up, which way is forward differs between recordings.
 
@@ -55,24 +55,25 @@ def _sample(
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and not lexists(path)))
     with records.named_damage(path, "list of labels"):
         labels = records.as_list(records.load_json(path)) if lexists(path) else []
-        poses = [entry(each, "psr") for each in labels]
+        poses = [entry(label, "psr") for label in labels]
         turns = np.array([xyz(psr, "rotation") for psr in poses]).reshape(-1, 3)
         places = [[*xyz(psr, "position"), *xyz(psr, "scale")] for psr in poses]
-        names = [str(entry(each, "obj_type")) for each in labels]
-        ids = [each.get("obj_id", k) for k, each in enumerate(labels)]
+        names = [str(entry(label, "obj_type")) for label in labels]
+        ids = [label.get("obj_id", k) for k, label in enumerate(labels)]
     records.count_full_turns(turns[:, 2], problems)
     boxes = np.column_stack(
         [np.array(places).reshape(-1, 6), records.find_headings(_rotate(turns), problems)]
     )
-    found = records.labelled(boxes, names, ids, problems)
+    objects = records.labelled(boxes, names, ids, problems)
     return Frame.of_clouds(
-        name, (cloud,), *found, time=records.frame_time([cloud]), problems=problems
+        name, (cloud,), *objects, time=records.frame_time([cloud]), problems=problems
     )
 
 
 def _rotate(turns: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3 3"]:
-    """Rotations by angles (rad) about x, then the turned y, then the turned z; NaN for angles that
-    are not finite."""
+    """Rotations by angles (rad) about x, then the turned y, then the turned z.
+
+    They are NaN for angles that are not finite."""
     from scipy.spatial.transform import Rotation
 
     finite = np.isfinite(turns).all(axis=1)
@@ -94,11 +95,10 @@ def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
         records.write_cloud(folder / "lidar" / f"{name}.pcd", records.one_cloud(sample))
         content = []
         for box, kind, track in records.list_rows(sample.objects, _NAMES):
-            position, scale = (dict(zip("xyz", part, strict=True)) for part in (box[:3], box[3:6]))
             psr = {
-                "position": position,
+                "position": dict(zip("xyz", box[:3], strict=True)),
                 "rotation": {"x": 0.0, "y": 0.0, "z": box[6]},
-                "scale": scale,
+                "scale": dict(zip("xyz", box[3:6], strict=True)),
             }
             content.append({"obj_id": str(track), "obj_type": kind, "psr": psr})
         write_text(folder / "label" / f"{name}.json", json.dumps(content, indent=1))

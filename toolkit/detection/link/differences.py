@@ -1,14 +1,15 @@
 """Differences: foreground messages that send only the changes since an earlier one:
 docs/reference/message-format.md.
 
-A whole image, an ordinary foreground message, comes at least every `key_every` messages; those
-between are differences. Each names the message that it refers to, and a checksum of the `Reference`
-that sender and reader share after it. A reader without it, having missed a message, refuses the
+A whole image, an ordinary foreground message, is sent at least every `key_every` messages; those
+in between are differences. Each names the message that it refers to, and a checksum of the
+`Reference` that sender and reader share after it. A reader without that message refuses the
 difference (`MissedReference`) and waits for the next whole image. A difference refers to
 
-    previous   the message before it: the smallest, but a lost message makes all useless up to the
-               next whole image
-    key        the last whole image: a lost difference is lost alone; for links that lose messages
+    previous   the message before it: the smallest, but a lost message makes all messages useless
+               until the next whole image
+    key        the last whole image: losing a difference affects no other; for links that lose
+               messages
 
 A `Reference` has for every pixel of the last message the mean of its measurements since it last
 changed, so that noise averages out. Moving surfaces are better predicted from their neighbours,
@@ -35,10 +36,16 @@ from toolkit.detection.view import View
 
 RefersTo = Literal["previous", "key"]
 REFERS_TO: tuple[RefersTo, ...] = ("previous", "key")
-KEY_EVERY = 10  # messages, a second at 10 Hz
-MOST_BACK = 255  # messages
-FEW_PIXELS = 200  # still pixels, below which a whole image may be smaller
+DEFAULT_KEY_EVERY = 10  # messages from one whole image to the next, a second at 10 Hz
+MAX_BACK = 255  # messages that a difference refers back
+MIN_STILL_PX = 200  # with fewer, a whole image may be smaller
 _REFERS = struct.Struct("<BBI")
+SQUARE_PX = 8  # side of a square
+MAX_STILL_MM = 80  # difference of a still pixel from the reference
+MIN_STILL_SHARE = 0.6  # share of still pixels in a still square
+MAX_MEAN_IMAGES = 8  # in a mean
+_FINE_BITS = 4
+_FINE = 1 << _FINE_BITS  # parts of a step
 
 
 class MissedReference(ValueError):
@@ -46,9 +53,11 @@ class MissedReference(ValueError):
 
 
 class DifferenceSender:
-    """Sender of one sensor's messages, whose empty scene is `scene`. step: of measurements (m);
-    refers_to: see above; key_every: most messages, 1 to 255, from one whole image to the next.
-    Raises ValueError for others."""
+    """Sender of one sensor's messages.
+
+    scene: empty scene of the sensor; step: step of measurements (m); refers_to: see above;
+    key_every: maximum number of messages, 1 to 255, from one whole image to the next. Raises
+    ValueError for other values."""
 
     def __init__(
         self,
@@ -56,7 +65,7 @@ class DifferenceSender:
         *,
         step: float = 0.02,
         refers_to: RefersTo = "previous",
-        key_every: int = KEY_EVERY,
+        key_every: int = DEFAULT_KEY_EVERY,
     ) -> None:
         check_differences(refers_to, key_every)
         self.scene = scene
@@ -67,14 +76,16 @@ class DifferenceSender:
         self._key = 0
 
     def write(self, image: RangeImage, missing: ImageMask | None = None) -> bytes:
-        """Write the next message. Arguments as of
-        `toolkit.detection.link.foreground.encode_foreground`. The image is sent whole when due,
-        when that is smaller because few pixels stand still, and when numbers do not continue."""
+        """Write the next message. Arguments as in
+        `toolkit.detection.link.foreground.encode_foreground`.
+
+        The image is sent whole when due, when that is smaller because few pixels are still, and
+        when numbers do not continue."""
         sent, missing = foreground.check_pixels(image, self.scene, missing)
         steps = to_steps(image.measurement, sent, self.step)
         reference = self._reference
         difference = b""
-        stands = 0
+        still_count = 0
         if reference is not None and reference.number < image.number < self._key + self.key_every:
             squares = still_squares(reference, steps, sent)
             if squares.any():
@@ -86,11 +97,15 @@ class DifferenceSender:
                 difference = _REFERS.pack(*refers) + encode_difference(
                     steps, sent, reference, squares
                 )
-                stands = int(reference.standing(steps, sent).sum())
-        whole = coding.encode_pixels(steps, sent) if stands < FEW_PIXELS else b""
-        if reference is None or not difference or (whole and len(whole) <= len(difference)):
+                still_count = int(reference.standing(steps, sent).sum())
+        whole_image = coding.encode_pixels(steps, sent) if still_count < MIN_STILL_PX else b""
+        if (
+            reference is None
+            or not difference
+            or (whole_image and len(whole_image) <= len(difference))
+        ):
             kind = MessageKind.FOREGROUND
-            content = whole
+            content = whole_image
             self._key = image.number
             self._reference = Reference.of(image.number, step_in_mm(self.step), steps, sent)
         else:
@@ -109,9 +124,10 @@ class DifferenceReader:
         self._reference: Reference | None = None
 
     def read(self, message: bytes) -> Restored:
-        """Read the image of a message. Raises `MissedReference` for a difference from a message
-        that never arrived, and ValueError as `decode_foreground`; the reader then stays as it
-        was."""
+        """Read the image of a message.
+
+        Raises `MissedReference` for a difference from a message that never arrived, and ValueError
+        as `decode_foreground`; the reader then stays as it was."""
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
             restored = foreground.decode_foreground(message, self.scene)
@@ -124,10 +140,10 @@ class DifferenceReader:
             raise ValueError(
                 f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}"
             )
-        back, goes_on, checksum = _REFERS.unpack_from(content)
+        back, goes_on, checksum = _REFERS.unpack_from(content)  # the three fields of a difference
         if not back or goes_on > 1:
             raise ValueError(
-                f"a message refers 1 to {MOST_BACK} back and goes on or not, got {back}, {goes_on}"
+                f"a message refers 1 to {MAX_BACK} back and goes on or not, got {back}, {goes_on}"
             )
         reference = self._reference
         if (
@@ -136,11 +152,11 @@ class DifferenceReader:
             or reference.checksum != checksum
         ):
             has = "none" if reference is None else f"what message {reference.number} left"
-            said = (
+            rule = (
                 f"message {header.number} refers to message {header.number - back}, of which the "
                 f"reader has {has}"
             )
-            raise MissedReference(f"{said}: wait for the next whole image")
+            raise MissedReference(f"{rule}: wait for the next whole image")
         if header.step_mm != reference.step_mm:
             raise ValueError(
                 f"a message has steps of its reference, {reference.step_mm} mm, got "
@@ -155,30 +171,22 @@ class DifferenceReader:
 
 
 def check_differences(refers_to: str, key_every: int) -> None:
-    """Raise ValueError unless a `DifferenceSender` takes these."""
+    """Raise ValueError unless a `DifferenceSender` takes these values."""
     if refers_to not in REFERS_TO:
         raise ValueError(f"differences refer to {' or '.join(REFERS_TO)}, got {refers_to!r}")
-    whole = isinstance(key_every, int | np.integer) and not isinstance(key_every, bool)
-    if not (whole and 1 <= key_every <= MOST_BACK):
+    is_whole = isinstance(key_every, int | np.integer) and not isinstance(key_every, bool)
+    if not (is_whole and 1 <= key_every <= MAX_BACK):
         raise ValueError(
-            f"a whole image must come every 1 to {MOST_BACK} messages, got {key_every!r}: such as "
-            "10"
+            f"a whole image must come every 1 to {MAX_BACK} messages, got {key_every!r}: such as 10"
         )
-
-
-SQUARE = 8  # pixels
-STILL_MM = 80  # most difference of a still pixel from the reference
-STILL_SHARE = 0.6  # least share of still pixels in a still square
-MOST_IMAGES = 8  # in a mean
-_FINE_BITS = 4
-_FINE = 1 << _FINE_BITS  # parts of a step
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Shared state of sender and reader after message `number`. fine: mean measurement of every
-    pixel in 16ths of a step; images: number of averaged images, 0 for pixels that the last message
-    did not send."""
+    """Shared state of sender and reader after message `number`.
+
+    fine: mean measurement of every pixel in 16ths of a step; images: number of averaged images, 0
+    for pixels that the last message did not send."""
 
     number: int
     step_mm: int
@@ -213,13 +221,13 @@ class Reference:
         return (self.fine + _FINE // 2) >> _FINE_BITS
 
     def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> "Reference":
-        """State after one more image; means restart where pixels moved."""
-        stands = self.standing(steps, sent)[sent]
+        """Return the state after one more image; means restart in pixels that moved."""
+        is_still = self.standing(steps, sent)[sent]
         images = self.images[sent]
         measured = _FINE * steps[sent]
-        images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
+        images = np.where(is_still, np.minimum(images + 1, MAX_MEAN_IMAGES), 1)
         before = self.fine[sent]
-        moved = np.where(stands, before + (measured - before + images // 2) // images, measured)
+        moved = np.where(is_still, before + (measured - before + images // 2) // images, measured)
         fine = np.zeros_like(self.fine)
         counts = np.zeros_like(self.images)
         fine[sent] = moved
@@ -227,22 +235,22 @@ class Reference:
         return Reference(number, self.step_mm, fine, counts)
 
     def standing(self, steps: ImageSteps, sent: ImageMask) -> ImageMask:
-        """Mask of sent pixels that measure what it says."""
-        most = max(1, (STILL_MM + self.step_mm // 2) // self.step_mm)
-        return sent & self.known & (np.abs(steps - self.whole_steps) <= most)
+        """Mask of sent pixels that measure what the reference predicts."""
+        max_steps = max(1, (MAX_STILL_MM + self.step_mm // 2) // self.step_mm)
+        return sent & self.known & (np.abs(steps - self.whole_steps) <= max_steps)
 
     def predict(self, pixels: ImageMask) -> tuple[np.ndarray, np.ndarray]:
-        """Mean in whole steps, and whether rounded down (1 or -1)."""
+        """Mean in whole steps, and its rounding: 1 if rounded down, -1 if up."""
         fine = self.fine[pixels]
-        whole = self.whole_steps[pixels]
-        return whole, np.where(fine >= _FINE * whole, 1, -1)
+        mean_steps = self.whole_steps[pixels]
+        return mean_steps, np.where(fine >= _FINE * mean_steps, 1, -1)
 
 
 def still_squares(
     reference: Reference, steps: ImageSteps, sent: ImageMask
 ) -> Bool[np.ndarray, "down across"]:
     """Mark squares that the reference predicts better than neighbours do."""
-    return _count_pixels(reference.standing(steps, sent)) > STILL_SHARE * _count_pixels(
+    return _count_pixels(reference.standing(steps, sent)) > MIN_STILL_SHARE * _count_pixels(
         reference.known
     )
 
@@ -253,22 +261,23 @@ def encode_difference(
     reference: Reference,
     squares: Bool[np.ndarray, "down across"],
 ) -> bytes:
-    """Encode the sent pixels. squares: still ones. Raises ValueError for steps beyond 0 to 2^24 -
-    1, another shape."""
+    """Encode the sent pixels. squares: still squares.
+
+    Raises ValueError for steps beyond 0 to 2^24 - 1, and for another shape."""
     if steps.shape != reference.fine.shape:
         raise ValueError(
             f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}"
         )
-    there = _count_pixels(reference.known) > 0
-    still = reference.known & _spread(squares, steps.shape)
-    by_reference = sent & still
-    whole, towards = reference.predict(by_reference)
-    residuals = towards * (steps[by_reference] - whole)
+    has_known = _count_pixels(reference.known) > 0
+    is_still = reference.known & _spread(squares, steps.shape)
+    by_reference = sent & is_still
+    mean_steps, signs = reference.predict(by_reference)
+    residuals = signs * (steps[by_reference] - mean_steps)
     return (
-        coding.write_bits(squares[there].astype(np.int64), 1)
-        + coding.encode_mask(sent ^ still)
+        coding.write_bits(squares[has_known].astype(np.int64), 1)
+        + coding.encode_mask(sent ^ is_still)
         + coding.pack_integers(coding.fold(residuals))
-        + coding.encode_values(steps, sent & ~still, by_reference)
+        + coding.encode_values(steps, sent & ~is_still, by_reference)
     )
 
 
@@ -276,52 +285,58 @@ def decode_difference(
     content: bytes, start: int, reference: Reference
 ) -> tuple[ImageSteps, ImageMask, int]:
     """Decode the pixels that begin at `start`: steps (0 if not sent), mask of sent pixels, and end.
+
     Raises ValueError for bytes that `encode_difference` does not write."""
     shape = (int(reference.fine.shape[0]), int(reference.fine.shape[1]))
-    there = _count_pixels(reference.known) > 0
-    chosen, start = coding.read_bits(content, start, np.ones(int(there.sum()), np.int64))
-    squares = np.zeros(there.shape, bool)
-    squares[there] = chosen.astype(bool)
-    still = reference.known & _spread(squares, shape)
-    otherwise, start = coding.decode_mask(content, start, shape)
-    sent = otherwise ^ still
-    by_reference = sent & still
+    has_known = _count_pixels(reference.known) > 0
+    square_bits, start = coding.read_bits(content, start, np.ones(int(has_known.sum()), np.int64))
+    squares = np.zeros(has_known.shape, bool)
+    squares[has_known] = square_bits.astype(bool)
+    is_still = reference.known & _spread(squares, shape)
+    differs, start = coding.decode_mask(content, start, shape)
+    sent = differs ^ is_still
+    by_reference = sent & is_still
     residuals, start = coding.unpack_integers(content, start, sent.size)
     if len(residuals) != by_reference.sum():
         raise ValueError(f"{by_reference.sum()} pixels stand still, got {len(residuals)} residuals")
     steps = np.zeros(shape, np.int64)
-    whole, towards = reference.predict(by_reference)
-    measured = steps[by_reference] = whole + towards * coding.unfold(residuals)
-    if len(measured) and not (measured.min() >= 0 and measured.max() < coding.MOST_STEPS):
+    mean_steps, signs = reference.predict(by_reference)
+    measured = steps[by_reference] = mean_steps + signs * coding.unfold(residuals)
+    if len(measured) and not (measured.min() >= 0 and measured.max() < coding.MAX_RANGE_STEPS):
         raise ValueError("measurements out of range: the message is damaged")
-    others, end = coding.decode_values(content, start, sent & ~still, (steps, by_reference))
-    return steps + others, sent, end
+    neighbour_steps, end = coding.decode_values(
+        content, start, sent & ~is_still, (steps, by_reference)
+    )
+    return steps + neighbour_steps, sent, end
 
 
 def _count_pixels(mask: np.ndarray) -> np.ndarray:
     """Count the pixels of a mask in each square."""
-    (rows, columns), (row, column) = mask.shape, np.nonzero(mask)
-    down = -(-rows // SQUARE)
-    across = -(-columns // SQUARE)
-    counts = np.bincount(row // SQUARE * across + column // SQUARE, minlength=down * across)
+    rows, columns = mask.shape
+    row, column = np.nonzero(mask)
+    down = -(-rows // SQUARE_PX)
+    across = -(-columns // SQUARE_PX)
+    counts = np.bincount(row // SQUARE_PX * across + column // SQUARE_PX, minlength=down * across)
     return counts.reshape(down, across)
 
 
 def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Mask of all pixels of some squares."""
-    return squares.repeat(SQUARE, axis=0).repeat(SQUARE, axis=1)[: shape[0], : shape[1]]
+    return squares.repeat(SQUARE_PX, axis=0).repeat(SQUARE_PX, axis=1)[: shape[0], : shape[1]]
 
 
 @dataclass(frozen=True)
 class ForegroundDifferences(foreground.SendsForeground):
     """Foreground scheme whose messages send only changes: the same points arrive as with
-    `Foreground`. Pass a memory from view to view (`toolkit.detection.view.View`) when frames are
-    read in order; otherwise every image is sent whole. Fields as of `Foreground` and
-    `DifferenceSender`; raises ValueError as these do."""
+    `Foreground`.
+
+    Pass a memory from view to view (`toolkit.detection.view.View`) when frames are read in order;
+    otherwise every image is sent whole. Fields as in `Foreground` and `DifferenceSender`; raises
+    ValueError as these do."""
 
     step: float = 0.02
     refers_to: RefersTo = "previous"
-    key_every: int = KEY_EVERY
+    key_every: int = DEFAULT_KEY_EVERY
     sigmas: float = SIGMAS
     name: str = "differences"
 
@@ -331,9 +346,11 @@ class ForegroundDifferences(foreground.SendsForeground):
 
     def dependencies(self, number: int, /) -> range:
         """Numbers of messages needed to read one, itself last."""
-        whole = number - number % self.key_every
+        key_number = number - number % self.key_every
         return range(
-            whole, number + 1, 1 if self.refers_to == "previous" else max(number - whole, 1)
+            key_number,
+            number + 1,
+            1 if self.refers_to == "previous" else max(number - key_number, 1),
         )
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> list[int]:

@@ -1,12 +1,13 @@
 """`Foreground`: sensors send only what stands out from their empty scene.
 
 The centre knows the empty scenes, draws them into all other pixels, and all points go through the
-detector together, as in early fusion. A pixel in the crop stands out if its measurement lies
-farther than some spreads from both medians of the scene. It is missing where the centre would draw
-a point of the empty scene and the sensor has none in the crop: nothing returned, or something
-stands close before the sensor. Single returns drop out in every image, and are better drawn than
-sent: missing pixels are sent where at least half of those about them (5 x 5) that should show the
-scene are missing too, three or all of them; and everywhere when all are."""
+detector together, as in early fusion. A pixel in the crop stands out if its measurement is farther
+than some spreads from both medians of the scene. A pixel is missing if the centre would draw a
+point of the empty scene but the sensor measures no point in the crop: nothing returned, or an
+object is close to the sensor. Single returns drop out in every image, and are better drawn than
+sent. Missing pixels are therefore sent only if, within 5 x 5 pixels, at least half of the pixels
+that should show the scene are missing too, and at least three or all; and everywhere if all pixels
+are missing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,10 +28,14 @@ from toolkit.frame import unproject
 from toolkit.points import Crop
 from toolkit.sensors.sensor import Sensor, is_return
 
+NEIGHBOUR_PX = 2  # to either side that are searched for other missing pixels
+MIN_MISSING_NEIGHBOURS = 3  # counting the pixel itself, unless all are missing
+
 
 class SendsForeground(DetectsOnce):
-    """Base of schemes that detect once in all foreground; fusing raises ValueError without scenes
-    or images."""
+    """Base of schemes that detect once in all foreground.
+
+    Fusing raises ValueError without scenes or images."""
 
     predicted_as: ClassVar[str] = "early"
     step: float
@@ -67,15 +72,16 @@ class SendsForeground(DetectsOnce):
     def _exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask
     ) -> "tuple[bytes, Restored]":
-        """Message of a sensor, and what is restored of it."""
+        """Message of a sensor, and the image that the centre restores."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Foreground(SendsForeground):
-    """Early fusion with a background known to the centre. step: of measurements (m), in whole
-    millimetres; sigmas: spreads of the empty scene, above 0, within which a measurement shows it.
-    Raises ValueError for others."""
+    """Early fusion with a background known to the centre. Raises ValueError for other values.
+
+    step: step of measurements (m), in whole millimetres; sigmas: spreads of the empty scene, above
+    0, within which a measurement shows it."""
 
     step: float = 0.02
     sigmas: float = SIGMAS
@@ -109,8 +115,9 @@ class Restored(NamedTuple):
 def encode_foreground(
     image: RangeImage, scene: EmptyScene, missing: ImageMask | None = None, *, step: float = 0.02
 ) -> bytes:
-    """Encode an image's foreground, all pixels that return something, and missing pixels. Raises
-    ValueError for the empty scene of another sensor, and for a missing pixel that returns
+    """Encode an image's foreground, all pixels that return something, and missing pixels.
+
+    Raises ValueError for the empty scene of another sensor, and for a missing pixel that returns
     something."""
     sent, missing = check_pixels(image, scene, missing)
     content = encode_pixels(to_steps(image.measurement, sent, step), sent)
@@ -118,8 +125,10 @@ def encode_foreground(
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
-    """Restore an image from a message and the empty scene. Raises ValueError for a message that is
-    damaged, of another version or sensor, or made with another empty scene."""
+    """Restore an image from a message and the empty scene.
+
+    Raises ValueError for a message that is damaged, of another version or sensor, or made with
+    another empty scene."""
     header, content = wire.read_message(message)
     check_scene(header, wire.MessageKind.FOREGROUND, scene)
     return restore(header, content, scene, *read_pixels(content, 0, scene.model.shape))
@@ -133,18 +142,19 @@ def restore(
     sent: ImageMask,
     end: int,
 ) -> Restored:
-    """Draw the empty scene into all pixels without a measurement; ValueError for damaged missing
-    ones after `end`."""
+    """Draw the empty scene into all pixels without a measurement.
+
+    Raises ValueError for damaged missing pixels after `end`."""
     missing = np.zeros(sent.shape, bool)
     if end < len(content):
         missing, end = decode_mask(content, end, sent.shape)
         if end != len(content) or not missing.any() or (missing & sent).any():
-            said = (
+            rule = (
                 f"missing pixels must not be sent and must end the message: got {missing.sum()} "
                 "of them"
             )
             raise ValueError(
-                f"{said}, {(missing & sent).sum()} sent, and {len(content) - end} bytes more"
+                f"{rule}, {(missing & sent).sum()} sent, and {len(content) - end} bytes more"
             )
     measured = from_steps(steps, sent, header.step, scene.model)
     return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing, steps)
@@ -196,10 +206,6 @@ def scene_number(scene: EmptyScene) -> int:
     return int(scene.digest[:8], 16)
 
 
-COMPANY = 2  # pixels to either side that are searched for other missing pixels
-LEAST_COMPANY = 3  # missing pixels, counting the pixel itself, unless all are missing
-
-
 class DrawnScene(NamedTuple):
     """Points of an empty scene in the crop, with pixels."""
 
@@ -217,14 +223,14 @@ class StandsOut(NamedTuple):
 def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) -> StandsOut:
     """Find the pixels that a sensor sends of an image."""
     measured = captured.measurement
-    shows = scene.shows(captured.measurement, sigmas)
-    pixels = np.sort(captured.pixels[~shows.ravel()[captured.pixels]])
-    drawn = np.zeros(measured.shape, bool)
-    drawn.ravel()[draw_scene(captured, scene).pixels] = True
-    here = np.zeros(measured.shape, bool)
-    here.ravel()[captured.pixels] = True
-    gone = drawn & ~here & (~shows | ~is_return(measured, scene.model.max_range))
-    return StandsOut(pixels, _keep_company(gone, drawn & ~(gone & shows)))
+    shows_scene = scene.shows(captured.measurement, sigmas)
+    pixels = np.sort(captured.pixels[~shows_scene.ravel()[captured.pixels]])
+    is_drawn = np.zeros(measured.shape, bool)
+    is_drawn.ravel()[draw_scene(captured, scene).pixels] = True
+    is_measured = np.zeros(measured.shape, bool)
+    is_measured.ravel()[captured.pixels] = True
+    is_gone = is_drawn & ~is_measured & (~shows_scene | ~is_return(measured, scene.model.max_range))
+    return StandsOut(pixels, _keep_company(is_gone, is_drawn & ~(is_gone & shows_scene)))
 
 
 def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
@@ -237,27 +243,26 @@ def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> D
     xyz, valid = unproject(sensor, scene.first)
     points = np.ascontiguousarray(xyz[:, valid].T)
     points = points if lift is None else lift(points)
-    kept = crop.holds(points)
-    return DrawnScene(points[kept], np.flatnonzero(valid)[kept])
+    is_kept = crop.holds(points)
+    return DrawnScene(points[is_kept], np.flatnonzero(valid)[is_kept])
 
 
-def _keep_company(gone: ImageMask, expected: ImageMask) -> np.ndarray:
+def _keep_company(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
     """Mask of missing pixels with enough missing neighbours."""
-    certain = gone & expected
-    if not certain.any():
-        return np.zeros_like(gone)
-    if certain.sum() == expected.sum():
-        return gone
-    missing = _count_around(certain)
-    there = _count_around(expected)
-    enough = (missing >= LEAST_COMPANY) | (missing == there)
-    return gone & (missing > 0) & (2 * missing >= there) & enough
+    is_certain = is_gone & is_expected
+    if not is_certain.any():
+        return np.zeros_like(is_gone)
+    if is_certain.sum() == is_expected.sum():
+        return is_gone
+    missing_count = _count_around(is_certain)
+    expected_count = _count_around(is_expected)
+    is_enough = (missing_count >= MIN_MISSING_NEIGHBOURS) | (missing_count == expected_count)
+    return is_gone & (missing_count > 0) & (2 * missing_count >= expected_count) & is_enough
 
 
 def _count_around(mask: ImageMask) -> ImageSteps:
-    """Count mask pixels in the square about each pixel."""
-    side = 2 * COMPANY + 1
-    sums = np.pad(
-        np.pad(mask, COMPANY).astype(np.int64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0))
-    )
+    """Count mask pixels in the square around each pixel."""
+    side = 2 * NEIGHBOUR_PX + 1
+    padded = np.pad(mask, NEIGHBOUR_PX).astype(np.int64)
+    sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]

@@ -1,10 +1,10 @@
 """Lossless coding of whole numbers and of the pixels of range images:
 docs/reference/message-format.md.
 
-A mask is coded by the places where it changes along the rows, or by those where it differs from its
-left and upper neighbours, whichever takes less. Measurements are predicted from earlier pixels
-(left, up, upper left) as in lossless JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE
-Transactions on Image Processing 9, 2000) if these are in the mask, else from those that are."""
+A mask is coded by its changes along the rows, or by its differences from the left and upper
+neighbours, whichever takes less. Measurements are predicted from earlier pixels (left, up, upper
+left) as in lossless JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transactions on Image
+Processing 9, 2000) if these are in the mask, else from the ones that are."""
 
 import zlib
 
@@ -12,35 +12,45 @@ import numpy as np
 
 from toolkit.arrays import ImageMask, ImageSteps, Int64
 
-LARGEST = (1 << 32) - 1
-# numbers that are their own symbol; bits of the smallest other number
-_SMALL = 8
-_FIRST_SIZE = 4
+MAX_PACKED = (1 << 32) - 1
+_SMALL_NUMBERS = 8  # numbers below it are symbols themselves
+_MIN_LARGE_BITS = 4  # bits of the smallest other number
 _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
+MAX_RANGE_STEPS = 1 << 24  # in a measurement; 335 km in steps of 2 cm
+_ALONG_ROWS = 0
+_LEFT_AND_UP = 1
 
 
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
     """Pack numbers below 2^32, or raise ValueError."""
-    if len(values) and not (values.min() >= 0 and values.max() <= LARGEST):
+    if len(values) and not (values.min() >= 0 and values.max() <= MAX_PACKED):
         raise ValueError(
-            f"numbers from 0 to {LARGEST} are packed, got {values.min()} to {values.max()}"
+            f"numbers from 0 to {MAX_PACKED} are packed, got {values.min()} to {values.max()}"
         )
     size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
-    low = np.where(values < _SMALL, 0, size - 2)
+    low = np.where(values < _SMALL_NUMBERS, 0, size - 2)
     second = (values >> low) & 1
-    symbols = np.where(values < _SMALL, values, _SMALL + 2 * (size - _FIRST_SIZE) + second)
+    symbols = np.where(
+        values < _SMALL_NUMBERS, values, _SMALL_NUMBERS + 2 * (size - _MIN_LARGE_BITS) + second
+    )
     content = symbols.astype(np.uint8).tobytes()
-    packers = (zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy) for strategy in _STRATEGIES)
-    deflated = min((packer.compress(content) + packer.flush() for packer in packers), key=len)
+    deflated = min((_deflate(content, strategy) for strategy in _STRATEGIES), key=len)
     return _variable(len(values)) + _variable(len(deflated)) + deflated + write_bits(values, low)
 
 
-def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Unpack numbers that begin at `start`, and return their end. Raises ValueError for more than
-    `most` numbers, or bytes that `pack_integers` does not write."""
+def _deflate(content: bytes, strategy: int) -> bytes:
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
+    return packer.compress(content) + packer.flush()
+
+
+def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.ndarray, " n"], int]:
+    """Unpack numbers that begin at `start`, and return their end.
+
+    Raises ValueError for more than `max_count` numbers, or bytes that `pack_integers` does not
+    write."""
     count, start = _read_variable(data, start)
-    if count > most:
-        raise ValueError(f"at most {most} packed numbers are possible, got {count}")
+    if count > max_count:
+        raise ValueError(f"at most {max_count} packed numbers are possible, got {count}")
     length, start = _read_variable(data, start)
     opener = zlib.decompressobj(-15)
     try:
@@ -50,12 +60,14 @@ def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarra
     if len(content) != count or not opener.eof or opener.unused_data:
         raise ValueError(f"packed numbers inflate to {count} symbols, got {len(content)}")
     symbols = np.frombuffer(content, np.uint8).astype(np.int64)
-    if len(symbols) and symbols.max() > _SMALL + 2 * (32 - _FIRST_SIZE) + 1:
-        raise ValueError(f"packed numbers have symbols up to {_SMALL + 57}, got {symbols.max()}")
-    half, second = np.divmod(symbols - _SMALL, 2)
-    low = np.where(symbols < _SMALL, 0, half + _FIRST_SIZE - 2)
+    if len(symbols) and symbols.max() > _SMALL_NUMBERS + 2 * (32 - _MIN_LARGE_BITS) + 1:
+        raise ValueError(
+            f"packed numbers have symbols up to {_SMALL_NUMBERS + 57}, got {symbols.max()}"
+        )
+    half, second = np.divmod(symbols - _SMALL_NUMBERS, 2)
+    low = np.where(symbols < _SMALL_NUMBERS, 0, half + _MIN_LARGE_BITS - 2)
     bits, end = read_bits(data, start + length, low)
-    return np.where(symbols < _SMALL, symbols, (2 + second << low) | bits), end
+    return np.where(symbols < _SMALL_NUMBERS, symbols, (2 + second << low) | bits), end
 
 
 def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, " n"]) -> bytes:
@@ -84,7 +96,7 @@ def read_bits(
 
 
 def _places(width: np.ndarray) -> np.ndarray:
-    """Place of every bit in its number, highest first."""
+    """Position of every bit in its number, highest first."""
     ends = np.cumsum(width)
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
 
@@ -100,19 +112,14 @@ def _variable(number: int) -> bytes:
 
 def _read_variable(data: bytes, start: int) -> tuple[int, int]:
     number = 0
-    for place in range(5):
-        if start + place >= len(data):
+    for byte_index in range(5):
+        if start + byte_index >= len(data):
             break
-        byte = data[start + place]
-        number |= (byte & 127) << 7 * place
+        byte = data[start + byte_index]
+        number |= (byte & 127) << 7 * byte_index
         if byte < 128:
-            return number, start + place + 1
+            return number, start + byte_index + 1
     raise ValueError("a number of variable length does not end: the message is cut off or damaged")
-
-
-MOST_STEPS = 1 << 24  # of a measurement; 2 cm make it 335 km
-_ALONG_ROWS = 0
-_LEFT_AND_UP = 1
 
 
 def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
@@ -140,16 +147,19 @@ def read_pixels(
 
 
 def encode_mask(mask: ImageMask) -> bytes:
-    """Encode a mask in the shorter of both ways."""
+    """Encode a mask by the shorter of the two methods."""
     across = mask.copy()
     across[1:] ^= mask[:-1]
     across[:, 1:] ^= across[:, :-1].copy()
-    ways = {_ALONG_ROWS: np.diff(mask.ravel(), prepend=False), _LEFT_AND_UP: across.ravel()}
-    packed = {
-        way: pack_integers(np.diff(np.flatnonzero(changes), prepend=-1))
-        for way, changes in ways.items()
+    changes_by_method = {
+        _ALONG_ROWS: np.diff(mask.ravel(), prepend=False),
+        _LEFT_AND_UP: across.ravel(),
     }
-    return min((bytes([way]) + each for way, each in packed.items()), key=len)
+    codes = []
+    for method, changes in changes_by_method.items():
+        distances = np.diff(np.flatnonzero(changes), prepend=-1)
+        codes.append(bytes([method]) + pack_integers(distances))
+    return min(codes, key=len)
 
 
 def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[ImageMask, int]:
@@ -159,40 +169,46 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
         raise ValueError("the content of an image must begin with 0 or 1: it is damaged")
     distances, end = unpack_integers(content, start + 1, rows * columns)
     changes = np.zeros(rows * columns, bool)
-    places = np.cumsum(distances) - 1
-    if len(distances) and not (distances.min() > 0 and places[-1] < len(changes)):
+    positions = np.cumsum(distances) - 1
+    if len(distances) and not (distances.min() > 0 and positions[-1] < len(changes)):
         raise ValueError(f"changes of the mask lie outside its {rows} x {columns} pixels")
-    changes[places] = True
+    changes[positions] = True
     if content[start] == _ALONG_ROWS:
         return np.logical_xor.accumulate(changes).reshape(shape), end
     return np.logical_xor.accumulate(np.logical_xor.accumulate(changes.reshape(shape), axis=1)), end
 
 
-def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:
-    """Encode a mask's pixels. given: others, known to the reader. Raises ValueError for steps
-    beyond 0 to 2^24 - 1."""
+def encode_values(steps: ImageSteps, mask: ImageMask, known_mask: ImageMask | None = None) -> bytes:
+    """Encode a mask's pixels. known_mask: other pixels, known to the reader.
+
+    Raises ValueError for steps beyond 0 to 2^24 - 1."""
     values = steps[mask]
-    if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
+    if len(values) and not (values.min() >= 0 and values.max() < MAX_RANGE_STEPS):
         raise ValueError(
-            f"measurements must be 0 to {MOST_STEPS - 1} steps, got {values.min()} to "
+            f"measurements must be 0 to {MAX_RANGE_STEPS - 1} steps, got {values.min()} to "
             f"{values.max()}"
         )
-    return pack_integers(fold(values - _predict(steps, mask, given)))
+    return pack_integers(fold(values - _predict(steps, mask, known_mask)))
 
 
 def decode_values(
-    content: bytes, start: int, mask: ImageMask, given: tuple[ImageSteps, ImageMask] | None = None
+    content: bytes,
+    start: int,
+    mask: ImageMask,
+    known_pixels: tuple[ImageSteps, ImageMask] | None = None,
 ) -> tuple[ImageSteps, int]:
-    """Decode steps of a mask's pixels, 0 elsewhere, and return their end. given: steps and mask of
-    other known pixels. Raises ValueError for bytes that `encode_values` does not write."""
+    """Decode steps of a mask's pixels, 0 elsewhere, and return their end.
+
+    known_pixels: steps and mask of other known pixels. Raises ValueError for bytes that
+    `encode_values` does not write."""
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
         raise ValueError(f"{mask.sum()} pixels are marked, got {len(residuals)} residuals")
-    return _add_up(mask, unfold(residuals), given), end
+    return _add_up(mask, unfold(residuals), known_pixels), end
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map whole numbers to those from 0 on, small first."""
+    """Map whole numbers to those from 0 on, small magnitudes first."""
     return np.where(values >= 0, 2 * values, -2 * values - 1)
 
 
@@ -201,61 +217,65 @@ def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
 
 
-def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
-    """Predict the mask's pixels at once, as `_add_up` does."""
-    at, wide = _pad_places(mask)
-    known = np.full((mask.shape[0] + 1) * wide, -1, np.int64)
-    if given is not None:
-        known[_pad_places(given)[0]] = steps[given]
-    values = known[at] = steps[mask]
-    left = known[at - 1]
-    up = known[at - wide]
-    upper_left = known[at - wide - 1]
-    upper_right = known[at - wide + 1]
+def _predict(
+    steps: np.ndarray, mask: np.ndarray, known_mask: np.ndarray | None = None
+) -> np.ndarray:
+    """Predict all of the mask's pixels together, as `_add_up` does one by one."""
+    positions, stride = _pad_places(mask)
+    padded = np.full((mask.shape[0] + 1) * stride, -1, np.int64)
+    if known_mask is not None:
+        padded[_pad_places(known_mask)[0]] = steps[known_mask]
+    values = padded[positions] = steps[mask]
+    left = padded[positions - 1]
+    up = padded[positions - stride]
+    upper_left = padded[positions - stride - 1]
+    upper_right = padded[positions - stride + 1]
     last = np.concatenate([[0], values[:-1]])[: len(values)]
-    less = np.minimum(left, up)
-    more = np.maximum(left, up)
-    median = np.clip(left + up - upper_left, less, more)
+    lower = np.minimum(left, up)
+    higher = np.maximum(left, up)
+    median = np.clip(left + up - upper_left, lower, higher)
     corner = np.where(upper_right >= 0, upper_right, np.where(upper_left >= 0, upper_left, last))
     both = np.where(upper_left >= 0, median, (left + up) >> 1)
     single = np.where(up >= 0, up, left)
-    return np.where(less >= 0, both, np.where(more >= 0, single, corner))
+    return np.where(lower >= 0, both, np.where(higher >= 0, single, corner))
 
 
 def _add_up(
-    mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None = None
+    mask: np.ndarray,
+    residuals: np.ndarray,
+    known_pixels: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
-    at, wide = _pad_places(mask)
-    known = [-1] * ((mask.shape[0] + 1) * wide)
-    if given is not None:
-        for i, value in zip(
-            _pad_places(given[1])[0].tolist(), given[0][given[1]].tolist(), strict=True
-        ):
-            known[i] = value
+    positions, stride = _pad_places(mask)
+    padded = [-1] * ((mask.shape[0] + 1) * stride)
+    if known_pixels is not None:
+        known_steps, known_mask = known_pixels
+        known_positions = _pad_places(known_mask)[0].tolist()
+        for position, value in zip(known_positions, known_steps[known_mask].tolist(), strict=True):
+            padded[position] = value
     values = list[int]()
     value = 0
-    for i, residual in zip(at.tolist(), residuals.tolist(), strict=True):
-        left = known[i - 1]
-        up = known[i - wide]
-        upper_left = known[i - wide - 1]
+    for position, residual in zip(positions.tolist(), residuals.tolist(), strict=True):
+        left = padded[position - 1]
+        up = padded[position - stride]
+        upper_left = padded[position - stride - 1]
         if left >= 0 and up >= 0:
-            less, more = (left, up) if left < up else (up, left)
+            lower = min(left, up)
+            higher = max(left, up)
             if upper_left < 0:
                 value = (left + up) >> 1
-            elif upper_left >= more:
-                value = less
-            elif upper_left <= less:
-                value = more
+            elif upper_left >= higher:
+                value = lower
+            elif upper_left <= lower:
+                value = higher
             else:
                 value = left + up - upper_left
         else:
-            value = next(
-                (each for each in (up, left, known[i - wide + 1], upper_left) if each >= 0), value
-            )
+            neighbours = (up, left, padded[position - stride + 1], upper_left)
+            value = next((neighbour for neighbour in neighbours if neighbour >= 0), value)
         value += residual
-        if not 0 <= value < MOST_STEPS:
+        if not 0 <= value < MAX_RANGE_STEPS:
             raise ValueError(f"a measurement of {value} steps is none: the message is damaged")
-        known[i] = value
+        padded[position] = value
         values.append(value)
     steps = np.zeros(mask.shape, np.int64)
     steps[mask] = values
@@ -263,7 +283,7 @@ def _add_up(
 
 
 def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Places of a mask's pixels in a padded image, and width."""
+    """Positions of a mask's pixels in a padded image, and its width."""
     pixels = np.flatnonzero(mask)
     columns = mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

@@ -1,13 +1,13 @@
-"""Messages from a sensor to the fusion centre, as docs/reference/message-format.md has them.
+"""Messages from a sensor to the fusion centre, as in docs/reference/message-format.md.
 
-A reader takes nothing on trust: what is cut off, damaged, of another version, sensor or scene is a
-ValueError.
+A reader takes nothing on trust: it raises ValueError for a message that is cut off, damaged, or of
+another version, sensor or scene.
 
-Capacities of links are nominal and shared by all senders, so that a share well below 1 is needed:
-of 802.11p the default rate in a channel of 10 MHz (IEEE 802.11-2020, clause 17), of LTE-V2X a
-transport block of 7992 bits each ms, that is 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213,
-table 7.1.7.2.1-1, index 9), of Ethernet a cable (100BASE-TX). A packet of up to 1400 bytes fits an
-Ethernet frame with the headers of IP and UDP."""
+Capacities of links are nominal and shared by all senders, so that a share well below 1 is needed.
+802.11p: the default rate in a channel of 10 MHz (IEEE 802.11-2020, clause 17). LTE-V2X: a transport
+block of 7992 bits each ms, that is 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213, table
+7.1.7.2.1-1, index 9). Ethernet: a cable (100BASE-TX). A packet of up to 1400 bytes fits an Ethernet
+frame with the headers of IP and UDP."""
 
 import struct
 import zlib
@@ -24,9 +24,8 @@ MAGIC = b"cv"
 MESSAGE_VERSION = 2
 _HEADER = struct.Struct("<2sBBIIQHHHI")
 _CHECKSUM = struct.Struct("<I")
-OVERHEAD = _HEADER.size + _CHECKSUM.size  # bytes of a message beside its content
-# bits
-_LARGEST = {
+OVERHEAD_BYTES = _HEADER.size + _CHECKSUM.size  # a message without its content
+_FIELD_BITS = {
     "sensor": 32,
     "number": 32,
     "time_us": 64,
@@ -35,6 +34,8 @@ _LARGEST = {
     "columns": 16,
     "scene": 32,
 }
+PACKET_BYTES = 1400  # largest part of a message in one packet
+CAPACITIES_MBIT_PER_S = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}
 
 
 class MessageKind(IntEnum):
@@ -60,12 +61,12 @@ class MessageHeader:
     scene: int = 0
 
     def __post_init__(self) -> None:
-        for name, bits in _LARGEST.items():
+        for name, bits in _FIELD_BITS.items():
             value = getattr(self, name)
-            least = int(name == "step_mm")
-            if not least <= value < 1 << bits:
+            minimum = int(name == "step_mm")
+            if not minimum <= value < 1 << bits:
                 raise ValueError(
-                    f"{name} of a message must be {least} to {(1 << bits) - 1}, got {value}"
+                    f"{name} of a message must be {minimum} to {(1 << bits) - 1}, got {value}"
                 )
 
     @property
@@ -110,9 +111,9 @@ def write_message(header: MessageHeader, content: bytes) -> bytes:
 
 def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
     """Read header and content, or raise ValueError if damaged."""
-    if len(message) < OVERHEAD:
+    if len(message) < OVERHEAD_BYTES:
         raise ValueError(
-            f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off"
+            f"a message has at least {OVERHEAD_BYTES} bytes, got {len(message)}: it is cut off"
         )
     body = message[: -_CHECKSUM.size]
     if message != body + _CHECKSUM.pack(zlib.crc32(body)):
@@ -129,7 +130,9 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
             f"the version must be {MESSAGE_VERSION}, got {version}: update sender or reader"
         )
     if kind not in set(MessageKind):
-        kinds = ", ".join(f"{each.value} ({each.name.lower()})" for each in MessageKind)
+        kinds = ", ".join(
+            f"{message_kind.value} ({message_kind.name.lower()})" for message_kind in MessageKind
+        )
         raise ValueError(f"a message is of kind {kinds}, got {kind}")
     return MessageHeader(MessageKind(kind), *fields), body[_HEADER.size :]
 
@@ -141,21 +144,24 @@ def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> N
             f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}"
         )
     for name, value in expected.items():
-        if (got := getattr(header, name)) != value:
+        got = getattr(header, name)
+        if got != value:
             raise ValueError(
                 f"expected a message whose {name} is {value}, got {got}: it belongs to another"
             )
 
 
-PACKET = 1400  # bytes of a message in a packet
-CAPACITIES = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}  # Mbit/s
-
-
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of some sensors on a shared link, each sending at `rate` (Hz). packets: mean number per
-    message; one_packet: share of messages that fit one; shares: of each link's capacity, by
-    name."""
+    """Load of some sensors on a shared link.
+
+    Attributes:
+        rate: messages per second of each sensor (Hz).
+        mbit_per_s: load of all sensors (Mbit/s).
+        packets: mean number of packets per message.
+        one_packet: share of messages that fit one packet.
+        shares: share of each link's capacity, by name.
+    """
 
     rate: float
     mbit_per_s: float
@@ -178,8 +184,9 @@ class SetLoad:
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError without a
-    rate or messages."""
+    """Load of all sensors' messages of every frame, at a rate (Hz).
+
+    Raises ValueError without a rate or messages."""
     if not 0 < rate < np.inf:
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
     if not bits.size:
@@ -187,26 +194,21 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
             f"there must be a message on a link, got {bits.shape[0]} frames of {bits.shape[1]} "
             "sensors"
         )
-    packets = -(-bits // (8 * PACKET))
+    packets = -(-bits // (8 * PACKET_BYTES))
     mbit = float(bits.sum(axis=1).mean()) * rate / 1e6
-    shares = {name: mbit / capacity for name, capacity in CAPACITIES.items()}
+    shares = {name: mbit / capacity for name, capacity in CAPACITIES_MBIT_PER_S.items()}
     return LinkLoad(float(rate), mbit, float(packets.mean()), float((packets <= 1).mean()), shares)
 
 
 def format_loads(loads: Iterable[SetLoad]) -> str:
     """Format the load of each scheme and set as lines."""
-    table = [["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES]]
-    for each in loads:
-        load = each.load
-        named = [each.scheme, ",".join(map(str, each.sensors)) or "none"]
-        shares = [f"{100 * load.shares[link]:.2f} %" for link in CAPACITIES]
-        table.append(
-            [
-                *named,
-                f"{load.mbit_per_s:.3f}",
-                f"{load.packets:.2f}",
-                f"{load.one_packet:.3f}",
-                *shares,
-            ]
-        )
+    table = [
+        ["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES_MBIT_PER_S]
+    ]
+    for set_load in loads:
+        load = set_load.load
+        names = [set_load.scheme, ",".join(map(str, set_load.sensors)) or "none"]
+        shares = [f"{100 * load.shares[link]:.2f} %" for link in CAPACITIES_MBIT_PER_S]
+        figures = [f"{load.mbit_per_s:.3f}", f"{load.packets:.2f}", f"{load.one_packet:.3f}"]
+        table.append([*names, *figures, *shares])
     return align_columns(table, texts=2)

@@ -3,8 +3,8 @@
 Points are sent as the pixels of their image and arrive within half a step of the measurement, along
 the pixel's ray. Boxes are sent in their order, in steps of 2 cm and half a degree. Yaw arrives
 between -180° and 180°, a score below 0 as 0 and one above 1 as 1. A score s is sent as 511 times
-the square root of 1 - s: sure scores lie close together, and decide which of two boxes of an object
-stays."""
+the square root of 1 - s: high scores are close together, and decide which of two boxes of an object
+is kept."""
 
 import struct
 from dataclasses import dataclass
@@ -19,48 +19,54 @@ from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, re
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
-BOX_STEP = 0.02  # m
-TURN = 720  # steps of yaw
-SCORES = 511
+BOX_STEP_M = 0.02
+TURN_STEPS = 720  # in a full turn of yaw
+MAX_SCORE_STEP = 511
 _COUNT = struct.Struct("<H")
 _COLUMN = struct.Struct("<Bi")
 _COLUMNS = 9
 _SIZES = slice(3, 6)
 _YAW = 6
 _SCORE = 7
-MOST_BOXES = 1000
-# m: a box from its sensor, along any axis, and its longest side
-FARTHEST = 2000.0
-LONGEST_SENT = 100.0
+MAX_BOXES = 1000  # in a message
+MAX_BOX_DISTANCE_M = 2000.0  # from the sensor, along any axis
+MAX_SENT_SIZE_M = 100.0  # longest side of a box
+BITS_PER_PIXEL = 5.0  # expected, at 2 cm; see docs/concepts/messages.md
+BITS_PER_BOX = 75.0  # expected, at 2 cm
+STEPS_M = (0.02, 0.04, 0.08)  # usual ones
+CODECS = ("paper", "range-images")
 
 
 def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     """Encode boxes, scores and labels, or raise ValueError."""
-    if len(detections) > MOST_BOXES:
-        raise ValueError(f"a message holds at most {MOST_BOXES} boxes, got {len(detections)}")
+    if len(detections) > MAX_BOXES:
+        raise ValueError(f"a message holds at most {MAX_BOXES} boxes, got {len(detections)}")
     check_boxes(detections.boxes)
     if not np.isfinite(detections.scores).all():
         raise ValueError("scores must be finite to be sent: drop those that are not")
-    columns = [*(detections.boxes[:, :6].T / BOX_STEP), detections.boxes[:, 6] / (2 * np.pi) * TURN]
-    columns += [np.sqrt(1 - np.clip(detections.scores, 0, 1)) * SCORES, detections.labels]
+    columns = [
+        *(detections.boxes[:, :6].T / BOX_STEP_M),
+        detections.boxes[:, 6] / (2 * np.pi) * TURN_STEPS,
+    ]
+    columns += [np.sqrt(1 - np.clip(detections.scores, 0, 1)) * MAX_SCORE_STEP, detections.labels]
     table = np.rint(np.column_stack(columns))
-    table[:, _YAW] %= TURN
+    table[:, _YAW] %= TURN_STEPS
     table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)
     farthest = np.abs(table).max(initial=0)
     if farthest >= 1 << 30:
         raise ValueError(
-            f"boxes must lie within {(1 << 30) * BOX_STEP / 1000:.0f} km, got "
-            f"{farthest * BOX_STEP} m"
+            f"boxes must lie within {(1 << 30) * BOX_STEP_M / 1000:.0f} km, got "
+            f"{farthest * BOX_STEP_M} m"
         )
-    _check_reach(table[:, :7] * BOX_STEP, sensor)
+    _check_reach(table[:, :7] * BOX_STEP_M, sensor)
     heads = []
     bodies = []
-    alike = len(table) > 1 and not np.ptp(table, axis=0).any()
-    for place, column in enumerate(table.astype(np.int64).T if len(table) else ()):
-        least = int(column.min())
-        width = int(np.ptp(column)).bit_length() or int(alike and not place)
-        heads.append(_COLUMN.pack(width, least))
-        bodies.append(write_bits(column - least, width))
+    are_equal = len(table) > 1 and not np.ptp(table, axis=0).any()
+    for column_index, column in enumerate(table.astype(np.int64).T if len(table) else ()):
+        minimum = int(column.min())
+        width = int(np.ptp(column)).bit_length() or int(are_equal and not column_index)
+        heads.append(_COLUMN.pack(width, minimum))
+        bodies.append(write_bits(column - minimum, width))
     return _COUNT.pack(len(detections)) + b"".join(heads + bodies)
 
 
@@ -86,53 +92,51 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
     widths = [width for width, _ in heads]
     if max(widths) > 31:
         raise ValueError(f"numbers of boxes have up to 31 bits, got {max(widths)}")
-    if count > (MOST_BOXES if any(widths) else 1):
+    if count > (MAX_BOXES if any(widths) else 1):
         raise ValueError(
-            f"a message holds at most {MOST_BOXES} boxes, of a bit at least, got {count} of "
+            f"a message holds at most {MAX_BOXES} boxes, of a bit at least, got {count} of "
             f"{sum(widths)}"
         )
     columns = []
-    for width, least in heads:
+    for width, minimum in heads:
         numbers, start = read_bits(content, start, np.full(count, width))
-        columns.append(numbers + least)
+        columns.append(numbers + minimum)
     if start != len(content):
         raise ValueError(
             f"{count} boxes must end the message, got {len(content) - start} more bytes"
         )
-    for name, place, most in (("yaw", _YAW, TURN - 1), ("scores", _SCORE, SCORES)):
-        if not (columns[place].min() >= 0 and columns[place].max() <= most):
+    for name, column_index, maximum in (
+        ("yaw", _YAW, TURN_STEPS - 1),
+        ("scores", _SCORE, MAX_SCORE_STEP),
+    ):
+        if not (columns[column_index].min() >= 0 and columns[column_index].max() <= maximum):
             raise ValueError(
-                f"{name} must be 0 to {most}, got {columns[place].min()} to {columns[place].max()}"
+                f"{name} must be 0 to {maximum}, got {columns[column_index].min()} to "
+                f"{columns[column_index].max()}"
             )
-    yaw = (columns[_YAW] + TURN // 2) % TURN - TURN // 2
+    yaw = (columns[_YAW] + TURN_STEPS // 2) % TURN_STEPS - TURN_STEPS // 2
     boxes = np.column_stack(
-        [*(column * BOX_STEP for column in columns[:6]), yaw * (2 * np.pi / TURN)]
+        [*(column * BOX_STEP_M for column in columns[:6]), yaw * (2 * np.pi / TURN_STEPS)]
     )
     _check_reach(check_boxes(boxes), sensor)
-    return Detections(boxes, 1 - (columns[_SCORE] / SCORES) ** 2, columns[-1])
+    return Detections(boxes, 1 - (columns[_SCORE] / MAX_SCORE_STEP) ** 2, columns[-1])
 
 
 def _check_reach(boxes: Float64[np.ndarray, "n 7"], sensor: Sensor) -> None:
     """Raise ValueError for boxes that a sensor cannot have detected."""
     away = np.abs(boxes[:, :3] - sensor.position).max(initial=0)
     size = boxes[:, _SIZES].max(initial=0)
-    if away > FARTHEST or size > LONGEST_SENT:
+    if away > MAX_BOX_DISTANCE_M or size > MAX_SENT_SIZE_M:
         raise ValueError(
-            f"boxes in messages must lie within {FARTHEST:.0f} m of sensor {sensor.name!r} and "
-            f"measure at most {LONGEST_SENT:.0f} m, got {away:.0f} m away and {size:.0f} m: check "
-            "the pose, or drop these boxes"
+            f"boxes in messages must lie within {MAX_BOX_DISTANCE_M:.0f} m of sensor "
+            f"{sensor.name!r} and measure at most {MAX_SENT_SIZE_M:.0f} m, got {away:.0f} m away "
+            f"and {size:.0f} m: check the pose, or drop these boxes"
         )
-
-
-# expected, at 2 cm; see docs/concepts/messages.md
-BITS_PER_PIXEL = 5.0
-BITS_PER_BOX = 75.0
-STEPS = (0.02, 0.04, 0.08)  # m, the usual ones
 
 
 @dataclass(frozen=True)
 class RangeImages(Parameters):
-    """Codec of range images in whole steps (m), or ValueError."""
+    """Codec of range images in whole steps (m). Raises ValueError for other steps."""
 
     step: float = 0.02
 
@@ -149,8 +153,9 @@ class RangeImages(Parameters):
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
-        """Decode an image, 0 where nothing was sent. Raises ValueError for damage, and messages of
-        another sensor."""
+        """Decode an image, 0 in pixels that were not sent.
+
+        Raises ValueError for damage, and messages of another sensor."""
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
         expected = {
@@ -163,7 +168,7 @@ class RangeImages(Parameters):
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Raise ValueError: points alone do not say their pixels."""
+        """Raise ValueError: the pixels of points without an image are unknown."""
         raise ValueError(
             f"{self} sends images, got {len(points)} points alone: use PaperCodec without images"
         )
@@ -174,15 +179,20 @@ class RangeImages(Parameters):
 
     def encode_boxes(self, detections: Detections, origin: Origin, /) -> Message:
         """Encode boxes in steps of 2 cm and 0.5°."""
-        header = sent_header(wire.MessageKind.BOXES, origin, BOX_STEP)
+        header = sent_header(wire.MessageKind.BOXES, origin, BOX_STEP_M)
         content = wire.write_message(header, encode_boxes(detections, origin.sensor))
         return Message(content, 8 * len(content))
 
     def decode_boxes(self, message: Message, sensor: Sensor, /) -> Detections:
-        """Decode boxes. Raises ValueError for a message that is damaged, of another sensor, or of
-        impossible boxes."""
+        """Decode boxes.
+
+        Raises ValueError for a message that is damaged, of another sensor, or of impossible
+        boxes."""
         header, content = wire.read_message(message.content)
-        expected = {"sensor": wire.sensor_number(sensor.name), "step_mm": wire.step_in_mm(BOX_STEP)}
+        expected = {
+            "sensor": wire.sensor_number(sensor.name),
+            "step_mm": wire.step_in_mm(BOX_STEP_M),
+        }
         wire.check_header(header, wire.MessageKind.BOXES, **expected, rows=0, columns=0, scene=0)
         return decode_boxes(content, sensor)
 
@@ -191,7 +201,7 @@ class RangeImages(Parameters):
     ) -> Float64[np.ndarray, "*shape"]:
         """Estimate the bits, which depend on a message's content."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
-        return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD)
+        return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD_BYTES)
 
 
 def sent_header(
@@ -207,7 +217,7 @@ def sent_header(
 
 
 def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:
-    """Convert measurements to whole steps, 0 where not sent."""
+    """Convert measurements to whole steps, 0 in pixels that are not sent."""
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
@@ -221,12 +231,10 @@ def from_steps(steps: ImageSteps, sent: ImageMask, step: float, model: SensorMod
     return measured
 
 
-CODECS = ("paper", "range-images")
-
-
 def find_codec(name: str, *, step: float = 0.02) -> Codec:
-    """Return the codec of that name. step: of measurements (m), if it has one. Raises ValueError
-    that lists names."""
+    """Return a codec by its name. step: step of measurements (m), if the codec has one.
+
+    Raises ValueError that lists the names."""
     codecs: dict[str, Codec] = dict(zip(CODECS, (PAPER, RangeImages(step)), strict=True))
     if name not in codecs:
         raise ValueError(f"unknown codec {name!r}: choose among {', '.join(CODECS)}")
