@@ -113,7 +113,9 @@ def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
     >>> footprint_overlap([[0, 0, 0, 2, 1, 1, 0]], [[1, 0, 0, 2, 4, 1, 0]]).tolist()
     [[0.5]]
     """
-    return _matrix(a, b, lambda one, other: _overlap_area(one, other) / (one[:, 3] * one[:, 4]))
+    return _matrix(
+        a, b, lambda first, second: _overlap_area(first, second) / (first[:, 3] * first[:, 4])
+    )
 
 
 def nms(
@@ -144,24 +146,26 @@ def nms(
         raise ValueError(f"iou_threshold must lie in 0..1, got {iou_threshold}")
 
     best_first = np.argsort(-scores, kind="stable")
-    alike = np.zeros(len(boxes), bool) if labels is None else np.asarray(labels)
-    if alike.shape != (len(boxes),):
+    label_of_box = np.zeros(len(boxes), bool) if labels is None else np.asarray(labels)
+    if label_of_box.shape != (len(boxes),):
         raise ValueError(
             f"labels must have one entry for each of the {len(boxes)} boxes, got shape "
-            f"{alike.shape}"
+            f"{label_of_box.shape}"
         )
     boxes = boxes[best_first]
-    alike = alike[best_first]
-    kept = np.zeros(0, np.int64)
+    label_of_box = label_of_box[best_first]
+    kept_rows = np.zeros(0, np.int64)
     for start in range(0, len(boxes), _AT_ONCE):
         rows = np.arange(start, min(start + _AT_ONCE, len(boxes)))
         if start:
-            i, j = _near(boxes[kept], boxes[rows])
-            same = alike[kept[i]] == alike[rows[j]]
-            i, j = kept[i[same]], rows[j[same]]
+            i, j = _near(boxes[kept_rows], boxes[rows])
+            same = label_of_box[kept_rows[i]] == label_of_box[rows[j]]
+            i, j = kept_rows[i[same]], rows[j[same]]
             rows = np.setdiff1d(rows, j[_iou_pairs(boxes[i], boxes[j], "bev") > iou_threshold])
-        kept = np.append(kept, rows[_keep_best(boxes[rows], alike[rows], iou_threshold)])
-    return best_first[kept]
+        kept_rows = np.append(
+            kept_rows, rows[_keep_best(boxes[rows], label_of_box[rows], iou_threshold)]
+        )
+    return best_first[kept_rows]
 
 
 def _keep_best(boxes: np.ndarray, alike: np.ndarray, iou_threshold: float) -> np.ndarray:
@@ -211,19 +215,19 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     west = boxes[:, 0] - reach
     east = boxes[:, 0] + reach
     x = points[:, 0].astype(np.float64)
-    among = np.flatnonzero((x >= west.min()) & (x <= east.max()))
+    candidates = np.flatnonzero((x >= west.min()) & (x <= east.max()))
     lowest = west.min()
     scale = 4096 / (east.max() - west.min())
     first, x_slice, last = (
-        ((some - lowest) * scale).astype(np.uint16) for some in (west, x[among], east)
+        ((places - lowest) * scale).astype(np.uint16) for places in (west, x[candidates], east)
     )
     order = np.argsort(x_slice, kind="stable")  # a radix sort, for 16 bit numbers
-    rows = among[order]
+    rows = candidates[order]
     first = np.searchsorted(x_slice[order], first)
     last = np.searchsorted(x_slice[order], last, side="right")
     y = points[rows, 1].astype(np.float64)
     reach = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
-    found = []
+    inside_rows = []
     for k, box in enumerate(boxes):
         near = np.flatnonzero(np.abs(y[first[k] : last[k]] - box[1]) <= reach[k]) + first[k]
         dx, dy, dz = (points[rows[near]].astype(np.float64) - box[:3]).T
@@ -234,8 +238,8 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
             & (np.abs(aside) <= half[k, 1])
             & (np.abs(dz) <= half[k, 2])
         )
-        found.append(rows[near[inside]])
-    return found
+        inside_rows.append(rows[near[inside]])
+    return inside_rows
 
 
 def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]:
@@ -298,8 +302,8 @@ def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Area shared by footprints, row by row."""
     if len(a) > _PAIRS_AT_ONCE:
-        parts = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
-        return np.concatenate([_overlap_area(a[part], b[part]) for part in parts])
+        blocks = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
+        return np.concatenate([_overlap_area(a[rows], b[rows]) for rows in blocks])
     (dx, dy), cos, sin = (a[:, :2] - b[:, :2]).T, np.cos(b[:, 6]), np.sin(b[:, 6])
     x, y = _corner_offsets(a, a[:, 6] - b[:, 6])
     x, y = x + (dx * cos + dy * sin)[:, None], y + (dy * cos - dx * sin)[:, None]

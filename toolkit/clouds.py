@@ -1,16 +1,12 @@
 """Open3D clouds: one per sensor, fused, cropped, counted.
 
 A cloud is an `open3d.t.geometry.PointCloud` with `positions` (n, 3), float32 in a site's frame, and
-    `sensor` (n, 1)
-int32, the number of the sensor that measured each point. Further attributes (`colors`, `normals`,
-    `intensity`, `time`
-...) go with their points through every function. Open3D's own viewer, filters and files work on it
-    as it is, but its
-`voxel_down_sample` averages all attributes of a voxel in float32 (Open3D 0.20.0): sensor numbers
-    become the truncated
-mean of several sensors, positions in UTM coordinates end decimetres off, and nanosecond stamps lose
-    seconds. Use
-`down_sample`.
+`sensor` (n, 1) int32, the number of the sensor that measured each point. Further attributes
+(`colors`, `normals`, `intensity`, `time` ...) go with their points through every function. Open3D's
+own viewer, filters and files work on it as it is, but its `voxel_down_sample` averages all
+attributes of a voxel in float32 (Open3D 0.20.0): sensor numbers become the truncated mean of
+several sensors, positions in UTM coordinates end decimetres off, and nanosecond stamps lose
+seconds. Use `down_sample`.
 
 Files: npz keeps the attributes bit for bit. ply and pcd (binary) keep them too, but for colours,
 which become bytes, in pcd positions, which become float32, and what `toolkit.point_writing` leaves
@@ -32,7 +28,7 @@ from toolkit.point_columns import MAX_LISTED, Attributes
 from toolkit.point_files import read_pcd, read_ply
 from toolkit.point_writing import format_pcd, format_ply
 from toolkit.points import Area, Crop
-from toolkit.runtime.files import MOST_CLOUD, load_arrays, reserve, write_bytes, writing
+from toolkit.runtime.files import MAX_CLOUD_BYTES, load_arrays, reserve, write_bytes, writing
 from toolkit.runtime.light_open3d import o3d
 from toolkit.sensors.sensor import Sensor
 
@@ -91,8 +87,10 @@ def from_attributes(
 ) -> PointCloud:
     """Return a cloud of positions (n, 3) and other attributes of n rows. All points get `sensor_id`
     if given, else their own `sensor`, 0 without one. Raises ValueError if the lengths differ."""
-    own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
-    number = own.reshape(-1).astype(np.int32)
+    sensor_column = (
+        attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
+    )
+    number = sensor_column.reshape(-1).astype(np.int32)
     points = attributes["positions"]
     cloud = from_points(
         points, np.broadcast_to(number, len(points)) if len(number) == 1 else number
@@ -138,12 +136,12 @@ def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> Poi
             )
         checked = [check_pose(pose, f"pose {k}") for k, pose in enumerate(poses)]
         parts = [_move(part, pose) for part, pose in zip(parts, checked, strict=True)]
-    taken = {int(number) for part in parts for number in np.unique(part.get("sensor", ()))}
+    numbers_in_use = {int(number) for part in parts for number in np.unique(part.get("sensor", ()))}
     unnumbered = [
         k for k, part in enumerate(parts) if "sensor" not in part and len(part["positions"])
     ]
     for k in unnumbered:
-        if k in taken:
+        if k in numbers_in_use:
             raise ValueError(
                 f"cloud {k} has no sensor number, and another has number {k}: give it one by "
                 "from_points"
@@ -161,22 +159,25 @@ def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> Poi
 def _join(parts: Sequence[Attributes]) -> PointCloud:
     if not parts:
         return from_points(np.zeros((0, 3), np.float32))
-    shapes = [{name: column.shape[1:] for name, column in part.items()} for part in parts]
-    every = {name for part in parts for name in part} - {"sensor"}
-    kept = [
-        name
-        for name in parts[0]
-        if name in every and all(shape.get(name) == shapes[0][name] for shape in shapes)
-    ]
-    if len(kept) < len(every):
-        dropped = ", ".join(sorted(every - set(kept)))
+    names = {name for part in parts for name in part} - {"sensor"}
+    common_names = [name for name in parts[0] if name in names and _have_one_width(parts, name)]
+    if len(common_names) < len(names):
+        dropped = ", ".join(sorted(names - set(common_names)))
         warnings.warn(
             f"fuse drops {dropped}: not all {len(parts)} clouds have them in one width",
             stacklevel=3,
         )
     numbers = [np.asarray(part["sensor"]).reshape(-1) for part in parts]
-    fused = {name: np.concatenate([part[name] for part in parts]) for name in kept}
-    return from_attributes({**fused, "sensor": np.concatenate(numbers)})
+    fused = {"sensor": np.concatenate(numbers)}
+    for name in common_names:
+        fused[name] = np.concatenate([part[name] for part in parts])
+    return from_attributes(fused)
+
+
+def _have_one_width(parts: Sequence[Attributes], name: str) -> bool:
+    """True if all parts have an attribute, in the same width."""
+    widths = {part[name].shape[1:] if name in part else None for part in parts}
+    return len(widths) == 1
 
 
 def _move(part: Attributes, pose: Pose) -> Attributes:
@@ -193,19 +194,21 @@ def cloud_attributes(cloud: AnyCloud) -> Attributes:
     Raises ValueError for anything else; a warning names the covariances of a legacy cloud, which
     are left out."""
     if isinstance(cloud, PointCloud):
-        named = attributes(cloud)
+        columns = attributes(cloud)
         return (
-            named if "positions" in named else {**named, "positions": np.zeros((0, 3), np.float32)}
+            columns
+            if "positions" in columns
+            else {**columns, "positions": np.zeros((0, 3), np.float32)}
         )
     if isinstance(cloud, o3d.geometry.PointCloud):
-        named = {"positions": np.array(cloud.points)}
+        columns = {"positions": np.array(cloud.points)}
         if cloud.has_normals():
-            named["normals"] = np.array(cloud.normals)
+            columns["normals"] = np.array(cloud.normals)
         if cloud.has_colors():
-            named["colors"] = np.array(cloud.colors)
+            columns["colors"] = np.array(cloud.colors)
         if cloud.has_covariances():
             warnings.warn("the covariances of a legacy cloud are left out", stacklevel=3)
-        return named
+        return columns
     points = np.asarray(cloud)
     if points.ndim != 2 or points.shape[1] not in (3, 4) or points.dtype.kind not in "fiu":
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] in (3, 4) else ""
@@ -213,8 +216,8 @@ def cloud_attributes(cloud: AnyCloud) -> Attributes:
         raise ValueError(f"{rule}, got {type(cloud).__name__} {points.shape}{hint}")
     if points.dtype not in (np.float32, np.float64):
         points = points.astype(np.float64)
-    named = {"positions": points[:, :3]}
-    return named if points.shape[1] == 3 else {**named, "intensity": points[:, 3:]}
+    columns = {"positions": points[:, :3]}
+    return columns if points.shape[1] == 3 else {**columns, "intensity": points[:, 3:]}
 
 
 def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
@@ -301,7 +304,7 @@ def load(path: str | Path) -> PointCloud:
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
     kind = path.suffix.lower()
-    npz = partial(load_arrays, most=MOST_CLOUD)
+    npz = partial(load_arrays, max_bytes=MAX_CLOUD_BYTES)
     readers: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {
         ".ply": read_ply,
         ".pcd": read_pcd,
@@ -320,11 +323,11 @@ def load(path: str | Path) -> PointCloud:
         or points.shape[1] != 3
         or points.dtype not in (np.float32, np.float64)
     ):
-        held = ", ".join(
+        description = ", ".join(
             f"{name} {column.dtype} {column.shape}" for name, column in columns.items()
         )[:MAX_LISTED]
         rule = "its array positions must be (n, 3) of float32 or float64"
-        raise ValueError(f"{path} has no points: {rule}, got {held or 'no array'}")
+        raise ValueError(f"{path} has no points: {rule}, got {description or 'no array'}")
     # without what no cloud can have
     count = len(points)
     sound = dict[str, np.ndarray]()
@@ -337,8 +340,10 @@ def load(path: str | Path) -> PointCloud:
             f"{path.name}: {', '.join(lost)} left out: no number for each of {count} points",
             stacklevel=2,
         )
-    own = sound.get("sensor", np.zeros(0))
-    if "sensor" in columns and (own.dtype.kind not in "iu" or own.size != count):
+    sensor_column = sound.get("sensor", np.zeros(0))
+    if "sensor" in columns and (
+        sensor_column.dtype.kind not in "iu" or sensor_column.size != count
+    ):
         raise ValueError(
             f"{path}: sensor must be a whole number for each of {count} points: write it again"
         )
@@ -350,10 +355,10 @@ def _tensor_cloud(cloud: AnyCloud) -> PointCloud:
 
 
 def _select(cloud: PointCloud, keep: Mask) -> PointCloud:
-    chosen = PointCloud()
+    selection = PointCloud()
     rows = np.flatnonzero(keep)
     for name in cloud.point:
-        chosen.point[name] = o3d.core.Tensor.from_numpy(
+        selection.point[name] = o3d.core.Tensor.from_numpy(
             cloud.point[name].cpu().numpy().take(rows, axis=0)
         )
-    return chosen
+    return selection

@@ -4,7 +4,7 @@ nouns."""
 
 import math
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from importlib import import_module
@@ -76,14 +76,14 @@ class Displayed:
         return pandas.DataFrame(dict(tables[table or next(iter(tables))]()))
 
 
-def figure_digits(objects: int, most: int = 3) -> int:
+def figure_digits(objects: int, max_digits: int = 3) -> int:
     """Number of decimals that a share of this many objects supports: one object more or less
     changes the last.
 
     >>> [figure_digits(objects) for objects in (6, 60, 600, 6000)]
     [2, 2, 3, 3]
     """
-    return min(most, max(2, len(str(objects))))
+    return min(max_digits, max(2, len(str(objects))))
 
 
 def format_share(share: float, objects: int, *, signed: bool = False) -> str:
@@ -123,22 +123,27 @@ def _draw(noun: object, card: Card) -> str:
     return f'<img style="{size}" alt="{escape(card.title)}" src="data:image/png;base64,{source}">'
 
 
+def _format_row(row: Iterable[object]) -> str:
+    cells = (f"<td style={_CELL!r}>{escape(_format_value(value))}</td>" for value in row)
+    return f"<tr>{''.join(cells)}</tr>"
+
+
 def _format_table(table: Table) -> str:
     count = max(map(len, table.values()), default=0)
     if not count:
         return ""
     head = "".join(f'<th style="{_CELL}">{escape(str(name))}</th>' for name in table)
     rows = zip(*(column[:MOST_ROWS] for column in table.values()), strict=True)
-    cells = [
-        [f"<td style={_CELL!r}>{escape(_format_value(value))}</td>" for value in row]
-        for row in rows
-    ]
-    body = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
-    rest = f"<p>{MOST_ROWS} of {count:,} rows; to_frame() has all</p>" if count > MOST_ROWS else ""
+    body = "".join(map(_format_row, rows))
+    hidden_rows = (
+        f"<p>{MOST_ROWS} of {count:,} rows; to_frame() has all</p>" if count > MOST_ROWS else ""
+    )
     scrolled = (
         '<div style="overflow-x:auto;max-width:100%"><table style="border-collapse:collapse">'
     )
-    return f"{scrolled}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}</div>"
+    return (
+        f"{scrolled}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{hidden_rows}</div>"
+    )
 
 
 def _format_value(value: object) -> str:

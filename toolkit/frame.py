@@ -180,18 +180,18 @@ class ImageWedge(Region):
         """Mask of the boxes with their centre in the image. Boxes that are mostly in an ignored
         region do not count."""
         u, v, depth = self._pixels(boxes[:, :3])
-        shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
+        is_inside = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         for region in self.ignored:
             rectangles = self.rectangles(boxes)
             overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(
                 rectangles[:, :2], region[:2]
             )
             area = (rectangles[:, 2:] - rectangles[:, :2]).prod(axis=1)
-            shown &= (
+            is_inside &= (
                 np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0)
                 <= IGNORED_SHARE
             )
-        return shown
+        return is_inside
 
     def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "ImageWedge":
         """Return the wedge whose projection begins at another origin."""
@@ -238,7 +238,7 @@ def parse_region(record: object) -> Region:
             projection = np.array(fields["projection"], np.float64)
             if projection.shape != (3, 4):
                 raise ValueError(f"a projection must be 3 by 4, got {projection.shape}")
-            ignored = tuple(_four(each) for each in fields["ignored"])
+            ignored = tuple(_four(rectangle) for rectangle in fields["ignored"])
             return ImageWedge(projection, int(fields["width"]), int(fields["height"]), ignored)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(
@@ -310,10 +310,10 @@ class Frame(Displayed):
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if isinstance(measurement, np.ndarray):
                 _check_image(sensor, measurement)
-        known = len(self.objects.boxes)
+        count = len(self.objects.boxes)
         for column, values in (("categories", self.categories or None), ("counts", self.counts)):
-            if values is not None and len(values) != known:
-                raise ValueError(f"{known} objects but {len(values)} {column} in {self.name!r}")
+            if values is not None and len(values) != count:
+                raise ValueError(f"{count} objects but {len(values)} {column} in {self.name!r}")
 
     @staticmethod
     def of_clouds(
@@ -353,7 +353,7 @@ class Frame(Displayed):
     def has_images(self) -> bool:
         """True for a frame with sensors and only images."""
         return bool(self.sensors) and not any(
-            isinstance(each, SensorCloud) for each in self.measurements
+            isinstance(measurement, SensorCloud) for measurement in self.measurements
         )
 
     @property
@@ -393,12 +393,12 @@ class Frame(Displayed):
 
     def seen_by(self, sensors: Sequence[int | str]) -> "Frame":
         """Return the frame with some sensors; ValueError for unknown ones."""
-        chosen = sorted(select_sensors(self.sensors, sensors))
-        if len(chosen) == len(self.sensors):
+        numbers = sorted(select_sensors(self.sensors, sensors))
+        if len(numbers) == len(self.sensors):
             return self
-        seeing = tuple(self.sensors[k] for k in chosen)
-        measurements = tuple(self.measurements[k] for k in chosen)
-        shifts = tuple(self.shifts[k] for k in chosen) if self.shifts else ()
+        seeing = tuple(self.sensors[k] for k in numbers)
+        measurements = tuple(self.measurements[k] for k in numbers)
+        shifts = tuple(self.shifts[k] for k in numbers) if self.shifts else ()
         return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> "Frame":
@@ -425,25 +425,27 @@ def measure_spread(clouds: Sequence[SensorCloud]) -> float:
 
 def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
     """Count the objects that are far from every sensor and all that it measured."""
-    away = np.full(len(objects), len(clouds) > 0)
+    is_away_of_all = np.full(len(objects), len(clouds) > 0)
     for cloud in clouds:
-        if away.any():
-            own = (
+        if is_away_of_all.any():
+            is_away = (
                 np.linalg.norm(objects.boxes[:, :3] - cloud.world_SE3_sensor[:3, 3], axis=1)
                 > FARTHEST_BOX
             )
-            if (away & own).any() and len(
+            if (is_away_of_all & is_away).any() and len(
                 cloud.points
             ):  # clouds in a map may come without their sensor's place
                 points = cloud.in_world()
                 low, high = points.min(axis=0) - FARTHEST_BOX, points.max(axis=0) + FARTHEST_BOX
-                own &= ((objects.boxes[:, :3] < low) | (objects.boxes[:, :3] > high)).any(axis=1)
-            away &= own
-    return int(away.sum())
+                is_away &= ((objects.boxes[:, :3] < low) | (objects.boxes[:, :3] > high)).any(
+                    axis=1
+                )
+            is_away_of_all &= is_away
+    return int(is_away_of_all.sum())
 
 
 def _cloud_sensors(clouds: Sequence[SensorCloud]) -> tuple[Sensor, ...]:
-    return tuple(Sensor(each.name, _UNKNOWN_MODEL, each.world_SE3_sensor) for each in clouds)
+    return tuple(Sensor(cloud.name, _UNKNOWN_MODEL, cloud.world_SE3_sensor) for cloud in clouds)
 
 
 def _check_image(sensor: Sensor, measurement: np.ndarray) -> None:
@@ -522,21 +524,21 @@ def select_sensors(
             f"sensors must be a list of numbers or names, got the text {wanted!r}: pass "
             f"[{wanted!r}]"
         )
-    chosen = []
+    positions = []
     for which in wanted:
         if isinstance(which, str) and which in names:
-            chosen.append(names.index(which))
+            positions.append(names.index(which))
         elif isinstance(which, int | np.integer) and 0 <= which < len(names):
-            chosen.append(int(which))
+            positions.append(int(which))
         else:
             raise ValueError(
                 f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}"
             )
-    if len(set(chosen)) < len(chosen):
+    if len(set(positions)) < len(positions):
         raise ValueError(
             f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice"
         )
-    return chosen
+    return positions
 
 
 class DisplayedRecording(Displayed):
@@ -550,8 +552,8 @@ class DisplayedRecording(Displayed):
         site = () if recording.site is None else (f"site {recording.site.name!r}",)
         tables = {"sensors": lambda: tabulate_measured(recording[0]) if len(recording) else {}}
         sensors = getattr(self, "sensors", None)
-        known = () if sensors is None else (describe_count(len(sensors), "sensor"),)
-        facts = describe_count(len(recording), "frame"), *known, *site
+        sensor_facts = () if sensors is None else (describe_count(len(sensors), "sensor"),)
+        facts = describe_count(len(recording), "frame"), *sensor_facts, *site
         title = name if path is None else f"{name}({str(path)!r})"
         return Card(title, facts, tables, "toolkit.viewing.still:draw_recording")
 

@@ -132,11 +132,11 @@ def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
             f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?"
         )
     if np.abs(matrix[:3, 3]).max() > MAX_COORDINATE_M:
-        far = f"{name} lies farther than {MAX_COORDINATE_M:g} m from the origin"
-        raise ValueError(f"{far}: give metres, got {matrix[:3, 3]}")
+        limit = f"{name} lies farther than {MAX_COORDINATE_M:g} m from the origin"
+        raise ValueError(f"{limit}: give metres, got {matrix[:3, 3]}")
     determinant = float(np.linalg.det(rotation))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or determinant < 0:
-        part = f"its 3×3 part has determinant {determinant:.3g}"
+        problem = f"its 3×3 part has determinant {determinant:.3g}"
         remedy = ": it mirrors, flip one axis" if determinant < -0.5 else ""
-        raise ValueError(f"{name} must be a rotation and a translation, but {part}{remedy}")
+        raise ValueError(f"{name} must be a rotation and a translation, but {problem}{remedy}")
     return matrix

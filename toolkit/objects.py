@@ -57,12 +57,12 @@ class _Rows(Displayed):
 
     def _table(self) -> Table:
         boxes = zip(("x", "y", "z", "length", "width", "height", "yaw"), self.boxes.T, strict=True)
-        rest = {
+        further_columns = {
             name[:-1]: column
             for name, column in vars(self).items()
             if name not in ("boxes", "labels")
         }
-        return {"label": [LABELS[label] for label in self.labels]} | rest | dict(boxes)
+        return {"label": [LABELS[label] for label in self.labels]} | further_columns | dict(boxes)
 
 
 @dataclass(frozen=True)
@@ -156,20 +156,24 @@ def known_labels(detector: Detector) -> tuple[str, ...] | None:
         raise ValueError(
             f"labels of a detector must be a list of names of {LABELS}, got {labels!r}"
         )
-    return tuple(LABELS[k] for k in sorted({label_index(label) for label in labels}))
+    numbers = sorted(set(map(label_index, labels)))
+    return tuple(LABELS[k] for k in numbers)
 
 
 def check_known(detector: Detector, labels: Iterable[str]) -> None:
     """Raise ValueError for classes that a detector does not know."""
-    known = known_labels(detector)
-    unknown = [label for label in labels if known is not None and label not in known]
+    detector_labels = known_labels(detector)
+    unknown = [
+        label for label in labels if detector_labels is not None and label not in detector_labels
+    ]
     if unknown:
         remedy = (
             "take one trained on all of them, such as the weights tjunction, or leave these "
             "classes out"
         )
         raise ValueError(
-            f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: {remedy}"
+            f"the detector knows {', '.join(detector_labels or ())} only, not "
+            f"{', '.join(unknown)}: {remedy}"
         )
 
 

@@ -109,7 +109,7 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
     if axes.scales_m != (1.0, 1.0, 1.0):
         positions = positions.astype(np.float64) * axes.scales_m
     attributes: Attributes = {"positions": positions}
-    if three := next((each for each in NORMALS if set(each) <= left.keys()), None):
+    if three := next((names for names in NORMALS if set(names) <= left.keys()), None):
         attributes["normals"] = _together(left, *three).astype(positions.dtype)
     for packed in ("rgb", "rgba"):
         if (
@@ -120,11 +120,11 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
             word = np.ascontiguousarray(left.pop(packed)).reshape(-1).view(np.uint32)
             attributes["colors"] = np.stack([word >> 16, word >> 8, word], axis=1).astype(np.uint8)
     if "colors" not in attributes and (
-        three := next((each for each in COLOURS if set(each) <= left.keys()), None)
+        three := next((names for names in COLOURS if set(names) <= left.keys()), None)
     ):
         values = _together(left, *three)
-        whole = values == np.clip(np.trunc(values.astype(np.float64)), 0, 255)
-        attributes["colors"] = values.astype(np.uint8 if whole.all() else np.float32)
+        is_byte = values == np.clip(np.trunc(values.astype(np.float64)), 0, 255)
+        attributes["colors"] = values.astype(np.uint8 if is_byte.all() else np.float32)
     reserved = {"positions", "normals", "colors"}
     for name, column in left.items():
         if column.dtype.kind in "fiub" and column.ndim <= 2 and name and name not in reserved:
@@ -202,22 +202,22 @@ def _parse(name: str) -> _Parsed | None:
         r"(?<=[a-z])(?=[XYZ]\b)|(?<=\b[XYZ])(?=[A-Z]?[a-z])|(?<=\b[xyz])(?=[A-Z])", " ", name
     )
     tokens = re.findall(r"[^\W_]+", separated.lower())
-    places = [place for place, token in enumerate(tokens) if token in ("x", "y", "z")]
+    indices = [index for index, token in enumerate(tokens) if token in ("x", "y", "z")]
     numbered = False
-    if not places and len(tokens) > 1 and tokens[-1] in ("0", "1", "2"):
-        places = [len(tokens) - 1]
+    if not indices and len(tokens) > 1 and tokens[-1] in ("0", "1", "2"):
+        indices = [len(tokens) - 1]
         numbered = True
-    if len(places) != 1:
+    if len(indices) != 1:
         return None
-    letter = tokens.pop(places[0])
+    letter = tokens.pop(indices[0])
     units = [token for token in tokens if token in UNITS_M or token in FOREIGN_UNITS]
-    others = [token for token in tokens if token not in units]
-    about_points = all(token in _WORDS for token in others)
-    if len(units) > 1 or not about_points or (numbered and not others):
+    words = [token for token in tokens if token not in units]
+    about_points = all(token in _WORDS for token in words)
+    if len(units) > 1 or not about_points or (numbered and not words):
         return None
     axis = "012".index(letter) if numbered else "xyz".index(letter)
     unit = units[0] if units else ""
-    return _Parsed(name, axis, _Template(" ".join(others), unit, numbered))
+    return _Parsed(name, axis, _Template(" ".join(words), unit, numbered))
 
 
 def _together(left: dict[str, np.ndarray], *names: str) -> np.ndarray:

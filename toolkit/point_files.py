@@ -20,7 +20,7 @@ import numpy as np
 from toolkit.arrays import Shaped
 from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.point_columns import Attributes, find_axes, name_attributes, warn_of_offset
-from toolkit.runtime.files import MOST_CLOUD, check_unpacked, read_plain
+from toolkit.runtime.files import MAX_CLOUD_BYTES, check_unpacked, read_plain
 
 ORIGIN_COMMENT = "# coview origin:"  # in a PCD file, before what to add to x, y and z (m)
 PADDING = "_"
@@ -47,7 +47,7 @@ class _Header(NamedTuple):
     def fields(self) -> Iterator[tuple[np.dtype, int]]:
         """Type and number of values of each field."""
         types = [self.row[name] for name in self.row.names or ()]
-        return ((each.base, each.itemsize // each.base.itemsize) for each in types)
+        return ((kind.base, kind.itemsize // kind.base.itemsize) for kind in types)
 
 
 def read_pcd(path: str | Path) -> Attributes:
@@ -63,10 +63,10 @@ def read_pcd(path: str | Path) -> Attributes:
             columns = (_read_binary if header.data == "binary" else _read_compressed)(header, body)
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
-    named = {
+    named_columns = {
         name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING
     }
-    attributes = name_attributes(named)
+    attributes = name_attributes(named_columns)
     if header.origin is not None:
         attributes["positions"] = attributes["positions"].astype(np.float64) + header.origin
     return attributes
@@ -119,14 +119,15 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     if not len(names) == len(size) == len(count) == len(entries.get("TYPE", ())):
         raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
     # SUSTechPOINTS writes fields of COUNT 0: nothing
-    kept_columns = [k for k, each in enumerate(count) if each != 0]
+    kept_columns = [k for k, values_a_point in enumerate(count) if values_a_point != 0]
     entries["TYPE"] = [entries["TYPE"][k] for k in kept_columns]
     names = tuple(names[k] for k in kept_columns)
-    size, count = ([column[k] for k in kept_columns] for column in (size, count))
+    size = [size[k] for k in kept_columns]
+    count = [count[k] for k in kept_columns]
     if len(names) > _MOST_FIELDS:
         raise ValueError(f"its header names {len(names)} fields, more than {_MOST_FIELDS}")
-    kept = [name for name in names if name != PADDING]
-    if len(set(kept)) < len(kept):
+    point_names = [name for name in names if name != PADDING]
+    if len(set(point_names)) < len(point_names):
         raise ValueError(f"two fields have one name: {', '.join(names)[:200]}")
     axes = find_axes(names).names
     kinds = list(zip(entries["TYPE"], size, strict=True))
@@ -135,14 +136,15 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
         raise ValueError(f"TYPE and SIZE of a field must be F, I or U and 1, 2, 4 or 8, got {got}")
     if any(count[names.index(axis)] != 1 for axis in axes):
         raise ValueError(f"{', '.join(axes)} must have COUNT 1")
-    said = [math.prod(_whole(entries[key])) for key in ("POINTS",) if key in entries]
+    point_counts = [math.prod(_whole(entries[key])) for key in ("POINTS",) if key in entries]
     if "WIDTH" in entries:
-        said.append(math.prod(_whole([*entries["WIDTH"], *entries.get("HEIGHT", ["1"])])))
-    if not said or len(set(said)) > 1:
+        point_counts.append(math.prod(_whole([*entries["WIDTH"], *entries.get("HEIGHT", ["1"])])))
+    if not point_counts or len(set(point_counts)) > 1:
         raise ValueError(
-            f"POINTS and WIDTH x HEIGHT of its header must say one number of points, got {said}"[
-                :200
-            ]
+            (
+                "POINTS and WIDTH x HEIGHT of its header must say one number of points, got "
+                f"{point_counts}"
+            )[:200]
         )
     if "VIEWPOINT" in entries and [word.strip("-0.") for word in entries["VIEWPOINT"]] != [
         "",
@@ -156,7 +158,7 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
         warnings.warn(
             "the VIEWPOINT of a PCD file is not applied, its points stay as they are", stacklevel=2
         )
-    points = said[0]
+    points = point_counts[0]
     data = " ".join(entries["DATA"])
     if data not in ("ascii", "binary", "binary_compressed") or points < 0:
         raise ValueError(
@@ -206,18 +208,18 @@ def _read_rows(
     types = [kind if kind.itemsize == 8 else "f8" for kind, _ in kinds]
     exact = [(name, kind, shape) for (name, _, shape), kind in zip(plain, types, strict=True)]
     table = None
-    for wanted in (exact, plain):  # whole numbers may be written as floats
+    for row_type in (exact, plain):  # whole numbers may be written as floats
         with warnings.catch_warnings(), suppress(ValueError, OverflowError, DeprecationWarning):
             warnings.simplefilter("error", DeprecationWarning)
             warnings.simplefilter("ignore", UserWarning)  # no rows at all
-            most = None if last else rows
+            max_rows = None if last else rows
             table = np.loadtxt(
                 path,
-                np.dtype(wanted),
+                np.dtype(row_type),
                 comments=None,
                 encoding="latin-1",
                 skiprows=skipped,
-                max_rows=most,
+                max_rows=max_rows,
                 ndmin=1,
             )
             break
@@ -261,7 +263,7 @@ def _read_compressed(header: _Header, body: bytes) -> list[np.ndarray]:
     needed = header.points * header.row.itemsize
     if len(body) - 8 < packed and header.points:
         raise ValueError(f"it is cut off, {len(body) - 8} of {packed} compressed bytes are there")
-    check_unpacked(size, MOST_CLOUD)
+    check_unpacked(size, MAX_CLOUD_BYTES)
     if size != needed or size > MOST_LZF * max(1, packed):
         raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
     plain = decompress_lzf(body[8 : 8 + packed], size)
@@ -340,18 +342,18 @@ def read_ply(path: str | Path) -> Attributes:
     content = read_plain(path)
     try:
         order, elements, start = _ply_header(content)
-        place = [element.name for element in elements].index("vertex")
-        vertex = elements[place]
-        last = place == len(elements) - 1
+        vertex_index = [element.name for element in elements].index("vertex")
+        vertex = elements[vertex_index]
+        last = vertex_index == len(elements) - 1
         if vertex.row is None:
             raise ValueError("its vertices have lists: export it again as points")
         if not order:
             skipped = len(content[:start].splitlines()) + sum(
-                element.rows for element in elements[:place]
+                element.rows for element in elements[:vertex_index]
             )
             columns = _read_rows(Path(path), skipped, vertex.row, vertex.rows, last=last)
         else:
-            for element in elements[:place]:
+            for element in elements[:vertex_index]:
                 start = _skip(element, content, start)
             end = None if last else start + vertex.rows * vertex.row.itemsize
             columns = _read_binary(_Header((), vertex.row, vertex.rows, ""), content[start:end])
@@ -390,12 +392,12 @@ def _ply_header(content: bytes) -> tuple[str, list[_Element], int]:
         raise ValueError(
             "its header must have one format and one element vertex, and no count below 0"
         )
-    kept = [name for name, _, _ in elements[names.index("vertex")].properties]
+    point_names = [name for name, _, _ in elements[names.index("vertex")].properties]
     if sum(len(element.properties) for element in elements) > _MOST_FIELDS:
         raise ValueError(f"its header names more than {_MOST_FIELDS} properties")
-    if len(set(kept)) < len(kept):
-        raise ValueError(f"its points must have no name twice, got {', '.join(kept)[:200]}")
-    find_axes(kept)
+    if len(set(point_names)) < len(point_names):
+        raise ValueError(f"its points must have no name twice, got {', '.join(point_names)[:200]}")
+    find_axes(point_names)
     return order, elements, end.end()
 
 
@@ -405,7 +407,8 @@ def _ply_property(words: list[str], order: str) -> tuple[str, np.dtype, np.dtype
     if not (is_list or len(kinds) == 1) or kinds[-1] not in _PLY_TYPES:
         raise ValueError(f"its header has a property of unknown type: {' '.join(words)[:80]!r}")
     length, kind = (
-        np.dtype(order + _PLY_TYPES[each]) for each in (kinds[1] if is_list else "char", kinds[-1])
+        np.dtype(order + _PLY_TYPES[type_name])
+        for type_name in (kinds[1] if is_list else "char", kinds[-1])
     )
     return name.lower() if len(name) == 1 else name, kind, length if is_list else None
 

@@ -91,14 +91,14 @@ def format_ply(attributes: Attributes) -> bytes:
     return "\n".join([*lines, "end_header\n"]).encode("ascii") + table.tobytes()
 
 
-def _single_columns(attributes: Attributes, taken: Mapping[str, object]) -> Columns:
+def _single_columns(attributes: Attributes, columns_in_use: Mapping[str, object]) -> Columns:
     """Further attributes of one number a point, by names that a header can hold."""
     columns: Columns = {}
     for name, values in attributes.items():
         if name in ("positions", "normals", "colors"):
             continue
         word = re.sub(r"[^!-~]+", "_", name)
-        if values[:1].size != 1 or word in taken or word in columns:
+        if values[:1].size != 1 or word in columns_in_use or word in columns:
             reason = "the file holds one number of each name a point, .npz holds all"
             warnings.warn(f"{name} is left out: {reason}", stacklevel=4)
             continue

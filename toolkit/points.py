@@ -85,10 +85,12 @@ class Crop(NamedTuple):
         section II-B)."""
         if height is not None and np.isnan(height):
             raise ValueError("height must be a number of metres, got NaN")
-        area, own = (
+        area, default_height = (
             (place.area, place.height) if isinstance(place, Site) else (check_area(place), 4.0)
         )
-        return Crop(tuple(area.tolist()), own if height is None else height, get_slope(place))
+        return Crop(
+            tuple(area.tolist()), default_height if height is None else height, get_slope(place)
+        )
 
     def holds(self, points: Points, floor: float = 0.0) -> Mask:
         """Mask of kept points (world). floor: in place of ground."""
@@ -145,16 +147,19 @@ def detect_unions_on_ground(
 ) -> list[Detections]:
     """Run `detect_on_ground` on many unions of the same clouds."""
     slope = get_slope(place)
-    found = detector.unions([level_rows(cloud, slope) for cloud in clouds], unions)
-    return [replace(each, boxes=tilt_rows(each.boxes, slope)) for each in found]
+    level_detections = detector.unions([level_rows(cloud, slope) for cloud in clouds], unions)
+    return [
+        replace(detections, boxes=tilt_rows(detections.boxes, slope))
+        for detections in level_detections
+    ]
 
 
 def join_clouds(
     clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]
 ) -> Points:
     """Join the clouds of a union, in their order."""
-    among = [cloud for cloud, chosen in zip(clouds, union, strict=True) if chosen]
-    return np.concatenate(among) if among else np.zeros((0, 3), np.float32)
+    members = [cloud for cloud, is_member in zip(clouds, union, strict=True) if is_member]
+    return np.concatenate(members) if members else np.zeros((0, 3), np.float32)
 
 
 def has_centre_inside(boxes: BoxRows, area: Float64[np.ndarray, "4"]) -> Mask:

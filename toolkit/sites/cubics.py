@@ -1,5 +1,4 @@
-"""Numbers of an OpenDRIVE element, and the cubic polynomials by which it describes widths, borders
-and heights.
+"""Numbers and cubic polynomials of OpenDRIVE elements: widths, borders and heights.
 
 A polynomial is valid from its start to the next one's (ASAM OpenDRIVE 1.8, 7.3 and 11.6). Errors of
 damaged numbers do not name the file: their caller does."""
@@ -16,8 +15,9 @@ from toolkit.geometry import MAX_COORDINATE_M
 
 @dataclass(frozen=True, eq=False)
 class Cubics:
-    """Piecewise cubic function of s. Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0
-    without rows."""
+    """Piecewise cubic function of s, 0 without rows.
+
+    Row i is a + b ds + c ds² + d ds³ from s = starts[i] on."""
 
     starts: Float64[np.ndarray, " n"]
     rows: Float64[np.ndarray, "n 4"]
@@ -32,9 +32,9 @@ class Cubics:
 
     def slope(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
         """Derivatives at `s`."""
-        return Cubics(
-            self.starts, np.column_stack([self.rows[:, 1:] * [1, 2, 3], np.zeros(len(self.rows))])
-        ).at(s)
+        derived = self.rows[:, 1:] * [1, 2, 3]
+        rows = np.column_stack([derived, np.zeros(len(self.rows))])
+        return Cubics(self.starts, rows).at(s)
 
     def cut_start(self, s: float) -> "Cubics":
         """Same function with its zero at `s` and the pieces that end before it left out."""
@@ -45,14 +45,13 @@ class Cubics:
         return Cubics(self.starts + by, self.rows)
 
     def split(self, starts: Sequence[float]) -> "Cubics":
-        """Same function with pieces that begin at `starts`, which hold all starts of its pieces
-        from the first on."""
+        """Same function with pieces that begin at `starts`.
+
+        These hold all starts of the function's pieces from the first on."""
         if not len(self.starts):
             return Cubics(np.array(starts, np.float64), np.zeros((len(starts), 4)))
-        return Cubics(
-            np.array(starts, np.float64),
-            np.array([self._find_row(s) for s in starts]).reshape(-1, 4),
-        )
+        rows = np.array([self._find_row(s) for s in starts]).reshape(-1, 4)
+        return Cubics(np.array(starts, np.float64), rows)
 
     def subtract(self, other: "Cubics") -> "Cubics":
         """Difference of two functions."""
@@ -76,8 +75,9 @@ class Cubics:
 
 
 def number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
-    """Attribute as a finite number within `MAX_COORDINATE_M`. default: if the attribute is missing,
-    unless None."""
+    """Attribute as a finite number within `MAX_COORDINATE_M`.
+
+    default: number for a missing attribute, which is an error if None."""
     text = element.get(key)
     if text is None and default is not None:
         return default

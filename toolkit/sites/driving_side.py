@@ -1,6 +1,7 @@
-"""Side of the road that traffic keeps to at a place on earth, by the countries where it keeps left.
+"""Side of the road that traffic keeps to at a place on earth.
 
-`left_hand.toml` has their outlines: within 3 km at land borders, wide of the coasts at sea."""
+`left_hand.toml` has the outlines of the countries that keep left: within 3 km at land borders, wide
+of the coasts at sea."""
 
 from functools import cache
 from typing import NamedTuple
@@ -14,8 +15,7 @@ NEAR_BORDER_DEG = 0.05  # some 5 km, within which the outlines may be wrong
 
 
 class DrivingSide(NamedTuple):
-    """Side of the road at a place: True for left, and True if a border to the other side is
-    near."""
+    """Side of the road at a place, and whether the other side's border is near."""
 
     is_left: bool
     is_near_border: bool
@@ -33,14 +33,14 @@ def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
 @cache
 def _borders() -> shapely.Geometry:
     """Outlines of the countries, without the meridian of 180 degrees, at which they are cut."""
-    meridians = shapely.union_all(
-        [shapely.box(x - 1e-6, -90.0, x + 1e-6, 90.0) for x in (-180.0, 180.0)]
-    )
-    return _left_hand().boundary.difference(meridians)
+    west = shapely.box(-180.0 - 1e-6, -90.0, -180.0 + 1e-6, 90.0)
+    east = shapely.box(180.0 - 1e-6, -90.0, 180.0 + 1e-6, 90.0)
+    return _left_hand().boundary.difference(shapely.union_all([west, east]))
 
 
 @cache
 def _left_hand() -> shapely.Geometry:
+    """Ground of all countries that keep left."""
     table = read_own_table(__file__, "left_hand.toml")
     outlines = _unite_rings(table["outlines"])
     holes = _unite_rings(table["holes"])

@@ -8,8 +8,8 @@ Polygons are closed rings without holes; angles degrees. Sensors and bays have a
 map's north).
 
 Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, surveyed or drawn.
-What does not say its origin is mapped. Files from before there were origins say none, so what an
-import drew into them counts as mapped."""
+Anything without an origin is mapped. Old files have no origins, so all that an import drew into
+them counts as mapped."""
 
 import json
 from collections.abc import Callable, Collection, Mapping
@@ -27,13 +27,19 @@ from toolkit.sensors.models import class_names, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, find_angles
 from toolkit.sites import BUILT_IN
 from toolkit.sites.georeference import map_turn
-from toolkit.sites.site import HYBRID_RADIUS, ORIGINS, Mount, Relief, Site, Solid, check_polygon
+from toolkit.sites.site import HYBRID_RADIUS_M, ORIGINS, Mount, Relief, Site, Solid, check_polygon
+
+VERSION = 1  # of the file format
+_MAX_SITE_SENSORS = 10_000
+_MAX_TILT_DEG = 90.0  # below or above the horizon
+JsonValue = Any  # of a JSON document, not yet checked
 
 
 def load_site(name_or_path: str | Path) -> Site:
-    """Load a site; built-in ones go by name, saved ones by path. Raises ValueError, in one line
-    with file, field, rule and value, for a damaged file; FileNotFoundError if neither a file nor a
-    built-in site has that name."""
+    """Load a built-in site by its name, or a saved site by its path.
+
+    Raises ValueError, in one line with file, field, rule and value, for a damaged file, and
+    FileNotFoundError if neither a file nor a built-in site has that name."""
     path = Path(name_or_path)
     if str(name_or_path) in BUILT_IN:
         path = Path(__file__).parent / f"{name_or_path}.json"
@@ -45,8 +51,8 @@ def load_site(name_or_path: str | Path) -> Site:
         )
     if path.name.lower().endswith((".osm", ".osm.gz", ".osm.pbf", ".xodr")):
         kind = "opendrive" if path.suffix.lower() == ".xodr" else "osm"
-        made = f"coview site import --{kind} {path} --centre X Y --size 80 60 --out site.json"
-        raise ValueError(f"{path} is a map, of which a site must be made first: {made}")
+        command = f"coview site import --{kind} {path} --centre X Y --size 80 60 --out site.json"
+        raise ValueError(f"{path} is a map, of which a site must be made first: {command}")
     if path.suffix.lower() in (".hdf5", ".h5", ".bag", ".mcap"):
         raise ValueError(
             f"{path} is a recording, no site: give the file of its site, or one of "
@@ -62,12 +68,6 @@ def save_site(site: Site, path: str | Path) -> None:
     write_text(path, format_site(site))
 
 
-VERSION = 1
-_MOST_SENSORS = 10_000
-_MAX_TILT_DEG = 90.0  # below or above the horizon
-JsonValue = Any  # of a JSON document, not yet checked
-
-
 def document(site: Site) -> Json:
     """Build the GeoJSON FeatureCollection of a site, in plain Python."""
     xmin, ymin, xmax, ymax = site.area.tolist()
@@ -75,8 +75,13 @@ def document(site: Site) -> Json:
     features += [_polygon(lane.tolist(), layer="lane") for lane in site.lanes]
     features += [_polygon(footway.tolist(), layer="footway") for footway in site.footways]
     for solid in site.solids:
-        said = {"kind": solid.kind, "base": solid.base, "top": solid.top, **_origin(solid.origin)}
-        features.append(_polygon(solid.footprint.tolist(), layer="solid", **said))
+        properties = {
+            "kind": solid.kind,
+            "base": solid.base,
+            "top": solid.top,
+            **_origin(solid.origin),
+        }
+        features.append(_polygon(solid.footprint.tolist(), layer="solid", **properties))
     for (x, y, yaw), origin in zip(site.parking.tolist(), site.bay_origins, strict=True):
         features.append(
             _point([x, y], layer="parking", heading_deg=_degrees(yaw), **_origin(origin))
@@ -87,13 +92,15 @@ def document(site: Site) -> Json:
             if mount.max_sensors > 1
             else ("position", "origin", "max_sensors")
         )
-        rest = {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
+        members = {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
         features.append(
-            _point(mount.position.tolist(), layer="mount", **rest, **_origin(mount.origin))
+            _point(mount.position.tolist(), layer="mount", **members, **_origin(mount.origin))
         )
-    for s in site.sensors:
-        described = {**format_attitude(s), "model": format_model(s.model)}
-        features.append(_point(s.position.tolist(), layer="sensor", name=s.name, **described))
+    for sensor in site.sensors:
+        members_of_sensor = {**format_attitude(sensor), "model": format_model(sensor.model)}
+        features.append(
+            _point(sensor.position.tolist(), layer="sensor", name=sensor.name, **members_of_sensor)
+        )
     relief = {"amplitude": site.relief.amplitude, "seed": site.relief.seed}
     return {
         "type": "FeatureCollection",
@@ -151,8 +158,10 @@ def parse(collection: JsonValue) -> Site:
     for i, feature in enumerate(root.get("features", list)):
         layer, value = _read_feature(JsonObject(feature, f"features[{i}]"), matrix)
         layers[layer].append(value)
-        if len(layers["sensor"]) > _MOST_SENSORS:
-            raise ValueError(f"features must hold at most {_MOST_SENSORS} sensors: leave some out")
+        if len(layers["sensor"]) > _MAX_SITE_SENSORS:
+            raise ValueError(
+                f"features must hold at most {_MAX_SITE_SENSORS} sensors: leave some out"
+            )
     if len(layers["area"]) != 1:
         raise ValueError(
             f"features must hold exactly one of layer 'area', got {len(layers['area'])}"
@@ -188,7 +197,7 @@ def parse(collection: JsonValue) -> Site:
         relief=Relief(relief.number("amplitude"), relief.get("seed", int), (rise, across)),
         hybrid_radius=root.number("hybrid_radius")
         if "hybrid_radius" in collection
-        else HYBRID_RADIUS,
+        else HYBRID_RADIUS_M,
     )
 
 
@@ -221,17 +230,17 @@ def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tu
     at = properties.where
     if layer not in _READERS:
         raise ValueError(f"{at('layer')} must be one of {', '.join(_READERS)}, got {layer!r}")
-    kind, read, known = _READERS[layer]
-    if "bearing_deg" in properties.value and "heading_deg" in known:
+    kind, read, members = _READERS[layer]
+    if "bearing_deg" in properties.value and "heading_deg" in members:
         _turn_bearing(properties, matrix)
-    found = geometry.value.get("type")
-    if found != kind:
+    geometry_type = geometry.value.get("type")
+    if geometry_type != kind:
         raise ValueError(
-            f"{geometry.where('type')} of layer {layer!r} must be {kind!r}, got {found!r}"
+            f"{geometry.where('type')} of layer {layer!r} must be {kind!r}, got {geometry_type!r}"
         )
-    if unknown := sorted(set(properties.value) - {"layer", *known}):
+    if unknown := sorted(set(properties.value) - {"layer", *members}):
         raise ValueError(
-            f"{at(unknown[0])} is unknown to layer {layer!r}: it has {', '.join(known) or 'none'}"
+            f"{at(unknown[0])} is unknown to layer {layer!r}: it has {', '.join(members) or 'none'}"
         )
     return layer, read(geometry, properties)
 
@@ -306,11 +315,14 @@ def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
     return read_sensor(geometry.numbers("coordinates", 3), properties, model)
 
 
-def read_sensor(place: list[float], properties: JsonObject, model: SensorModel) -> Sensor:
-    """Read name and attitude of a sensor at x, y, z (m). Raises ValueError that names a member that
-    does not fit."""
-    x, y, z = place
-    heading, tilt, roll = (properties.angle(f"{key}_deg") for key in ("heading", "tilt", "roll"))
+def read_sensor(position: list[float], properties: JsonObject, model: SensorModel) -> Sensor:
+    """Read name and attitude of a sensor at x, y, z (m).
+
+    Raises ValueError that names a member that does not fit."""
+    x, y, z = position
+    heading = properties.angle("heading_deg")
+    tilt = properties.angle("tilt_deg")
+    roll = properties.angle("roll_deg")
     if not abs(properties.value["tilt_deg"]) <= _MAX_TILT_DEG:
         where = properties.where("tilt_deg")
         limit = f"{_MAX_TILT_DEG:g} degrees"
@@ -331,27 +343,26 @@ def read_model(properties: JsonObject) -> SensorModel:
         )
     model = find_model_class(kind)
     angles = find_angles(model)
-    known = {
-        f"{entry.name}_deg" if angles[entry.name] else entry.name: entry for entry in fields(model)
-    }
+    entries = {}
+    for entry in fields(model):
+        entries[f"{entry.name}_deg" if angles[entry.name] else entry.name] = entry
     values: Json = {}
     for key, value in properties.value.items():
-        if key not in ("type", *known):
+        if key != "type" and key not in entries:
             raise ValueError(
-                f"{properties.where(key)} is unknown to {kind}: it has {', '.join(known)}"
+                f"{properties.where(key)} is unknown to {kind}: it has {', '.join(entries)}"
             )
         if key == "type":
             continue
-        # whose type it has
-        name = known[key].name
-        default = known[key].default
+        name = entries[key].name
+        default = entries[key].default  # the value has its type
         if isinstance(default, bool) and isinstance(value, bool):
             values[name] = value
         elif isinstance(default, str | int):
             values[name] = properties.get(key, str if isinstance(default, str) else int)
         else:
-            several = isinstance(value, list) and not isinstance(default, float)
-            numbers = np.array(properties.numbers(key) if several else properties.number(key))
+            is_array = isinstance(value, list) and not isinstance(default, float)
+            numbers = np.array(properties.numbers(key) if is_array else properties.number(key))
             values[name] = (np.deg2rad(numbers) if angles[name] else numbers).tolist()
     with name_errors(properties.path):
         return make_model(kind, values)
@@ -396,20 +407,21 @@ def format_model(model: SensorModel) -> Json:
     members: Json = {"type": type(model).__name__}
     for name, is_angle in find_angles(model).items():
         value = getattr(model, name)
-        if is_angle and value is not None:
-            value = (
-                [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
-            )
-        if value is not None:
-            members[f"{name}_deg" if is_angle else name] = (
-                list(value) if isinstance(value, tuple) else value
-            )
+        if value is None:
+            continue
+        if is_angle and isinstance(value, tuple):
+            members[f"{name}_deg"] = [_degrees(angle) for angle in value]
+        elif is_angle:
+            members[f"{name}_deg"] = _degrees(value)
+        else:
+            members[name] = list(value) if isinstance(value, tuple) else value
     return members
 
 
 def format_attitude(sensor: Sensor) -> Json:
-    """Heading, tilt (below the horizon) and roll (degrees) of a sensor's body (x forward, y left, z
-    up)."""
+    """Heading, tilt and roll (degrees) of a sensor's body.
+
+    The body's x is forward, y left, z up; tilt is positive below the horizon."""
     forward, left, up = sensor.world_SE3_body[:3, :3].T
     across = float(np.hypot(forward[0], forward[1]))
     angles = (

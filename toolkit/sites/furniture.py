@@ -42,9 +42,8 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
 def block(size: Point, middle: Point = (0.0, 0.0), yaw: float = 0.0) -> Float64[np.ndarray, "4 2"]:
     """Rectangle (m) about `middle`; yaw: direction of its length."""
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
-    start, end = (
-        (float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1)
-    )
+    start = float(middle[0] - ahead[0]), float(middle[1] - ahead[1])
+    end = float(middle[0] + ahead[0]), float(middle[1] + ahead[1])
     return bar(start, end, size[1])
 
 
@@ -62,12 +61,17 @@ def sign(x: float, y: float, facing: float) -> list[Solid]:
 def tree(
     x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: float = 2.3
 ) -> list[Solid]:
-    """Trunk, and a crown from `clear` m up to `height`. crown: its radius (m); it is narrower below
-    and above."""
-    levels = clear, clear + 0.25 * (height - clear), clear + 0.7 * (height - clear), height
-    parts = zip((0.75, 1.0, 0.6), pairwise(levels), strict=True)
-    clumps = [Solid(disc(x, y, part * crown), *ends, "tree") for part, ends in parts]
-    return [Solid(disc(x, y, 0.16), 0.0, clear, "trunk"), *clumps]
+    """Trunk, and a crown from `clear` m up to `height`.
+
+    crown: its radius (m), less at its foot and top."""
+    low = clear + 0.25 * (height - clear)
+    high = clear + 0.7 * (height - clear)
+    return [
+        Solid(disc(x, y, 0.16), 0.0, clear, "trunk"),
+        Solid(disc(x, y, 0.75 * crown), clear, low, "tree"),
+        Solid(disc(x, y, 1.0 * crown), low, high, "tree"),
+        Solid(disc(x, y, 0.6 * crown), high, height, "tree"),
+    ]
 
 
 def litter_bin(x: float, y: float) -> Solid:
@@ -117,9 +121,9 @@ def set_kerbs(
     cut in parts."""
     (width, height), solids = size, []
     lines = [
-        part
-        for part in shapely.get_parts(shapely.segmentize(edge, 4.0))
-        if part.geom_type == "LineString"
+        line
+        for line in shapely.get_parts(shapely.segmentize(edge, 4.0))
+        if line.geom_type == "LineString"
     ]
     for piece in (piece for line in lines for piece in pairwise(shapely.get_coordinates(line))):
         stone = shapely.LineString(piece).buffer(width, cap_style="flat").difference(road)
@@ -137,17 +141,19 @@ def set_kerbs(
 
 
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
-    """Lift solids made for level ground by the height of uneven ground under their middle. Solids
-    on the ground (base 0) reach 0.3 m into it, so that no gap shows."""
+    """Lift solids made for level ground onto uneven ground, by its height under their middle.
+
+    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows."""
     solids = list(solids)
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()
-    bases = [-0.3 if solid.base == 0 else solid.base for solid in solids]
-    lifted = [(round(base + lift, 3), lift) for base, lift in zip(bases, lifts, strict=True)]
-    return tuple(
-        replace(s, base=b, top=round(s.top + up, 3))
-        for s, (b, up) in zip(solids, lifted, strict=True)
-    )
+    return tuple(_raise_solid(solid, lift) for solid, lift in zip(solids, lifts, strict=True))
+
+
+def _raise_solid(solid: Solid, lift: float) -> Solid:
+    """Move a solid up by `lift` m, its base into the ground if it is on the ground."""
+    base = -0.3 if solid.base == 0 else solid.base
+    return replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3))
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
@@ -166,8 +172,9 @@ Make = Callable[[Rng], list[Solid]]  # about the origin, lengthwise along x
 
 
 def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
-    """Turn solids by `yaw` (rad) about the origin, then move them to (x, y). Footprints lie on
-    millimetres."""
+    """Turn solids by `yaw` (rad) about the origin, then move them to (x, y).
+
+    Footprints are on millimetres."""
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     return [
         replace(solid, footprint=np.round(solid.footprint @ turn + [x, y], 3)) for solid in solids
@@ -197,12 +204,14 @@ def bushes(rng: Rng) -> list[Solid]:
     """One to five bushes in a row, grown together."""
     radius = float(rng.uniform(0.4, 1.2))
     number = int(rng.integers(1, 6))
-    made = []
+    solids = []
     for k in range(number):
         size, height = _size(rng, (0.8 * radius, 1.2 * radius), (0.6, 2.0))
         middle = (k - (number - 1) / 2) * 1.3 * radius
-        made.append(Solid(disc(middle, float(rng.normal(0.0, 0.15)), size, 9), 0.0, height, "bush"))
-    return made
+        solids.append(
+            Solid(disc(middle, float(rng.normal(0.0, 0.15)), size, 9), 0.0, height, "bush")
+        )
+    return solids
 
 
 def _planter(rng: Rng) -> list[Solid]:
@@ -224,16 +233,11 @@ def skip(rng: Rng) -> list[Solid]:
     middle = round(0.45 * height, 2)
     walls = [((0.0, side * (width - 0.12) / 2), (length, 0.12)) for side in (-1, 1)]
     walls += [((side * (length - 0.12) / 2, 0.0), (0.12, width - 0.24)) for side in (-1, 1)]
-    return [
-        Solid(block((0.65 * length, 0.9 * width)), 0.0, middle, "container"),
-        *(Solid(block(size, at), middle, height, "container") for at, size in walls),
-        Solid(
-            block((0.8 * length, 0.7 * width)),
-            middle,
-            round(middle + full * (height - middle), 2),
-            "container",
-        ),
-    ]
+    foot = Solid(block((0.65 * length, 0.9 * width)), 0.0, middle, "container")
+    sides = [Solid(block(size, at), middle, height, "container") for at, size in walls]
+    load_top = round(middle + full * (height - middle), 2)
+    load = Solid(block((0.8 * length, 0.7 * width)), middle, load_top, "container")
+    return [foot, *sides, load]
 
 
 def _bus_shelter(rng: Rng) -> list[Solid]:
@@ -242,9 +246,10 @@ def _bus_shelter(rng: Rng) -> list[Solid]:
     ymin = -width / 2
     xmax = length / 2
     ymax = width / 2
-    walls = rectangle(xmin, ymax - 0.1, xmax, ymax), rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1)
+    back = Solid(rectangle(xmin, ymax - 0.1, xmax, ymax), 0.0, 2.3, "shelter")
+    side = Solid(rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1), 0.0, 2.3, "shelter")
     roof = Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter")
-    return [*(Solid(wall, 0.0, 2.3, "shelter") for wall in walls), roof]
+    return [back, side, roof]
 
 
 def _bins(rng: Rng) -> list[Solid]:
@@ -257,12 +262,13 @@ def _bins(rng: Rng) -> list[Solid]:
 def heap(rng: Rng) -> list[Solid]:
     """Heap of earth or gravel, steep and rough."""
     radius, height = _size(rng, (0.8, 2.0), (0.6, 1.8))
-    rings = [(1.0, 0.0, 0.35), (0.75, 0.35, 0.6), (0.5, 0.6, 0.82), (0.25, 0.82, 1.0)]
-    discs = [(disc(0.0, 0.0, round(part * radius, 3), 9), low, high) for part, low, high in rings]
-    return [
-        Solid(ring, round(low * height, 2), round(high * height, 2), "heap")
-        for ring, low, high in discs
-    ]
+    layers = []
+    base = 0.0
+    for radius_share, top_share in ((1.0, 0.35), (0.75, 0.6), (0.5, 0.82), (0.25, 1.0)):
+        top = round(top_share * height, 2)
+        layers.append(Solid(disc(0.0, 0.0, round(radius_share * radius, 3), 9), base, top, "heap"))
+        base = top
+    return layers
 
 
 def _column(rng: Rng) -> list[Solid]:
@@ -298,8 +304,8 @@ def digger(rng: Rng) -> list[Solid]:
 
 def bicycles(rng: Rng) -> list[Solid]:
     """One to eight parked bicycles side by side: things, since nobody rides them."""
-    made = []
-    apart = float(rng.uniform(0.4, 0.9))
+    solids = []
+    spacing = float(rng.uniform(0.4, 0.9))
     number = int(rng.integers(1, 9))
     for k in range(number):
         scale = float(rng.uniform(0.75, 1.05))
@@ -322,10 +328,10 @@ def bicycles(rng: Rng) -> list[Solid]:
             )
         if rng.random() < 0.25:
             parts.append(Solid(block((0.36, 0.3), (-0.6 * scale, 0.0)), 0.68, 1.0, "bicycle"))
-        made += move_solids(
-            parts, float(rng.normal(0.0, 0.1)), (k - (number - 1) / 2) * apart, turn
+        solids += move_solids(
+            parts, float(rng.normal(0.0, 0.1)), (k - (number - 1) / 2) * spacing, turn
         )
-    return made
+    return solids
 
 
 PLANTED: tuple[Make, ...] = (hedge_block, hedge_block, bushes, bushes, _planter)

@@ -1,16 +1,15 @@
-"""Sites on earth: site metres ↔ longitude and latitude, compass bearings, and GeoJSON (RFC 7946)
-for GIS tools.
+"""Sites on earth: longitude and latitude, compass bearings, and GeoJSON (RFC 7946) for GIS tools.
 
 Site → map is `map_SE3_site`, in metres to the map's east and north; map → earth is `geo_reference`,
 as PROJ names it. A map in feet, or with axes to the west and south, is turned into these metres by
-what it says of its axes. The transverse Mercator maps that coview makes of OpenStreetMap extracts
-(`projection`) are computed here, all others by pyproj. North is the map's +y: its angle to true
-north (grid convergence), 0 at the centre of coview's own maps and up to 3 degrees in UTM, is
-ignored.
+its description of its axes. The transverse Mercator maps that coview makes of OpenStreetMap
+extracts (`projection`) are computed here, all others by pyproj. North is the map's +y. Its angle to
+true north (grid convergence) is ignored: it is 0 at the centre of coview's maps and up to 3 degrees
+in UTM.
 
-GeoJSON written here is to look at and to draw over; coview itself reads a site's own file
+GeoJSON written here is to look at and to draw over; coview itself reads site files
 (`toolkit.sites.files`). Outer rings run counter-clockwise and holes clockwise, coordinates have 8
-decimals (about 1 mm), the collection has a bbox, and every feature says what it is as `layer`."""
+decimals (about 1 mm), the collection has a bbox, and every feature names its `layer`."""
 
 import json
 import re
@@ -32,22 +31,22 @@ from toolkit.sites.site import Mount, Site
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
-# WGS84: radius (m), first eccentricity squared
-_EQUATOR = 6378137.0
-_ECCENTRICITY2 = 6.69437999014e-3
-_FLATTENING = 298.257223563  # of WGS84, inverse
-_WGS84_FLATTENING_GAP = (
-    1e-7  # less than between WGS84 and GRS80, the ellipsoid of ETRS89, NAD83 and GDA
-)
-# to ellipsoids whose datums lie within 2 m of WGS84
-MAX_AXIS_GAP_M = 0.01
-MAX_FLATTENING_GAP = 1e-4
-# length by which a map's scale is judged, and what is not worth a note
-_SCALE_LENGTH_M = 100.0
-MAX_STRETCH = 0.01
+_EQUATOR_M = 6378137.0  # radius in WGS84
+_ECCENTRICITY_SQUARED = 6.69437999014e-3  # first eccentricity of WGS84
+_INVERSE_FLATTENING = 298.257223563  # of WGS84
+# less than between WGS84 and GRS80, the ellipsoid of ETRS89, NAD83 and GDA
+_WGS84_FLATTENING_GAP = 1e-7
+MAX_AXIS_GAP_M = 0.01  # to ellipsoids whose datums are within 2 m of WGS84
+MAX_FLATTENING_GAP = 1e-4  # to the same ellipsoids
+_SCALE_LENGTH_M = 100.0  # by which a map's scale is judged
+MAX_STRETCH_SHARE = 0.01  # of a map's scale without a note
+DEGREE_DECIMALS = 8  # of coordinates: about 1 mm
+METRE_DECIMALS = 3  # of coordinates
 _DIRECTIONS = {"east": (1.0, 0.0), "west": (-1.0, 0.0), "north": (0.0, 1.0), "south": (0.0, -1.0)}
 _POLAR_AXES = {"E": (1.0, 0.0), "X": (1.0, 0.0), "N": (0.0, 1.0), "Y": (0.0, 1.0)}
 WGS84 = "EPSG:4326"
+
+_Json = dict[str, Any]
 
 
 def longitude_latitude(
@@ -112,13 +111,13 @@ def project(
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine = np.sin(latitude)
     cosine = np.cos(latitude)
-    normal = _EQUATOR / np.sqrt(1 - _ECCENTRICITY2 * sine**2)
+    normal = _EQUATOR_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * sine**2)
     east = longitude - longitude_0
     # across the antimeridian
     east = np.where(np.abs(east) > np.pi, (east + np.pi) % (2 * np.pi) - np.pi, east)
     a = east * cosine
     t = np.tan(latitude) ** 2
-    c = _ECCENTRICITY2 / (1 - _ECCENTRICITY2) * cosine**2
+    c = _ECCENTRICITY_SQUARED / (1 - _ECCENTRICITY_SQUARED) * cosine**2
     x = normal * (a + (1 - t + c) * a**3 / 6)
     y = _meridian(latitude) - _meridian(latitude_0) + normal * np.tan(latitude) * a**2 / 2
     return np.stack([x, y], axis=1)
@@ -130,7 +129,9 @@ def inverse_project(
     """Convert metres of `projection(*centre)` to degrees, by Newton's method."""
     guess = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
     for _ in range(5):
-        radius = _EQUATOR * np.stack([np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1)
+        radius = _EQUATOR_M * np.stack(
+            [np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1
+        )
         guess += np.rad2deg((metres - project(guess, centre)) / radius)
     longitude = guess[:, 0]
     guess[:, 0] = np.where(
@@ -141,8 +142,8 @@ def inverse_project(
 
 def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np.ndarray, "*n"]:
     """Distance along the meridian from the equator (Snyder, equation 3-21)."""
-    e2 = _ECCENTRICITY2
-    return _EQUATOR * (
+    e2 = _ECCENTRICITY_SQUARED
+    return _EQUATOR_M * (
         (1 - e2 / 4 - 3 * e2**2 / 64 - 5 * e2**3 / 256) * latitude
         - (3 * e2 / 8 + 3 * e2**2 / 32 + 45 * e2**3 / 1024) * np.sin(2 * latitude)
         + (15 * e2**2 / 256 + 45 * e2**3 / 1024) * np.sin(4 * latitude)
@@ -177,8 +178,8 @@ def doubt_place(geo_reference: str | None) -> str | None:
 
 def doubt_scale(site: Site) -> str | None:
     """Return by how much a site's map stretches lengths, as a note; None for less than
-    `MAX_STRETCH`, an unknown place, and without pyproj. The errors of `longitude_latitude` are
-    raised."""
+    `MAX_STRETCH_SHARE`, an unknown place, and without pyproj. The errors of `longitude_latitude`
+    are raised."""
     corners = np.array([[0.0, 0.0], [_SCALE_LENGTH_M, 0.0], [0.0, _SCALE_LENGTH_M]])
     try:
         degrees = longitude_latitude(site, corners)
@@ -189,7 +190,7 @@ def doubt_scale(site: Site) -> str | None:
     longitude, latitude = degrees[0].tolist()
     lengths = np.hypot(*project(degrees[1:], (longitude, latitude)).T)
     far = lengths[np.abs(lengths / _SCALE_LENGTH_M - 1).argmax()]
-    if abs(far / _SCALE_LENGTH_M - 1) < MAX_STRETCH:
+    if abs(far / _SCALE_LENGTH_M - 1) < MAX_STRETCH_SHARE:
         return None
     return (
         f"its map stretches lengths: {_SCALE_LENGTH_M:g} m on it are {far:.1f} m on the ground, "
@@ -272,20 +273,20 @@ def _open_map(geo_reference: str) -> _EarthMap:
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
-    shown = geo_reference[:90]
+    quoted = geo_reference[:90]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FutureWarning)  # of +init=
             system = CRS.from_user_input(geo_reference)
     except ProjError:
-        raise ValueError(f"names no projection that PROJ knows, got {shown!r}") from None
+        raise ValueError(f"names no projection that PROJ knows, got {quoted!r}") from None
     if system.is_compound:  # heights are not converted
         system = system.sub_crs_list[0]
     if not system.is_projected:
         raise ValueError(
-            f"names no projection that PROJ knows: it is {_describe_system(system)}, got {shown!r}"
+            f"names no projection that PROJ knows: it is {_describe_system(system)}, got {quoted!r}"
         )
-    axes = _find_axes(system, shown)
+    axes = _find_axes(system, quoted)
     missing = _list_missing_grids(geo_reference)
     try:
         return _EarthMap(
@@ -296,15 +297,15 @@ def _open_map(geo_reference: str) -> _EarthMap:
     if missing and "@" not in geo_reference:
         raise ValueError(
             f"needs the grid {', '.join(missing)}, which PROJ has not here (projsync --file), got "
-            f"{shown!r}"
+            f"{quoted!r}"
         )
     try:
         transformer = Transformer.from_crs(system, WGS84)
     except ProjError:
         raise ValueError(
-            f"names no projection that PROJ can turn into degrees, got {shown!r}"
+            f"names no projection that PROJ can turn into degrees, got {quoted!r}"
         ) from None
-    return _EarthMap(transformer, axes, _doubt_datum(system, shown))
+    return _EarthMap(transformer, axes, _doubt_datum(system, quoted))
 
 
 def _describe_system(system: "CRS") -> str:
@@ -315,23 +316,23 @@ def _describe_system(system: "CRS") -> str:
     return f"a {system.type_name}, not a map"
 
 
-def _find_axes(system: "CRS", shown: str) -> Float64[np.ndarray, "2 2"]:
+def _find_axes(system: "CRS", quoted: str) -> Float64[np.ndarray, "2 2"]:
     """Matrix from metres to the east and north into a system's coordinates."""
     rows = []
     for axis in system.axis_info[:2]:
         direction = _DIRECTIONS.get(axis.direction)
         if (
-            len({each.direction for each in system.axis_info[:2]}) < 2
+            len({info.direction for info in system.axis_info[:2]}) < 2
         ):  # about a pole, where both lead away from it
             direction = _POLAR_AXES.get(axis.abbrev.upper())
         if direction is None or not axis.unit_conversion_factor:
             raise ValueError(
-                f"has an axis {axis.abbrev or axis.name} towards {axis.direction}, got {shown!r}"
+                f"has an axis {axis.abbrev or axis.name} towards {axis.direction}, got {quoted!r}"
             )
         rows.append(np.array(direction) / axis.unit_conversion_factor)
     axes = np.array(rows)
     if axes.shape != (2, 2) or not np.linalg.det(axes):
-        raise ValueError(f"has no axes to the east and north, got {shown!r}")
+        raise ValueError(f"has no axes to the east and north, got {quoted!r}")
     return axes
 
 
@@ -361,31 +362,29 @@ def _doubt_grids(missing: list[str]) -> str | None:
     )
 
 
-def _doubt_datum(system: "CRS", shown: str) -> str | None:
+def _doubt_datum(system: "CRS", quoted: str) -> str | None:
     """Note for a system without a datum, whose place on WGS84 PROJ only guesses."""
     ellipsoid = system.ellipsoid
     shape = (ellipsoid.semi_major_metre, ellipsoid.inverse_flattening) if ellipsoid else (0.0, 0.0)
     if (
-        abs(shape[0] - _EQUATOR) > MAX_AXIS_GAP_M
-        or abs(shape[1] - _FLATTENING) > MAX_FLATTENING_GAP
+        abs(shape[0] - _EQUATOR_M) > MAX_AXIS_GAP_M
+        or abs(shape[1] - _INVERSE_FLATTENING) > MAX_FLATTENING_GAP
     ):
-        off = "some 100 m"
-    elif abs(shape[1] - _FLATTENING) > _WGS84_FLATTENING_GAP:
-        off = "2 m"
+        deviation = "some 100 m"
+    elif abs(shape[1] - _INVERSE_FLATTENING) > _WGS84_FLATTENING_GAP:
+        deviation = "2 m"
     else:
         return None
-    return f"its map ({shown}) names no datum that is known, so its place on earth may be {off} off"
-
-
-# of coordinates: 1 mm both
-DEGREE_DECIMALS = 8
-METRE_DECIMALS = 3
-_Json = dict[str, Any]
+    return (
+        f"its map ({quoted}) names no datum that is known, so its place on earth may be "
+        f"{deviation} off"
+    )
 
 
 def site_geojson(site: Site) -> str:
-    """GeoJSON of a site in longitude and latitude. Raises ValueError without a place, ImportError
-    without pyproj."""
+    """GeoJSON of a site in longitude and latitude.
+
+    Raises ValueError for a site without a place, ImportError without pyproj."""
     if site.geo_reference is None:
         silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
         remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"
@@ -394,8 +393,9 @@ def site_geojson(site: Site) -> str:
 
 
 def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Json:
-    """GeoJSON feature of points or polygons of the site frame, in degrees, or metres without a
-    place on earth."""
+    """GeoJSON feature of points or polygons of the site frame.
+
+    In degrees, or in metres for a site without a place on earth."""
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def moved(xy: np.ndarray) -> np.ndarray:
@@ -418,18 +418,15 @@ def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
 
 def feature_collection(features: Iterable[_Json], **members: object) -> str:
     """Text of a FeatureCollection with a bbox."""
-    kept = list(features)
-    lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)
+    entries = list(features)
+    lines = ",\n".join(json.dumps(entry, allow_nan=False, ensure_ascii=False) for entry in entries)
     corners = np.array(
-        [shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]
+        [shapely.bounds(shapely.geometry.shape(entry["geometry"])) for entry in entries]
     ).reshape(-1, 4)
     corners = corners[np.isfinite(corners).all(axis=1)]
-    box = (
-        [*corners[:, :2].min(axis=0).tolist(), *corners[:, 2:].max(axis=0).tolist()]
-        if len(corners)
-        else None
-    )
-    head = {"type": "FeatureCollection", **members, **({"bbox": box} if box else {})}
+    head = {"type": "FeatureCollection", **members}
+    if len(corners):
+        head["bbox"] = corners[:, :2].min(axis=0).tolist() + corners[:, 2:].max(axis=0).tolist()
     texts = [
         f"{json.dumps(k)}: {json.dumps(v, allow_nan=False, ensure_ascii=False)}"
         for k, v in head.items()
@@ -449,14 +446,16 @@ def _layers(site: Site) -> Iterator[_Json]:
                 origin=site.road_origin,
             )
     for i, solid in enumerate(site.solids):
-        said = {
+        properties = {
             "name": f"{solid.kind}{i:03}",
             "kind": solid.kind,
             "origin": solid.origin,
             "base": solid.base,
         }
         heights = {"top": solid.top, "height": round(solid.top - solid.base, 6)}
-        yield feature(site, shapely.Polygon(solid.footprint), layer="solid", **said, **heights)
+        yield feature(
+            site, shapely.Polygon(solid.footprint), layer="solid", **properties, **heights
+        )
     for i, ((x, y, yaw), origin) in enumerate(
         zip(site.parking.tolist(), site.bay_origins, strict=True)
     ):
@@ -477,5 +476,5 @@ def _layers(site: Site) -> Iterator[_Json]:
         height = round(float(sensor.position[2] - site.ground(spot)), 3)
         bearing = round(bearing_deg(site, float(np.arctan2(y, x))), 1) % 360.0
         tilt = round(float(np.rad2deg(np.arctan2(-z, np.hypot(x, y)))), 1) + 0.0
-        said = {"model": model, "height": height, "bearing_deg": bearing, "tilt_deg": tilt}
-        yield feature(site, shapely.Point(spot), layer="sensor", name=sensor.name, **said)
+        properties = {"model": model, "height": height, "bearing_deg": bearing, "tilt_deg": tilt}
+        yield feature(site, shapely.Point(spot), layer="sensor", name=sensor.name, **properties)

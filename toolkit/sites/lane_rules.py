@@ -101,14 +101,15 @@ def find_use(
     defaults: dict[str, float],
     problems: Counter[str],
 ) -> LaneUse:
-    """Users and limit of a lane at its section's start. What differs from the map is counted in
-    `problems`.
+    """Users and limit of a lane at its section's start.
+
+    Differences from the map are counted in `problems`.
 
     defaults: limits (m/s) by type of road, as `read_defaults` gives them."""
     users = _find_users(section, lane, problems)
     for kind in _active(road.findall("type"), section.start, key="s"):
         allowed = _ROADS.get(kind.get("type", ""))
-        if allowed is not None and not set(users) <= {*allowed, FOOT}:
+        if allowed is not None and set(users) - set(allowed) - {FOOT}:
             problems[
                 f"lanes of roads of type {kind.get('type')!r} are closed to other traffic"
             ] += 1
@@ -157,10 +158,8 @@ def _apply_access(
     denied: set[str] = set()
     is_exclusive = False
     for rule in rules:
-        names = [
-            rule.get("restriction"),
-            *(element.get("type") for element in rule.findall("restriction")),
-        ]
+        names = [rule.get("restriction")]
+        names += [element.get("type") for element in rule.findall("restriction")]
         allows = rule.get("rule") == "allow"
         if rule.get("rule") not in ("allow", "deny") and set(names) - {None, "none"}:
             problems["<access> rules without allow or deny count as deny"] += 1
@@ -172,10 +171,11 @@ def _apply_access(
                 problems[f"<access> rules are for {str(name)[:30]!r}, which is not simulated"] += 1
                 continue
             (allowed if allows else denied).update(_RESTRICTED[str(name)].split())
-    known = [user for user in users if not is_exclusive or user in allowed]
-    # a driving lane for bicycles and feet
-    added = sorted(allowed - set(users)) if is_exclusive else []
-    return tuple(user for user in (*known, *added) if user not in denied)
+    exclusive_users = [user for user in users if not is_exclusive or user in allowed]
+    if is_exclusive:
+        # a driving lane for bicycles and feet
+        exclusive_users += sorted(allowed - set(users))
+    return tuple(user for user in exclusive_users if user not in denied)
 
 
 def _find_limit(

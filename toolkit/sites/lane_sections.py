@@ -80,28 +80,13 @@ def read_sections(
         sources[side] = [element for element in elements if _describes(element, side)]
     starts = [number(element, "s") for element in elements]
     for cut in sorted(cuts):
-        if min((abs(cut - place) for place in (*starts, length)), default=0.0) > MIN_PIECE_M:
+        if min((abs(cut - station) for station in (*starts, length)), default=0.0) > MIN_PIECE_M:
             starts.append(cut)
+    min_section = 0.0 if keep_empty else MIN_SECTION_M
     for start, end in pairwise([*sorted(set(starts)), length]):
-        whole = [
-            element for element in elements if all(_describes(element, side) for side in _SIDES)
-        ]
-        empty = (
-            [element for element in whole if number(element, "s") == start][:-1]
-            if keep_empty
-            else []
-        )
-        for element in empty:
-            sides = ((side, _Description(element, start, start)) for side in _SIDES)
-            ends = [
-                lane
-                for side, described in sides
-                for lane in _read_side(described, side, (start, start), offset)
-            ]
-            sections.append(
-                LaneSection(start, start, tuple(sorted(ends, key=lambda lane: -lane.number)))
-            )
-        if 0 <= start < end - (0.0 if keep_empty else MIN_SECTION_M):
+        if keep_empty:
+            sections += _read_empty(elements, start, offset)
+        if 0 <= start < end - min_section:
             lanes: list[SectionLane] = []
             for side in _SIDES:
                 described = _find_description(sources[side], start, length)
@@ -111,7 +96,28 @@ def read_sections(
     return sections
 
 
+def _read_empty(
+    elements: Iterable[ElementTree.Element], start: float, lane_offset: Cubics
+) -> list[LaneSection]:
+    """Sections of no length at `start` that describe both sides."""
+    both_sided = [
+        element
+        for element in elements
+        if _describes(element, "left") and _describes(element, "right")
+    ]
+    sections = []
+    for element in [element for element in both_sided if number(element, "s") == start][:-1]:
+        description = _Description(element, start, start)
+        lanes: list[SectionLane] = []
+        for side in _SIDES:
+            lanes += _read_side(description, side, (start, start), lane_offset)
+        lanes.sort(key=lambda lane: -lane.number)
+        sections.append(LaneSection(start, start, tuple(lanes)))
+    return sections
+
+
 def _describes(section: ElementTree.Element, side: str) -> bool:
+    """True if a <laneSection> describes the lanes of one side."""
     return (
         section.get("singleSide", "") not in ("true", "1")
         or section.find(f"{side}/lane") is not None
@@ -120,7 +126,7 @@ def _describes(section: ElementTree.Element, side: str) -> bool:
 
 @dataclass(frozen=True)
 class _Description:
-    """<laneSection> that describes a side, and where it begins and ends along s (m)."""
+    """<laneSection> that describes a side, and its start and end along s (m)."""
 
     element: ElementTree.Element
     start: float
@@ -135,7 +141,8 @@ def _find_description(
     which = int(np.searchsorted(starts, at, side="right")) - 1
     if which < 0:
         return None
-    return _Description(elements[which], starts[which], [*starts, length][which + 1])
+    end = starts[which + 1] if which + 1 < len(starts) else length
+    return _Description(elements[which], starts[which], end)
 
 
 def _read_side(

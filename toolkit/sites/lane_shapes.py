@@ -1,10 +1,9 @@
-"""Middle lines of lanes whose width or offset changes along an OpenDRIVE road, put into the network
-of netconvert.
+"""Middle lines of OpenDRIVE lanes of changing width or offset, for netconvert's network.
 
 netconvert draws every lane of a section as wide as it is at its widest, and joins the places where
-a lane offset begins by straight lines. Where a lane opens next to the middle, the lanes outside it
-would run along the kerb. When it reads its network again, it would draw the joints of such roads
-anew, up to 60 m long, so that traffic drives a piece twice; they keep the outline they have
+a lane offset begins by straight lines. If a lane opens next to the middle, the lanes outside it
+would run along the kerb. When netconvert reads its network again, it would redraw the joints of
+such roads, up to 60 m long, so that traffic drives a piece twice; they keep their outline
 (eclipse-sumo/sumo#6184)."""
 
 from collections.abc import Iterable
@@ -21,9 +20,8 @@ from toolkit.sites.opendrive import MapRoad, read_road
 from toolkit.sites.plain_map import Carriageway, PlainMap
 
 MAX_DEVIATION_M = 0.1  # of a lane from its middle line in the map that is left as it is
-# between a lane and its place on the road, as on a ring
-MAX_PLACE_GAP_M = 5.0
-MAX_PLACE_GAP_SHARE = 0.2
+MAX_PLACE_GAP_M = 5.0  # between the lengths of a lane and of its piece of road, as on a ring
+MAX_PLACE_GAP_SHARE = 0.2  # of the lane's length, in addition
 SHAPE_TOLERANCE_M = 0.01
 MIN_DRIVEN_WIDTH_M = 1.8  # of a lane that anybody drives on
 SAMPLES_EVERY_M = 1.0
@@ -88,15 +86,18 @@ def _comes_near(road: Carriageway, window: shapely.Geometry) -> bool:
     """True if a piece of the road may reach a window."""
     xmin, ymin, xmax, ymax = window.bounds
     for piece in road.element.findall("planView/geometry"):
-        x, y, reach = (number(piece, key) for key in ("x", "y", "length"))
+        x = number(piece, "x")
+        y = number(piece, "y")
+        reach = number(piece, "length")
         if xmin - reach <= x <= xmax + reach and ymin - reach <= y <= ymax + reach:
             return True
     return False
 
 
 def _varies(road: Carriageway) -> bool:
-    widths = (lane.width for section in road.sections for lane in section.lanes)
-    return any(_is_bent(function) for function in (road.offset, *widths))
+    """True if the offset or the width of a lane changes along the road."""
+    widths = [lane.width for section in road.sections for lane in section.lanes]
+    return any(map(_is_bent, [road.offset, *widths]))
 
 
 def _is_bent(function: Cubics) -> bool:
@@ -170,4 +171,8 @@ def _format_points(middle: Float[np.ndarray, "k 2"], shape: Float[np.ndarray, "n
         along = np.concatenate([[0.0], np.cumsum(_measure_steps(shape[:, :2]))])
         heights = np.interp(shares, along / max(along[-1], 1e-9), shape[:, 2])
         middle = np.column_stack([middle, heights])
-    return " ".join(",".join(f"{value:.3f}" for value in point) for point in middle)
+    return " ".join(map(_format_point, middle))
+
+
+def _format_point(point: Float[np.ndarray, " n"]) -> str:
+    return ",".join(f"{value:.3f}" for value in point)

@@ -53,7 +53,7 @@ def list_warnings(messages: str) -> list[str]:
 
 
 def describe_warnings(warnings: Iterable[str]) -> list[str]:
-    """Notes, one for each kind of warning that tells of something unread, left out or changed."""
+    """Notes, one for each kind of warning about something unread, left out or changed."""
     kinds: dict[str, list[str]] = {}
     for warning in warnings:
         if not _SHAPE_ONLY.match(warning):

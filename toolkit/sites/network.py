@@ -28,23 +28,23 @@ _RAIL = {"tram", "rail", "rail_urban", "rail_electric", "rail_fast", "subway", "
 _SPECIAL = re.compile(r"""[&<>"'\s]""")  # in an attribute of XML
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 _OPTIONS = (
-    *("--offset.disable-normalization", "--no-turnarounds", "--walkingareas", "--precision=3"),
-    *(
-        "--junctions.corner-detail=6",
-        "--junctions.internal-link-detail=20",
-        "--default.lanewidth=3.5",
-    ),
+    "--offset.disable-normalization",
+    "--no-turnarounds",
+    "--walkingareas",
+    "--precision=3",
+    "--junctions.corner-detail=6",
+    "--junctions.internal-link-detail=20",
+    "--default.lanewidth=3.5",
     "--aggregate-warnings=-1",
 )
 
-# s and bytes of memory that netconvert may take
-SLOWEST = 60.0
-MOST_MEMORY = 1 << 31
+MAX_RUN_S = 60.0  # of netconvert
+MAX_MEMORY_BYTES = 1 << 31  # of netconvert
 _LIMITED = f"""
 import os, sys
 try:
     import ctypes, resource
-    resource.setrlimit(resource.RLIMIT_AS, ({MOST_MEMORY}, {MOST_MEMORY}))
+    resource.setrlimit(resource.RLIMIT_AS, ({MAX_MEMORY_BYTES}, {MAX_MEMORY_BYTES}))
     ctypes.CDLL(None).prctl(1, 9)  # Linux: to be killed when the parent dies
 except Exception:
     pass
@@ -83,8 +83,7 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
     `lanes`, a list of rows as `street` makes them; roundabouts: nodes, edges. netconvert guesses
     where pedestrians cross.
 
-    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without
-    SUMO."""
+    Raises ValueError with netconvert's words if it refuses the rows, ImportError without SUMO."""
     ways = []
     for edge in edges:
         lanes = edge.get("lanes", ())
@@ -99,9 +98,8 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
     with tempfile.TemporaryDirectory() as folder:
         for kind, text in files.items():
             Path(folder, kind).write_text(text, encoding="utf-8")
-        return convert(
-            [*(f"--{kind}-files={Path(folder, kind)}" for kind in files), "--crossings.guess"]
-        )
+        inputs = [f"--{kind}-files={Path(folder, kind)}" for kind in files]
+        return convert([*inputs, "--crossings.guess"])
 
 
 def convert(options: Sequence[str]) -> str:
@@ -110,8 +108,7 @@ def convert(options: Sequence[str]) -> str:
 
 
 def convert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
-    """Run netconvert; return the net.xml text without its comments, and what netconvert warns of, a
-    line each."""
+    """Run netconvert; return the net.xml text without its comments, and its warnings."""
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")
@@ -126,17 +123,17 @@ def convert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
         ]
         try:
             run = subprocess.run(
-                command, capture_output=True, text=True, check=False, timeout=SLOWEST
+                command, capture_output=True, text=True, check=False, timeout=MAX_RUN_S
             )
         except subprocess.TimeoutExpired:
             raise ValueError(
-                f"netconvert: no network made in {SLOWEST:g} s: cut out a smaller piece"
+                f"netconvert: no network made in {MAX_RUN_S:g} s: cut out a smaller piece"
             ) from None
         if run.returncode or not output.is_file():
-            said = [text for text in run.stderr.splitlines() if text.startswith("Error")] or [
+            errors = [text for text in run.stderr.splitlines() if text.startswith("Error")] or [
                 "Error: no network made"
             ]
-            raise ValueError(f"netconvert: {said[0].removeprefix('Error: ')}")
+            raise ValueError(f"netconvert: {errors[0].removeprefix('Error: ')}")
         return _COMMENT.sub("", output.read_text(encoding="utf-8")), list_warnings(run.stderr)
 
 
@@ -146,13 +143,15 @@ def netconvert() -> Path:
     homes = [Path(package.origin).parent] if package and package.origin else []
     homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
     programs = (home / "bin" / "netconvert" for home in homes)
-    found = next((program for program in programs if program.is_file()), shutil.which("netconvert"))
-    if not found:
+    netconvert_path = next(
+        (program for program in programs if program.is_file()), shutil.which("netconvert")
+    )
+    if not netconvert_path:
         raise ImportError(
             "a road network needs SUMO's netconvert, which is not installed: pip install "
             "coview[sim]"
         )
-    return Path(found)
+    return Path(netconvert_path)
 
 
 def road_polygons(
@@ -241,10 +240,10 @@ def unite(polygons: Iterable[Float[np.ndarray, "_ 2"]]) -> shapely.Geometry:
 
 def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
     """Simple polygons of `shapes` in `window`, 0.1 m² and more, on a grid of 1 mm."""
-    cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
-    simple = (
-        piece for shape in cut for part in list_polygons(shape) for piece in _without_holes(part)
-    )
+    simple: list[shapely.Polygon] = []
+    for shape in shapes:
+        for polygon in list_polygons(shapely.set_precision(shape.intersection(window), 1e-3)):
+            simple += _without_holes(polygon)
     return tuple(
         shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1
     )
@@ -253,7 +252,9 @@ def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -
 def list_polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
     """Polygons of any geometry, also of nested collections."""
     return [
-        part for part in shapely.get_parts(shapely.get_parts(shape)) if part.geom_type == "Polygon"
+        piece
+        for piece in shapely.get_parts(shapely.get_parts(shape))
+        if piece.geom_type == "Polygon"
     ]
 
 
@@ -263,13 +264,11 @@ def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
         return [polygon]
     x = shapely.Polygon(polygon.interiors[0]).centroid.x
     xmin, ymin, xmax, ymax = polygon.bounds
-    sides = (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax))
-    return [
-        p
-        for side in sides
-        for part in list_polygons(polygon.intersection(side))
-        for p in _without_holes(part)
-    ]
+    pieces: list[shapely.Polygon] = []
+    for side in (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax)):
+        for half in list_polygons(polygon.intersection(side)):
+            pieces += _without_holes(half)
+    return pieces
 
 
 def format_xml(root: str, elements: Iterable[str]) -> str:

@@ -1,9 +1,9 @@
 """Traffic rules of OpenStreetMap's roads: who may drive which way, and how fast.
 
 Access is read from the general to the particular: access, vehicle, motor_vehicle and then the kind
-of vehicle; the last one that speaks holds, and for one direction its key before all. A road that a
-user may not take is closed to that user; emergency vehicles may take every road. What a network
-cannot hold (hours, lanes for some users, local traffic only) is counted in notes.
+of vehicle; the last tag present holds, and for one direction its key before all. A road that a user
+may not take is closed to that user; emergency vehicles may take every road. Rules that a network
+cannot hold (hours, lanes for some users, local traffic only) are counted in notes.
 https://wiki.openstreetmap.org/wiki/Key:access https://wiki.openstreetmap.org/wiki/Key:maxspeed"""
 
 import re
@@ -19,27 +19,24 @@ from toolkit.sites import network as nets
 Tags = Mapping[str, str]
 Users = frozenset[str]
 
-# class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says
-# otherwise
+# class of road: lanes each way, speed (m/s), priority, footways on both sides without tags of them
 ROADS = {
     "motorway": (2, 36.1, 14, False),
     "trunk": (2, 27.8, 13, False),
     "primary": (1, 13.9, 12, True),
-}
-ROADS |= {
     "secondary": (1, 13.9, 11, True),
     "tertiary": (1, 13.9, 10, True),
     "unclassified": (1, 13.9, 8, True),
-}
-ROADS |= {
     "residential": (1, 8.3, 7, True),
     "living_street": (1, 2.8, 6, True),
     "busway": (1, 8.3, 5, False),
-}
-ROADS |= {"service": (1, 5.6, 4, False), "cycleway": (1, 5.6, 2, False)}
-ROADS |= {
-    f"{kind}_link": ROADS[kind]
-    for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")
+    "service": (1, 5.6, 4, False),
+    "cycleway": (1, 5.6, 2, False),
+    "motorway_link": (2, 36.1, 14, False),
+    "trunk_link": (2, 27.8, 13, False),
+    "primary_link": (1, 13.9, 12, True),
+    "secondary_link": (1, 13.9, 11, True),
+    "tertiary_link": (1, 13.9, 10, True),
 }
 
 MPH_M_S = 0.44704
@@ -56,7 +53,7 @@ _ALWAYS = "emergency"  # may take every road
 _LONG = frozenset({"truck", "bus", "coach"})
 _WHEELS = "access vehicle"
 _ENGINES = f"{_WHEELS} motor_vehicle"
-_KEY_TEXTS = {  # of each of SUMO's vehicle classes, the last one that speaks holds
+_KEY_TEXTS = {  # SUMO's vehicle class: keys of its access, of which the last one present holds
     "passenger": f"{_ENGINES} motorcar",
     "taxi": f"{_ENGINES} motorcar psv taxi",
     "bus": f"{_ENGINES} psv bus",
@@ -90,8 +87,9 @@ _LOCAL = {
     "employees",
     "visitors",
     "members",
+    "tenants",
+    "guests",
 }
-_LOCAL |= {"tenants", "guests"}
 _CLOSED = {
     "no",
     "private",
@@ -103,8 +101,11 @@ _CLOSED = {
     "forestry",
     "military",
     "emergency",
+    "use_sidepath",
+    "dismount",
+    "construction",
+    "prohibited",
 }
-_CLOSED |= {"use_sidepath", "dismount", "construction", "prohibited"}
 _DELIVERS = {"delivery", "loading", "hgv", "goods"}
 _PUBLIC = {"bus", "psv", "taxi", "public_transport"}
 _FORWARD = {"yes", "true", "1"}
@@ -114,18 +115,21 @@ _BOTH_WAYS = {"no", "false", "0"}
 _NO_BUS_LANES = {"", "no", "none", "separate", "opposite"}
 _HALF_THE_TIME = {"reversible", "alternating"}
 _PASSABLE = {  # barriers on a road that cars drive through unless their tags close them
-    *(
-        "gate",
-        "lift_gate",
-        "swing_gate",
-        "cattle_grid",
-        "toll_booth",
-        "border_control",
-        "entrance",
-        "no",
-        "kerb",
-    ),
-    *("height_restrictor", "sally_port", "arch", "checkpoint", "rising_bollard", "hampshire_gate"),
+    "gate",
+    "lift_gate",
+    "swing_gate",
+    "cattle_grid",
+    "toll_booth",
+    "border_control",
+    "entrance",
+    "no",
+    "kerb",
+    "height_restrictor",
+    "sally_port",
+    "arch",
+    "checkpoint",
+    "rising_bollard",
+    "hampshire_gate",
 }
 
 # kinds of rules, each followed by a colon and the number of roads
@@ -176,15 +180,16 @@ BARRIER_UNREAD = (
     "barriers with access that is not understood, open or shut as is usual for their kind"
 )
 CLOSED = "roads closed to cars, as the map says"
-# t and m
-_SIZE_LIMITS = {
+_SIZE_LIMITS = {  # t and m
     "maxweight": 7.5,
     "maxheight": 3.5,
     "maxlength": 10.0,
     "maxwidth": 2.5,
     "maxaxleload": 4.0,
+    "maxweightrating": 7.5,
+    "maxheight:physical": 3.5,
+    "maxwidth:physical": 2.5,
 }
-_SIZE_LIMITS |= {"maxweightrating": 7.5, "maxheight:physical": 3.5, "maxwidth:physical": 2.5}
 _TRUCK_LIMITS = {f"{key}:hgv": limit for key, limit in _SIZE_LIMITS.items()}
 
 
@@ -196,8 +201,7 @@ class RoadRules:
         kind: class of road.
         users: SUMO's vehicle classes that may drive along its line, and against it.
         speeds: limits (m/s) along its line, and against it.
-        number: of the piece, if its two directions differ; else None.
-    """
+        number: number of the piece if its two directions differ, else None."""
 
     kind: str
     users: tuple[Users, Users]
@@ -206,7 +210,7 @@ class RoadRules:
 
     @property
     def differs(self) -> bool:
-        """True if the two directions have rules of their own."""
+        """True if the two directions have different rules."""
         return self.users[0] != self.users[1] or self.speeds[0] != self.speeds[1]
 
 
@@ -215,10 +219,9 @@ class RoadReading:
     """Rules that the tags of a road give.
 
     Attributes:
-        rules: of the road.
-        oneway: yes, no or -1, against its line.
-        notes: kinds of rules that are not used.
-    """
+        rules: rules of the road.
+        oneway: yes, no, or -1 for one way against its line.
+        notes: kinds of rules that are not used."""
 
     rules: RoadRules
     oneway: str
@@ -226,7 +229,7 @@ class RoadReading:
 
 
 def usual_users(kind: str) -> Users:
-    """SUMO's classes that may take a class of road whose map says nothing of access."""
+    """SUMO's classes that may take a class of road without tags of access."""
     if kind == "cycleway":
         return frozenset({"bicycle"})
     if kind == "busway":
@@ -235,7 +238,7 @@ def usual_users(kind: str) -> Users:
 
 
 def usual_rules(kind: str) -> RoadRules:
-    """Rules of a class of road whose map says nothing more."""
+    """Rules of a class of road without further tags."""
     users = usual_users(kind)
     speed = ROADS[kind][1]
     return RoadRules(kind, (users, users), (speed, speed))
@@ -262,7 +265,7 @@ def read_rules(tags: Tags) -> RoadReading:
     _close_one_way(tags, oneway, sides, notes)
     against = _list_contraflow(tags)
     if oneway == "yes" and against and number_lanes(tags).get("lanes:backward"):
-        # they have a lane of their own
+        # they have a separate lane
         oneway = "no"
         sides[1] = sides[1] & (against | {_ALWAYS})
     elif oneway != "no" and against:
@@ -270,10 +273,11 @@ def read_rules(tags: Tags) -> RoadReading:
     if oneway != "no" and number_lanes(tags).get(_name_sides(oneway)[1]):
         notes.append(LANES_AGAINST)
     speeds = [_read_speed(tags, side, notes) for side in ("forward", "backward")]
-    driven = sides[1:] if oneway == "-1" else sides[:1] if oneway == "yes" else sides
-    if tags["highway"] not in ("cycleway", "busway") and not any(
-        "passenger" in users for users in driven
-    ):
+    driven = sides
+    if oneway != "no":
+        driven = [sides[1] if oneway == "-1" else sides[0]]
+    has_cars = any("passenger" in users for users in driven)
+    if tags["highway"] not in ("cycleway", "busway") and not has_cars:
         notes.append(CLOSED)
     if oneway == "-1":
         sides = sides[::-1]
@@ -321,8 +325,8 @@ def describe_barrier(tags: Tags) -> list[str]:
     access = {key: value for key, value in tags.items() if key.partition(":")[0] in ACCESS_KEYS}
     if any(key.endswith(":conditional") for key in access):
         notes.append(BARRIER_HOURS)
-    known = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
-    if any(access.get(key, "no") not in known for key in _KEYS["passenger"]):
+    known_values = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
+    if any(access.get(key, "no") not in known_values for key in _KEYS["passenger"]):
         notes.append(BARRIER_UNREAD)
     return notes
 
@@ -330,35 +334,36 @@ def describe_barrier(tags: Tags) -> list[str]:
 def number_lanes(tags: Tags) -> dict[str, str]:
     """Numbers of lanes that are whole, from 1 to 8. If both directions have theirs, all lanes are
     their sum."""
-    found: dict[str, str] = {}
+    numbers: dict[str, str] = {}
     for key in ("lanes", "lanes:forward", "lanes:backward"):
         value = tags.get(key, "").strip()
         if re.fullmatch("[1-8]", value):
-            found[key] = value
-    if "lanes:forward" in found and "lanes:backward" in found:
-        found["lanes"] = str(int(found["lanes:forward"]) + int(found["lanes:backward"]))
-    return found
+            numbers[key] = value
+    if "lanes:forward" in numbers and "lanes:backward" in numbers:
+        numbers["lanes"] = str(int(numbers["lanes:forward"]) + int(numbers["lanes:backward"]))
+    return numbers
 
 
 def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
-    """Numbers of lanes of a one-way street, without lanes against its traffic. oneway: yes or
-    -1."""
-    found = number_lanes(tags)
-    driven, against = (found.get(key) for key in _name_sides(oneway))
-    total = driven or found.get("lanes")
+    """Numbers of lanes of a one-way street, without lanes against its traffic.
+
+    oneway: yes or -1."""
+    numbers = number_lanes(tags)
+    driven_key, against_key = _name_sides(oneway)
+    driven = numbers.get(driven_key)
+    against = numbers.get(against_key)
+    total = driven or numbers.get("lanes")
     if driven is None and against is not None:
-        rest = int(found.get("lanes", against)) - int(against)
-        total = str(rest) if rest > 0 else None
+        remaining = int(numbers.get("lanes", against)) - int(against)
+        total = str(remaining) if remaining > 0 else None
     return {} if total is None else {"lanes": total}
 
 
 def _name_sides(oneway: str) -> tuple[str, str]:
     """Keys of the lanes along and against the traffic of a one-way street."""
-    return (
-        ("lanes:backward", "lanes:forward")
-        if oneway == "-1"
-        else ("lanes:forward", "lanes:backward")
-    )
+    if oneway == "-1":
+        return "lanes:backward", "lanes:forward"
+    return "lanes:forward", "lanes:backward"
 
 
 def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
@@ -366,17 +371,16 @@ def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
     names: dict[RoadRules, str] = {}
     for rule in rules:
         if rule not in names:
-            names[rule] = (
-                rule.kind if rule == usual_rules(rule.kind) else f"{rule.kind}.{len(names)}"
-            )
+            is_usual = rule == usual_rules(rule.kind)
+            names[rule] = rule.kind if is_usual else f"{rule.kind}.{len(names)}"
     return names
 
 
 def format_types(names: Mapping[RoadRules, str]) -> str:
     """SUMO's type file for edge types by their names, and for all classes of road.
 
-    Roads whose directions differ have a speed that no other has, so that netconvert joins them to
-    none; `restrict_edges` gives them theirs."""
+    Roads whose directions differ have a unique speed, so that netconvert does not join them to
+    others; `restrict_edges` gives them their real speed."""
     rows = []
     usual = {usual_rules(kind): kind for kind in ROADS}
     for rule, name in {**usual, **names}.items():
@@ -386,13 +390,12 @@ def format_types(names: Mapping[RoadRules, str]) -> str:
             "id": f"highway.{name}",
             "numLanes": lanes,
             "speed": f"{speed:.3f}".rstrip("0"),
-        }
-        row |= {
             "priority": priority,
             "oneway": "false",
             "width": 1.8 if rule.kind == "cycleway" else 3.25,
+            "allow": _format_users(rule.users[0]),
         }
-        rows.append(nets.format_element("type", {**row, "allow": _format_users(rule.users[0])}))
+        rows.append(nets.format_element("type", row))
     return nets.format_xml("types", rows)
 
 
@@ -401,8 +404,9 @@ def _format_users(users: Users) -> str:
 
 
 def restrict_edges(edges: Iterable[Any], names: Mapping[RoadRules, str]) -> None:
-    """Give plain edges (XML elements) of roads whose directions differ the users and the speed of
-    their direction."""
+    """Give plain edges (XML elements) the users and the speed of their direction.
+
+    Only roads whose directions differ are changed."""
     types = {f"highway.{name}": rule for rule, name in names.items() if rule.number is not None}
     for edge in edges:
         rule = types.get(edge.get("type", ""))
@@ -452,21 +456,20 @@ def _is_open(
         for name in (key, f"{key}:{side}"):
             if name in tags:
                 answer = _read_access(tags[name], user, notes)
-                if key == "access" and tags[name] == "designated":  # it does not tell who
+                if key == "access" and tags[name] == "designated":  # for an unknown user
                     notes.append(UNREAD)
                 # nobody cycles on a motorway because of access=yes
-                is_general = key in _WHEELS.split()
-                opened = (
-                    opened if answer is None or (is_general and answer and not usual) else answer
-                )
+                is_too_general = key in _WHEELS.split() and answer and not usual
+                if answer is not None and not is_too_general:
+                    opened = answer
     return opened
 
 
 def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
     """True if a value of access is open to a user, None if it is not understood."""
-    values = {part.strip() for part in value.split(";")} - {""}
-    known = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
-    if not values or not values <= known or (values & _OPEN and values & _CLOSED):
+    values = {word.strip() for word in value.split(";")} - {""}
+    known_values = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
+    if not values or not values <= known_values or (values & _OPEN and values & _CLOSED):
         notes.append(UNREAD)
         return None
     if values & _OPEN:
@@ -491,7 +494,7 @@ def _is_tight(tags: Tags, key: str, limit: float) -> bool:
 
 
 def _read_oneway(tags: Tags, notes: list[str]) -> str:
-    """yes, no or -1."""
+    """Direction of a road: yes, no or -1."""
     value = tags.get("oneway", "")
     for key in ("oneway:vehicle", "oneway:motor_vehicle", "oneway:motorcar"):
         value = value if value in _FORWARD | _BACKWARD else tags.get(key, value)
@@ -500,15 +503,13 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
     if value in _HALF_THE_TIME:
         notes.append(EITHER)
         return "no"
-    oneway = (
-        "yes"
-        if value in _FORWARD
-        else "-1"
-        if value in _BACKWARD
-        else "no"
-        if value in _BOTH_WAYS
-        else implied
-    )
+    oneway = implied
+    if value in _FORWARD:
+        oneway = "yes"
+    elif value in _BACKWARD:
+        oneway = "-1"
+    elif value in _BOTH_WAYS:
+        oneway = "no"
     if value and value not in _FORWARD | _BACKWARD | _BOTH_WAYS:
         notes.append(DIRECTION)
     is_for_all = tags.get("oneway", "") in _FORWARD | _BACKWARD or "oneway:vehicle" in tags
@@ -520,10 +521,10 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
 def _close_one_way(tags: Tags, oneway: str, sides: list[Users], notes: list[str]) -> None:
     """Close the direction against `oneway:USER` to its users. sides: users along the line of the
     road, and against."""
-    known = _FORWARD | _BACKWARD | _BOTH_WAYS
+    known_values = _FORWARD | _BACKWARD | _BOTH_WAYS
     for user, keys in _KEYS.items():
         values = [tags[f"oneway:{key}"] for key in keys if f"oneway:{key}" in tags]
-        if values and values[-1] not in known:
+        if values and values[-1] not in known_values:
             notes.append(EITHER if values[-1] in _HALF_THE_TIME else DIRECTION)
         if values and values[-1] in _FORWARD | _BACKWARD:
             closed = 1 if values[-1] in _FORWARD else 0
@@ -574,11 +575,15 @@ def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
 
 def parse_speed(value: str) -> float | None:
     """Speed limit (m/s) as mappers write it; the least of several. None if it is not understood."""
-    speeds = [_parse_one_speed(part.strip().lower()) for part in value.split(";") if part.strip()]
-    known = [
+    speeds = [
+        _parse_one_speed(speed_text.strip().lower())
+        for speed_text in value.split(";")
+        if speed_text.strip()
+    ]
+    valid_speeds = [
         speed for speed in speeds if speed is not None and MIN_SPEED_M_S < speed <= MAX_SPEED_M_S
     ]
-    return min(known) if known and len(known) == len(speeds) else None
+    return min(valid_speeds) if valid_speeds and len(valid_speeds) == len(speeds) else None
 
 
 def _parse_one_speed(text: str) -> float | None:
@@ -654,16 +659,16 @@ def _bears_on_traffic(key: str) -> bool:
 
 
 def _is_own_lane(key: str, value: str) -> bool:
-    head, _, rest = key.partition(":")
+    head, _, suffix = key.partition(":")
     if key.endswith(":conditional"):
         return False
-    if "lanes" in rest.split(":") and head in ACCESS_KEYS | {"hov"}:
+    if "lanes" in suffix.split(":") and head in ACCESS_KEYS | {"hov"}:
         return set(value.split("|")) - {"", "yes"} != set()
-    if head == "lanes" and rest.split(":")[0] in ("bus", "psv", "taxi", "hov"):
+    if head == "lanes" and suffix.split(":")[0] in ("bus", "psv", "taxi", "hov"):
         return True
     if head == "busway":
         return value not in _NO_BUS_LANES
-    if head == "cycleway" and rest in ("", "left", "right", "both"):
+    if head == "cycleway" and suffix in ("", "left", "right", "both"):
         return value in ("lane", "opposite_lane", "share_busway", "shared_lane")
     return key == "hov" and value in ("designated", "yes", "lane")
 

@@ -1,11 +1,10 @@
-"""Roads of an OpenDRIVE map as netconvert reads them: plain lanes, links and junctions of OpenDRIVE
-1.4.
+"""Roads of an OpenDRIVE map for netconvert: plain lanes, links and junctions of OpenDRIVE 1.4.
 
-netconvert reads half of the standard and stops at much of the rest. So it is handed what it reads
-right, in the terms it knows: names of roads that SUMO can hold, lanes in order, limits per section,
-users per lane, links that lead somewhere. What cannot be handed on is counted. Without its
-<geoReference>, header offset, objects and signs, the map is in metres and nothing beside the road
-stops it."""
+netconvert reads half of the standard and stops at much of the rest. So it gets only the parts that
+it reads right, in the terms it knows: names of roads that SUMO can hold, lanes in order, limits per
+section, users per lane, links that lead somewhere. All other parts are counted. Without its
+<geoReference>, header offset, objects and signs, the map is in metres, and nothing next to the road
+stops netconvert."""
 
 import re
 from collections import Counter, defaultdict
@@ -27,16 +26,26 @@ _WHOLE = re.compile(r"[-+]?\d{1,9}")
 _NO_LIMIT = (
     f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
 )
-# of a lane, below which it is noted; places along its section
-MIN_WIDTH_M = -0.1
-WIDTH_SAMPLES = 9
+MIN_WIDTH_M = -0.1  # of a lane; a narrower one is noted
+WIDTH_SAMPLES = 9  # of a lane along its section
 MAX_KERB_M = 0.25
 MAX_LENGTH_GAP_M = 1.0
 MAX_LENGTH_GAP_SHARE = 0.02
-_STRAIGHT = 1e-10  # 1/m; less curvature is ignored
-_TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
-    *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
-    *("1000010", "1000011", "1000012", "1000013", "1000020"),
+_MIN_CURVATURE_PER_M = 1e-10  # less curvature is ignored
+_TRAFFIC_LIGHTS = (  # for netconvert
+    "1000001",
+    "1000002",
+    "1000003",
+    "1000004",
+    "1000005",
+    "1000006",
+    "1000007",
+    "1000009",
+    "1000010",
+    "1000011",
+    "1000012",
+    "1000013",
+    "1000020",
 )
 _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
     "line": (),
@@ -50,14 +59,14 @@ _PRIORITY_SIGNS = ("205", "301", "306")  # German signs that netconvert reads
 
 @dataclass(frozen=True, eq=False)
 class PlainMap:
-    """Part of a map that netconvert is handed.
+    """Part of a map for netconvert.
 
     Attributes:
         text: OpenDRIVE 1.4.
         types: rows of SUMO's types, one for every use of a lane.
         lefthand: True if traffic keeps left.
-        problems: what could not be handed on, by id of the road or junction.
-        carriageways: roads that netconvert is handed."""
+        problems: number of parts left out or changed, by id of the road or junction, and kind.
+        carriageways: roads in the text."""
 
     text: str
     types: Sequence[Mapping[str, object]]
@@ -68,16 +77,16 @@ class PlainMap:
 
 @dataclass(frozen=True, eq=False)
 class Carriageway:
-    """Lanes of a road that netconvert is handed as one road.
+    """Lanes of a road that are one road for netconvert.
 
     Attributes:
         element: the <road>.
-        name: of the plain road.
+        name: name of the plain road.
         length: m.
-        sections: with lanes numbered as in the plain road.
-        offset: m, of the middle of these lanes to the left of the reference line.
-        ends: ids in the file and in the plain road, of the lanes at "start" and "end".
-        junction: id of the junction it is part of, or -1.
+        sections: sections with lanes numbered as in the plain road.
+        offset: m from the reference line to the middle of these lanes, positive to the left.
+        ends: ids in the file and in the plain road, for the lanes at "start" and "end".
+        junction: id of the junction that it belongs to, or -1.
         closed: lanes that keep others in their places, but are driven in another carriageway."""
 
     element: ElementTree.Element
@@ -92,11 +101,18 @@ class Carriageway:
 
 @dataclass(eq=False)
 class _Writer:
-    """Roads of a map by id, and what is found while they are written."""
+    """Roads of a map by id, and all that is collected while they are written.
+
+    Attributes:
+        root: the map.
+        roads: carriageways by id of their road.
+        sign: sign of lanes: -1 if traffic keeps left, as netconvert mirrors such a map.
+        uses: names of the uses of lanes.
+        problems: as of `PlainMap`."""
 
     root: ElementTree.Element
     roads: dict[str, list[Carriageway]] = field(default_factory=dict)
-    sign: int = 1  # of lanes: -1 in a map whose traffic keeps left, which netconvert mirrors
+    sign: int = 1
     uses: dict[tuple[str, lane_rules.LaneUse], str] = field(default_factory=dict)
     problems: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
@@ -109,8 +125,9 @@ class _Writer:
 
 
 def write_plain(root: ElementTree.Element) -> PlainMap:
-    """Write the roads of a map for netconvert. Raises ValueError for a damaged road, lane or
-    geometry."""
+    """Write the roads of a map for netconvert.
+
+    Raises ValueError for a damaged road, lane or geometry."""
     writer = _Writer(root)
     _read_roads(writer)
     defaults = lane_rules.read_defaults(root, writer.problems[""])
@@ -126,67 +143,64 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
     for name, junction in junctions.items():
         if name in left_out:
             _note_left_out(writer, name, junction)
-        else:
-            if junction.find("priority") is not None:
-                writer.problems[f"junction {name}"][
-                    "junctions have priorities, which are not read"
-                ] += 1
-            if junction.find("elevationGrid") is not None:
-                writer.problems[f"junction {name}"][
-                    "junctions have a grid of heights, which is not read"
-                ] += 1
-            elements.append(
-                _write_junction(writer, name, junction, is_direct=kinds[name] == "direct")
-            )
-    types = [
-        {
-            "id": kind,
-            "speed": use.limit or _usual_speed(use.users),
-            "priority": 5 if "passenger" in use.users else 0,
-            **({"allow": " ".join(use.users)} if use.users else {"disallow": "all"}),
-        }
-        for (_, use), kind in writer.uses.items()
-    ]
+            continue
+        if junction.find("priority") is not None:
+            problem = "junctions have priorities, which are not read"
+            writer.problems[f"junction {name}"][problem] += 1
+        if junction.find("elevationGrid") is not None:
+            problem = "junctions have a grid of heights, which is not read"
+            writer.problems[f"junction {name}"][problem] += 1
+        is_direct = kinds[name] == "direct"
+        elements.append(_write_junction(writer, name, junction, is_direct=is_direct))
+    types = [_describe_type(name, key[1]) for key, name in writer.uses.items()]
     text = format_xml("OpenDRIVE", ['<header revMajor="1" revMinor="4"/>', *elements])
     return PlainMap(text, types, writer.sign < 0, dict(writer.problems), carriageways)
 
 
-def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
-    """Notes of what of `roads` and their junctions was not handed to netconvert as the map has
-    it."""
-    names = {road.element.get("id", "") for road in roads}
-    junctions = {
-        link.get("elementId", "") for road in roads for link in road.element.findall("link/*")
+def _describe_type(name: str, use: lane_rules.LaneUse) -> dict[str, object]:
+    """Row of SUMO's type for a use of a lane."""
+    row: dict[str, object] = {
+        "id": name,
+        "speed": use.limit or _usual_speed(use.users),
+        "priority": 5 if "passenger" in use.users else 0,
     }
+    if use.users:
+        row["allow"] = " ".join(use.users)
+    else:
+        row["disallow"] = "all"
+    return row
+
+
+def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
+    """Notes of the parts of `roads` and their junctions that netconvert got otherwise, or not."""
+    names = {""}
+    for road in roads:
+        names.add(road.element.get("id", ""))
+        links = road.element.findall("link/*")
+        names.update(f"junction {link.get('elementId', '')}" for link in links)
     counted: Counter[str] = Counter()
-    for name in sorted({"", *names, *(f"junction {junction}" for junction in junctions)}):
+    for name in sorted(names):
         counted.update(plain.problems.get(name, {}))
     for road in roads:
         counted.update(count_unread(road.element))
-        gaps = (
+        gaps = [
             abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M)
             for piece in road.pieces
-        )
-        counted["curves are not as long as their geometry says"] += sum(
-            gap > MAX_LENGTH_GAP_SHARE for gap in gaps
-        )
+        ]
+        wrong_curves = sum(gap > MAX_LENGTH_GAP_SHARE for gap in gaps)
+        counted["curves are not as long as their geometry says"] += wrong_curves
     return [f"{count} {text}" for text, count in counted.items() if count]
 
 
 def count_unread(road: ElementTree.Element) -> dict[str, int]:
-    """Number of things of a road that bear on traffic or the ground and are not read, by the words
-    of a note."""
-    plates = [
-        s
-        for s in road.findall("signals/signal")
-        if s.get("type") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)
-    ]
+    """Number of unread things of a road by the words of a note.
+
+    They bear on traffic or the ground."""
+    read_types = _TRAFFIC_LIGHTS + _PRIORITY_SIGNS
+    signals = road.findall("signals/signal")
+    plates = [signal for signal in signals if signal.get("type") not in read_types]
     heights = road.findall("lanes/laneSection/*/lane/height")
-    high = [
-        h
-        for h in heights
-        if max(abs(number(h, key, 0.0)) for key in ("inner", "outer")) > MAX_KERB_M
-    ]
+    high = [height for height in heights if _measure_height(height) > MAX_KERB_M]
     return {
         "lanes may be left where road marks forbid it": _count_marks(road),
         "signs are plates, which traffic does not obey": len(plates),
@@ -200,6 +214,11 @@ def count_unread(road: ElementTree.Element) -> dict[str, int]:
     }
 
 
+def _measure_height(element: ElementTree.Element) -> float:
+    """Greatest distance (m) of a lane from its road's surface, up or down."""
+    return max(abs(number(element, "inner", 0.0)), abs(number(element, "outer", 0.0)))
+
+
 def _count_marks(road: ElementTree.Element) -> int:
     """Number of lanes from which road marks forbid a change to the driving lane outside them."""
     count = 0
@@ -209,15 +228,11 @@ def _count_marks(road: ElementTree.Element) -> int:
             for lane in side.findall("lane")
             if lane.get("type") == "driving"
         }
+        outwards = 1 if side.tag == "left" else -1
         for name, lane in lanes.items():
-            is_inside = (
-                _WHOLE.fullmatch(name)
-                and str(int(name) + (1 if side.tag == "left" else -1)) in lanes
-            )
-            marks = lane.findall("roadMark")
-            count += bool(is_inside) and any(
-                mark.get("laneChange", "both") != "both" for mark in marks
-            )
+            is_inside = _WHOLE.fullmatch(name) and str(int(name) + outwards) in lanes
+            changes = [mark.get("laneChange", "both") for mark in lane.findall("roadMark")]
+            count += bool(is_inside) and any(change != "both" for change in changes)
     return count
 
 
@@ -226,6 +241,7 @@ def _always(element: ElementTree.Element) -> bool:
 
 
 def _usual_speed(users: Sequence[str]) -> float:
+    """Speed (m/s) of a lane without a limit, by its users."""
     if not users:
         return 1.0
     if set(users) == {FOOT}:
@@ -234,9 +250,11 @@ def _usual_speed(users: Sequence[str]) -> float:
 
 
 def _read_roads(writer: _Writer) -> None:
+    """Add the carriageways of all roads that can be driven to a writer."""
     rules = Counter(road.get("rule", "RHT") for road in writer.root.findall("road"))
     writer.sign = -1 if rules["LHT"] > rules["RHT"] else 1
-    known = {"-1", *(junction.get("id", "") for junction in writer.root.findall("junction"))}
+    junction_ids = {junction.get("id", "") for junction in writer.root.findall("junction")}
+    junction_ids.add("-1")
     for i, road in enumerate(writer.root.findall("road")):
         name = road.get("id", "")
         if name in writer.roads:
@@ -244,18 +262,16 @@ def _read_roads(writer: _Writer) -> None:
             continue
         length = max(_road_length(road), 2e-3)
         junction = road.get("junction") or "-1"
-        if junction not in known:
+        if junction not in junction_ids:
             writer.problems[name]["roads are part of a junction that is not in the file"] += 1
             junction = "-1"
         is_inner = junction != "-1"
         sections = read_sections(road, length, keep_empty=is_inner)
-        cuts = (
-            set()
-            if is_inner
-            else lane_rules.find_cuts(road, sections) - {section.start for section in sections}
-        )
-        if cuts:
-            sections = read_sections(road, length, cuts)
+        if not is_inner:
+            cuts = lane_rules.find_cuts(road, sections)
+            cuts -= {section.start for section in sections}
+            if cuts:
+                sections = read_sections(road, length, cuts)
         if not any(section.lanes for section in sections):
             writer.problems[name]["roads have no lanes"] += 1
             continue
@@ -263,44 +279,53 @@ def _read_roads(writer: _Writer) -> None:
         rule = road.get("rule", "RHT")
         if rule not in ("RHT", "LHT"):
             writer.problems[name][f"roads with rule {rule[:20]!r} count as RHT"] += 1
-        safe = name if _SAFE_NAME.fullmatch(name) else f"coview{i}"
+        safe_name = name if _SAFE_NAME.fullmatch(name) else f"coview{i}"
         keeps_other_side = (rule == "LHT") != (writer.sign < 0)
         offset = cubics(road.findall("lanes/laneOffset"))
-        whole = Carriageway(road, safe, length, sections, offset, _number_ends(sections), junction)
-        writer.roads[name] = _part_directions(whole, keeps_other_side=keeps_other_side)
+        carriageway = Carriageway(
+            road, safe_name, length, sections, offset, _number_ends(sections), junction
+        )
+        writer.roads[name] = _part_directions(carriageway, keeps_other_side=keeps_other_side)
 
 
 def _number_ends(sections: Sequence[LaneSection]) -> dict[str, dict[int, int]]:
+    """Ids of the lanes at "start" and "end" of a road, each mapped to itself."""
     return {"start": _number_lanes(sections[0]), "end": _number_lanes(sections[-1])}
 
 
 def _number_lanes(section: LaneSection) -> dict[int, int]:
-    """Ids of a section's lanes, each by itself."""
+    """Ids of a section's lanes, each mapped to itself."""
     return {lane.number: lane.number for lane in section.lanes}
 
 
 def _part_directions(road: Carriageway, *, keeps_other_side: bool) -> list[Carriageway]:
-    """Carriageways of a road, first of the lanes that run against the usual direction of their
-    side."""
+    """Carriageways of a road.
+
+    First come those with lanes against the usual direction of their side."""
     lanes = [lane for section in road.sections for lane in section.lanes]
     against = {
         lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)
     }
     if not against:
         return [road]
-    kept: list[LaneSection] = []
+    inner_sections: list[LaneSection] = []
     for section in road.sections:
-        inside = [*_strip_outer(section.side(1), against), *_strip_outer(section.side(-1), against)]
-        kept.append(replace(section, lanes=tuple(sorted(inside, key=lambda lane: -lane.number))))
+        inner_lanes = _strip_outer(section.side(1), against)
+        inner_lanes += _strip_outer(section.side(-1), against)
+        inner_lanes.sort(key=lambda lane: -lane.number)
+        inner_sections.append(replace(section, lanes=tuple(inner_lanes)))
     signs = {1 if lane.number > 0 else -1 for lane in against}
-    parts = [_contraflow(road, against, sign) for sign in sorted(signs, reverse=True)]
-    if any(section.lanes for section in kept):
-        ends = _number_ends(kept)
+    carriageways = [_contraflow(road, against, sign) for sign in sorted(signs, reverse=True)]
+    if any(section.lanes for section in inner_sections):
+        ends = _number_ends(inner_sections)
         for contact, numbers in ends.items():
-            for lane_number in (n for part in parts for n in part.ends[contact]):
-                numbers.pop(lane_number, None)
-        parts.append(replace(road, sections=kept, ends=ends, closed=frozenset(against)))
-    return parts
+            for carriageway in carriageways:
+                for lane_number in carriageway.ends[contact]:
+                    numbers.pop(lane_number, None)
+        carriageways.append(
+            replace(road, sections=inner_sections, ends=ends, closed=frozenset(against))
+        )
+    return carriageways
 
 
 def _runs_against(lane: SectionLane) -> bool:
@@ -313,8 +338,7 @@ def _has_direction(lane: SectionLane) -> bool:
 
 
 def _strip_outer(lanes: Sequence[SectionLane], against: set[SectionLane]) -> list[SectionLane]:
-    """Lanes of one side from the middle outwards, without the outermost ones that run against
-    it."""
+    """Lanes of one side from the middle outwards, without outer ones that run against it."""
     inside = list(lanes)
     while inside and inside[-1] in against:
         inside.pop()
@@ -322,8 +346,9 @@ def _strip_outer(lanes: Sequence[SectionLane], against: set[SectionLane]) -> lis
 
 
 def _contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carriageway:
-    """Lanes of one side that run against it, as lanes of the other side of a line along their outer
-    border."""
+    """Lanes of one side that run against it, as a carriageway.
+
+    They become lanes of the other side of a line along their outer border."""
     starts: list[float] = []
     rows: list[list[float]] = []
     sections: list[LaneSection] = []
@@ -340,7 +365,7 @@ def _contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carr
         rows += within.rows.tolist()
         group = lanes[places[0] : places[-1] + 1] if places else []
         numbers = {lane.number: -sign * (len(group) - i) for i, lane in enumerate(group)}
-        turned = [
+        turned_lanes = [
             replace(
                 lane,
                 number=numbers[lane.number],
@@ -348,25 +373,24 @@ def _contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carr
             )
             for lane in group
         ]
-        closed |= {new for new, lane in zip(turned, group, strict=True) if lane not in against}
-        sections.append(
-            LaneSection(
-                section.start, section.end, tuple(sorted(turned, key=lambda lane: -lane.number))
-            )
-        )
+        closed |= {
+            new for new, lane in zip(turned_lanes, group, strict=True) if lane not in against
+        }
+        turned_lanes.sort(key=lambda lane: -lane.number)
+        sections.append(LaneSection(section.start, section.end, tuple(turned_lanes)))
         maps.append(numbers)
     for i, numbers in enumerate(maps[1:]):
-        ahead = tuple(
-            replace(lane, after=_renumber(lane.after, numbers)) for lane in sections[i].lanes
-        )
-        closed |= {
-            new for new, lane in zip(ahead, sections[i].lanes, strict=True) if lane in closed
-        }
-        sections[i] = replace(sections[i], lanes=ahead)
+        linked_lanes = []
+        for lane in sections[i].lanes:
+            linked_lane = replace(lane, after=_renumber(lane.after, numbers))
+            linked_lanes.append(linked_lane)
+            if lane in closed:
+                closed.add(linked_lane)
+        sections[i] = replace(sections[i], lanes=tuple(linked_lanes))
     ends: dict[str, dict[int, int]] = {}
-    for contact, place in (("start", 0), ("end", -1)):
-        driven = {lane.number for lane in road.sections[place].side(sign) if lane in against}
-        ends[contact] = {old: new for old, new in maps[place].items() if old in driven}
+    for contact, index in (("start", 0), ("end", -1)):
+        driven = {lane.number for lane in road.sections[index].side(sign) if lane in against}
+        ends[contact] = {old: new for old, new in maps[index].items() if old in driven}
     name = f"{road.name}.{'left' if sign > 0 else 'right'}"
     offset = Cubics(np.array(starts), np.array(rows).reshape(-1, 4))
     return Carriageway(
@@ -374,10 +398,13 @@ def _contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carr
     )
 
 
-def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[int, ...]:
-    """Ids of lanes as they are in a carriageway. known: None at the end of a road, whose links are
-    found later."""
-    return tuple(numbers) if known is None else tuple(known[n] for n in numbers if n in known)
+def _renumber(numbers: Sequence[int], new_numbers: Mapping[int, int] | None) -> tuple[int, ...]:
+    """Ids of lanes as they are in a carriageway.
+
+    new_numbers: None at the end of a road, whose links are found later."""
+    if new_numbers is None:
+        return tuple(numbers)
+    return tuple(new_numbers[n] for n in numbers if n in new_numbers)
 
 
 def _check_road(
@@ -386,30 +413,25 @@ def _check_road(
     sections: Sequence[LaneSection],
     problems: Counter[str],
 ) -> None:
-    """Count what contradicts itself in a road."""
+    """Count contradictions within a road."""
+    gap = max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length)
     attribute = road.get("length", "")
-    if _is_number(attribute) and abs(float(attribute) - length) > max(
-        MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length
-    ):
+    if _is_number(attribute) and abs(float(attribute) - length) > gap:
         problems["roads are not as long as their geometry, which counts"] += 1
     for section in sections:
-        numbers = Counter(lane.number for lane in section.lanes)
-        problems["lanes have the id of another lane beside them"] += sum(
-            n - 1 for n in numbers.values()
-        )
+        numbers = {lane.number for lane in section.lanes}
+        doubled = len(section.lanes) - len(numbers)
+        problems["lanes have the id of another lane beside them"] += doubled
         lowest = [_sample_width(section, lane).min() for lane in section.lanes]
-        problems["lanes have a width below zero, which counts as zero"] += sum(
-            w < MIN_WIDTH_M for w in lowest
-        )
-    gap = max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length)
+        negative = sum(width < MIN_WIDTH_M for width in lowest)
+        problems["lanes have a width below zero, which counts as zero"] += negative
     starts = [number(section, "s") for section in road.findall("lanes/laneSection")]
     outside = sum(not -gap <= start <= length + gap for start in starts)
     problems["lane sections begin beyond the ends of their road and are left out"] += outside
     for side, sign in (("left", 1), ("right", -1)):
         ids = [number(lane, "id") for lane in road.findall(f"lanes/laneSection/{side}/lane")]
-        problems["lanes have an id of the other side, where they are drawn"] += sum(
-            sign * i <= 0 for i in ids
-        )
+        misplaced = sum(sign * i <= 0 for i in ids)
+        problems["lanes have an id of the other side, where they are drawn"] += misplaced
 
 
 def _sample_width(section: LaneSection, lane: SectionLane) -> Float64[np.ndarray, " k"]:
@@ -418,15 +440,15 @@ def _sample_width(section: LaneSection, lane: SectionLane) -> Float64[np.ndarray
 
 
 def _road_length(road: ElementTree.Element) -> float:
-    ends = [
-        number(piece, "s") + number(piece, "length") for piece in road.findall("planView/geometry")
-    ]
-    return max(ends, default=0.0)
+    """Length of a road by its geometry (m)."""
+    pieces = road.findall("planView/geometry")
+    return max((number(piece, "s") + number(piece, "length") for piece in pieces), default=0.0)
 
 
 def _write_road(
     writer: _Writer, road: Carriageway, left_out: set[str], defaults: Mapping[str, float]
 ) -> str:
+    """<road> of OpenDRIVE 1.4 for a carriageway."""
     problems = writer.problems[road.element.get("id", "")]
     is_first = writer.roads[road.element.get("id", "")][0] is road
     links = dict(_find_links(writer, road, left_out, problems if is_first else Counter()))
@@ -448,8 +470,10 @@ def _write_road(
 
 @dataclass(frozen=True)
 class _Link:
-    """Road or junction that a road leads to, and of a road the end and the ids of lanes there, in
-    the file and here."""
+    """Road or junction that a road leads to.
+
+    For a road, `contact` is the end, and `numbers` are the ids of lanes there, in the file and
+    here."""
 
     kind: str
     name: str
@@ -460,7 +484,8 @@ class _Link:
 def _find_links(
     writer: _Writer, road: Carriageway, left_out: set[str], problems: Counter[str]
 ) -> Iterator[tuple[str, _Link]]:
-    for where, usual in (("predecessor", "end"), ("successor", "start")):
+    """Links of a carriageway that lead somewhere, with "predecessor" or "successor"."""
+    for where, default_contact in (("predecessor", "end"), ("successor", "start")):
         for link in road.element.findall(f"link/{where}"):
             name = link.get("elementId", "")
             kind = link.get("elementType", "")
@@ -469,11 +494,11 @@ def _find_links(
             elif kind == "junction":
                 yield where, _Link(kind, _junction_name(name))
             elif kind == "road" and name in writer.roads:
-                contact = link.get("contactPoint", usual)
-                contact = contact if contact in ("start", "end") else usual
-                other = _find_partner(writer, road, where, name, contact)
-                if other.junction not in left_out:
-                    yield where, _Link(kind, other.name, contact, other.ends[contact])
+                contact = link.get("contactPoint", default_contact)
+                contact = contact if contact in ("start", "end") else default_contact
+                partner = _find_partner(writer, road, where, name, contact)
+                if partner.junction not in left_out:
+                    yield where, _Link(kind, partner.name, contact, partner.ends[contact])
             else:
                 problems["roads are linked to what is not in the file"] += 1
 
@@ -486,18 +511,17 @@ def _find_partner(
     partners: Counter[Carriageway] = Counter()
     for lane in section.lanes:
         for number_ in lane.before if where == "predecessor" else lane.after:
-            place = writer.find_lane(name, contact, number_)
-            if place is not None and lane not in road.closed:
-                partners[place[0]] += 1
+            lane_position = writer.find_lane(name, contact, number_)
+            if lane_position is not None and lane not in road.closed:
+                partners[lane_position[0]] += 1
     return partners.most_common(1)[0][0] if partners else writer.roads[name][-1]
 
 
 def _junction_name(name: str) -> str:
-    return (
-        name
-        if _SAFE_NAME.fullmatch(name)
-        else "junction" + "".join(f"_{ord(letter)}" for letter in name)
-    )
+    """Name of a junction that SUMO can hold."""
+    if _SAFE_NAME.fullmatch(name):
+        return name
+    return "junction" + "".join(f"_{ord(letter)}" for letter in name)
 
 
 def _write_link(link: tuple[str, _Link]) -> str:
@@ -513,23 +537,23 @@ def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
         row: dict[str, object] = {
             key: number(piece, key) for key in ("s", "x", "y", "hdg", "length")
         }
-        shape = next(
-            (child for child in piece if child.tag in _SHAPE_KEYS), ElementTree.Element("line")
-        )
+        line = ElementTree.Element("line")
+        shape = next((child for child in piece if child.tag in _SHAPE_KEYS), line)
         kind = shape.tag
         numbers = {key: number(shape, key, 0.0) for key in _SHAPE_KEYS[kind]}
-        if kind == "spiral" and abs(numbers["curvEnd"] - numbers["curvStart"]) < _STRAIGHT:
-            # netconvert makes no spiral of it
-            kind = "arc"
-            numbers = {"curvature": numbers["curvStart"]}
-        if kind == "arc" and abs(numbers["curvature"]) < _STRAIGHT:
+        if kind == "spiral":
+            bend = abs(numbers["curvEnd"] - numbers["curvStart"])
+            if bend < _MIN_CURVATURE_PER_M:  # netconvert makes no spiral of it
+                kind = "arc"
+                numbers = {"curvature": numbers["curvStart"]}
+        if kind == "arc" and abs(numbers["curvature"]) < _MIN_CURVATURE_PER_M:
             kind = "line"
             numbers = {}
-        is_length = shape.get("pRange") == "arcLength"
-        parameter = (
-            {"pRange": "arcLength" if is_length else "normalized"} if kind == "paramPoly3" else {}
-        )
-        yield format_element("geometry", row, format_element(kind, {**numbers, **parameter}))
+        attributes: dict[str, object] = {**numbers}
+        if kind == "paramPoly3":
+            is_length = shape.get("pRange") == "arcLength"
+            attributes["pRange"] = "arcLength" if is_length else "normalized"
+        yield format_element("geometry", row, format_element(kind, attributes))
 
 
 def _write_cubics(tag: str, key: str, function: Cubics) -> str:
@@ -587,11 +611,11 @@ def _write_lane(
     lane: SectionLane, kind: str, sign: int, neighbours: tuple[Mapping[int, int], Mapping[int, int]]
 ) -> str:
     joined = ""
-    for where, ids, known in zip(
+    for where, ids, numbers in zip(
         ("predecessor", "successor"), (lane.before, lane.after), neighbours, strict=True
     ):
         joined += "".join(
-            format_element(where, {"id": sign * known[i]}) for i in ids[:1] if i in known
+            format_element(where, {"id": sign * numbers[i]}) for i in ids[:1] if i in numbers
         )
     inside = format_element("link", {}, joined) if joined else ""
     inside += _write_cubics("width", "sOffset", lane.width)
@@ -628,8 +652,12 @@ def _close_both(
         return use
     if direction != "both" and lane.kind != "bidirectional":
         return use
-    driven = [other for other in section.lanes if other is not lane and _is_driven(other)]
-    if driven:
+    driven_lanes = [
+        other_lane
+        for other_lane in section.lanes
+        if other_lane is not lane and _is_driven(other_lane)
+    ]
+    if driven_lanes:
         problems["lanes for both directions (turning lanes) are closed to through traffic"] += 1
         return lane_rules.LaneUse((), None)
     problems["lanes for both directions are driven in the direction of their side only"] += 1
@@ -649,11 +677,8 @@ def _write_signals(road: ElementTree.Element, sign: int) -> Iterator[str]:
         kind = signal.get("type", "")
         name = signal.get("id", "")
         s = signal.get("s", "")
-        if (
-            kind not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)
-            or not _SAFE_NAME.fullmatch(name)
-            or not _is_number(s)
-        ):
+        is_read = kind in _TRAFFIC_LIGHTS or kind in _PRIORITY_SIGNS
+        if not is_read or not _SAFE_NAME.fullmatch(name) or not _is_number(s):
             continue
         facing = signal.get("orientation", "none")
         dynamic = "no" if signal.get("dynamic") == "no" else "yes"
@@ -689,25 +714,25 @@ def _write_junction(
     for connection in junction.findall("connection"):
         incoming = connection.get("incomingRoad", "")
         contact = connection.get("contactPoint", "start")
-        other = connection.get("linkedRoad" if is_direct else "connectingRoad", "")
+        connecting = connection.get("linkedRoad" if is_direct else "connectingRoad", "")
         contact = contact if contact in ("start", "end") else "start"
-        if incoming not in writer.roads or other not in writer.roads:
+        if incoming not in writer.roads or connecting not in writer.roads:
             writer.problems[f"junction {name}"][
                 "connections of junctions lead to roads that are not in the file"
             ] += 1
             continue
-        meets = _find_contact(writer.roads[incoming][0], name)
-        pairs = _read_pairs(connection, writer, (incoming, meets), (other, contact))
+        incoming_end = _find_contact(writer.roads[incoming][0], name)
+        pairs = _read_pairs(connection, writer, (incoming, incoming_end), (connecting, contact))
         if len(pairs) < len(connection.findall("laneLink")):
             writer.problems[f"junction {name}"][
                 "connections of junctions lead to lanes that are not in the file"
             ] += 1
         ways: dict[tuple[Carriageway, Carriageway, str], list[tuple[int, int]]] = defaultdict(list)
-        for (road, a), (to, b) in pairs:
-            if is_direct and (a * writer.sign < 0) != (meets == "end"):
-                ways[to, road, meets].append((b, a))
+        for (road, from_lane), (to, to_lane) in pairs:
+            if is_direct and (from_lane * writer.sign < 0) != (incoming_end == "end"):
+                ways[to, road, incoming_end].append((to_lane, from_lane))
             else:
-                ways[road, to, contact].append((a, b))
+                ways[road, to, contact].append((from_lane, to_lane))
         connections += [
             _write_connection(len(connections), way, lanes, writer.sign)
             for way, lanes in ways.items()
@@ -734,24 +759,25 @@ def _read_pairs(
     connection: ElementTree.Element,
     writer: _Writer,
     incoming: tuple[str, str],
-    other: tuple[str, str],
+    connecting: tuple[str, str],
 ) -> list[tuple[_Place, _Place]]:
     """Lanes that a connection joins. Without links, lanes of the same id (1.4, 5.4.2).
 
-    incoming, other: id of a road, and the end at which it meets the junction or the connection."""
+    incoming, connecting: id of a road, and the end at which it meets the junction or the
+    connection."""
     texts = [(link.get("from", ""), link.get("to", "")) for link in connection.findall("laneLink")]
-    whole = [(int(a), int(b)) for a, b in texts if _WHOLE.fullmatch(a) and _WHOLE.fullmatch(b)]
+    lane_ids = [(int(a), int(b)) for a, b in texts if _WHOLE.fullmatch(a) and _WHOLE.fullmatch(b)]
     if not texts:
-        known = {
+        incoming_lanes = {
             n for carriageway in writer.roads[incoming[0]] for n in carriageway.ends[incoming[1]]
         }
-        whole = [(n, n) for n in sorted(known)]
+        lane_ids = [(n, n) for n in sorted(incoming_lanes)]
     pairs = []
-    for a, b in whole:
+    for a, b in lane_ids:
         # a road may meet it at both
         ends = (incoming[1], "end" if incoming[1] == "start" else "start")
         first = next(filter(None, (writer.find_lane(incoming[0], end, a) for end in ends)), None)
-        last = writer.find_lane(*other, b)
+        last = writer.find_lane(*connecting, b)
         if first is not None and last is not None:
             pairs.append((first, last))
     return pairs
@@ -763,11 +789,11 @@ def _write_connection(
     lanes: Sequence[tuple[int, int]],
     sign: int,
 ) -> str:
-    incoming, other, contact = way
+    incoming, connecting, contact = way
     row = {
         "id": number_,
         "incomingRoad": incoming.name,
-        "connectingRoad": other.name,
+        "connectingRoad": connecting.name,
         "contactPoint": contact,
     }
     links = [format_element("laneLink", {"from": sign * a, "to": sign * b}) for a, b in lanes]

@@ -1,5 +1,6 @@
-"""Random junctions, 3 to 5 legs or a roundabout, with surroundings, mounts and sensors; each has a
-seed."""
+"""Random junctions: 3 to 5 legs or a roundabout, with surroundings, mounts and sensors.
+
+Each has a seed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,23 +22,21 @@ from toolkit.sites.network import (
 )
 from toolkit.sites.site import Mount, Relief, Site
 from toolkit.sites.surroundings import (
-    ANGLES,
-    CLOSED_LANE,
+    BAY_DEPTHS_M,
+    CLOSED_LANE_M,
     Road,
     draw_everything,
     furnish,
     place_mounts,
 )
 
-LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
-# m above the foot of a mount, where sensors hang
-LOWEST = 1.6
-HIGHEST = 9.0
-_LOW_MOUNTS = 0.35  # share of mounts that allow a sensor at eye level
-# share of sites on a slope; m per m
-SLOPING = 0.4
-STEEPEST_STREET = 0.06
-_STEEPEST = np.deg2rad(35.0)
+LEG_LENGTH_M = 140.0  # from the middle of the junction
+MIN_MOUNT_HEIGHT_M = 1.6  # of sensors above the foot of their mount
+MAX_MOUNT_HEIGHT_M = 9.0  # of sensors above the foot of their mount
+_LOW_MOUNT_SHARE = 0.35  # of mounts that allow a sensor at eye level
+SLOPING_SHARE = 0.4  # of sites on a slope
+MAX_STREET_SLOPE = 0.06  # m per m
+_MAX_TILT_RAD = np.deg2rad(35.0)
 
 
 @dataclass(frozen=True)
@@ -45,33 +44,43 @@ class Shoulder:
     """Strip without traffic between lanes and footway."""
 
     width: float = 0.0  # m, 0 for none
-    angle: int | None = (
-        None  # of the bays on it (degrees, 0: along the kerb; None: road works instead of bays)
-    )
+    # of the bays on it (degrees, 0: along the kerb; None: road works instead of bays)
+    angle: int | None = None
 
 
 @dataclass(frozen=True)
 class Leg:
-    """Road that meets the junction."""
+    """Road that meets the junction.
 
-    path: Float64[np.ndarray, "k 2"]  # from the junction outwards
-    inbound: int  # lanes, 0 if one-way
+    Attributes:
+        path: middle line from the junction outwards.
+        inbound: number of lanes, 0 if one-way.
+        outbound: number of lanes, 0 if one-way.
+        lane: width of a lane (m).
+        footway: width of the footways (m).
+        shoulders: shoulders of the inbound and outbound side.
+        speed: limit (m/s)."""
+
+    path: Float64[np.ndarray, "k 2"]
+    inbound: int
     outbound: int
-    lane: float  # width (m)
-    footway: float  # width (m)
-    shoulders: tuple[Shoulder, Shoulder]  # of both directions
+    lane: float
+    footway: float
+    shoulders: tuple[Shoulder, Shoulder]
     speed: float
 
     @property
     def half_widths(self) -> tuple[float, float]:
-        """Distance (m) from the path to the footway's outer edge, left (inbound side) and right
-        (outbound side)."""
-        directions = zip((self.inbound, self.outbound), self.shoulders, strict=True)
-        left, right = (
-            n * self.lane + self.footway + shoulder.width if n else 0.0
-            for n, shoulder in directions
-        )
+        """Distances (m) from the path to the outer edges of the footways.
+
+        Left is the inbound side, right the outbound side."""
+        left = self._measure_side(self.inbound, self.shoulders[0])
+        right = self._measure_side(self.outbound, self.shoulders[1])
         return left, right
+
+    def _measure_side(self, lanes: int, shoulder: Shoulder) -> float:
+        """Width (m) of one direction with its footway, 0 without lanes."""
+        return lanes * self.lane + self.footway + shoulder.width if lanes else 0.0
 
 
 def random_site(rng: Rng | int) -> Site:
@@ -79,8 +88,8 @@ def random_site(rng: Rng | int) -> Site:
 
     The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be
     centred on it. There are at least 12 mounts with 1 to 10 default sensors. By chance there are
-    avenues whose crowns hang over the road, vehicles parked along kerbs, road works, and hedges,
-    containers and the like beside the lanes and on islands.
+    avenues with crowns over the road, vehicles parked along kerbs, road works, and hedges,
+    containers and the like next to the lanes and on islands.
 
     Raises ValueError for a negative seed."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
@@ -92,20 +101,19 @@ def random_site(rng: Rng | int) -> Site:
     area = np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
     legs, network = (_roundabout if rng.random() < 0.25 else _crossroads)(rng)
     lanes, footways = road_polygons(network, area)
-    ways = [
-        (f"{way}{i}", leg.shoulders[k])
-        for i, leg in enumerate(legs)
-        for k, way in enumerate(("in", "out"))
-    ]
-    angles = {edge: shoulder.angle for edge, shoulder in ways if shoulder.angle is not None}
+    angles = {}
+    for i, leg in enumerate(legs):
+        for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):
+            if shoulder.angle is not None:
+                angles[f"{way}{i}"] = shoulder.angle
     paths = [leg.path for leg in legs]
     widths = [leg.half_widths for leg in legs]
     road = Road(paths, widths, lanes, footways, shoulders(network), angles)
     relief = sloping(Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31))))
     mounts = place_mounts(road, area, rng)
-    low = rng.random(len(mounts)) < _LOW_MOUNTS
+    low = rng.random(len(mounts)) < _LOW_MOUNT_SHARE
     mounts = tuple(
-        replace(m, min_height=LOWEST) if is_low else m
+        replace(m, min_height=MIN_MOUNT_HEIGHT_M) if is_low else m
         for m, is_low in zip(mounts, low, strict=True)
     )
     solids, bays = furnish(road, area, mounts, rng)
@@ -119,12 +127,13 @@ def random_site(rng: Rng | int) -> Site:
 
 
 def sloping(relief: Relief) -> Relief:
-    """Give a relief a slope drawn from its seed, up to `STEEPEST_STREET`; two of five are steeper
-    than 1 %."""
+    """Give a relief a slope drawn from its seed, up to `MAX_STREET_SLOPE`.
+
+    Two of five are steeper than 1 %."""
     rng = np.random.default_rng([relief.seed, 6])
-    if rng.random() > SLOPING:
+    if rng.random() > SLOPING_SHARE:
         return relief
-    rise = rng.uniform(0.01, STEEPEST_STREET)
+    rise = rng.uniform(0.01, MAX_STREET_SLOPE)
     towards = rng.uniform(0, 2 * np.pi)
     return replace(
         relief,
@@ -135,9 +144,9 @@ def sloping(relief: Relief) -> Relief:
 def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tuple[Sensor, ...]:
     """Hang random depth cameras and lidars on mounts. count: 1 to 10 if None.
 
-    They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher
-    they hang, most of them headed for the middle of the area. Cameras come first in order of name:
-    d0, d1, ... then lidars l2, l3, ...
+    They are `MIN_MOUNT_HEIGHT_M` to `MAX_MOUNT_HEIGHT_M` up as far as their mounts allow, with more
+    tilt if they are higher, most of them headed for the middle of the area. Cameras come
+    first in order of name: d0, d1, ... then lidars l2, l3, ...
 
     Raises ValueError for a site without mounts and for a count below 1."""
     rng = np.random.default_rng(rng)
@@ -163,9 +172,9 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
 
 
 def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sensor:
-    x, y, z = (float(c) for c in mount.position)
-    low = min(max(LOWEST, mount.min_height), mount.max_height)
-    top = max(low, min(HIGHEST, mount.max_height))
+    x, y, z = mount.position.tolist()
+    low = min(max(MIN_MOUNT_HEIGHT_M, mount.min_height), mount.max_height)
+    top = max(low, min(MAX_MOUNT_HEIGHT_M, mount.max_height))
     height = rng.uniform(low, low + 1.5 if low < 2.0 and rng.random() < 0.6 else top)
     z += min(height, top)
     size = site.area[2:] - site.area[:2]
@@ -173,7 +182,7 @@ def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sens
     towards = np.arctan2(aim[1] - y, aim[0] - x) + rng.normal(0.0, np.deg2rad(15.0))
     heading = towards if rng.random() < 0.8 else rng.uniform(-np.pi, np.pi)
     tilt = np.arctan2(height, rng.uniform(10.0, 45.0)) + rng.normal(0.0, np.deg2rad(2.0))
-    tilt = float(np.clip(tilt, 0.0, _STEEPEST))
+    tilt = float(np.clip(tilt, 0.0, _MAX_TILT_RAD))
     if not is_lidar:
         width = int(rng.choice([320, 360, 400, 440, 480]))
         camera = DepthCamera(
@@ -204,9 +213,9 @@ def _crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
         "radius": round(float(rng.uniform(3.0, 8.0)), 1),
     }
     major = rng.permutation(count)[:2]
-    edges = [
-        row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, "c", 3 if i in major else 1)
-    ]
+    edges: list[XmlAttributes] = []
+    for i, leg in enumerate(legs):
+        edges += _leg_edges(leg, i, "c", 3 if i in major else 1)
     return legs, build_network([middle, *_ends(legs)], edges)
 
 
@@ -222,7 +231,9 @@ def _roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
         {"id": f"r{i}", "x": leg.path[0, 0], "y": leg.path[0, 1], "type": "priority"}
         for i, leg in enumerate(legs)
     ]
-    edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, f"r{i}", 1)]
+    edges: list[XmlAttributes] = []
+    for i, leg in enumerate(legs):
+        edges += _leg_edges(leg, i, f"r{i}", 1)
     for i in range(count):
         start = directions[i]
         end = directions[(i + 1) % count]
@@ -259,16 +270,17 @@ def _legs(rng: Rng, directions: np.ndarray, *, start: float, most_lanes: int) ->
         lanes = np.clip(usual + rng.integers(-1, 2, 2) * (rng.random(2) < 0.3), 1, most_lanes)
         if i == one_way:
             lanes[rng.integers(2)] = 0
-        along = np.linspace(start, LEG_LENGTH, 15)
-        bend = rng.uniform(-14.0, 14.0) * ((along - start) / LEG_LENGTH) ** 2
+        along = np.linspace(start, LEG_LENGTH_M, 15)
+        bend = rng.uniform(-14.0, 14.0) * ((along - start) / LEG_LENGTH_M) ** 2
         ahead = np.array([np.cos(direction), np.sin(direction)])
         path = along[:, None] * ahead + bend[:, None] * np.array([-ahead[1], ahead[0]])
-        beside = _shoulder(rng), _shoulder(rng)
-        inbound, outbound = (int(n) for n in lanes)
+        shoulders = _shoulder(rng), _shoulder(rng)
         walk = round(float(np.clip(footway + rng.uniform(-0.5, 0.5), 1.5, 4.0)), 2)
         speed = round(float(rng.choice([8.3, 11.1, 13.9])), 1)
+        inbound = int(lanes[0])
+        outbound = int(lanes[1])
         legs.append(
-            Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, beside, speed)
+            Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, shoulders, speed)
         )
     return tuple(legs)
 
@@ -296,10 +308,11 @@ def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlA
 
 
 def _shoulder(rng: Rng) -> Shoulder:
+    """Draw a shoulder: none, a closed lane, or parking bays."""
     use = rng.random()
     if use < 0.5:
         return Shoulder()
     if use > 0.9:
-        return Shoulder(round(float(rng.uniform(*CLOSED_LANE)), 2))
-    angle = int(rng.choice(list(ANGLES), p=[0.55, 0.15, 0.15, 0.15]))
-    return Shoulder(ANGLES[angle], angle)
+        return Shoulder(round(float(rng.uniform(*CLOSED_LANE_M)), 2))
+    angle = int(rng.choice(list(BAY_DEPTHS_M), p=[0.55, 0.15, 0.15, 0.15]))
+    return Shoulder(BAY_DEPTHS_M[angle], angle)

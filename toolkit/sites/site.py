@@ -1,10 +1,8 @@
-"""A junction: detection area, road, solids beside it, sensors, and the network that traffic uses.
+"""A junction: detection area, road, solids next to it, sensors, and the network of its traffic.
 
-Site frame: right-handed, metres, z up, zero at the mean height of the street; where that slopes, z
-    is 0 at the origin.
-`map_SE3_site` turns it into the frame of the map the site was taken from, which is right-handed too
-    (a CARLA map: x,
--y_carla, z)."""
+Site frame: right-handed, metres, z up, zero at the mean height of the street; on a sloping street,
+z is 0 at the origin. `map_SE3_site` turns it into the frame of the map from which the site was
+taken, which is right-handed too (a CARLA map: x, -y_carla, z)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -19,30 +17,17 @@ from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import LEVEL, MAX_COORDINATE_M, Slope, check_pose, check_slope
 from toolkit.sensors.sensor import Sensor, tabulate_sensors
 
-KINDS = (
-    *(
-        "building",
-        "wall",
-        "fence",
-        "hedge",
-        "bush",
-        "tree",
-        "trunk",
-        "post",
-        "sign",
-        "bin",
-        "bench",
-        "shelter",
-    ),
-    *("container", "cabinet", "planter", "barrier", "cone", "heap", "machine", "bicycle"),
-    *("kerb", "island", "pond"),
-)
+_STREET_KINDS = ("building", "wall", "fence", "hedge", "bush", "tree", "trunk", "post", "sign")
+_FURNITURE_KINDS = ("bin", "bench", "shelter", "container", "cabinet", "planter")
+_WORKS_KINDS = ("barrier", "cone", "heap", "machine", "bicycle")
+_GROUND_KINDS = ("kerb", "island", "pond")
+KINDS = _STREET_KINDS + _FURNITURE_KINDS + _WORKS_KINDS + _GROUND_KINDS
 ORIGINS = ("mapped", "surveyed", "drawn")  # of a map, measured on site, or made up by coview
-MOST_HEIGHT = 1000.0  # m of solids and mounts
+MAX_BUILT_HEIGHT_M = 1000.0  # of solids and mounts
 # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
-EQUAL = 1e-9
+EQUAL_TOLERANCE = 1e-9
 Furnishing = Literal["none", "light", "dense"]
-HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its section IV-B)
+HYBRID_RADIUS_M = 20.0  # unless the paper gives another for a site (its section IV-B)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +53,10 @@ class Solid:
             raise ValueError(
                 f"solid.top must lie above its base, got base {self.base} and top {self.top}"
             )
-        if self.top - self.base > MOST_HEIGHT:
+        if self.top - self.base > MAX_BUILT_HEIGHT_M:
             raise ValueError(
-                f"a solid is at most {MOST_HEIGHT:g} m high, got {self.top - self.base:g}: give "
-                "metres"
+                f"a solid is at most {MAX_BUILT_HEIGHT_M:g} m high, got {self.top - self.base:g}: "
+                "give metres"
             )
 
 
@@ -88,9 +73,8 @@ class Mount:
         2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
     )
     max_sensors: int = 1
-    origin: str = (
-        "mapped"  # one of `ORIGINS`; places along the kerb that an import suggests are drawn
-    )
+    # one of `ORIGINS`; places along the kerb that an import suggests are drawn
+    origin: str = "mapped"
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
@@ -102,10 +86,10 @@ class Mount:
             far = f"mount.position must lie within {MAX_COORDINATE_M:g} m of the origin"
             raise ValueError(f"{far}, got {position.tolist()}: give metres of the site")
         object.__setattr__(self, "position", position)
-        if not 0 <= self.min_height <= self.max_height <= MOST_HEIGHT:
+        if not 0 <= self.min_height <= self.max_height <= MAX_BUILT_HEIGHT_M:
             got = f"{self.min_height:g} and {self.max_height:g}"
             raise ValueError(
-                f"mount.min_height <= max_height must lie in 0..{MOST_HEIGHT:g} m, got {got}"
+                f"mount.min_height <= max_height must lie in 0..{MAX_BUILT_HEIGHT_M:g} m, got {got}"
             )
         if not 0 <= self.price < np.inf or not self.capacity > 0:
             raise ValueError(
@@ -139,31 +123,47 @@ class Relief:
 
 @dataclass(frozen=True, eq=False)
 class Site(Displayed):
-    """A junction: detection area, roads, solids, mounts, sensors and network. Two sites are equal
-    if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
-    field that does not fit."""
+    """A junction: detection area, roads, solids, mounts, sensors and network.
+
+    Two sites are equal if all fields are, numbers to `EQUAL_TOLERANCE`, networks line by line.
+    Raises ValueError that names the field that does not fit.
+
+    Attributes:
+        name: name of the site.
+        area: xmin ymin xmax ymax of the detection area.
+        height: height up to which points are kept (m).
+        lanes: polygons for wheels, in and around the area.
+        footways: polygons for feet, in and around the area.
+        solids: buildings, furniture and other things that never move.
+        mounts: possible places of sensors.
+        sensors: sensors that are present.
+        parking: bays x, y, yaw.
+        parking_origins: origin of each bay, () for all mapped.
+        road_origin: origin of lanes, footways and network.
+        furnished: density of the surroundings drawn by coview, on which the map is silent.
+        network: SUMO net.xml text in site coordinates, "" for a site without traffic.
+        map_SE3_site: pose of the site in the map frame.
+        geo_reference: PROJ string of the map frame, None if unknown.
+        relief: shape of the ground.
+        hybrid_radius: m within which sensors send no points in hybrid fusion (paper IV-B)."""
 
     name: str
-    area: Float64[np.ndarray, "4"]  # xmin ymin xmax ymax of the detection area
-    height: float = 4.0  # up to which points are kept (m)
-    # polygons for wheels and for feet, in and around the area
+    area: Float64[np.ndarray, "4"]
+    height: float = 4.0
     lanes: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
     footways: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
     solids: tuple[Solid, ...] = ()
-    mounts: tuple[Mount, ...] = ()  # possible places of sensors
-    sensors: tuple[Sensor, ...] = ()  # present ones
-    # bays x, y, yaw
+    mounts: tuple[Mount, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
     parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
-    parking_origins: tuple[str, ...] = ()  # of each bay, () for all mapped
-    road_origin: str = "mapped"  # of lanes, footways and network
-    furnished: Furnishing = "none"  # how densely coview drew what the map is silent of
-    network: str = ""  # SUMO net.xml text in site coordinates, "" for a site without traffic
+    parking_origins: tuple[str, ...] = ()
+    road_origin: str = "mapped"
+    furnished: Furnishing = "none"
+    network: str = ""
     map_SE3_site: Pose = field(default_factory=lambda: np.eye(4))
-    geo_reference: str | None = None  # PROJ string of the map frame, None if unknown
+    geo_reference: str | None = None
     relief: Relief = Relief()
-    hybrid_radius: float = (
-        HYBRID_RADIUS  # m within which sensors send no points in hybrid fusion (paper IV-B)
-    )
+    hybrid_radius: float = HYBRID_RADIUS_M
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {"area": check_area(self.area)}
@@ -180,7 +180,7 @@ class Site(Displayed):
         for layer in ("solids", "mounts", "sensors"):
             checked[layer] = tuple(getattr(self, layer))
         for layer in ("mounts", "sensors"):
-            _check_unique([each.name for each in checked[layer]], layer)
+            _check_unique([entry.name for entry in checked[layer]], layer)
         bays = np.asarray(self.parking, np.float64)
         checked["parking"] = bays = bays.reshape(-1, 3) if bays.size == 0 else bays
         if bays.ndim != 2 or bays.shape[1] != 3 or not np.isfinite(bays).all():
@@ -218,26 +218,28 @@ class Site(Displayed):
             "parking bay": self.parking,
         }
         size = f"{xmax - xmin:g} x {ymax - ymin:g} m"
-        facts = size, *(describe_count(len(each), name) for name, each in things.items())
-        names = (
-            ", ".join(
-                f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]
-            )
-            or "none"
-        )
+        facts = [size]
+        facts += [describe_count(len(layer), name) for name, layer in things.items()]
+        names = [f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]]
         more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
+        facts.append(f"sensors {', '.join(names) or 'none'}{more}")
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
-        shown = tables if self.sensors else dict(reversed(tables.items()))
-        said = *facts, f"sensors {names}{more}"
-        return Card(f"Site({self.name!r})", said, shown, "toolkit.plots.plan_view:draw_site")
+        tables_shown = tables if self.sensors else dict(reversed(tables.items()))
+        return Card(
+            f"Site({self.name!r})", tuple(facts), tables_shown, "toolkit.plots.plan_view:draw_site"
+        )
 
     def _list_mounts(self) -> Table:
-        x, y, _ = np.array([mount.position for mount in self.mounts]).reshape(-1, 3).T
-        columns = ("name", "min_height", "max_height", "price", "origin")
-        named: dict[str, Any] = {
-            name: [getattr(mount, name) for mount in self.mounts] for name in columns
+        positions = np.array([mount.position for mount in self.mounts]).reshape(-1, 3)
+        return {
+            "name": [mount.name for mount in self.mounts],
+            "x": positions[:, 0],
+            "y": positions[:, 1],
+            "min_height": [mount.min_height for mount in self.mounts],
+            "max_height": [mount.max_height for mount in self.mounts],
+            "price": [mount.price for mount in self.mounts],
+            "origin": [mount.origin for mount in self.mounts],
         }
-        return {"name": named.pop("name"), "x": x, "y": y} | named
 
     @property
     def bay_origins(self) -> tuple[str, ...]:
@@ -247,7 +249,7 @@ class Site(Displayed):
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
         """Height of the ground (m) at places (..., 2) of the site.
 
-        On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a
+        The unevenness is a smooth, seeded sum of plane waves 7 to 160 m long, whose mean over a
         large place is zero. Ponds, kerbs and islands are solids and not part of it."""
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
@@ -269,20 +271,22 @@ class Site(Displayed):
         )
 
 
-def _alike(one: object, other: object) -> bool:
-    """Compare two field values or dataclasses, numbers to `EQUAL`."""
-    if is_dataclass(one):
-        names = [f.name for f in fields(one)]
-        return type(one) is type(other) and all(
-            _alike(getattr(one, n), getattr(other, n)) for n in names
+def _alike(first: object, second: object) -> bool:
+    """Compare two field values or dataclasses, numbers to `EQUAL_TOLERANCE`."""
+    if is_dataclass(first):
+        names = [f.name for f in fields(first)]
+        return type(first) is type(second) and all(
+            _alike(getattr(first, n), getattr(second, n)) for n in names
         )
-    if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(_alike, one, other))
-    if isinstance(one, str) and isinstance(other, str):
-        return one.splitlines() == other.splitlines()
-    if isinstance(one, float | np.ndarray) and isinstance(other, float | np.ndarray):
-        return np.shape(one) == np.shape(other) and np.allclose(one, other, rtol=0, atol=EQUAL)
-    return bool(one == other)
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        return len(first) == len(second) and all(map(_alike, first, second))
+    if isinstance(first, str) and isinstance(second, str):
+        return first.splitlines() == second.splitlines()
+    if isinstance(first, float | np.ndarray) and isinstance(second, float | np.ndarray):
+        return np.shape(first) == np.shape(second) and np.allclose(
+            first, second, rtol=0, atol=EQUAL_TOLERANCE
+        )
+    return bool(first == second)
 
 
 def check_area(area: object) -> Float64[np.ndarray, "4"]:

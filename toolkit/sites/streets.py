@@ -14,13 +14,14 @@ from toolkit.sites.site import Site
 
 MIN_ARROW_LANE_M = 8.0  # length of a lane within the map from which it gets an arrow
 MIN_NAMED_M = 10.0  # length of a street's line within the map from which it gets its name
-ARROW_PLACE = 0.5  # share of the lane's length at which its arrow is
+ARROW_SHARE = 0.5  # of the lane's length at which its arrow is
 
 
 @dataclass(frozen=True)
 class StreetName:
-    """Name of a street, where it is written. x, y: m; angle: the text's, counter-clockwise from +x
-    (rad), upright."""
+    """Name of a street and its place on a map.
+
+    x, y: m; angle: direction of the text, counter-clockwise from +x (rad), upright."""
 
     name: str
     x: float
@@ -42,15 +43,15 @@ def find_street_names(
             points = parse_shape(lane)
             if len(points) > 1:
                 lines[edge.get("name", "").strip()].append(shapely.LineString(points))
-    found = []
+    street_names = []
     for name, shapes in sorted(lines.items()):
         inside = shapely.intersection(shapely.union_all(shapes), window)
         longest = max(shapely.get_parts(inside), key=shapely.length, default=None)
         if name and longest is not None and longest.length >= MIN_NAMED_M:
             (x, y), angle = _middle(longest)
             upright = (angle + np.pi / 2) % np.pi - np.pi / 2
-            found.append(StreetName(name, x, y, upright))
-    return found
+            street_names.append(StreetName(name, x, y, upright))
+    return street_names
 
 
 def find_lane_arrows(
@@ -80,7 +81,7 @@ def _roads(site: Site) -> list[ElementTree.Element]:
 
 def _middle(line: shapely.Geometry) -> tuple[tuple[float, float], float]:
     """Point in the middle of a line, and its direction there (rad)."""
-    at = ARROW_PLACE * line.length
+    at = ARROW_SHARE * line.length
     before = line.interpolate(max(at - 1.0, 0.0))
     after = line.interpolate(min(at + 1.0, line.length))
     middle = line.interpolate(at)
