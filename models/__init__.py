@@ -1,6 +1,7 @@
 """Detection: VoxelNet, its training and its weights.
 
-Needs torch, numpy, h5py and shapely only, each loaded when used."""
+Needs only torch, numpy, h5py and shapely, each loaded when used.
+"""
 
 from lazy_loader import attach_stub
 

@@ -8,30 +8,51 @@ from typing import Any, Literal, SupportsFloat
 
 from toolkit.objects import LABELS
 
-MAX_COLUMNS = 5_000_000  # in the grid, whose maps take some 300 bytes each
+MAX_COLUMNS = 5_000_000  # in the grid, with maps of some 300 bytes per column
 MAX_HEIGHT_CELLS = 500
 MAX_MAP_ANCHORS = 16_000_000
-# channels of a layer, and layers of a block
-MAX_WIDTH = 4096
-MAX_LAYERS = 64
+MAX_WIDTH = 4096  # channels of a layer
+MAX_LAYERS = 64  # in a block
 MAX_VOXEL_POINTS = 10_000
+_MAX_VALUE = 1e6  # absolute value of a number in a configuration
+_LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3, "size": 3}
 SHIPPED = Path(__file__).parent / "weights"
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
-_LIGHT: dict[str, Any] = {"point_features": "local", "vfe_widths": (), "voxel_width": 32}
-_LIGHT |= {"middle_widths": (), "column_width": 32}
-_LIGHT |= {"rpn_widths": (48, 80, 96), "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2))}
-_LIGHT |= {"upsample": "add", "upsample_width": 64, "head3x3": 0}
-_LIGHT |= {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
+_LIGHT: dict[str, Any] = {
+    "point_features": "local",
+    "vfe_widths": (),
+    "voxel_width": 32,
+    "middle_widths": (),
+    "column_width": 32,
+    "rpn_widths": (48, 80, 96),
+    "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
+    "upsample": "add",
+    "upsample_width": 64,
+    "head3x3": 0,
+    "head": "quality",
+    "anchor_z": 0.8,
+    "quality_power": 1.0,
+    "averaging": 0.75,
+}
 _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
+# entries that calibration fits
+FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds", "rival_shares")
 
 
 @dataclass(frozen=True)
 class AnchorKind:
-    """Anchors of one class: in every cell, one for each yaw (rad).
+    """Anchors of one class: in every cell, one for each yaw (rad). Raises ValueError for impossible
+    values.
 
-    margin: metres by which length and width of anchors and objects grow during matching, so that a
-    small object matches more than one anchor; positive, negative: IoU thresholds of that matching.
-    Raises ValueError for impossible values.
+    Attributes:
+        label: Class.
+        size: Length, width and height (m).
+        z: Height of the centres (m).
+        yaws: Yaw of each anchor of a cell (rad).
+        margin: Metres by which length and width of anchors and objects grow during matching, so
+            that a small object matches more than one anchor.
+        positive: IoU threshold of positive anchors in that matching.
+        negative: IoU threshold of negative anchors in that matching.
     """
 
     label: str
@@ -60,21 +81,18 @@ ROAD_USERS = (
     AnchorKind("cyclist", (1.8, 0.65, 1.65), 0.85, margin=0.6),
     AnchorKind("pedestrian", (0.65, 0.6, 1.7), 0.85, yaws=(0.0,), margin=0.8),
 )
-"""The classes of a network for all road users, vehicle first with the anchors of the networks that
-know no other."""
-
-
-# made by calibration
-FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds", "rival_shares")
+"""Classes of a network for all road users; vehicle has the anchors of networks for vehicles
+only."""
 
 
 @dataclass(frozen=True)
 class VoxelNetConfig:
     """Grid, widths and head of one VoxelNet; the published network by default.
 
-    The grid starts at the lower corner of the area and may reach beyond its upper end, a multiple
-    of the network's stride, but points outside the area are ignored. Maps have H along x, W along
-    y. Raises ValueError for impossible values."""
+    The grid starts at the lower corner of the area and may extend beyond its upper end, since its
+    size is a multiple of the network's stride, but points outside the area are ignored. Maps have H
+    along x, W along y. Raises ValueError for impossible values.
+    """
 
     area: tuple[float, float, float, float]  # xmin ymin xmax ymax, m
     height: tuple[float, float] = (0.0, 4.0)  # m
@@ -85,7 +103,7 @@ class VoxelNetConfig:
     """published: absolute coordinates, and the zeros that pad a voxel to T points take part in its
     maximum; local: coordinates from the voxel's centre (z: from the ground), no padding, so that
     any area looks alike."""
-    vfe_widths: tuple[int, ...] = (16,)  # each of them is doubled by appending the voxel's maximum
+    vfe_widths: tuple[int, ...] = (16,)  # each is doubled by appending the voxel's maximum
     voxel_width: int = 128
     # 3D convolutions; () folds the height into `column_width` channels
     middle_widths: tuple[int, ...] = (64, 64, 64)
@@ -110,9 +128,8 @@ class VoxelNetConfig:
     anchor_z: float = 1.6  # height of the anchors' centres, m
     anchor_yaws: tuple[float, ...] = (0.0, math.pi / 2)
     quality_power: float = 0.0  # score = class probability · (predicted IoU)^quality_power
-    averaging: float = (
-        0.0  # > 0: a box is the mean of all candidates whose footprints overlap it by a larger IoU
-    )
+    averaging: float = 0.0
+    """Above 0: a box is the mean of all candidates whose footprints overlap it by a larger IoU."""
 
     kinds: tuple[AnchorKind, ...] = ()
     """Anchors by class, in the order of `labels`; (): all anchors are `anchor_size` and have a
@@ -122,12 +139,11 @@ class VoxelNetConfig:
     """Per label a slope and an intercept: score = sigmoid(slope · logit(score) + intercept); (): as
     they are."""
     rivalry: tuple[tuple[float, ...], ...] = ()
-    """Per label a slope, an intercept and a weight for each label, by which scores are lowered
-    where boxes of other labels stand at the same place (`models.network.candidates`); (): as they
-    are."""
+    """Per label a slope, an intercept and a weight for each label, which lower scores of boxes that
+    overlap boxes of other labels (`models.network.candidates`); (): as they are."""
     known: tuple[tuple[float, ...], ...] = ()
-    """As `rivalry`, of the scores that are left where the detector knows the empty site."""
-    score_threshold: float = 0.1  # of detections, where the caller gives none
+    """As `rivalry`, for the scores that remain if the detector knows the empty site."""
+    score_threshold: float = 0.1  # used if the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
     known_thresholds: tuple[float, ...] = ()  # the same of `known` scores; (): `thresholds`
     rival_shares: tuple[float, ...] = ()
@@ -144,8 +160,8 @@ class VoxelNetConfig:
                 f"{self.max_points}"
             )
         if bool(self.middle_widths) == bool(self.column_width):
-            got = f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
-            raise ValueError(f"give either three middle_widths or a column_width, {got}")
+            values = f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
+            raise ValueError(f"give either three middle_widths or a column_width, {values}")
         if (
             len(self.middle_widths) not in (0, 3)
             or len(self.rpn_widths) != 3
@@ -155,9 +171,12 @@ class VoxelNetConfig:
                 "middle_widths (unless empty), rpn_widths and rpn_layers need three entries each"
             )
         self._check_sizes()
-        size = len(self.labels)
+        self._check_labels()
+        self._check_calibration()
+
+    def _check_labels(self) -> None:
         unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
-        if unknown or len(set(self.labels)) != size or not self.labels:
+        if unknown or len(set(self.labels)) != len(self.labels) or not self.labels:
             raise ValueError(
                 f"labels must be different ones of {LABELS}, got {self.labels} with faces "
                 f"{self.faces}"
@@ -165,25 +184,28 @@ class VoxelNetConfig:
         if self.kinds and (
             self.head != "quality" or tuple(kind.label for kind in self.kinds) != self.labels
         ):
-            got = (
+            values = (
                 f"got labels {self.labels}, kinds {[kind.label for kind in self.kinds]} and head "
                 f"{self.head!r}"
             )
             raise ValueError(
                 "anchors by class need a quality head and a kind for each label in its order, "
-                f"{got}"
+                f"{values}"
             )
         if not set(self.faces) <= set(self.labels):
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
+
+    def _check_calibration(self) -> None:
+        size = len(self.labels)
         lengths = {"calibration": 2, "rivalry": size + 2, "known": size + 2}
         for name, length in lengths.items():
             rows = getattr(self, name)
-            wrong = [
+            invalid_rows = [
                 row
                 for row in rows
                 if len(row) != length or row[0] <= 0 or min(row[2:], default=0) < 0
             ]
-            if len(rows) not in (0, size) or wrong:
+            if len(rows) not in (0, size) or invalid_rows:
                 needs = (
                     "a slope above 0, an intercept"
                     + " and a weight of at least 0 for each label" * (length > 2)
@@ -192,7 +214,10 @@ class VoxelNetConfig:
                     f"{name} must have {needs}, for each label, or be empty, got {rows}"
                 )
         by_label = self.thresholds, self.known_thresholds, self.rival_shares
-        if not all(0 <= each < 1 for row in ((self.score_threshold,), *by_label) for each in row):
+        shares = [self.score_threshold]
+        for row in by_label:
+            shares += row
+        if not all(0 <= share < 1 for share in shares):
             raise ValueError(
                 f"thresholds and rival_shares must lie in 0..1, got {self.score_threshold}, "
                 f"{by_label}"
@@ -203,13 +228,14 @@ class VoxelNetConfig:
             )
 
     def _check_sizes(self) -> None:
-        """Raise ValueError for a network that would take more memory than any place needs."""
-        (nx, ny, nz), sides = self.grid_shape, " ".join(f"{side:g}" for side in self.area)
+        """Raise ValueError for a network that would take far too much memory."""
+        nx, ny, nz = self.grid_shape
+        sides = " ".join(f"{side:g}" for side in self.area)
         if nx * ny > MAX_COLUMNS or nz > MAX_HEIGHT_CELLS:
             got = f"area {sides} and voxel_size {self.voxel_size} make {nx} x {ny} x {nz} voxels"
-            most = f"at most {MAX_COLUMNS} columns of {MAX_HEIGHT_CELLS}"
+            rule = f"at most {MAX_COLUMNS} columns of {MAX_HEIGHT_CELLS}"
             raise ValueError(
-                f"the grid must have {most}, but {got}: lower the area or raise voxel_size"
+                f"the grid must have {rule}, but {got}: lower the area or raise voxel_size"
             )
         yaws = sum(len(kind.yaws) for kind in self.kinds) or len(self.anchor_yaws)
         anchors = nx * ny // 4 * yaws
@@ -243,7 +269,7 @@ class VoxelNetConfig:
 
     @classmethod
     def published(cls, site: str, **changes: Any) -> "VoxelNetConfig":
-        """Return the paper's network for "tjunction" or "roundabout", in the site's own frame."""
+        """The paper's network for "tjunction" or "roundabout", in the site's frame."""
         if site not in SITE_AREAS:
             raise ValueError(
                 f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}"
@@ -252,19 +278,16 @@ class VoxelNetConfig:
 
     @classmethod
     def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> "VoxelNetConfig":
-        """Return the CPU default for any area: a quarter of the width, the height folded, no 3x3
-        head."""
+        """CPU default for any area: a quarter of the width, the height folded, no 3x3 head."""
         return cls(**{"area": tuple(float(side) for side in area), **_LIGHT, **changes})
 
     @property
     def grid_shape(self) -> tuple[int, int, int]:
         """Voxels along x, y and z. x and y are multiples of 8, the stride of the third block."""
         xmin, ymin, xmax, ymax = self.area
-        lengths = (xmax - xmin, ymax - ymin, self.height[1] - self.height[0])
-        nx, ny, nz = (
-            math.ceil(round(each / size, 6))
-            for each, size in zip(lengths, self.voxel_size, strict=True)
-        )
+        nx = math.ceil(round((xmax - xmin) / self.voxel_size[0], 6))
+        ny = math.ceil(round((ymax - ymin) / self.voxel_size[1], 6))
+        nz = math.ceil(round((self.height[1] - self.height[0]) / self.voxel_size[2], 6))
         return -(-nx // 8) * 8, -(-ny // 8) * 8, nz
 
     @property
@@ -301,27 +324,27 @@ class VoxelNetConfig:
         return 7 if self.head == "published" else 8
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Plain values for JSON."""
         # Entries younger than the first shipped weights are left out at their default, so that
         # digests do not change.
-        young = ("kinds", "faces", "score_threshold", *FITTED)
-        defaults = {each.name: each.default for each in fields(self) if each.name in young}
+        new_names = ("kinds", "faces", "score_threshold", *FITTED)
+        defaults = {field.name: field.default for field in fields(self) if field.name in new_names}
         return {
             name: value
             for name, value in asdict(self).items()
-            if name not in young or value != defaults[name]
+            if name not in new_names or value != defaults[name]
         }
 
     @classmethod
     def from_dict(cls, values: object) -> "VoxelNetConfig":
-        """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError
-        for others."""
-        known = asdict(_EXAMPLE)
+        """Configuration from `to_dict`'s values as JSON returns them. Raises ValueError for
+        others."""
+        example = asdict(_EXAMPLE)
         if not isinstance(values, dict):
             raise ValueError(
                 f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}"
             )
-        if unknown := values.keys() - known:
+        if unknown := values.keys() - example:
             raise ValueError(
                 f"a VoxelNetConfig has no {', '.join(sorted(unknown))}: is the file newer?"
             )
@@ -341,15 +364,15 @@ class VoxelNetConfig:
                     f"{str(kind)[:60]}"
                 )
         parsed = {
-            name: _parse(value, known[name], name)
+            name: _parse(value, example[name], name)
             for name, value in values.items()
             if name != "kinds"
         }
-        parse = (
-            {name: _parse(value, anchor[name], name) for name, value in kind.items()}
-            for kind in kinds
-        )
-        return cls(**parsed, kinds=tuple(AnchorKind(**each) for each in parse))
+        anchor_kinds = []
+        for kind in kinds:
+            entries = {name: _parse(value, anchor[name], name) for name, value in kind.items()}
+            anchor_kinds.append(AnchorKind(**entries))
+        return cls(**parsed, kinds=tuple(anchor_kinds))
 
 
 def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
@@ -358,21 +381,19 @@ def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
 
 
 def select_anchors(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
-    """Select anchors of `ROAD_USERS` in the order of `labels`. Raises ValueError for other
-    labels."""
-    known = {kind.label: kind for kind in ROAD_USERS}
+    """Anchors of `ROAD_USERS` in the order of `labels`. Raises ValueError for other labels."""
+    by_label = {kind.label: kind for kind in ROAD_USERS}
     labels = tuple(labels)
-    if not labels or not set(labels) <= set(known) or len(set(labels)) != len(labels):
+    if not labels or not set(labels) <= set(by_label) or len(set(labels)) != len(labels):
         raise ValueError(
-            f"classes must be different ones of {', '.join(known)}, got "
+            f"classes must be different ones of {', '.join(by_label)}, got "
             f"{', '.join(labels) or 'none'}"
         )
-    return tuple(known[label] for label in labels)
+    return tuple(by_label[label] for label in labels)
 
 
 def _parse(value: Any, example: Any, name: str) -> Any:
-    """Return a value, its lists as tuples. Raises ValueError unless it has the type of the
-    example."""
+    """Value with its lists as tuples. Raises ValueError unless it has the type of the example."""
     got = str(value)[:60]
     match example:
         case tuple():
@@ -380,7 +401,7 @@ def _parse(value: Any, example: Any, name: str) -> Any:
                 raise ValueError(f"{name} must be a list like {example}, got {got}")
             if name in _LENGTHS and len(value) != _LENGTHS[name]:
                 raise ValueError(f"{name} must have {_LENGTHS[name]} entries, got {len(value)}")
-            return tuple(_parse(each, example[0], name) for each in value)
+            return tuple(_parse(entry, example[0], name) for entry in value)
         case str() if not isinstance(value, str):
             raise ValueError(f"{name} must be a text like {example!r}, got {got}")
         case int() | float():
@@ -388,13 +409,11 @@ def _parse(value: Any, example: Any, name: str) -> Any:
                 value, int if isinstance(example, int) else int | float
             ):
                 raise ValueError(f"{name} must be a number like {example}, got {got}")
-            if not -_LARGEST <= value <= _LARGEST:
-                raise ValueError(f"{name} must lie within ±{_LARGEST:g}, got {got}")
+            if not -_MAX_VALUE <= value <= _MAX_VALUE:
+                raise ValueError(f"{name} must lie within ±{_MAX_VALUE:g}, got {got}")
     return value
 
 
-_LARGEST = 1e6
-_LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3, "size": 3}
 _EXAMPLE = VoxelNetConfig(
     (0.0, 0.0, 1.0, 1.0),
     faces=("vehicle",),

@@ -26,17 +26,14 @@ from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 from toolkit.sites.site import check_area
 
-# steps whose multiples fill a square evenly (Roberts 2018)
-SPREAD = np.array([0.7548776662466927, 0.5698402909980532])
-MOST_PHASES = 16
-LEAST_KNOWN = (
-    0.05  # score of what a detector reports where it is judged anew, since the empty site is known
-)
+# steps with multiples that fill a square evenly (Roberts 2018)
+SHIFT_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
+MAX_PHASES = 16
+MIN_KNOWN_SCORE = 0.05  # if detections are scored again because the empty site is known
 MIN_UNKNOWN_PERSON_SCORE = 0.4  # of a pedestrian at a site that nothing is known of
-# voxels of a block of a wide area, multiples of the coarsest stride
-BLOCK_CELLS = 512
-MARGIN_CELLS = 128
-SAME = 0.3  # footprint IoU above which boxes of several grids are averaged
+BLOCK_CELLS = 512  # side of a block of a wide area, a multiple of the coarsest stride
+MARGIN_CELLS = 128  # around a block, a multiple of the coarsest stride
+SAME_BOX_IOU = 0.3  # footprint overlap above which boxes of several grids are averaged
 _Area = tuple[float, float, float, float]
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
@@ -45,9 +42,10 @@ class VoxelNetDetector:
     """Detector of one network: points (n, 3) in, `Detections` out, in the world frame, m.
 
     Points outside the network's area are ignored, and so are boxes with their centre outside.
-    score_threshold: detections at or below it are dropped; None takes the configuration's own,
-    which may differ by label. nms_threshold: of two boxes of one class with a larger footprint IoU,
-    only the better scored one stays (0.1 in the paper)."""
+    score_threshold: detections at or below it are dropped; None takes the configuration's, which
+    may differ by label. nms_threshold: of two boxes of one class with a larger footprint IoU, only
+    the better scored one stays (0.1 in the paper).
+    """
 
     def __init__(
         self,
@@ -70,16 +68,20 @@ class VoxelNetDetector:
         score_threshold: float | None,
         nms_threshold: float,
     ) -> None:
-        """Take over all that is known without weights."""
+        """Take over everything that does not need weights."""
         self.config = config
         self.device = torch.device(device)
         if self.device.type == "cpu":
             keep_freed_memory()  # its maps come and go with every cloud
-        self.name = type(self).__name__  # or what it was loaded by
-        own = config.thresholds or (config.score_threshold,) * len(config.labels)
-        self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
+        self.name = type(self).__name__  # or the name it was loaded by
+        thresholds = config.thresholds or (config.score_threshold,) * len(config.labels)
+        self.thresholds = (
+            thresholds if score_threshold is None else (score_threshold,) * len(thresholds)
+        )
         self.known_thresholds = (
-            self.thresholds if score_threshold is not None else config.known_thresholds or own
+            self.thresholds
+            if score_threshold is not None
+            else config.known_thresholds or thresholds
         )
         self.rival_shares = None if score_threshold is not None else decoding.rival_shares(config)
         self.nms_threshold = nms_threshold
@@ -98,85 +100,96 @@ class VoxelNetDetector:
 
     @property
     def _least_scores(self) -> tuple[float, ...]:
-        return tuple(
-            min(least, decoding.LEAST_RIVAL if self.config.rivalry else 1.0)
-            for least in self.thresholds
-        )
+        max_threshold = decoding.MIN_RIVAL_SCORE if self.config.rivalry else 1.0
+        return tuple(min(threshold, max_threshold) for threshold in self.thresholds)
 
     @property
     def digest(self) -> str:
         """SHA-256 of weights, configuration and thresholds."""
-        least = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]
-        own = digest_detector(self._weights, self.config.to_dict(), least, self.nms_threshold)
-        return own if self.phases == 1 else f"{own} on {self.phases} grids"
+        threshold = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]
+        digest = digest_detector(
+            self._weights, self.config.to_dict(), threshold, self.nms_threshold
+        )
+        return digest if self.phases == 1 else f"{digest} on {self.phases} grids"
 
     def shift_grids(self, phases: int) -> "VoxelNetDetector":
-        """Same detector on several grids, shifted by parts of a cell: where one grid lies matters
-        less. Boxes of one class that overlap are averaged, and have the greatest of their scores.
-        Raises ValueError for fewer than one grid, or more than `MOST_PHASES`."""
-        if not 1 <= phases <= MOST_PHASES:
+        """Same detector on several grids, shifted by parts of a cell, so that the position of one
+        matters less.
+
+        Boxes of one class that overlap are averaged, and have the greatest of their scores. Raises
+        ValueError for fewer than one grid, or more than `MAX_PHASES`.
+        """
+        if not 1 <= phases <= MAX_PHASES:
             raise ValueError(
-                f"phases must be 1 to {MOST_PHASES} grids, got {phases}: 4 is usual for real clouds"
+                f"phases must be 1 to {MAX_PHASES} grids, got {phases}: 4 is usual for real clouds"
             )
-        other = copy.copy(self)
-        other.phases = phases
-        other.name = f"{self.name}+phases{phases}"
-        return other
+        shifted = copy.copy(self)
+        shifted.phases = phases
+        shifted.name = f"{self.name}+phases{phases}"
+        return shifted
 
     def quick(self) -> "VoxelNetDetector":
-        """Same detector with coarser numbers where the processor is faster with them, else
+        """Same detector with coarser numbers if the processor is faster with them, otherwise
         itself."""
         if not is_quick_at_bfloat16(self.device) or not isinstance(
             getattr(self, "network", None), SparseVoxelNet
         ):
             return self
-        other = copy.copy(self)
-        other.network = self.network.halve()
-        other._weights = f"{self._weights} in bfloat16"
-        other.name = f"{self.name}+bfloat16"
-        other._tiled = None if self._tiled is None else TiledVoxelNet(other.network)
-        return other
+        quick = copy.copy(self)
+        quick.network = self.network.halve()
+        quick._weights = f"{self._weights} in bfloat16"
+        quick.name = f"{self.name}+bfloat16"
+        quick._tiled = None if self._tiled is None else TiledVoxelNet(quick.network)
+        return quick
 
     def __call__(self, points: Points, /) -> Detections:
         """Detect in one cloud."""
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
-        (xmin, _, xmax, _), (rows, _) = self.config.area, self.config.map_shape
+        area = self.config.area
+        rows = self.config.map_shape[0]
         parts = []
         for phase in range(self.phases):
-            shift = np.append(phase * SPREAD % 1 * (xmax - xmin) / rows, 0.0)
-            found = self.batch([(points + shift).astype(np.float32)])[0]
-            parts.append(replace(found, boxes=found.boxes - np.append(shift, np.zeros(4))))
+            shift = np.append(phase * SHIFT_STEPS % 1 * (area[2] - area[0]) / rows, 0.0)
+            detections = self.batch([(points + shift).astype(np.float32)])[0]
+            parts.append(
+                replace(detections, boxes=detections.boxes - np.append(shift, np.zeros(4)))
+            )
         pooled = Detections.merge(parts)
-        kept = nms(pooled.boxes, pooled.scores, self.nms_threshold, labels=pooled.labels)
-        return decoding.average_boxes(pooled, kept, SAME)
+        kept_rows = nms(pooled.boxes, pooled.scores, self.nms_threshold, labels=pooled.labels)
+        return decoding.average_boxes(pooled, kept_rows, SAME_BOX_IOU)
 
     def batch(self, clouds: _Clouds) -> list[Detections]:
-        """Detect in several clouds at once."""
+        """Detect in several clouds together."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
-        if not any(len(each.cells) for each in voxels):
+        if not any(len(best.cells) for best in voxels):
             return [Detections.empty() for _ in clouds]
-        found = decoding.candidates(
+        candidates = decoding.candidates(
             self.network(collate(voxels)), self.anchors, self.config, self._least_scores
         )
-        return [
-            self._finish(*each, cloud) if len(cells.cells) else Detections.empty()
-            for each, cells, cloud in zip(found, voxels, clouds, strict=True)
-        ]
+        detections = []
+        for row, cloud in enumerate(clouds):
+            if len(voxels[row].cells):
+                detections.append(self._finish(*candidates[row], cloud))
+            else:
+                detections.append(Detections.empty())
+        return detections
 
     def unions(self, clouds: _Clouds, unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in many unions of the same clouds, such as all sets of a site's sensors. The
-        results are those of each union's points, to the rounding of float32, in much less time
-        where most clouds reach only a part of the area (`models.network.tiles`)."""
-        found: dict[int, Detections] = {}
+        """Detect in many unions of the same clouds, such as all sets of a site's sensors.
+
+        The results equal the results for each union's points, to the rounding of float32. It takes
+        much less time if most clouds reach only a part of the area (`models.network.tiles`).
+        """
+        by_union: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None and self.phases == 1:
             plan = self._tiled.plan(
                 [torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions
             )
             if self._tiled.gains(plan):
-                found = dict(self._at_once(self._tiled, plan, clouds))
+                by_union = dict(self._at_once(self._tiled, plan, clouds))
         return [
-            found[row] if row in found else self(join_clouds(clouds, union))
+            by_union[row] if row in by_union else self(join_clouds(clouds, union))
             for row, union in enumerate(unions)
         ]
 
@@ -184,80 +197,93 @@ class VoxelNetDetector:
         self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: _Clouds
     ) -> Iterator[tuple[int, Detections]]:
         unions = plan.unions
-        reaching = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
-        for some, entries, predictions in tiled(plan):
+        has_points = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
+        for union_rows, entries, predictions in tiled(plan):
             parts = []
             for first, corner, maps in predictions:
-                part = decoding.all_candidates(
+                tile_candidates = decoding.all_candidates(
                     maps, self.anchors, self.config, self._least_scores, corner
                 )
-                parts.append(part._replace(item=part.item + first))
-            found = decoding.Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
-            count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()
+                parts.append(tile_candidates._replace(item=tile_candidates.item + first))
+            candidates = decoding.BoxCandidates(
+                *(torch.cat(column) for column in zip(*parts, strict=True))
+            )
+            count = torch.bincount(candidates.item, minlength=len(entries.tile)).cpu().numpy()
             begin = np.cumsum(count) - count
-            for row, of in zip(np.arange(len(unions))[some].tolist(), entries.of.T, strict=True):
-                if reaching[row]:
-                    place = np.repeat(begin[of] - np.cumsum(count[of]) + count[of], count[of])
-                    rows = torch.from_numpy(place + np.arange(len(place))).to(found.item.device)
-                    best = found.best(rows[torch.argsort(found.place[rows])])  # in map order
+            for row, entry in zip(
+                np.arange(len(unions))[union_rows].tolist(), entries.of.T, strict=True
+            ):
+                if has_points[row]:
+                    positions = np.repeat(
+                        begin[entry] - np.cumsum(count[entry]) + count[entry], count[entry]
+                    )
+                    rows = torch.from_numpy(positions + np.arange(len(positions))).to(
+                        candidates.item.device
+                    )
+                    best = candidates.best(
+                        rows[torch.argsort(candidates.place[rows])]
+                    )  # in map order
                     yield row, self._finish(*best, join_clouds(clouds, unions[row]))
 
     def at_known_site(self) -> "VoxelNetDetector":
-        """Same detector, which reports what it is less sure of too, where `score_known` is to judge
-        it."""
-        other = copy.copy(self)
-        other.thresholds = tuple(min(least, LEAST_KNOWN) for least in self.thresholds)
-        other.rival_shares = None
-        return other if self.config.known else self
+        """Same detector with lower thresholds, for detections that `score_known` will score
+        again."""
+        sensitive = copy.copy(self)
+        sensitive.thresholds = tuple(
+            min(threshold, MIN_KNOWN_SCORE) for threshold in self.thresholds
+        )
+        sensitive.rival_shares = None
+        return sensitive if self.config.known else self
 
     def at_unknown_site(self) -> "VoxelNetDetector":
         """Same detector, which reports pedestrians from `MIN_UNKNOWN_PERSON_SCORE` on.
 
-        Trunks, posts and bins look like weak pedestrians, and nothing is known of what stands at
-        the site."""
-        other = copy.copy(self)
+        Trunks, posts and bins look like weak pedestrians, and nothing is known about the site."""
+        strict = copy.copy(self)
         floors = [
             MIN_UNKNOWN_PERSON_SCORE if label == LABELS[PEDESTRIAN] else 0.0
             for label in self.config.labels
         ]
-        other.thresholds = tuple(map(max, self.thresholds, floors))
-        return other
+        strict.thresholds = tuple(map(max, self.thresholds, floors))
+        return strict
 
-    def score_known(self, found: Detections) -> Detections:
-        """Return detections with the scores they are worth where what belongs to the empty site is
-        left out."""
+    def score_known(self, detections: Detections) -> Detections:
+        """Detections with calibrated scores for the case that the empty site's are left out."""
         if not self.config.known:
-            return found
-        rescored = decoding.apply_rivals(found, replace(self.config, rivalry=self.config.known))
+            return detections
+        rescored = decoding.apply_rivals(
+            detections, replace(self.config, rivalry=self.config.known)
+        )
         return self._take_above(rescored, self.known_thresholds)
 
-    def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
+    def _take_above(self, detections: Detections, thresholds: tuple[float, ...]) -> Detections:
         rows = [label_index(name) for name in self.labels]
-        least = np.zeros(len(LABELS))
+        min_scores = np.zeros(len(LABELS))
         shares = np.zeros((len(LABELS), len(rows)))
-        least[rows] = thresholds
-        found = found[found.scores > least[found.labels]]
+        min_scores[rows] = thresholds
+        detections = detections[detections.scores > min_scores[detections.labels]]
         if self.rival_shares is None:
-            return found
+            return detections
         shares[rows] = self.rival_shares
-        rivals = shares[found.labels] * decoding.strongest_rivals(found, self.config)
-        return found[found.scores >= rivals.max(axis=1)]
+        rivals = shares[detections.labels] * decoding.strongest_rivals(detections, self.config)
+        return detections[detections.scores >= rivals.max(axis=1)]
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
-        found = decoding.suppress(boxes, scores, self.config, self.nms_threshold)
+        detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:
-            found = self._take_above(decoding.apply_rivals(found, self.config), self.thresholds)
-        return (
-            found
-            if self.faces is None
-            else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
-        )
+            detections = self._take_above(
+                decoding.apply_rivals(detections, self.config), self.thresholds
+            )
+        if self.faces is None:
+            return detections
+        return measure_faces(self.faces, detections, np.asarray(cloud), self.config.faces)
 
 
 def is_wide(area: _Area, config: VoxelNetConfig) -> bool:
-    """Return True for an area with more columns of voxels than one grid may have."""
-    (xmin, ymin, xmax, ymax), (dx, dy, _) = area, config.voxel_size
+    """True if an area has more columns of voxels than one grid may have."""
+    xmin, ymin, xmax, ymax = area
+    dx, dy = config.voxel_size[:2]
     return ((xmax - xmin) / dx + 8) * ((ymax - ymin) / dy + 8) > MAX_COLUMNS
 
 
@@ -265,9 +291,10 @@ class WideVoxelNetDetector(VoxelNetDetector):
     """Detector of one network in an area too large for one grid, block by block.
 
     A box depends on the points within some metres, so a grid of one block, with a margin on every
-    side, finds there what a grid of the whole area finds. Blocks lie on the whole grid's cells, and
-    only those with points are computed. network: for any area, with coordinates from its voxels.
-    Other arguments as `VoxelNetDetector`."""
+    side, detects there what a grid of the whole area detects. Blocks are aligned with the whole
+    grid's cells, and only blocks with points are computed. network: for any area, with coordinates
+    from its voxels. Other arguments as in `VoxelNetDetector`.
+    """
 
     def __init__(
         self,
@@ -304,27 +331,30 @@ class WideVoxelNetDetector(VoxelNetDetector):
 
     def _detect_blocks(self, cloud: Float[np.ndarray, "n 3"]) -> Detections:
         voxel = np.array(self.config.voxel_size[:2])
-        low, high = np.array(self._wide[:2]), np.array(self._wide[2:])
+        low = np.array(self._wide[:2])
+        high = np.array(self._wide[2:])
         block = BLOCK_CELLS * voxel
         margin = MARGIN_CELLS * voxel
         xy = cloud[:, :2].astype(np.float64)
-        inside = ((xy > low) & (xy < high)).all(axis=1)
-        inside &= (cloud[:, 2] > self.config.height[0]) & (cloud[:, 2] < self.config.height[1])
-        cloud = cloud[inside]
-        xy = xy[inside]
+        is_inside = ((xy > low) & (xy < high)).all(axis=1)
+        is_inside &= (cloud[:, 2] > self.config.height[0]) & (cloud[:, 2] < self.config.height[1])
+        cloud = cloud[is_inside]
+        xy = xy[is_inside]
         corners = np.floor((xy - low) / block).astype(np.int64)
         parts = []
         for corner in np.unique(corners, axis=0):
             start = low + corner * block - margin
-            near = ((xy > start) & (xy < start + block + 2 * margin)).all(axis=1)
-            points = np.column_stack([xy[near] - start, cloud[near, 2]]).astype(np.float32)
-            (found,) = super().batch([points])
-            centres = found.boxes[:, :2]
-            own = ((centres >= margin) & (centres < margin + block)).all(axis=1)
+            is_near = ((xy > start) & (xy < start + block + 2 * margin)).all(axis=1)
+            points = np.column_stack([xy[is_near] - start, cloud[is_near, 2]]).astype(np.float32)
+            (detections,) = super().batch([points])
+            centres = detections.boxes[:, :2]
+            is_in_block = ((centres >= margin) & (centres < margin + block)).all(axis=1)
             world = centres + start
-            own &= ((world >= low) & (world <= high)).all(axis=1)
+            is_in_block &= ((world >= low) & (world <= high)).all(axis=1)
             shift = np.append(start, np.zeros(5))
-            parts.append(replace(found[own], boxes=found.boxes[own] + shift))
+            parts.append(
+                replace(detections[is_in_block], boxes=detections.boxes[is_in_block] + shift)
+            )
         return Detections.merge(parts) if parts else Detections.empty()
 
 
@@ -341,8 +371,9 @@ def load_detector(
     weights.
 
     site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of
-    detection; weights of one site have their own area, general ones go anywhere. Raises
-    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place."""
+    detection; weights of one site keep their area, general ones fit any. Raises FileNotFoundError
+    for unknown weights, ValueError if they are damaged or for another place.
+    """
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):
@@ -364,34 +395,36 @@ def load_detector(
 
 
 def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDetector:
-    """Load the network shipped for a site, else the general one. area: xmin ymin xmax ymax, m,
-    world frame."""
-    own = (SHIPPED / f"{site}.safetensors").exists()
-    return load_detector(site if own else "general", area=area)
+    """Load the network shipped for a site, or the general one. area: xmin ymin xmax ymax, m, world
+    frame."""
+    is_shipped = (SHIPPED / f"{site}.safetensors").exists()
+    return load_detector(site if is_shipped else "general", area=area)
 
 
 def goes_anywhere(network: VoxelNet, trained_for: str) -> bool:
-    """Return True for a network of any area."""
+    """True if a network fits any area."""
     return trained_for == "general" and network.config.point_features == "local"
 
 
 def relocate(
     network: VoxelNet, area: tuple[float, float, float, float], trained_for: str
 ) -> VoxelNet:
-    """Return a network with the same weights on another area. Raises ValueError for weights that
-    know only one area."""
+    """Network with the same weights on another area. Raises ValueError for weights of only one
+    area."""
     config = network.config
     if area == config.area:
         return network
     if not goes_anywhere(network, trained_for):
-        own, got = (" ".join(f"{side:g}" for side in corners) for corners in (config.area, area))
-        remedy = f"give that area (--area {own}), or take detector general"
+        trained_area = " ".join(f"{side:g}" for side in config.area)
+        requested_area = " ".join(f"{side:g}" for side in area)
+        remedy = f"give that area (--area {trained_area}), or take detector general"
         raise ValueError(
-            f"these weights are for the area {own} of {trained_for!r} alone, got {got}: {remedy}"
+            f"these weights are for the area {trained_area} of {trained_for!r} alone, got "
+            f"{requested_area}: {remedy}"
         )
-    elsewhere = VoxelNet(replace(config, area=area))
-    elsewhere.load_state_dict(network.state_dict())
-    return elsewhere
+    relocated = VoxelNet(replace(config, area=area))
+    relocated.load_state_dict(network.state_dict())
+    return relocated
 
 
 def weights_file(name: str | Path) -> Path:
@@ -402,7 +435,7 @@ def weights_file(name: str | Path) -> Path:
         return path
     shipped = SHIPPED / f"{name}.safetensors"
     if not shipped.exists():
-        names = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.safetensors"))) or "none yet"
+        names = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.safetensors"))) or "none yet"
         raise FileNotFoundError(
             f"no weights named {str(name)!r}; shipped: {names}; or give a path to a .safetensors"
         )

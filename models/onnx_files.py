@@ -1,15 +1,16 @@
-"""Networks as ONNX files, ours and anybody's, each with a card, NAME.onnx.json, beside NAME.onnx:
-see docs/how-to/onnx.md.
+"""Networks as ONNX files, from coview or others, each with a card, NAME.onnx.json, next to
+NAME.onnx.
 
-The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required,
-of `decoded` (does the network return boxes, or maps), and if wanted of `nms_threshold` and of the
-`sha256` of the file."""
+See docs/how-to/onnx.md. The card is a JSON object with values of `VoxelNetConfig`. Required are
+`area`, `labels` and `decoded` (whether the network returns boxes, or maps); `nms_threshold` and the
+`sha256` of the file are optional.
+"""
 
 import base64
 import json
 import logging
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -31,10 +32,9 @@ from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
 from toolkit.runtime.files import parse_json, read_plain, read_text, writing
 
-# in boxes that a network returns
-MAX_PLACE_M = 1e5
-MAX_SIZE_M = 100.0
-MAX_YAW_RAD = 1e3
+MAX_PLACE_M = 1e5  # in boxes that a network returns
+MAX_SIZE_M = 100.0  # in boxes that a network returns
+MAX_YAW_RAD = 1e3  # in boxes that a network returns
 _POINTS = ["points"]
 _VOXELS = ["features", "voxel", "cells"]
 _BOXES = ["boxes", "scores", "labels"]
@@ -52,10 +52,10 @@ class _Graph(nn.Module):
         network = self.network
         x = network.features.encode(features, voxel, cells.shape[0])
         if isinstance(network.middle, HeightFold):
-            (nx, ny, nz), weight = network.middle.shape, network.middle.weight
-            x = torch.stack(
-                [((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]
-            ).sum(0)
+            nx, ny, nz = network.middle.shape
+            weight = network.middle.weight
+            levels = [((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]
+            x = torch.stack(levels).sum(0)
             column = cells[:, 1] * ny + cells[:, 2]
             occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
             # index_add would become ScatterND, whose threads lose summands
@@ -64,41 +64,41 @@ class _Graph(nn.Module):
             x = (torch.relu(x) * occupied[:, None]).view(1, nx, ny, -1).permute(0, 3, 1, 2)
         else:
             x = network.middle(x, Voxels(features, voxel, cells))
-        return tuple(each for each in network.head(network.rpn(x)) if each is not None)
+        return tuple(raw_map for raw_map in network.head(network.rpn(x)) if raw_map is not None)
 
 
 def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | None = None) -> None:
-    """Write shipped weights or a weights file as ONNX, its card beside it.
+    """Write shipped weights or a weights file as ONNX, with its card next to it.
 
-    area: xmin ymin xmax ymax (m), for weights that go anywhere. Raises ImportError without
-    onnxscript, ValueError for weights of another area."""
+    area: xmin ymin xmax ymax (m), for weights that fit any. Raises ImportError without onnxscript,
+    ValueError for weights of another area.
+    """
     network, header = load_weights(weights_file(name))
     if area is not None:
-        xmin, ymin, xmax, ymax = (float(side) for side in area)
+        xmin, ymin, xmax, ymax = map(float, area)
         network = relocate(network, (xmin, ymin, xmax, ymax), header.site or "general").eval()
-    (xmin, ymin, xmax, ymax), points, voxels = (
-        network.config.area,
-        *map(torch.export.Dim, ("points", "voxels")),
-    )
+    xmin, ymin, xmax, ymax = network.config.area
+    points = torch.export.Dim("points")
+    voxels = torch.export.Dim("voxels")
     cloud = np.random.default_rng(0).uniform((xmin, ymin, 0), (xmax, ymax, 3), (9000, 3))
     seen = voxelise(torch.from_numpy(cloud), network.config)
     sizes = ({0: points}, {0: points}, {0: voxels})
-    for talkative in ("torch.onnx", "onnx_ir"):
-        logging.getLogger(talkative).setLevel(logging.ERROR)
+    for logger_name in ("torch.onnx", "onnx_ir"):
+        logging.getLogger(logger_name).setLevel(logging.ERROR)
     with warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")  # the exporter's own
-        maps = [key for key, each in network(seen)._asdict().items() if each is not None]
-        named: dict[str, Any] = {
+        warnings.simplefilter("ignore")  # warnings of the exporter
+        maps = [key for key, raw_map in network(seen)._asdict().items() if raw_map is not None]
+        export_options: dict[str, Any] = {
             "input_names": _VOXELS,
             "output_names": maps,
             "dynamic_shapes": sizes,
         }
         inputs = (*network.features.inputs(seen), seen.cells)
         try:
-            import onnxscript  # noqa: F401  # by which torch exports
+            import onnxscript  # noqa: F401  # which torch exports with
 
             program: Any = torch.onnx.export(
-                _Graph(network), inputs, dynamo=True, verbose=False, **named
+                _Graph(network), inputs, dynamo=True, verbose=False, **export_options
             )
         except ImportError as error:
             raise ImportError(_MISSING.format(error.name or "onnxscript")) from None
@@ -129,12 +129,12 @@ def _write(out: Path, content: bytes, card: dict[str, Any]) -> None:
 
 
 def card_file(path: str | Path) -> Path:
-    """Path of the card beside an ONNX file: NAME.onnx.json."""
+    """Path of the card next to an ONNX file: NAME.onnx.json."""
     return Path(path).with_name(f"{Path(path).name}.json")
 
 
 def find_card(path: str | Path) -> Path:
-    """Path of the card that is there: NAME.onnx.json, or NAME.json of an earlier coview."""
+    """Path of the present card: NAME.onnx.json, or NAME.json of an earlier coview."""
     earlier = Path(path).with_suffix(".json")
     return earlier if earlier.is_file() and not card_file(path).is_file() else card_file(path)
 
@@ -142,10 +142,10 @@ def find_card(path: str | Path) -> Path:
 class OnnxDetector(VoxelNetDetector):
     """Detector of an ONNX file and its card, which computes on the CPU.
 
-    area: xmin ymin xmax ymax (m) of detection, None for the card's own. limits: time and memory of
-    its first run, in another process. Raises FileNotFoundError without file or card; ValueError, in
-    one line, for those that are damaged or do not fit each other, or the area, and for a network
-    that fails with a cloud or passes the limits; ImportError without onnxruntime."""
+    area: xmin ymin xmax ymax (m) of detection, None for the card's; limits: time and memory of the
+    first run, in another process. Raises FileNotFoundError without file or card; ValueError, in one
+    line, for damaged files, files that do not fit each other or the area, and for a network that
+    fails with a cloud or passes the limits; ImportError without onnxruntime."""
 
     def __init__(
         self,
@@ -157,7 +157,7 @@ class OnnxDetector(VoxelNetDetector):
         limits: TrialLimits | None = None,
     ) -> None:
         card = find_card(path)
-        if missing := [str(each) for each in (Path(path), card) if not each.is_file()]:
+        if missing := [str(file) for file in (Path(path), card) if not file.is_file()]:
             needs = "a network in ONNX needs NAME.onnx and its card NAME.onnx.json"
             raise FileNotFoundError(f"no file {missing[0]}: {needs}")
         self._content = read_plain(path)
@@ -170,13 +170,12 @@ class OnnxDetector(VoxelNetDetector):
             raise ValueError(
                 f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:400]}"
             ) from None
-        if area is not None and (wanted := tuple(float(side) for side in area)) != self.area:
-            own, got = (
-                " ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted)
-            )
+        if area is not None and (requested := tuple(float(side) for side in area)) != self.area:
+            card_area = " ".join(f"{side:g}" for side in self.area)
+            given_area = " ".join(f"{side:g}" for side in requested)
             raise ValueError(
-                f"{path} is for the area {own}, got {got}: give --area {own}, or export it for "
-                "yours"
+                f"{path} is for the area {card_area}, got {given_area}: give --area {card_area}, "
+                "or export it for yours"
             )
 
     def _open(
@@ -192,9 +191,9 @@ class OnnxDetector(VoxelNetDetector):
                 f"the card must be an object with decoded, area and labels, got {str(card)[:60]}"
             )
         card = {"nms_threshold": 0.1, "sha256": self._weights, **card}
-        self.decoded, nms, digest = (
-            card.pop(key) for key in ("decoded", "nms_threshold", "sha256")
-        )
+        self.decoded = card.pop("decoded")
+        nms = card.pop("nms_threshold")
+        digest = card.pop("sha256")
         if (
             digest != self._weights
             or type(self.decoded) is not bool
@@ -219,17 +218,19 @@ class OnnxDetector(VoxelNetDetector):
             self._content, self._points(middle) | self._voxels(middle), limits or TrialLimits()
         )
         session = self.session
-        takes, gives = (
-            [each.name for each in some] for some in (session.get_inputs(), session.get_outputs())
-        )
-        wanted = (
-            _BOXES if self.decoded else Prediction._fields[: 4 if config.head == "quality" else 2]
-        )
-        if sorted(takes) not in (_POINTS, sorted(_VOXELS)) or not set(gives) >= set(wanted):
-            must = (
-                f"it must take {_POINTS[0]} or {' '.join(_VOXELS)}, and return {' '.join(wanted)}"
+        input_names = [tensor.name for tensor in session.get_inputs()]
+        output_names = [tensor.name for tensor in session.get_outputs()]
+        outputs: Sequence[str] = _BOXES
+        if not self.decoded:
+            outputs = Prediction._fields[: 4 if config.head == "quality" else 2]
+        takes_points = sorted(input_names) in (_POINTS, sorted(_VOXELS))
+        if not takes_points or not set(output_names) >= set(outputs):
+            rule = (
+                f"it must take {_POINTS[0]} or {' '.join(_VOXELS)}, and return {' '.join(outputs)}"
             )
-            raise ValueError(f"{must}, but takes {' '.join(takes)} and returns {' '.join(gives)}")
+            raise ValueError(
+                f"{rule}, but takes {' '.join(input_names)} and returns {' '.join(output_names)}"
+            )
         if config.faces:
             if (faces := session.get_modelmeta().custom_metadata_map.get("faces")) is None:
                 raise ValueError("its metadata lack the networks of the card's faces")
@@ -255,7 +256,7 @@ class OnnxDetector(VoxelNetDetector):
                 self._session = onnxruntime.InferenceSession(
                     self._content, options, ["CPUExecutionProvider"]
                 )
-            except Exception as error:  # of ONNX Runtime, which share no class
+            except Exception as error:  # errors of ONNX Runtime share no class
                 raise ValueError(f"ONNX Runtime cannot read it ({error})") from None
         return self._session
 
@@ -266,8 +267,8 @@ class OnnxDetector(VoxelNetDetector):
         inputs = self._points(cloud) if points_only else self._voxels(cloud)
         try:
             outputs = session.run(None, inputs)
-            return dict(zip([each.name for each in session.get_outputs()], outputs, strict=True))
-        except Exception as error:  # of ONNX Runtime, which share no class
+            return dict(zip([value.name for value in session.get_outputs()], outputs, strict=True))
+        except Exception as error:  # errors of ONNX Runtime share no class
             raise ValueError(
                 f"{self.name} fails with a cloud of {len(cloud)} points ({error})"
             ) from None
@@ -283,7 +284,8 @@ class OnnxDetector(VoxelNetDetector):
         return dict(zip(_VOXELS, arrays, strict=True))
 
     def _inside(self, cloud: Points) -> Float[np.ndarray, "_ 3"]:
-        (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
+        xmin, ymin, xmax, ymax = self.area
+        low, high = self.config.height
         return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
 
     def batch(self, clouds: Iterable[np.ndarray]) -> list[Detections]:
@@ -294,47 +296,51 @@ class OnnxDetector(VoxelNetDetector):
         ]
 
     def _detect(self, cloud: Points) -> Detections:
-        found = self.run(cloud)
+        outputs = self.run(cloud)
         if not self.decoded:
-            maps = Prediction(
-                **{key: torch.from_numpy(found[key]) for key in Prediction._fields if key in found}
-            )
-            return self._finish(
-                *candidates(maps, self.anchors, self.config, self._least_scores)[0], cloud
-            )
-        boxes, scores, labels = (found[key] for key in _BOXES)
-        known = len(self.labels)
-        fits = labels.ndim == 1 and scores.shape == labels.shape
-        if not fits or boxes.shape != (len(labels), 7) or not np.isin(labels, range(known)).all():
+            names = [name for name in Prediction._fields if name in outputs]
+            maps = Prediction(**{name: torch.from_numpy(outputs[name]) for name in names})
+            best = candidates(maps, self.anchors, self.config, self._least_scores)[0]
+            return self._finish(*best, cloud)
+        boxes = outputs["boxes"]
+        scores = outputs["scores"]
+        labels = outputs["labels"]
+        label_count = len(self.labels)
+        is_shaped = labels.ndim == 1 and scores.shape == labels.shape
+        if (
+            not is_shaped
+            or boxes.shape != (len(labels), 7)
+            or not np.isin(labels, range(label_count)).all()
+        ):
             shapes = f"{boxes.shape}, {scores.shape} and {labels.shape}"
             raise ValueError(
-                f"{self.name} must return (m, 7), (m,) and (m,), labels below {known}, got {shapes}"
+                f"{self.name} must return (m, 7), (m,) and (m,), labels below {label_count}, got "
+                f"{shapes}"
             )
         self._check_boxes(boxes, scores)
-        above = scores > np.array(self.thresholds)[labels.astype(int)]
-        best = scores[above, None] * np.eye(known)[labels[above].astype(int)]
-        return self._finish(
-            torch.from_numpy(boxes[above].astype(np.float32)), torch.from_numpy(best), cloud
-        )
+        is_above = scores > np.array(self.thresholds)[labels.astype(int)]
+        class_scores = scores[is_above, None] * np.eye(label_count)[labels[is_above].astype(int)]
+        above = torch.from_numpy(boxes[is_above].astype(np.float32))
+        return self._finish(above, torch.from_numpy(class_scores), cloud)
 
     def _check_boxes(self, boxes: np.ndarray, scores: np.ndarray) -> None:
         """Raise ValueError for scores beyond 0..1, and for boxes that no road user has."""
-        wrong = ~((scores >= 0) & (scores <= 1))
-        if wrong.any():
+        is_wrong = ~((scores >= 0) & (scores <= 1))
+        if is_wrong.any():
             remedy = "end the network in a sigmoid or softmax"
             raise ValueError(
-                f"{self.name}: scores must be within 0..1, got {scores[wrong][0]:g}: {remedy}"
+                f"{self.name}: scores must be within 0..1, got {scores[is_wrong][0]:g}: {remedy}"
             )
         sizes = boxes[:, 3:6]
-        far = (np.abs(boxes[:, :3]) <= MAX_PLACE_M).all(axis=1)
-        sound = (
-            far
+        is_near = (np.abs(boxes[:, :3]) <= MAX_PLACE_M).all(axis=1)
+        is_sound = (
+            is_near
             & (sizes > 0).all(axis=1)
             & (sizes <= MAX_SIZE_M).all(axis=1)
             & (np.abs(boxes[:, 6]) <= MAX_YAW_RAD)
         )
-        if not sound.all():
-            got = " ".join(f"{value:g}" for value in boxes[~sound][0])
+        if not is_sound.all():
+            got = " ".join(f"{value:g}" for value in boxes[~is_sound][0])
             limits = (
                 f"sizes above 0 up to {MAX_SIZE_M:g} m, within {MAX_PLACE_M:g} m, yaw in radians"
             )

@@ -1,7 +1,8 @@
 """Checkpoints of the paper's authors, checked and run on its two sites.
 
-A `checkpoint_*.pth` of the paper's code lives in CARLA's left-handed map, relative to a reference
-point. This module keeps those axes, and turns clouds on their way in and boxes on their way out."""
+A `checkpoint_*.pth` of the paper's code uses CARLA's left-handed map, relative to a reference
+point. This module keeps those axes, and turns clouds on their way in and boxes on their way out.
+"""
 
 import re
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from models.network.candidates import MOST_CANDIDATES, candidates, suppress
+from models.network.candidates import MAX_CLOUD_CANDIDATES, candidates, suppress_boxes
 from models.network.grid import anchors, voxelise
 from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
@@ -24,13 +25,30 @@ from toolkit.boxes import nms
 from toolkit.objects import Detections
 
 REFERENCE = {"tjunction": (84.0, 156.0), "roundabout": (0.0, 0.0)}  # CARLA x, y
-# from the reference
+# relative to the reference
 AREA = {"tjunction": (0.0, 0.0, 40.0, 80.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
 
 PROPOSAL_IOU = 0.3
-MOST_PROPOSALS = 300
+MAX_PROPOSALS = 300
 Decoding = Literal["exact", "published"]
-_UP_LAST = [0, 2, 1]  # their x, up, y as our x, y, z
+_UP_LAST = [0, 2, 1]  # their x, up, y as x, y, z
+_LAYER = ("conv1", "bn1")
+# published names of tensors, by the groups of a pattern of the names here
+_NAMES: tuple[tuple[str, Callable[..., str]], ...] = (
+    (r"features\.layers\.0\.linear", lambda: "feature_learnig.vfe1.fcn1.conv1"),
+    (r"features\.layers\.0\.norm", lambda: "feature_learnig.vfe1.fcn1.bn1"),
+    (r"features\.layers\.1\.linear", lambda: "feature_learnig.fcn1.conv1"),
+    (r"features\.layers\.1\.norm", lambda: "feature_learnig.fcn1.bn1"),
+    (r"middle\.layers\.(\d)\.(\d)", lambda layer, kind: f"conv3d.conv{layer + 1}.{_LAYER[kind]}"),
+    (
+        r"rpn\.blocks\.(\d)\.(\d)\.(\d)",
+        lambda block, k, kind: f"_rpn.conv{block + 1}_{k + 1}.{_LAYER[kind]}",
+    ),
+    (r"rpn\.upsample\.(\d)", lambda block: f"_rpn.deconv{3 - block}"),
+    (r"head\.conv3x3", lambda: "_rpn.rpn_head.conv3x3"),
+    (r"head\.classes", lambda: "_rpn.rpn_head.conv_cls"),
+    (r"head\.residuals", lambda: "_rpn.rpn_head.conv_loc"),
+)
 
 
 def load_published(
@@ -39,7 +57,8 @@ def load_published(
     """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
     decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError,
-    and ValueError for any other file."""
+    and ValueError for any other file.
+    """
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
     network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
@@ -51,9 +70,9 @@ def load_published(
         raise ValueError(
             f"{path} has no state_dict of tensors: is it a checkpoint_*.pth of the published code?"
         )
-    # of parallel training
-    plain = {str(name).removeprefix("module."): tensor for name, tensor in weights.items()}
-    network.load_state_dict(from_published(plain, network, path))
+    # parallel training adds a prefix
+    tensors = {str(name).removeprefix("module."): tensor for name, tensor in weights.items()}
+    network.load_state_dict(from_published(tensors, network, path))
     return PublishedDetector(network.eval(), site, decoding=decoding, device=device)
 
 
@@ -61,8 +80,9 @@ class PublishedDetector:
     """Detector of a published network: points (n, 3) in, `Detections` out, in the site's frame, m.
 
     decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU of 0.1. "published"
-    first does what the published code does: of the 2000 best anchors, boxes whose upright
-    rectangles overlap by more than 0.3 are suppressed, and the 300 best stay."""
+    first does the same as the published code: of the 2000 best anchors, boxes whose upright
+    rectangles overlap by more than 0.3 are suppressed, and the 300 best stay.
+    """
 
     def __init__(
         self,
@@ -95,10 +115,11 @@ class PublishedDetector:
     def head(
         self, points: Points, *, frame: Literal["site", "carla"] = "site"
     ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
-        """Return raw maps: channels 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
+        """Raw maps with channels 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
 
-        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along
-        its y."""
+        points: in the site's frame, or (x, -y, z) of CARLA's map. H is along CARLA's x, W along its
+        y.
+        """
         cloud = to_network(np.asarray(points, np.float32), self.site, frame)
         maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
         return maps.class_logits.contiguous(), maps.residuals.contiguous()
@@ -112,25 +133,28 @@ class PublishedDetector:
             0
         ]
         if self.decoding == "published":
-            kept = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())
-            boxes = boxes[kept]
-            scores = scores[kept]
-        found = suppress(boxes, scores, self.config, self.nms_threshold)
-        return Detections(from_network(found.boxes, self.site), found.scores, found.labels)
+            kept_rows = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())
+            boxes = boxes[kept_rows]
+            scores = scores[kept_rows]
+        detections = suppress_boxes(boxes, scores, self.config, self.nms_threshold)
+        return Detections(
+            from_network(detections.boxes, self.site), detections.scores, detections.labels
+        )
 
 
 def proposals(boxes: BoxRows, scores: Float64[np.ndarray, " n"]) -> np.ndarray:
     """Rows that survive the published proposal step, best first."""
-    best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
+    best = np.argsort(-scores, kind="stable")[:MAX_CLOUD_CANDIDATES]
     length = boxes[best, 3]
     width = boxes[best, 4]
     yaw = boxes[best, 6]
-    cos, sin = np.abs(np.cos(yaw)), np.abs(np.sin(yaw))
+    cos = np.abs(np.cos(yaw))
+    sin = np.abs(np.sin(yaw))
     upright = boxes[best].copy()
     upright[:, 3] = length * cos + width * sin
     upright[:, 4] = width * cos + length * sin
     upright[:, 6] = 0.0
-    return best[nms(upright, scores[best], PROPOSAL_IOU)[:MOST_PROPOSALS]]
+    return best[nms(upright, scores[best], PROPOSAL_IOU)[:MAX_PROPOSALS]]
 
 
 def to_network(
@@ -167,8 +191,8 @@ def from_network(boxes: BoxRows, site: str) -> BoxRows:
 def from_published(
     weights: dict[str, Tensor], network: VoxelNet, origin: str | Path
 ) -> dict[str, Tensor]:
-    """Rename published tensors to our names. Raises ValueError unless all of them are present in
-    the right shapes."""
+    """Rename published tensors. Raises ValueError unless all of them are present in the right
+    shapes."""
     ours = network.state_dict()
     linear = {
         name: tensor[..., None, None]
@@ -189,26 +213,8 @@ def from_published(
 
 
 def name_in_paper(name: str) -> str:
-    """Published name of one of our tensors."""
-    for ours, theirs in _NAMES:
-        if match := re.match(ours, name):
-            return theirs(*map(int, match.groups())) + name[match.end() :]
+    """Published name of a tensor."""
+    for pattern, published_name in _NAMES:
+        if match := re.match(pattern, name):
+            return published_name(*map(int, match.groups())) + name[match.end() :]
     raise ValueError(f"the published network has no counterpart of {name}")
-
-
-_LAYER = ("conv1", "bn1")
-_NAMES: tuple[tuple[str, Callable[..., str]], ...] = (
-    (r"features\.layers\.0\.linear", lambda: "feature_learnig.vfe1.fcn1.conv1"),
-    (r"features\.layers\.0\.norm", lambda: "feature_learnig.vfe1.fcn1.bn1"),
-    (r"features\.layers\.1\.linear", lambda: "feature_learnig.fcn1.conv1"),
-    (r"features\.layers\.1\.norm", lambda: "feature_learnig.fcn1.bn1"),
-    (r"middle\.layers\.(\d)\.(\d)", lambda layer, part: f"conv3d.conv{layer + 1}.{_LAYER[part]}"),
-    (
-        r"rpn\.blocks\.(\d)\.(\d)\.(\d)",
-        lambda block, k, part: f"_rpn.conv{block + 1}_{k + 1}.{_LAYER[part]}",
-    ),
-    (r"rpn\.upsample\.(\d)", lambda block: f"_rpn.deconv{3 - block}"),
-    (r"head\.conv3x3", lambda: "_rpn.rpn_head.conv3x3"),
-    (r"head\.classes", lambda: "_rpn.rpn_head.conv_cls"),
-    (r"head\.residuals", lambda: "_rpn.rpn_head.conv_loc"),
-)

@@ -1,7 +1,8 @@
 """Files of weights and checkpoints: written whole, read without executing anything.
 
-Weights are safetensors files: tensors, and a header that says what they are and where they come
-from. Checkpoints are `torch.save` files of plain tensors and numbers."""
+Weights are safetensors files: tensors, and a header that states their kind and origin. Checkpoints
+are `torch.save` files of plain tensors and numbers.
+"""
 
 import hashlib
 import json
@@ -22,12 +23,36 @@ from models.network.voxelnet import VoxelNet
 from toolkit.runtime.files import MAX_FILE_BYTES, parse_json, write_bytes
 
 FORMAT = "coview VoxelNet 1"
+# Errors that torch.load raised on damaged files, in addition to OSError for a file that cannot be
+# opened.
+_TORCH_RAISES = (
+    pickle.UnpicklingError,
+    zipfile.BadZipFile,
+    RuntimeError,
+    NotImplementedError,
+    EOFError,
+    OSError,
+    MemoryError,
+    KeyError,
+    IndexError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    AssertionError,
+)
 
 
 @dataclass(frozen=True)
-class Header:
-    """Origin of weights. site: the site they were trained for, "general" for any. ap: measured AP
-    by name."""
+class WeightsHeader:
+    """Origin of weights.
+
+    Attributes:
+        site: Site they were trained for, "general" for any.
+        seed: Seed of the training.
+        commit: Commit of the code.
+        ap: Measured AP by name.
+    """
 
     site: str = ""
     seed: int = 0
@@ -35,9 +60,10 @@ class Header:
     ap: dict[str, float] = field(default_factory=dict)
 
 
-def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
-    """Write a network's weights, complete or not at all. Raises ValueError for a weight that is not
-    finite: such a network is of no use."""
+def save_weights(path: str | Path, network: VoxelNet, header: WeightsHeader) -> None:
+    """Write a network's weights, complete or not at all. Raises ValueError for weights that are not
+    finite.
+    """
     from safetensors.torch import save
 
     tensors = {
@@ -61,7 +87,7 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
         "ap": json.dumps(header.ap),
     }
     content = save(tensors, metadata)
-    # of the header, which the library orders anew in every process
+    # size of the header, which the library orders differently in every process
     size = int.from_bytes(content[:8], "little")
     ordered = json.dumps(
         json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")
@@ -70,11 +96,12 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
     write_bytes(path, len(ordered).to_bytes(8, "little") + ordered + content[8 + size :])
 
 
-def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
+def load_weights(path: str | Path) -> tuple[VoxelNet, WeightsHeader]:
     """Load the network of a weights file, ready for inference, and its header.
 
     Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or
-    of another size than its configuration says."""
+    of another size than in its configuration.
+    """
     from safetensors import SafetensorError, safe_open
 
     path = Path(path)
@@ -113,9 +140,8 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     except (KeyError, ValueError) as error:
         raise ValueError(f"{path} has no usable configuration in its header: {error}") from None
     try:
-        with torch.device(
-            "meta"
-        ):  # what it would be, without the memory that a damaged configuration may ask for
+        # expected tensors without the memory that a damaged configuration may request
+        with torch.device("meta"):
             expected = VoxelNet(config).state_dict()
     except (ValueError, RuntimeError, TypeError, IndexError, OverflowError) as error:
         raise ValueError(
@@ -131,7 +157,9 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
         raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
     if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
         raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
-    return network.eval(), Header(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
+    return network.eval(), WeightsHeader(
+        metadata.get("site", ""), seed, metadata.get("commit", ""), ap
+    )
 
 
 def _reason(error: Exception) -> str:
@@ -145,9 +173,9 @@ def check_tensors(
     missing = expected.keys() - tensors.keys()
     unknown = tensors.keys() - expected.keys()
     if missing or unknown:
-        what = f"lacks {min(missing)}" if missing else f"has {min(unknown)} besides"
+        difference = f"lacks {min(missing)}" if missing else f"has {min(unknown)} besides"
         raise ValueError(
-            f"{origin} {what}: it holds {len(tensors)} tensors where the network has "
+            f"{origin} {difference}: it holds {len(tensors)} tensors where the network has "
             f"{len(expected)}"
         )
     for name, tensor in expected.items():
@@ -176,25 +204,12 @@ def digest_detector(weights: str, *settings: object) -> str:
     return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()
 
 
-# Errors that torch.load was seen to raise on damaged files, besides the OSError of a file that
-# cannot be opened.
-_TORCH_RAISES = (
-    *(
-        pickle.UnpicklingError,
-        zipfile.BadZipFile,
-        RuntimeError,
-        NotImplementedError,
-        EOFError,
-        OSError,
-        MemoryError,
-    ),
-    *(KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, AssertionError),
-)
-
-
 def load_tensors(path: str | Path, device: str = "cpu") -> object:
-    """Read tensors and plain values that `torch.save` wrote. Raises FileNotFoundError; ValueError,
-    in one line, if the file is damaged or holds anything else."""
+    """Read tensors and plain values that `torch.save` wrote.
+
+    Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything
+    else.
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no checkpoint at {path}")
@@ -216,8 +231,11 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
 def read_checkpoint(
     path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None
 ) -> dict[str, Any]:
-    """Read a checkpoint without executing anything in it. Raises ValueError if it is damaged, or of
-    a run with other settings than those of `identity`, by name."""
+    """Read a checkpoint without executing anything in it.
+
+    Raises ValueError if it is damaged, or from a run with other settings than `identity` has, by
+    name.
+    """
     try:
         state = load_tensors(path, device)
     except ValueError as error:
@@ -226,18 +244,18 @@ def read_checkpoint(
         raise ValueError(
             f"{path} is not a checkpoint: remove it to start again, or choose another folder"
         )
-    different = " and ".join(
+    differing = " and ".join(
         name for name, value in (identity or {}).items() if state.get(name, "") != value
     )
-    if different:
+    if differing:
         remedy = "choose another folder or --overwrite it"
-        raise ValueError(f"{path} belongs to a run with another {different}: {remedy}")
+        raise ValueError(f"{path} belongs to a run with another {differing}: {remedy}")
     return state
 
 
 @contextmanager
 def checkpoint_errors(path: Path) -> Iterator[None]:
-    """Say in one line that a checkpoint does not fit."""
+    """Turn errors of a checkpoint that does not fit into a ValueError in one line."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError) as error:

@@ -7,9 +7,10 @@ to an anchor (a):
 
 then the yaw, δ = ψ - ψ_a:
 
-    published head:  δ                (a box and its half turn have far apart residuals)
+    published head:  δ                (a box and its half turn have very different residuals)
     quality head:    sin 2δ, cos 2δ and a direction bit
-                     (they have the same residuals; the bit distinguishes them)"""
+                     (they have the same residuals; the bit distinguishes them)
+"""
 
 import math
 from collections.abc import Sequence
@@ -50,7 +51,8 @@ def voxelise(
     < height < 4 m). In a voxel with more than T points a random T stay, by default the same every
     time. Kept points stay in their order.
 
-    Raises ValueError unless the points are (n, 3)."""
+    Raises ValueError unless the points are (n, 3).
+    """
     cloud = torch.as_tensor(points, dtype=torch.float32)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {tuple(cloud.shape)}")
@@ -59,11 +61,11 @@ def voxelise(
     ix, iy, iz = cells.unbind(1)
     # less work than a map of all voxels
     occupied, voxel = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True)
-    crowded = torch.bincount(voxel)[voxel] > config.max_points
-    if crowded.any():
-        keep = thin_voxels(voxel, crowded, config.max_points, rng)
-        cloud = cloud[keep]
-        voxel = voxel[keep]
+    is_crowded = torch.bincount(voxel)[voxel] > config.max_points
+    if is_crowded.any():
+        is_kept = thin_voxels(voxel, is_crowded, config.max_points, rng)
+        cloud = cloud[is_kept]
+        voxel = voxel[is_kept]
     plane = occupied % (nx * ny)
     cells = torch.stack(
         (torch.zeros_like(plane), plane // ny, plane % ny, occupied // (nx * ny)), 1
@@ -83,7 +85,10 @@ def collate(batch: Sequence[Voxels]) -> Voxels:
         item += voxels.items
         row += len(voxels.cells)
     return Voxels(
-        torch.cat([each.points for each in batch]), torch.cat(voxel), torch.cat(cells), item
+        torch.cat([item_voxels.points for item_voxels in batch]),
+        torch.cat(voxel),
+        torch.cat(cells),
+        item,
     )
 
 
@@ -93,52 +98,55 @@ def grid_cells(
     """Points inside the grid, and their voxel indices (x, y, z)."""
     xmin, ymin, xmax, ymax = config.area
     bounds = ((xmin, xmax), (ymin, ymax), config.height)
-    x, y, z = (
-        (axis > low) & (axis < high)
-        for axis, (low, high) in zip(cloud.unbind(1), bounds, strict=True)
-    )
-    cloud = cloud[x & y & z]
-    sizes = zip(config.voxel_size, config.grid_shape, strict=True)
-    indices = [  # in float64: a float32 1.4 is below 7 voxels
-        torch.floor(axis.double() / size - low / size).long().clamp_(0, cells - 1)
-        for axis, (low, _), (size, cells) in zip(cloud.unbind(1), bounds, sizes, strict=True)
-    ]
+    is_inside = torch.ones(len(cloud), dtype=torch.bool, device=cloud.device)
+    for axis, (low, high) in enumerate(bounds):
+        is_inside &= (cloud[:, axis] > low) & (cloud[:, axis] < high)
+    cloud = cloud[is_inside]
+    indices = []
+    for axis, (low, _) in enumerate(bounds):
+        size = config.voxel_size[axis]
+        # in float64: a float32 1.4 is below 7 voxels
+        index = torch.floor(cloud[:, axis].double() / size - low / size).long()
+        indices.append(index.clamp_(0, config.grid_shape[axis] - 1))
     return cloud, torch.stack(indices, 1)
 
 
 def thin_voxels(
-    voxel: Int64[Tensor, " n"], crowded: Bool[Tensor, " n"], limit: int, rng: _Random = 0
+    voxel: Int64[Tensor, " n"], is_crowded: Bool[Tensor, " n"], limit: int, rng: _Random = 0
 ) -> Bool[Tensor, " n"]:
-    """Mark the points that stay: in crowded voxels any `limit` of them, each subset as likely as
-    any other."""
-    rows = torch.nonzero(crowded)[:, 0]
+    """Mask of the points that stay: in crowded voxels any `limit` of them, each subset equally
+    likely."""
+    rows = torch.nonzero(is_crowded)[:, 0]
     rows = rows[torch.from_numpy(np.random.default_rng(rng).permutation(len(rows))).to(rows.device)]
     rows = rows[torch.argsort(voxel[rows], stable=True)]
     sizes = torch.unique_consecutive(voxel[rows], return_counts=True)[1]
     rank = torch.arange(len(rows), device=rows.device) - torch.repeat_interleave(
         torch.cumsum(sizes, 0) - sizes, sizes
     )
-    keep = torch.ones_like(crowded)
-    keep[rows[rank >= limit]] = False
-    return keep
+    is_kept = torch.ones_like(is_crowded)
+    is_kept[rows[rank >= limit]] = False
+    return is_kept
 
 
 def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
-    """Return a box per cell, class and yaw in the frame of the grid, H along x, W along y."""
-    (rows, columns), (dx, dy) = config.map_shape, config.stride
+    """Box per cell, class and yaw in the frame of the grid, H along x, W along y."""
+    rows, columns = config.map_shape
+    dx, dy = config.stride
     x = config.area[0] + (torch.arange(rows, dtype=torch.float64) + 0.5) * dx
     y = config.area[1] + (torch.arange(columns, dtype=torch.float64) + 0.5) * dy
-    each = [(kind.z, *kind.size, yaw) for kind in config.anchor_kinds for yaw in kind.yaws]
-    boxes = torch.empty(rows, columns, len(each), 7)
+    anchor_values = [(kind.z, *kind.size, yaw) for kind in config.anchor_kinds for yaw in kind.yaws]
+    boxes = torch.empty(rows, columns, len(anchor_values), 7)
     boxes[..., 0] = x[:, None, None]
     boxes[..., 1] = y[None, :, None]
-    boxes[..., 2:] = torch.tensor(each)
+    boxes[..., 2:] = torch.tensor(anchor_values)
     return boxes
 
 
-def encode(boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True) -> Float[Tensor, "*n R"]:
-    """Return residuals of boxes to anchors: eight with the doubled yaw difference, or seven with
-    the plain one."""
+def encode_residuals(
+    boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True
+) -> Float[Tensor, "*n R"]:
+    """Residuals of boxes to anchors: eight with the doubled yaw difference, or seven with the plain
+    one."""
     diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
     size = anchors[..., 3:6]
     delta = boxes - anchors
@@ -151,26 +159,25 @@ def encode(boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True) -> Float[Ten
 def decode(
     residuals: Float[Tensor, "*n R"], anchors: _Boxes, direction: Bool[Tensor, "*n"] | None = None
 ) -> _Boxes:
-    """Return the boxes of residuals. Eight leave the yaw open by 180°, which `direction`
-    settles."""
+    """Boxes of residuals. Eight residuals leave the yaw open by 180°, which `direction` settles."""
     diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
     size = anchors[..., 3:6]
-    centre = anchors[..., :3] + residuals[..., :3] * torch.cat(
-        (diagonal, diagonal, size[..., 2:]), -1
-    )
+    scale = torch.cat((diagonal, diagonal, size[..., 2:]), -1)
+    centre = anchors[..., :3] + residuals[..., :3] * scale
     angle = residuals[..., 6:]
     delta = angle if angle.shape[-1] == 1 else torch.atan2(angle[..., :1], angle[..., 1:]) / 2
     if direction is not None:
         delta = delta + math.pi * direction[..., None]
-    return torch.cat((centre, size * torch.exp(residuals[..., 3:6]), anchors[..., 6:] + delta), -1)
+    yaw = anchors[..., 6:] + delta
+    return torch.cat((centre, size * torch.exp(residuals[..., 3:6]), yaw), -1)
 
 
 def faces_back(boxes: _Boxes, anchors: _Boxes) -> Bool[Tensor, "*n"]:
-    """Mark boxes headed more than 90° off their anchor."""
+    """Mask of boxes headed more than 90° off their anchor."""
     return torch.cos(boxes[..., 6] - anchors[..., 6]) < 0
 
 
 def per_anchor(channels: Float[Tensor, "B Ak H W"], anchors: int) -> Float[Tensor, "B H W A k"]:
-    """Reshape a map of the head by cell and anchor."""
+    """Map of the head, reshaped by cell and anchor."""
     items, _, rows, columns = channels.shape
     return channels.view(items, anchors, -1, rows, columns).permute(0, 3, 4, 1, 2)

@@ -1,7 +1,7 @@
 """Sparse inference: the same maps in less time.
 
-Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights.
-So voxel features exist for occupied voxels only, 3D convolutions run on reached cells
+Points are in a few percent of the voxels, and an empty grid's response is a constant of the
+weights. So voxel features exist only for occupied voxels, 3D convolutions run on reached cells
 (`SparseMiddle`), and the light network's first convolution on occupied columns (`SparseColumns`).
 BatchNorm and the linear layers before the published head are folded.
 """
@@ -29,6 +29,12 @@ from models.network.voxelnet import (
 )
 from toolkit.arrays import Bool, Float, Float32, Int64
 
+BIAS_CHANNELS = 8  # that carry the biases; a multiple of the convolution kernels' width
+BORDER_CELLS = 2  # in which an empty grid's response varies, after three convolutions
+SMALL_GRID_CELLS = 2 * BORDER_CELLS + 1  # side of the small empty grid
+# kernel taps along one axis that see an even or odd place, and their offsets
+_TAPS = (((1, 0),), ((0, 1), (2, 0)))
+
 
 class SparseVoxelNet(nn.Module):
     """Trained network for inference, with a folded copy of its weights: train the original."""
@@ -55,29 +61,32 @@ class SparseVoxelNet(nn.Module):
 
     @torch.inference_mode()
     def forward(self, voxels: Voxels) -> Prediction:
-        """Return what `network.eval()(voxels)` would return."""
+        """Same maps as `network.eval()(voxels)`."""
         return self.rpn(self.middle(self.features(voxels), voxels))
 
     def halve(self) -> "SparseVoxelNet":
         """Copy whose proposal part, which takes most of the time, computes in bfloat16."""
-        other = copy.deepcopy(self)
-        other.rpn.to(torch.bfloat16).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        return other
+        halved = copy.deepcopy(self)
+        halved.rpn.to(torch.bfloat16).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        return halved
 
 
 @lru_cache
 def is_quick_at_bfloat16(device: torch.device) -> bool:
-    """True for a processor that is much faster in bfloat16. It is timed once, as instructions for
-    it do not tell."""
-    known = [
+    """True if a processor is much faster in bfloat16.
+
+    It is timed once, since its instruction set does not show it."""
+    checks = [
         getattr(torch.cpu, f"_is_{name}_supported", lambda: False)
         for name in ("avx512_bf16", "amx_tile")
     ]
-    if device.type != "cpu" or not any(supported() for supported in known):
+    if device.type != "cpu" or not any(is_supported() for is_supported in checks):
         return False
-    exact, coarse = zip(
-        *((_time_layer(torch.float32), _time_layer(torch.bfloat16)) for _ in range(5)), strict=True
-    )
+    exact = []
+    coarse = []
+    for _ in range(5):
+        exact.append(_time_layer(torch.float32))
+        coarse.append(_time_layer(torch.bfloat16))
     return min(coarse) < 0.8 * min(exact)
 
 
@@ -89,9 +98,6 @@ def _time_layer(dtype: torch.dtype) -> float:
     began = time.perf_counter()
     layer(x)
     return time.perf_counter() - began
-
-
-ONES = 8  # channels that carry the biases; a multiple of the convolution kernels' width
 
 
 def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
@@ -110,24 +116,30 @@ def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tupl
     return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
 
 
+def _fold_layer(layer: Any) -> nn.Conv2d | nn.ConvTranspose2d:
+    weight, bias = fold_norm(layer[0], layer[1])
+    return make_conv(weight, bias, layer[0].stride[0], 1)
+
+
 class FoldedRegionProposal(nn.Module):
-    """`RegionProposal` and `Head`, folded; channels last in memory. input_order: original place of
-    each input."""
+    """`RegionProposal` and `Head`, folded; channels last in memory.
+
+    input_order: original position of each input.
+    """
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
         super().__init__()
         self.order = rpn.order
         originals: Any = rpn.blocks
-        blocks = [
-            [make_conv(*fold_norm(*layer[:2]), layer[0].stride[0], 1) for layer in block]
-            for block in originals
-        ]
+        blocks = [list(map(_fold_layer, block)) for block in originals]
         if input_order is not None:
             blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
         self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
-        self.join = (
-            PlainJoin(rpn, head) if rpn.add or head.conv3x3 is None else LinearHead(rpn, head)
-        )
+        self.join: PlainJoin | LinearHead
+        if rpn.add or head.conv3x3 is None:
+            self.join = PlainJoin(rpn, head)
+        else:
+            self.join = LinearHead(rpn, head)
         maps = [
             layer
             for layer in (head.classes, head.residuals, head.direction, head.quality)
@@ -174,16 +186,15 @@ class PlainJoin(nn.Module):
             )
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
-        """Return the feature map of the head."""
+        """Feature map of the head."""
         layers: Any = self.upsample
-        first, *others = layers
-        fine = cell_by_cell(first, maps[0]) if self.add else first(maps[0])
-        middle, coarse = (layer(x) for layer, x in zip(others, maps[1:], strict=True))
-        x = (
-            fine.add_(middle).add_(coarse).relu_()
-            if self.add
-            else torch.cat((coarse, middle, fine), 1)
-        )
+        fine = cell_by_cell(layers[0], maps[0]) if self.add else layers[0](maps[0])
+        middle = layers[1](maps[1])
+        coarse = layers[2](maps[2])
+        if self.add:
+            x = fine.add_(middle).add_(coarse).relu_()
+        else:
+            x = torch.cat((coarse, middle, fine), 1)
         return x if self.conv3x3 is None else torch.relu_(self.conv3x3(x))
 
 
@@ -193,7 +204,8 @@ class LinearHead(nn.Module):
     Everything before that convolution is linear, so a transposed one (kernel and stride k) and the
     3x3 one are together one transposed convolution of kernel k + 2, stride k and padding 1, on a
     map with a quarter or a sixteenth of the cells. Their biases, which the 3x3 convolution misses
-    beyond the border, enter through channels of ones."""
+    beyond the border, enter through channels of ones.
+    """
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
         super().__init__()
@@ -210,27 +222,36 @@ class LinearHead(nn.Module):
         )
         ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
         weight = torch.cat(
-            (_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:]))
+            (
+                _compose(coarse.weight, at_coarse),
+                ones,
+                ones.new_zeros(BIAS_CHANNELS - 1, *ones.shape[1:]),
+            )
         )
         self.coarse = make_conv(weight, None, 4, 1, transposed=True)
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
-        """Return the feature map of the head."""
+        """Feature map of the head."""
         fine, middle, coarse = maps
-        coarse = torch.cat((coarse, coarse.new_ones(len(coarse), ONES, *coarse.shape[2:])), 1)
+        coarse = torch.cat(
+            (coarse, coarse.new_ones(len(coarse), BIAS_CHANNELS, *coarse.shape[2:])), 1
+        )
         x: Tensor = self.conv3x3(self.fine(fine))
         return x.add_(self.middle(middle)).add_(self.coarse(coarse)).relu_()
 
 
 def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K H W"]:
-    """Compute a 1x1 convolution by the convolution library. On one CPU thread torch would choose a
-    plain matrix product, which takes about twice as long. Compilers and exporters do not know the
-    library's convolution, and it refuses bfloat16 on processors without AVX-512."""
-    plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
-    plain = plain or (
+    """Compute a 1x1 convolution by the convolution library.
+
+    On one CPU thread torch would choose a plain matrix product, which takes about twice as long.
+    Compilers and exporters do not know the library's convolution, and it refuses bfloat16 on
+    processors without AVX-512.
+    """
+    needs_plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
+    needs_plain = needs_plain or (
         x.dtype == torch.bfloat16 and not torch.ops.mkldnn._is_mkldnn_bf16_supported()
     )
-    if plain or x.device.type != "cpu":
+    if needs_plain or x.device.type != "cpu":
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
     return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)  # type: ignore[arg-type]
 
@@ -254,7 +275,7 @@ def make_conv(
     *,
     transposed: bool = False,
 ) -> nn.Conv2d | nn.ConvTranspose2d:
-    """Build a convolution with a copy of these weights; a transposed 1x1 one is a plain one."""
+    """Convolution with a copy of these weights; a transposed 1x1 one is a plain one."""
     if transposed and weight.shape[2] == stride == 1:
         weight = weight.transpose(0, 1)
         transposed = False
@@ -267,17 +288,14 @@ def make_conv(
     return conv
 
 
-# kernel taps along one axis that see an even or odd place, and their offsets
-_TAPS = (((1, 0),), ((0, 1), (2, 0)))
-
-
 class SparseColumns(nn.Module):
     """Height fold, first convolution and ReLU on occupied columns.
 
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of
     its map, depending on whether its row and column are even or odd. Each of the nine taps serves
     the columns of one such kind and sends no two of them to the same cell. Cells without a column
-    hold the bias."""
+    hold the bias.
+    """
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
         super().__init__()
@@ -295,9 +313,9 @@ class SparseColumns(nn.Module):
         voxels: Voxels,
         shape: tuple[int, int, int] | None = None,
     ) -> Float[Tensor, "B K h w"]:
-        """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the
-        network's own."""
-        nx, ny, _ = shape = shape or self.shape
+        """Map after the ReLU, channels last in memory. shape: the grid's, if not the network's."""
+        shape = shape or self.shape
+        nx, ny = shape[:2]
         column, key = voxelnet.columns(voxels, shape)
         start = self.shift.expand(len(key), -1)
         x = torch.relu_(
@@ -307,34 +325,31 @@ class SparseColumns(nn.Module):
         cells = ny // 2
         ix = key // ny % nx
         iy = key % ny
-        place = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2
+        target = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2
         out = self.bias.expand(voxels.items * rows * cells, -1).clone()
         for odd_x, odd_y in product((0, 1), (0, 1)):
-            some = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
-            columns_there = x[some]
-            at = place[some]
-            row = ix[some] // 2
-            cell = iy[some] // 2
+            column_rows = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
+            column_values = x[column_rows]
+            target_cells = target[column_rows]
+            row = ix[column_rows] // 2
+            cell = iy[column_rows] // 2
             for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y]):
-                values = columns_there @ self.taps[kx, ky]
-                there = at + dx * cells + dy
+                values = column_values @ self.taps[kx, ky]
+                cells_reached = target_cells + dx * cells + dy
                 if dx or dy:
-                    inside = (row + dx < rows) & (cell + dy < cells)
-                    values = values[inside]
-                    there = there[inside]
-                out.index_add_(0, there, values)
+                    is_inside = (row + dx < rows) & (cell + dy < cells)
+                    values = values[is_inside]
+                    cells_reached = cells_reached[is_inside]
+                out.index_add_(0, cells_reached, values)
         return F.relu_(out).view(voxels.items, rows, cells, -1).permute(0, 3, 1, 2)
 
 
-BORDER = (
-    2  # cells from a border within which an empty grid's response varies, after three convolutions
-)
-SMALL = 2 * BORDER + 1  # cells along x and y of the small empty grid
-
-
 class Plane(NamedTuple):
-    """Cells of B maps (H x W cells) in one plane. A margin of one cell around each map makes every
-    neighbour a fixed step away; beyond the border is no reached cell."""
+    """Cells of B maps (H x W cells) in one plane.
+
+    A margin of one cell around each map makes every neighbour a fixed step away; no cell beyond the
+    border is reached.
+    """
 
     items: int
     nx: int
@@ -346,18 +361,20 @@ class Plane(NamedTuple):
         return self.items * (self.nx + 2) * (self.ny + 2)
 
     def place(self, item: Tensor, ix: Tensor, iy: Tensor) -> Tensor:
-        """Place of a cell of a map."""
+        """Number of a cell of a map in the plane."""
         return (item * (self.nx + 2) + ix + 1) * (self.ny + 2) + iy + 1
 
-    def cell(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Batch item and indices (x, y) of a place."""
-        row = place // (self.ny + 2)
-        return row // (self.nx + 2), row % (self.nx + 2) - 1, place % (self.ny + 2) - 1
+    def cell(self, number: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Batch item and indices (x, y) of a cell number."""
+        row = number // (self.ny + 2)
+        return row // (self.nx + 2), row % (self.nx + 2) - 1, number % (self.ny + 2) - 1
 
 
 class Reached(NamedTuple):
-    """Cells reached by points, ordered by level and place. differences: their values minus those of
-    an empty grid."""
+    """Cells reached by points, ordered by level and place.
+
+    differences: their values minus the values of an empty grid.
+    """
 
     mask: Bool[Tensor, "D P"]
     differences: Float32[Tensor, "n C"]
@@ -366,18 +383,21 @@ class Reached(NamedTuple):
 class SparseMiddle(nn.Module):
     """Three 3D convolutions on reached cells.
 
-    A convolution is linear: its output is that of an empty grid plus that of the difference between
-    its input and an empty grid's. The difference is zero wherever no point reaches, so only rows of
-    reached cells are kept and multiplied. An empty grid's response varies only at its borders, so a
-    small empty grid tells all of it. Channels are last in memory, level by level
-    (`channel_order`)."""
+    A convolution is linear: its output is the output for an empty grid plus the output for the
+    difference between its input and an empty grid's. The difference is zero wherever no point
+    reaches, so only rows of reached cells are kept and multiplied. An empty grid's response varies
+    only at its borders, so a small empty grid describes all of it. Channels are last in memory,
+    level by level (`channel_order`).
+    """
 
     def __init__(self, middle: MiddleLayers) -> None:
         super().__init__()
         self.shape = middle.shape
         layers: Any = middle.layers
         first = layers[0][0]
-        empty = first.weight.new_zeros(1, first.in_channels, self.shape[2], SMALL, SMALL)
+        empty = first.weight.new_zeros(
+            1, first.in_channels, self.shape[2], SMALL_GRID_CELLS, SMALL_GRID_CELLS
+        )
         self.layers: Any = nn.ModuleList()
         for conv, norm, _ in layers:
             weight, bias = fold_norm(conv, norm)
@@ -388,21 +408,22 @@ class SparseMiddle(nn.Module):
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
     def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """Return the map seen from above."""
+        """Map seen from above."""
         plane = Plane(voxels.items, *self.shape[:2])
         item, ix, iy, iz = voxels.cells.unbind(1)
-        place = plane.place(item, ix, iy)
+        position = plane.place(item, ix, iy)
         mask = torch.zeros(self.shape[2], plane.size, dtype=torch.bool, device=features.device)
-        mask[iz, place] = True
+        mask[iz, position] = True
         reached = Reached(
-            mask, torch.empty_like(features).index_copy_(0, numbers(mask)[iz, place], features)
+            mask,
+            torch.empty_like(features).index_copy_(0, count_before(mask)[iz, position], features),
         )
         for layer in self.layers:
             reached, values = layer(reached, plane)
-        level, place = torch.nonzero(reached.mask, as_tuple=True)
-        everywhere = self.layers[-1].everywhere(plane)
-        everywhere[(*plane.cell(place), level)] = values
-        return everywhere.flatten(3).permute(0, 3, 1, 2)
+        level, position = torch.nonzero(reached.mask, as_tuple=True)
+        values_everywhere = self.layers[-1].everywhere(plane)
+        values_everywhere[(*plane.cell(position), level)] = values
+        return values_everywhere.flatten(3).permute(0, 3, 1, 2)
 
 
 class SparseConvolution(nn.Module):
@@ -415,54 +436,59 @@ class SparseConvolution(nn.Module):
         self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int
     ) -> None:
         super().__init__()
-        # the lowest input level of each
+        # lowest input level of each output level
         self.first = [level * stride - padding for level in range(empty.shape[1])]
         self.register_buffer("weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous())
         self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())
 
     def forward(self, reached: Reached, plane: Plane) -> tuple[Reached, Float32[Tensor, "m K"]]:
-        """Return the cells reached afterwards, and their values."""
+        """Cells reached afterwards, and their values."""
         levels = len(reached.mask)
-        mask = grown(
-            torch.stack([reached.mask[max(z, 0) : z + 3].any(0) for z in self.first]), plane
-        )
-        level, place = torch.nonzero(mask, as_tuple=True)
-        _, ix, iy = plane.cell(place)
+        level_masks = [reached.mask[max(z, 0) : z + 3].any(0) for z in self.first]
+        mask = dilate(torch.stack(level_masks), plane)
+        level, position = torch.nonzero(mask, as_tuple=True)
+        _, ix, iy = plane.cell(position)
         empty = self.empty[level, _kind(ix, plane.nx), _kind(iy, plane.ny)]
         sums = empty.clone()
-        step = torch.arange(-1, 2, dtype=torch.int32, device=place.device)
-        neighbours = place.int()[:, None] + (step[:, None] * (plane.ny + 2) + step).view(-1)
+        step = torch.arange(-1, 2, dtype=torch.int32, device=position.device)
+        neighbours = position.int()[:, None] + (step[:, None] * (plane.ny + 2) + step).view(-1)
         inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())
         rows = mask.sum(1).tolist()
-        parts = zip(self.first, torch.split(sums, rows), torch.split(neighbours, rows), strict=True)
-        for z_first, here, around in parts:
+        level_sums = torch.split(sums, rows)
+        level_neighbours = torch.split(neighbours, rows)
+        taps = torch.arange(9, dtype=torch.int32, device=sums.device)
+        for out_level, z_first in enumerate(self.first):
             for z in range(max(z_first, 0), min(z_first + 3, levels)):
-                if n := len(inputs[z]):
-                    weight = self.weight[z - z_first]
-                    products = sums.new_empty(n + 1, weight.shape[1])
-                    torch.mm(inputs[z], weight, out=products[:-1])
-                    products[-1] = 0
-                    chosen = torch.where(
-                        reached.mask[z], 9 * numbers(reached.mask[z]), 9 * n
-                    ).int()[around]
-                    chosen += torch.arange(9, dtype=torch.int32, device=sums.device)
-                    here += F.embedding_bag(chosen, products.view(9 * (n + 1), -1), mode="sum")
+                count = len(inputs[z])
+                if not count:
+                    continue
+                weight = self.weight[z - z_first]
+                products = sums.new_empty(count + 1, weight.shape[1])
+                torch.mm(inputs[z], weight, out=products[:-1])
+                products[-1] = 0  # for cells that are not reached
+                is_reached = reached.mask[z]
+                first_rows = torch.where(is_reached, 9 * count_before(is_reached), 9 * count)
+                product_rows = first_rows.int()[level_neighbours[out_level]] + taps
+                level_sums[out_level].add_(
+                    F.embedding_bag(product_rows, products.view(9 * (count + 1), -1), mode="sum")
+                )
         values = sums.relu_()
         return Reached(mask, values - empty.relu_()), values
 
     def everywhere(self, plane: Plane) -> Float32[Tensor, "B H W D K"]:
         """Response of an empty grid after the ReLU."""
-        x, y = (_kind(torch.arange(n, device=self.empty.device), n) for n in (plane.nx, plane.ny))
+        x = _kind(torch.arange(plane.nx, device=self.empty.device), plane.nx)
+        y = _kind(torch.arange(plane.ny, device=self.empty.device), plane.ny)
         small = torch.relu(self.empty).permute(1, 2, 0, 3).contiguous()
         return small[x[:, None], y].expand(plane.items, -1, -1, -1, -1).contiguous()
 
 
-def numbers(mask: Bool[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:
-    """Count the set cells before each cell."""
+def count_before(mask: Bool[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:
+    """Number of set cells before each cell."""
     return (torch.cumsum(mask.view(-1), 0) - 1).view(mask.shape)
 
 
-def grown(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
+def dilate(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
     """Cells with a set cell among their 3x3 neighbours."""
     maps = mask.view(-1, plane.nx + 2, plane.ny + 2)
     wide = torch.zeros_like(maps)
@@ -473,4 +499,6 @@ def grown(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
 
 def _kind(index: Tensor, n: int) -> Tensor:
     """Place in the small empty grid: a cell's distance from a border, or the middle."""
-    return torch.where(index < n - BORDER, index.clamp(max=BORDER), index - n + SMALL)
+    return torch.where(
+        index < n - BORDER_CELLS, index.clamp(max=BORDER_CELLS), index - n + SMALL_GRID_CELLS
+    )

@@ -1,8 +1,8 @@
-"""`TiledVoxelNet`: the light network on many unions of the same clouds at once.
+"""`TiledVoxelNet`: the light network on many unions of the same clouds.
 
 Every set of a site's sensors is such a union. A cell of a map depends on the points within some
-metres of it, and few sensors see anything there. So the maps are cut into tiles, and the part that
-several unions share is computed once: for a tile that three of eight sensors see, there are 8
+metres of it, and few sensors see anything there. So the maps are cut into tiles, and values that
+several unions share are computed once: for a tile that three of eight sensors see, there are 8
 values, not 255. Layer by layer:
 
     seen      clouds with a point within reach of a tile; the reach grows with each convolution
@@ -10,8 +10,9 @@ values, not 255. Layer by layer:
               nothing there
     patch     a tile of the layer before, with a border of one cell from the tiles around it
 
-A convolution of all patches gives the entries of the next layer. The maps equal those of one union
-after the other, to the rounding of float32."""
+A convolution of all patches gives the entries of the next layer. The maps equal the maps of one
+union after the other, to the rounding of float32.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
@@ -28,6 +29,12 @@ from models.network.sparse import PlainJoin, SparseColumns, SparseVoxelNet, cell
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, Float, Float32, Int64
 
+TILE_SIZES = (20, 24, 28)  # cells of the head's map, multiples of the product of later strides
+MAX_BATCH_TILES = 64  # that a layer processes together
+MAX_ENTRIES = 2000  # in memory for a layer, some 200 kB each with the layer before
+MAX_UNSHARED_SHARE = 0.9  # tiles; above it one union after another is quicker
+PLAN_COST_UNIONS = 3  # unions that could be computed one by one while the tiles are planned
+
 
 class PlacedClouds(NamedTuple):
     """Points of all clouds in one grid, cloud after cloud, so that unions need no new voxels."""
@@ -35,71 +42,84 @@ class PlacedClouds(NamedTuple):
     points: Float32[Tensor, "n 3"]
     cloud: Int64[Tensor, " n"]
     cells: Int64[Tensor, "n 3"]  # voxel indices along x, y and z
-    voxel: Int64[Tensor, " n"]  # its number
-    crowd: Int64[Tensor, " n"]  # points of all clouds in it
+    voxel: Int64[Tensor, " n"]  # number of the voxel
+    crowd: Int64[Tensor, " n"]  # points of all clouds in the voxel
     clouds: int
 
     @staticmethod
     def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> "PlacedClouds":
         """Place points given in the frame of the grid, m."""
-        kept, indices = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
-        number = torch.arange(len(clouds), device=kept[0].device)
-        counts = torch.tensor([len(cloud) for cloud in kept], device=kept[0].device)
-        cells, (nx, ny, _) = torch.cat(indices), config.grid_shape
+        placed = [grid_cells(cloud, config) for cloud in clouds]
+        inside = [cloud for cloud, _ in placed]
+        number = torch.arange(len(clouds), device=inside[0].device)
+        counts = torch.tensor([len(cloud) for cloud in inside], device=inside[0].device)
+        cells = torch.cat([indices for _, indices in placed])
+        nx, ny = config.grid_shape[:2]
         ix, iy, iz = cells.unbind(1)
         _, voxel, count = torch.unique(
             (iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True
         )
         cloud = torch.repeat_interleave(number, counts)
-        return PlacedClouds(torch.cat(kept), cloud, cells, voxel, count[voxel], len(clouds))
+        return PlacedClouds(torch.cat(inside), cloud, cells, voxel, count[voxel], len(clouds))
 
     def counts(self) -> Int64[Tensor, " C"]:
-        """Count points of each cloud."""
+        """Number of points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
     def find_crowded(
-        self, unions: Bool[np.ndarray, "U C"], most: int
+        self, unions: Bool[np.ndarray, "U C"], max_points: int
     ) -> tuple[Int64[np.ndarray, " U"], Int64[Tensor, " k"]]:
-        """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`.
+        """Points that `voxelise` leaves out of unions, in voxels with more than `max_points`
+        points.
+
         Returns the number of the way each union is thinned, 0 for none, and the points left out,
-        ascending, as that number · points + row of the point."""
-        rows = torch.nonzero(self.crowd > most)[:, 0]
-        concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
-        alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
-        thinning = np.zeros(len(alike), np.int64)
+        ascending, as that number · points + row of the point.
+        """
+        rows = torch.nonzero(self.crowd > max_points)[:, 0]
+        has_crowded = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
+        distinct_unions, number = np.unique(unions & has_crowded, axis=0, return_inverse=True)
+        thinning = np.zeros(len(distinct_unions), np.int64)
         dropped = [rows[:0]]
-        for place, union in enumerate(alike):
-            some = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
+        for index, union in enumerate(distinct_unions):
+            union_rows = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
             _, voxel, count = torch.unique(
-                self.voxel[some], return_inverse=True, return_counts=True
+                self.voxel[union_rows], return_inverse=True, return_counts=True
             )
-            keep = thin_voxels(voxel, (count > most)[voxel], most)
-            if not keep.all():
-                thinning[place] = len(dropped)
-                dropped.append(some[~keep] + len(dropped) * len(self.points))
+            is_kept = thin_voxels(voxel, (count > max_points)[voxel], max_points)
+            if not is_kept.all():
+                thinning[index] = len(dropped)
+                dropped.append(union_rows[~is_kept] + len(dropped) * len(self.points))
         return thinning[number.ravel()], torch.cat(dropped)
 
     def by_tile(self, grid: tuple[int, int], size: int, before: int) -> "PointsByTile":
-        """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the
-        tiles before it."""
-        (tx, ty), (from_x, from_y) = (self.cells[:, :2] // size).T, (self.cells[:, :2] % size).T
+        """Sort points by tile.
+
+        A tile has `size` columns along x and y, and `before` columns of the tiles before it.
+        """
+        tx, ty = (self.cells[:, :2] // size).T
+        from_x, from_y = (self.cells[:, :2] % size).T
         rows = []
         keys = []
         for dx, dy in product((0, 1), (0, 1)):
-            there = ((from_x >= size - before) | (dx == 0)) & (
-                (from_y >= size - before) | (dy == 0)
-            )
-            some = torch.nonzero(there & (tx + dx < grid[0]) & (ty + dy < grid[1]))[:, 0]
-            rows.append(some)
+            is_reached_x = (from_x >= size - before) | (dx == 0)
+            is_reached_y = (from_y >= size - before) | (dy == 0)
+            is_reached = is_reached_x & is_reached_y
+            tile_rows = torch.nonzero(is_reached & (tx + dx < grid[0]) & (ty + dy < grid[1]))[:, 0]
+            rows.append(tile_rows)
             keys.append(
-                ((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some]
+                ((tx[tile_rows] + dx) * grid[1] + ty[tile_rows] + dy) * self.clouds
+                + self.cloud[tile_rows]
             )
         row = torch.cat(rows)
         key = torch.cat(keys)
         order = torch.argsort(key * max(len(self.points), 1) + row)
         count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
         first = np.cumsum(count) - count
-        return PointsByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
+        return PointsByTile(
+            row=row[order],
+            begin=first.reshape(-1, self.clouds),
+            points=count.reshape(-1, self.clouds),
+        )
 
     def batch(
         self,
@@ -119,8 +139,13 @@ class PlacedClouds(NamedTuple):
 
 
 class PointsByTile(NamedTuple):
-    """Rows of points in order of tile and cloud. begin, points: first place and number for each
-    tile and cloud."""
+    """Rows of points in order of tile and cloud.
+
+    Attributes:
+        row: Rows of points.
+        begin: First place for each tile and cloud.
+        points: Number for each tile and cloud.
+    """
 
     row: Int64[Tensor, " k"]
     begin: Int64[np.ndarray, "tiles clouds"]
@@ -132,25 +157,23 @@ class PointsByTile(NamedTuple):
         """Points of some tiles in unions, and for each the place of its tile in `tiles`."""
         count = np.where(union, self.points[tiles], 0)
         flat = count.ravel()
-        place = np.arange(flat.sum()) + np.repeat(
-            self.begin[tiles].ravel() - np.cumsum(flat) + flat, flat
-        )
+        offset = self.begin[tiles].ravel() - np.cumsum(flat) + flat
+        positions = np.arange(flat.sum()) + np.repeat(offset, flat)
         item = torch.from_numpy(np.repeat(np.arange(len(tiles)), count.sum(1))).to(self.row.device)
-        return self.row[torch.from_numpy(place).to(self.row.device)], item
+        return self.row[torch.from_numpy(positions).to(self.row.device)], item
 
 
 _Bank = Float[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
-# cells of the head's map along a tile; multiples of the two following strides together
-SIZES = (20, 24, 28)
-AT_ONCE = 64  # tiles that a layer processes together
-MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
-MOST_OWN = 0.9  # share of unshared tiles above which one union after another is quicker
-START_COST = 3  # unions that could be computed alone while the tiles are planned
 
 
 class Entries(NamedTuple):
-    """Distinct values of a layer's tiles. tile, union: one example of each; of: the entry of each
-    tile in a union."""
+    """Distinct values of a layer's tiles.
+
+    Attributes:
+        tile: Tile of one example of each.
+        union: Union of one example of each.
+        of: Entry of each tile in a union.
+    """
 
     tile: Int64[np.ndarray, " n"]
     union: Int64[np.ndarray, " n"]
@@ -158,23 +181,28 @@ class Entries(NamedTuple):
 
     def parts(self) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
         """Yield groups: number of the first entry, tiles and unions."""
-        for first in range(0, len(self.tile), AT_ONCE):
-            yield first, self.tile[first : first + AT_ONCE], self.union[first : first + AT_ONCE]
+        for first in range(0, len(self.tile), MAX_BATCH_TILES):
+            rows = slice(first, first + MAX_BATCH_TILES)
+            yield first, self.tile[rows], self.union[rows]
 
     def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> _Bank:
-        """Collect all entries' values by a function of tiles and unions, and a last one of
-        zeros."""
+        """All entries' values by a function of tiles and unions, and a last one of zeros."""
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
-            part = values(tiles, union)
-            bank = bank if first else part.new_zeros(len(self.tile) + 1, *part.shape[1:])
-            bank[first : first + len(part)] = part
+            block = values(tiles, union)
+            bank = bank if first else block.new_zeros(len(self.tile) + 1, *block.shape[1:])
+            bank[first : first + len(block)] = block
         return bank
 
 
 class TilePredictions(NamedTuple):
-    """Raw head maps of some entries. first: number of the first entry; corner: first cell of each
-    in the map."""
+    """Raw head maps of some entries.
+
+    Attributes:
+        first: Number of the first entry.
+        corner: First cell of each in the map.
+        maps: Raw maps.
+    """
 
     first: int
     corner: Int64[Tensor, "m 2"]
@@ -193,12 +221,12 @@ class UnionPlan(NamedTuple):
     thinning: Int64[np.ndarray, " U"]
     dropped: Int64[Tensor, " k"]
 
-    def part(self, some: slice) -> "UnionPlan":
-        """Select some of the unions."""
-        return self._replace(unions=self.unions[some], thinning=self.thinning[some])
+    def part(self, rows: slice) -> "UnionPlan":
+        """Plan for some of the unions."""
+        return self._replace(unions=self.unions[rows], thinning=self.thinning[rows])
 
     def entries(self, layer: int) -> Entries:
-        """Find the values that unions share in a layer's tiles."""
+        """Values that unions share in a layer's tiles."""
         seen = self.seen[layer]
         unions = self.unions
         tiles = len(seen)
@@ -206,29 +234,32 @@ class UnionPlan(NamedTuple):
         code = np.repeat(np.arange(tiles), count)
         parts = [seen[:, -1:] * self.thinning]
         for first in range(0, unions.shape[1], 31):
-            some = unions[:, first : first + 31]
-            bits = 1 << np.arange(some.shape[1])
-            parts.append((seen[:, None, first : first + len(bits)] & some) @ bits)
-        for part in parts:
-            code = np.unique(code << 31 | part.ravel(), return_inverse=True)[1]
-        _, one, of = np.unique(code, return_index=True, return_inverse=True)
-        return Entries(one // count, one % count, of.reshape(tiles, count))
+            union_columns = unions[:, first : first + 31]
+            bits = 1 << np.arange(union_columns.shape[1])
+            parts.append((seen[:, None, first : first + len(bits)] & union_columns) @ bits)
+        for code_part in parts:
+            code = np.unique(code << 31 | code_part.ravel(), return_inverse=True)[1]
+        _, example, entry_of = np.unique(code, return_index=True, return_inverse=True)
+        return Entries(example // count, example % count, entry_of.reshape(tiles, count))
 
 
 def tileable(network: SparseVoxelNet) -> bool:
-    """True for networks that this module computes: columns folded, blocks added, a head of single
+    """True if this module can compute a network: columns folded, blocks added, a head of single
     cells."""
     join = network.rpn.join
-    plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
+    is_plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
     return (
-        plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
+        is_plain
+        and isinstance(network.middle, SparseColumns)
+        and network.rpn.order[0].count(0) == 1
     )
 
 
 def choose_size(rows: int, columns: int) -> int:
-    """Return the side of the tiles that compute the fewest cells of a map, with the borders about
-    them."""
-    return min(SIZES, key=lambda size: -(-rows // size) * -(-columns // size) * (size + 2) ** 2)
+    """Side of the tiles that compute the fewest cells of a map, including their borders."""
+    return min(
+        TILE_SIZES, key=lambda size: -(-rows // size) * -(-columns // size) * (size + 2) ** 2
+    )
 
 
 class TiledVoxelNet:
@@ -240,13 +271,14 @@ class TiledVoxelNet:
         self._map = rows, columns = self.config.map_shape
         self.size = choose_size(rows, columns)
         self._grid = -(-rows // self.size), -(-columns // self.size)
-        first, *others = network.rpn.order
-        order = (first[1:], *others)
-        blocks: Any = zip(network.rpn.blocks, order, strict=True)
-        self._blocks: list[list[nn.Conv2d]] = [
-            [block[k] for k in numbers] for block, numbers in blocks
-        ]
-        self._strides = [2, *(conv.stride[0] for block in self._blocks for conv in block)]
+        first, *further_orders = network.rpn.order
+        order = (first[1:], *further_orders)
+        self._blocks: list[list[nn.Conv2d]] = []
+        for block, numbers in zip(network.rpn.blocks, order, strict=True):
+            self._blocks.append([block[k] for k in numbers])
+        self._strides = [2]
+        for block in self._blocks:
+            self._strides += [conv.stride[0] for conv in block]
         join: Any = network.rpn.join
         self._finest, *raised = join.upsample
         # A transposed convolution of kernel and stride k is a 1x1 one with outputs for k x k cells.
@@ -261,12 +293,12 @@ class TiledVoxelNet:
     ) -> UnionPlan:
         """Plan the work for unions of clouds (m)."""
         placed = PlacedClouds.of(clouds, self.config)
-        most = self.config.max_points
+        max_points = self.config.max_points
         nx, ny, _ = self.config.grid_shape
         reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
         column = placed.cells[:, 0] * ny + placed.cells[:, 1]
         reach[placed.cloud, column] = 1
-        reach[-1, column[placed.crowd > most]] = 1
+        reach[-1, column[placed.crowd > max_points]] = 1
         reach = reach.view(-1, 1, nx, ny)
         size = 2 * self.size
         seen = []
@@ -275,26 +307,28 @@ class TiledVoxelNet:
             size = size // stride
             by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
             seen.append(by_tile.flatten(1).T.cpu().numpy())
-        return UnionPlan(placed, seen, unions, *placed.find_crowded(unions, most))
+        return UnionPlan(placed, seen, unions, *placed.find_crowded(unions, max_points))
 
     def gains(self, plan: UnionPlan) -> bool:
-        """Compare shared work with one union after another."""
-        return len(plan.entries(-1).tile) <= MOST_OWN * len(plan.seen[-1]) * (
-            len(plan.unions) - START_COST
-        )
+        """True if shared work is quicker than one union after another."""
+        unions = len(plan.unions) - PLAN_COST_UNIONS
+        return len(plan.entries(-1).tile) <= MAX_UNSHARED_SHARE * len(plan.seen[-1]) * unions
 
     def __call__(
         self, plan: UnionPlan
     ) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
-        """Yield groups of unions, as large as memory allows. Each is a slice of the unions, the
-        entries of the head's tiles, and the head's maps for all of them."""
+        """Yield groups of unions, as large as memory allows.
+
+        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all
+        of them.
+        """
         count = len(plan.unions)
-        while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MOST_ENTRIES:
+        while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MAX_ENTRIES:
             count = (count + 1) // 2
         for first in range(0, len(plan.unions), count):
-            some = slice(first, first + count)
-            maps = self._maps(plan.part(some))
-            yield some, maps[-1][1], self._heads(maps)
+            union_rows = slice(first, first + count)
+            maps = self._maps(plan.part(union_rows))
+            yield union_rows, maps[-1][1], self._heads(maps)
 
     @torch.inference_mode()
     def _maps(self, plan: UnionPlan) -> list[tuple[Tensor, Entries]]:
@@ -326,15 +360,17 @@ class TiledVoxelNet:
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(plan.dropped):
                 thinning = torch.from_numpy(plan.thinning[union]).to(rows.device)[item]
-                own = thinning * len(placed.points) + rows
-                keep = (
+                dropped_key = thinning * len(placed.points) + rows
+                is_kept = (
                     plan.dropped[
-                        torch.searchsorted(plan.dropped, own).clamp_(max=len(plan.dropped) - 1)
+                        torch.searchsorted(plan.dropped, dropped_key).clamp_(
+                            max=len(plan.dropped) - 1
+                        )
                     ]
-                    != own
+                    != dropped_key
                 )
-                rows = rows[keep]
-                item = item[keep]
+                rows = rows[is_kept]
+                item = item[is_kept]
             corner = 2 * self.size * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             voxels = placed.batch(rows, item, len(tiles), self.config)
             local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
@@ -355,17 +391,15 @@ class TiledVoxelNet:
             (1, slice(1, -1), slice(None)),
             (2, slice(-1, None), slice(0, 1)),
         )
-        of = before.of.reshape(*self._grid, -1)
+        entry_of = before.of.reshape(*self._grid, -1)
         # zeros beyond the map
-        of = np.pad(of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))
+        entry_of = np.pad(entry_of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
-            patches, (x, y) = (
-                bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3]),
-                self._corners(tiles).T,
-            )
+            patches = bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3])
+            x, y = self._corners(tiles).T
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
-                rows = torch.from_numpy(of[x + dx, y + dy, union]).to(bank.device)
+                rows = torch.from_numpy(entry_of[x + dx, y + dy, union]).to(bank.device)
                 patches[:, to_x, to_y] = bank[:, from_x, from_y][rows]
             values = torch.relu_(
                 F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride)
@@ -378,11 +412,12 @@ class TiledVoxelNet:
     def _heads(self, maps: list[tuple[Tensor, Entries]]) -> Iterator[TilePredictions]:
         rpn = self._network.rpn
         for first, tiles, union in maps[-1][1].parts():
-            fine, *coarser = (
-                bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps
-            )
-            x = _cells(self._finest, fine)
-            for conv, y in zip(self._raised, coarser, strict=True):
+            blocks = []
+            for bank, bank_entries in maps:
+                rows = torch.from_numpy(bank_entries.of[tiles, union]).to(bank.device)
+                blocks.append(bank[rows])
+            x = _cells(self._finest, blocks[0])
+            for conv, y in zip(self._raised, blocks[1:], strict=True):
                 side = y.shape[1]
                 k = self.size // y.shape[1]
                 width = x.shape[3]
@@ -398,12 +433,12 @@ class TiledVoxelNet:
     def _within(self, x: _Bank, tiles: np.ndarray) -> _Bank:
         """Set cells beyond the map to zero, as convolutions expect."""
         size = x.shape[1]
-        at = torch.from_numpy(self._corners(tiles)).to(x.device)
+        corners = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
             if side * self.size != cells:
-                place = at[:, axis, None] * size + torch.arange(size, device=x.device)
-                inside = (place < cells * size // self.size).to(x.dtype)
-                x = x * (inside[:, :, None, None] if axis == 0 else inside[:, None, :, None])
+                cell = corners[:, axis, None] * size + torch.arange(size, device=x.device)
+                is_inside = (cell < cells * size // self.size).to(x.dtype)
+                x = x * (is_inside[:, :, None, None] if axis == 0 else is_inside[:, None, :, None])
         return x
 
 

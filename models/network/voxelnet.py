@@ -4,7 +4,8 @@
         Head ─▶ Prediction
 
 B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This is the network as it
-is trained; `models.network.sparse` computes the same in less time once it is trained."""
+is trained; `models.network.sparse` computes the same in less time once it is trained.
+"""
 
 import math
 from collections import OrderedDict
@@ -22,14 +23,14 @@ from toolkit.arrays import Float, Float32, Int64
 
 class Prediction(NamedTuple):
     """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then
-    all of the next."""
+    the next.
+    """
 
     # background and vehicle (published), or one per label of the anchor
     class_logits: Float[Tensor, "B AC H W"]
     residuals: Float[Tensor, "B AR H W"]  # see `models.network.grid`
-    direction_logits: Float[Tensor, "B A H W"] | None = (
-        None  # above 0: faces away from the residuals' heading
-    )
+    # above 0: faces away from the residuals' heading
+    direction_logits: Float[Tensor, "B A H W"] | None = None
     quality_logits: Float[Tensor, "B A H W"] | None = None  # the predicted IoU
 
 
@@ -76,23 +77,21 @@ class VoxelFeatures(nn.Module):
         self.config = config
         widths = (6, *(2 * width for width in config.vfe_widths))
         sizes = zip(widths, (*config.vfe_widths, config.voxel_width), strict=True)
-        layers = (
-            {"linear": nn.Linear(*two), "norm": nn.BatchNorm1d(two[1]), "relu": nn.ReLU()}
-            for two in sizes
-        )
-        self.layers = nn.ModuleList(nn.Sequential(OrderedDict(layer)) for layer in layers)
+        self.layers = nn.ModuleList()
+        for inputs, outputs in sizes:
+            layer = {"linear": nn.Linear(inputs, outputs), "norm": nn.BatchNorm1d(outputs)}
+            self.layers.append(nn.Sequential(OrderedDict({**layer, "relu": nn.ReLU()})))
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
         """Features of the occupied voxels."""
         return self.encode(*self.inputs(voxels), len(voxels.cells))
 
     def inputs(self, voxels: Voxels) -> tuple[Float32[Tensor, "n 6"], Int64[Tensor, " n"]]:
-        """Features of the points, those that pad a voxel too, and the row of each one's voxel."""
+        """Features of the points, including padding of voxels, and the row of each one's voxel."""
         x = point_features(voxels, self.config)
         voxel = voxels.voxel
-        if (
-            self.config.point_features == "published"
-        ):  # one zero point stands for all that fill a voxel up to T
+        # one zero point represents all that fill a voxel up to T
+        if self.config.point_features == "published":
             short = torch.nonzero(
                 torch.bincount(voxel, minlength=len(voxels.cells)) < self.config.max_points
             )[:, 0]
@@ -103,7 +102,7 @@ class VoxelFeatures(nn.Module):
     def encode(
         self, x: Float32[Tensor, "n 6"], voxel: Int64[Tensor, " n"], rows: int
     ) -> Float[Tensor, "v C"]:
-        """Features of `rows` voxels from those of their points."""
+        """Features of `rows` voxels from their points' features."""
         *encoders, last = self.layers
         for layer in encoders:
             x = layer(x)
@@ -129,19 +128,18 @@ class MiddleLayers(nn.Module):
         widths = pairwise((config.voxel_width, *config.middle_widths))
         strides = ((2, 1, 1), (1, 1, 1), (2, 1, 1))
         paddings = ((1, 1, 1), (0, 1, 1), (1, 1, 1))
-        convolutions = (
-            nn.Conv3d(*each[0], 3, *each[1:])
-            for each in zip(widths, strides, paddings, strict=True)
-        )
-        self.layers = nn.ModuleList(map(conv_norm_relu, convolutions))
+        self.layers = nn.ModuleList()
+        for layer, (inputs, outputs) in enumerate(widths):
+            conv = nn.Conv3d(inputs, outputs, 3, strides[layer], paddings[layer])
+            self.layers.append(conv_norm_relu(conv))
         depth = (((self.shape[2] + 1) // 2 - 2) + 1) // 2
         if depth < 1:
-            few = f"got {self.shape[2]}: lower voxel_size[2]"
-            raise ValueError(f"middle layers need at least 5 voxels of height, {few}")
+            problem = f"got {self.shape[2]}: lower voxel_size[2]"
+            raise ValueError(f"middle layers need at least 5 voxels of height, {problem}")
         self.width = depth * config.middle_widths[-1]
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """Return the map seen from above."""
+        """Map seen from above."""
         nx, ny, nz = self.shape
         grid = features.new_zeros(voxels.items, nz, nx, ny, features.shape[1])
         item, ix, iy, iz = voxels.cells.unbind(1)
@@ -152,24 +150,26 @@ class MiddleLayers(nn.Module):
 
 
 class HeightFold(nn.Module):
-    """Light middle: a sum over a column's voxels, with a linear map per height. It equals a 1x1
-    convolution of the grid with its height folded into channels, at the cost of the occupied
-    voxels."""
+    """Light middle: a sum over a column's voxels, with a linear map per height.
+
+    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the
+    occupied voxels.
+    """
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
         self.shape = config.grid_shape
         self.width = config.column_width
         self.weight = nn.Parameter(torch.empty(self.shape[2], config.voxel_width, self.width))
-        if (
-            not self.weight.is_meta
-        ):  # there it would import torch._dynamo, which takes seconds, and draw nothing
+        # on the meta device it would import torch._dynamo, which takes seconds, and draw nothing
+        if not self.weight.is_meta:
             nn.init.normal_(self.weight, std=1 / math.sqrt(config.voxel_width))
         self.norm = nn.BatchNorm1d(self.width)
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """Return the map seen from above."""
-        (column, key), (nx, ny, _) = columns(voxels, self.shape), self.shape
+        """Map seen from above."""
+        column, key = columns(voxels, self.shape)
+        nx, ny = self.shape[:2]
         start = features.new_zeros(len(key), self.width)
         x = torch.relu(
             self.norm(fold_columns(features, voxels.cells[:, 3], column, self.weight, start))
@@ -187,9 +187,8 @@ def fold_columns(
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
     """Add voxels, times their level's weights, to columns."""
-    if bool(
-        (level[1:] < level[:-1]).any()
-    ):  # several clouds; the voxels of one come level by level
+    # several clouds; the voxels of one come level by level
+    if bool((level[1:] < level[:-1]).any()):
         by_level = torch.argsort(level, stable=True)
         features = features[by_level]
         column = column[by_level]
@@ -199,7 +198,7 @@ def fold_columns(
 
 
 def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
-    """Find each voxel's occupied column (v,), and each column's place in the flat (B, H, W) map."""
+    """Each voxel's occupied column (v,), and each column's place in the flat (B, H, W) map."""
     nx, ny, _ = shape
     item, ix, iy, _ = voxels.cells.unbind(1)
     key = (item * nx + ix) * ny + iy
@@ -217,24 +216,22 @@ class RegionProposal(nn.Module):
         widths = config.rpn_widths
         out = config.upsample_width
         self.blocks = nn.ModuleList()
-        for before, width, order in zip((inputs, *widths), widths, self.order, strict=False):
-            layers = (
-                nn.Conv2d(width if i else before, width, 3, 1 if i else 2, 1)
-                for i in range(max(order) + 1)
-            )
-            self.blocks.append(nn.ModuleList(map(conv_norm_relu, layers)))
+        for inputs_before, width, order in zip((inputs, *widths), widths, self.order, strict=False):
+            layers = [conv_norm_relu(nn.Conv2d(inputs_before, width, 3, 2, 1))]
+            layers += [conv_norm_relu(nn.Conv2d(width, width, 3, 1, 1)) for _ in range(max(order))]
+            self.blocks.append(nn.ModuleList(layers))
         # kernel, stride, padding of the first block's output
         lateral = (1, 1, 0) if self.add else (3, 1, 1)
         sizes = zip(widths, (lateral, (2, 2, 0), (4, 4, 0)), strict=True)
         self.upsample = nn.ModuleList(
-            nn.ConvTranspose2d(width, out, *each, bias=not self.add) for width, each in sizes
+            nn.ConvTranspose2d(width, out, *shape, bias=not self.add) for width, shape in sizes
         )
         if self.add:
             self.norm = nn.BatchNorm2d(out)
         self.width = out if self.add else 3 * out
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K h w"]:
-        """Return the feature map of the anchors."""
+        """Feature map of the anchors."""
         maps = []
         for block, order, upsample in zip(self.blocks, self.order, self.upsample, strict=True):
             for layer in order:
@@ -257,15 +254,20 @@ class Head(nn.Module):
         self.residuals = nn.Conv2d(inputs, anchors * config.residuals, 1)
         self.direction = self.quality = None
         if config.head == "quality":
-            self.direction, self.quality = (nn.Conv2d(inputs, anchors, 1) for _ in range(2))
+            self.direction = nn.Conv2d(inputs, anchors, 1)
+            self.quality = nn.Conv2d(inputs, anchors, 1)
             nn.init.constant_(self.classes.bias, -math.log(99))  # type: ignore[arg-type]  # at first, vehicles are rare
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
         """Raw maps."""
         if self.conv3x3 is not None:
             x = torch.relu(self.conv3x3(x))
-        extra = (None if layer is None else layer(x) for layer in (self.direction, self.quality))
-        return Prediction(self.classes(x), self.residuals(x), *extra)
+        return Prediction(
+            self.classes(x),
+            self.residuals(x),
+            None if self.direction is None else self.direction(x),
+            None if self.quality is None else self.quality(x),
+        )
 
 
 def conv_norm_relu(conv: nn.Conv2d | nn.Conv3d) -> nn.Sequential:

@@ -1,7 +1,8 @@
-"""Training loop that resumes after a kill, on CPU and CUDA.
+"""Training loop that resumes after an interruption, on CPU and CUDA.
 
 Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are
-the whole state. The log is a CSV file in long format: step, epoch, name, value."""
+the whole state. The log is a CSV file in long format: step, epoch, name, value.
+"""
 
 import csv
 import time
@@ -25,13 +26,33 @@ from models.training.packed import Area, PackedFrames
 from models.training.samples import Batch, SampleRecipe, Samples, stack
 from toolkit.runtime.files import write_text
 
-WINDOW = 40.0  # m; networks that know no absolute coordinates learn on windows of at most this side
-ANYWHERE = (-WINDOW / 2, -WINDOW / 2, WINDOW / 2, WINDOW / 2)
+WINDOW_M = 40.0  # largest side of the windows for networks without absolute coordinates
+ANYWHERE = (-WINDOW_M / 2, -WINDOW_M / 2, WINDOW_M / 2, WINDOW_M / 2)
+CHECKPOINT = "checkpoint.pt"
+LOG = "log.csv"
+CLOCK_CYCLE_STEPS = 10_000  # parts of a cycle of the learning rate by the clock
+MAX_TRAIN_STEPS = 1 << 40
+LOG_STEPS = 50  # steps per logged mean of the losses
+_HEADER = "step,epoch,name,value"
+Progress = Callable[[int, int, dict[str, float]], None]  # step, number of steps, losses or figures
+Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 
 
 @dataclass(frozen=True)
 class Preset:
-    """Settings of a training, apart from network and data."""
+    """Settings of a training, apart from network and data.
+
+    Attributes:
+        epochs: Passes over the data.
+        batch: Examples per step.
+        optimiser: Optimiser.
+        learning_rate: Highest learning rate.
+        weight_decay: Weight decay.
+        schedule: Schedule of the learning rate.
+        loss: Loss, which matches the network's head.
+        examples: Recipe of the examples.
+        seed: Seed of weights, order, noise and augmentation.
+    """
 
     epochs: float = 4.0
     batch: int = 4
@@ -68,9 +89,12 @@ PRESETS = {
 def make_config(
     area: Area, preset: str, size: str = "light", classes: Sequence[str] = ("vehicle",)
 ) -> VoxelNetConfig:
-    """Return the network that a preset trains for an area, light or published in size, with the
-    head of its loss. The light one knows no absolute coordinates, so it learns on a `window` of the
-    area; `models.detector.relocate` puts the result on all of it."""
+    """Network that a preset trains for an area, light or published in size, with the head of its
+    loss.
+
+    The light one has no absolute coordinates, so it learns on a `window` of the area;
+    `models.detector.relocate` puts the result on all of it.
+    """
     head: dict[str, Any] = {
         "head": "quality",
         "anchor_z": 0.8,
@@ -87,10 +111,11 @@ def make_config(
     return VoxelNetConfig(area=area, voxel_size=voxel, **head)
 
 
-def window(area: Area, side: float = WINDOW) -> Area:
+def window(area: Area, side: float = WINDOW_M) -> Area:
     """Middle of an area (xmin ymin xmax ymax, m), at most `side` wide (m)."""
     xmin, ymin, xmax, ymax = area
-    x, y = max(0.0, xmax - xmin - side) / 2, max(0.0, ymax - ymin - side) / 2
+    x = max(0.0, xmax - xmin - side) / 2
+    y = max(0.0, ymax - ymin - side) / 2
     return xmin + x, ymin + y, xmax - x, ymax - y
 
 
@@ -116,19 +141,16 @@ def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
 
 
 def choose_area(preset: str, data: Path) -> Area:
-    """Choose a window of any place for `general`, else the area of all frames. Raises ValueError if
-    they differ."""
+    """Window of any place for `general`, otherwise the area of all frames.
+
+    Raises ValueError if the areas differ.
+    """
     if preset == "general":
         return ANYWHERE
     areas = {rig.area for rig in PackedFrames(data).rigs}
     if len(areas) > 1:
         raise ValueError(f"{data} holds {len(areas)} different areas: give a site, or general")
     return next(iter(areas))
-
-
-CHECKPOINT = "checkpoint.pt"
-LOG = "log.csv"
-_HEADER = "step,epoch,name,value"
 
 
 def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) -> None:
@@ -142,63 +164,71 @@ def cut_log(path: Path, step: int) -> None:
     """Drop log rows after `step`, the last checkpoint."""
     if path.exists():
         split = [row.split(",") for row in path.read_text().splitlines()[1:]]
-        kept = [
+        kept_rows = [
             ",".join(row)
             for row in split
             if len(row) == 4 and row[0].isdigit() and int(row[0]) <= step
         ]
-        write_text(path, "\n".join([_HEADER, *kept, ""]))
+        write_text(path, "\n".join([_HEADER, *kept_rows, ""]))
 
 
 def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Read epochs and values of each figure in order."""
-    found: dict[str, tuple[list[float], list[float]]] = {}
+    """Epochs and values of each figure, in order."""
+    curves: dict[str, tuple[list[float], list[float]]] = {}
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
-            epochs, values = found.setdefault(row["name"], ([], []))
+            epochs, values = curves.setdefault(row["name"], ([], []))
             epochs.append(float(row["epoch"]))
             values.append(float(row["value"]))
-    return found
-
-
-# parts of a cycle by the clock, and steps
-CYCLE = 10_000
-MOST_STEPS = 1 << 40
-LOG_STEPS = 50  # steps per logged mean of the losses
-Progress = Callable[[int, int, dict[str, float]], None]  # step, number of steps, losses or figures
-Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
+    return curves
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Hardware that a training runs on."""
+    """Hardware that a training runs on.
+
+    Attributes:
+        device: Device of PyTorch.
+        bfloat16: Whether to multiply in that format; losses stay in float32.
+        workers: Processes that prepare examples.
+        checkpoint_s: Seconds between checkpoints.
+        seconds: Wall time of the whole training, in place of epochs.
+    """
 
     device: str = "cpu"
-    bfloat16: bool = False  # multiply in that format; losses stay in float32
-    workers: int = 0  # processes that prepare examples
-    checkpoint_s: float = 300.0  # seconds between checkpoints
-    seconds: float | None = None  # wall time of the whole training, in place of epochs
+    bfloat16: bool = False
+    workers: int = 0
+    checkpoint_s: float = 300.0
+    seconds: float | None = None
 
 
 @dataclass
 class TrainingState:
-    """Training in progress: exactly a checkpoint's content."""
+    """Training in progress: exactly a checkpoint's content.
+
+    Attributes:
+        network: Network in training.
+        optimiser: Optimiser of its weights.
+        scheduler: Schedule of the learning rate.
+        step: Number of finished steps.
+        spent: Seconds so far.
+        recent: Losses since the last row of the log.
+    """
 
     network: VoxelNet
     optimiser: torch.optim.Optimizer
     scheduler: LRScheduler
     step: int = 0
-    spent: float = 0.0  # s
-    # losses since the last row of the log
+    spent: float = 0.0
     recent: list[dict[str, float]] = field(default_factory=list)
 
     def state(self) -> dict[str, object]:
-        """Return plain tensors and numbers."""
-        parts = {
+        """Plain tensors and numbers of the state."""
+        modules = {
             name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")
         }
         return {
-            **parts,
+            **modules,
             "step": self.step,
             "spent": self.spent,
             "rng": torch.get_rng_state(),
@@ -216,10 +246,9 @@ class TrainingState:
         torch.set_rng_state(state["rng"].cpu())
         self.step = state["step"]
         self.spent = float(state.get("spent", 0.0))
-        self.recent = [
-            {name: float(loss) for name, loss in losses.items()}
-            for losses in state.get("recent", [])
-        ]
+        self.recent = []
+        for losses in state.get("recent", []):
+            self.recent.append({name: float(loss) for name, loss in losses.items()})
 
 
 def train(
@@ -233,15 +262,15 @@ def train(
     validate: Callable[[VoxelNet], dict[str, float]] | None = None,
     progress: Progress | None = None,
 ) -> VoxelNet:
-    """Train on a packed file, or resume where `checkpoint.pt` and `log.csv` in `out` are.
+    """Train on a packed file, or resume from `checkpoint.pt` and `log.csv` in `out`.
 
     start: a network of the same shape, on any area, to start from instead of random weights;
     machine: the CPU by default; validate: called with the network after each epoch, and its figures
     are logged; progress: called with the step, the number of steps, and the losses of the step or
     the figures of `validate`. With `Machine.seconds` the cycle of the learning rate follows the
     clock, which resuming sets back to the last checkpoint, and the number of steps is an estimate.
-    Raises ValueError if preset and network do not fit, or if `out` holds a run with other
-    settings."""
+    Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings.
+    """
     machine = machine or Machine()
     device = machine.device
     bfloat16 = machine.bfloat16
@@ -255,7 +284,7 @@ def train(
     frames = PackedFrames(data)
     samples = Samples(frames, config, preset.examples, preset.seed)
     per_epoch = max(1, len(samples) // preset.readings)
-    total = CYCLE if seconds else max(1, round(preset.epochs * per_epoch))
+    total = CLOCK_CYCLE_STEPS if seconds else max(1, round(preset.epochs * per_epoch))
     run = _start(config, preset, total, per_epoch, device)
     identity = {
         "config": config.to_dict(),
@@ -273,13 +302,15 @@ def train(
     if (out / CHECKPOINT).exists():
         state = weight_files.read_checkpoint(out / CHECKPOINT, device, identity=identity)
         with weight_files.checkpoint_errors(out / CHECKPOINT):
-            run.restore(state, MOST_STEPS if seconds else total)
+            run.restore(state, MAX_TRAIN_STEPS if seconds else total)
     cut_log(out / LOG, run.step)
 
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
     loss_of = by_class if preset.loss == "quality" else paper_loss
     anchor = anchors(config).to(device)
-    last = total if not seconds else MOST_STEPS if run.spent < seconds else run.step
+    last = total
+    if seconds:
+        last = MAX_TRAIN_STEPS if run.spent < seconds else run.step
     steps: Any = _steps(preset, len(samples), per_epoch, range(run.step, last))
     loader = torch.utils.data.DataLoader(
         samples, batch_sampler=steps, collate_fn=stack, num_workers=machine.workers
@@ -293,15 +324,15 @@ def train(
         run.spent = time.monotonic() - began
         if seconds:
             share = min(run.spent / seconds, 1.0)
-            run.scheduler.last_epoch = int(share * (CYCLE - 1)) - 1
+            run.scheduler.last_epoch = int(share * (CLOCK_CYCLE_STEPS - 1)) - 1
             total = run.step + (share < 1) * max(1, round(run.step * (1 / share - 1)))
         run.scheduler.step()
         if progress:
             progress(run.step, total, losses)
         if run.step % LOG_STEPS == 0 or run.step == total:
-            means = {
-                name: float(np.mean([losses[name] for losses in run.recent])) for name in losses
-            }
+            means = {}
+            for name in losses:
+                means[name] = float(np.mean([recent[name] for recent in run.recent]))
             add_figures(out / LOG, run.step, run.step / per_epoch, means)
             run.recent.clear()
         end_of_epoch = run.step % per_epoch == 0 or run.step == total
@@ -324,14 +355,15 @@ def _steps(
     """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each
     epoch."""
     order = np.empty(0, int)
-    drawn = -1
+    drawn_epoch = -1
     for step in steps:
-        epoch, place = divmod(step, per_epoch)
-        if epoch != drawn:
+        epoch, step_in_epoch = divmod(step, per_epoch)
+        if epoch != drawn_epoch:
             order = np.random.default_rng([preset.seed, epoch]).permutation(frames)
-            drawn = epoch
+            drawn_epoch = epoch
         yield [
-            (epoch, int(k)) for k in order[place * preset.readings : (place + 1) * preset.readings]
+            (epoch, int(k))
+            for k in order[step_in_epoch * preset.readings : (step_in_epoch + 1) * preset.readings]
         ]
 
 
@@ -352,9 +384,8 @@ def _start(
         return TrainingState(
             network, optimiser, MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
         )
-    return TrainingState(
-        network, optimiser, OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2)
-    )
+    schedule = OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2)
+    return TrainingState(network, optimiser, schedule)
 
 
 def _step(

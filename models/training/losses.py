@@ -1,5 +1,6 @@
-"""Targets of the anchors and losses (Zhou and Tuzel 2018, section 2.2): the published one, and one
-with quality."""
+"""Targets of the anchors, and the published loss and one with quality (Zhou and Tuzel 2018, section
+2.2).
+"""
 
 from collections.abc import Sequence
 from functools import partial
@@ -11,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from models.config import AnchorKind
-from models.network.grid import decode, encode, faces_back, per_anchor
+from models.network.grid import decode, encode_residuals, faces_back, per_anchor
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, BoxRows, Float, Int64, Mask, Rng, Shaped
 from toolkit.objects import label_index
@@ -28,7 +29,7 @@ class Assignment(NamedTuple):
     """Targets of the anchors."""
 
     labels: Shaped[np.ndarray, "H W A"]  # POSITIVE, NEGATIVE or IGNORED
-    owner: Int64[np.ndarray, "H W A"]  # row of the object that a positive anchor should find
+    owner: Int64[np.ndarray, "H W A"]  # row of the object that a positive anchor should detect
 
 
 def assign(
@@ -46,7 +47,8 @@ def assign(
     An anchor is positive above `positive`, and so is the best anchor of each object if it reaches
     `best`. Up to `negative` it is negative; in between it is ignored. A negative anchor inside one
     of the boxes `ignored` is ignored too. margin: metres added to length and width of all boxes and
-    anchors first."""
+    anchors first.
+    """
     ignored = boxes[:0] if ignored is None else ignored
     if margin:
         wider = np.array([0, 0, 0, margin, margin, 0, 0])
@@ -55,38 +57,36 @@ def assign(
         ignored = ignored + wider
     overlap = np.zeros(anchors.shape[:3])
     owner = np.zeros(anchors.shape[:3], np.int64)
-    forced: list[tuple[tuple[int, ...], int]] = []
+    best_anchors: list[tuple[tuple[int, ...], int]] = []
     for row, box in enumerate(boxes):
-        near = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
-        size = _snap_size(anchors[near])
+        window = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
+        size = _snap_size(anchors[window])
         box_size = _snap_size(box)
-        gap = np.abs(anchors[near][..., :2] - box[:2])
-        shared = (
+        gap = np.abs(anchors[window][..., :2] - box[:2])
+        overlap_area = (
             np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
         )
-        iou = shared / (size.prod(-1) + box_size.prod() - shared)
-        better = iou > overlap[near]
-        overlap[near][better] = iou[better]
-        owner[near][better] = row
+        iou = overlap_area / (size.prod(-1) + box_size.prod() - overlap_area)
+        is_better = iou > overlap[window]
+        overlap[window][is_better] = iou[is_better]
+        owner[window][is_better] = row
         if iou.size and iou.max() >= best:
-            i, j, yaw = (int(at) for at in np.unravel_index(np.argmax(iou), iou.shape))
-            forced.append(((near[0].start + i, near[1].start + j, yaw), row))
-    labels = np.where(
-        overlap > positive, POSITIVE, np.where(overlap <= negative, NEGATIVE, IGNORED)
-    ).astype(np.int8)
-    for place, row in forced:
-        labels[place] = POSITIVE
-        owner[place] = row
+            i, j, yaw = map(int, np.unravel_index(np.argmax(iou), iou.shape))
+            best_anchors.append(((window[0].start + i, window[1].start + j, yaw), row))
+    labels = np.where(overlap <= negative, NEGATIVE, IGNORED)
+    labels = np.where(overlap > positive, POSITIVE, labels).astype(np.int8)
+    for anchor, row in best_anchors:
+        labels[anchor] = POSITIVE
+        owner[anchor] = row
     for box in ignored:
-        near = _window(anchors, box, 0.0)
-        (dx, dy), (cos, sin) = (
-            np.moveaxis(anchors[near][..., :2] - box[:2], -1, 0),
-            (np.cos(box[6]), np.sin(box[6])),
-        )
-        within = (np.abs(dx * cos + dy * sin) <= box[3] / 2) & (
-            np.abs(dy * cos - dx * sin) <= box[4] / 2
-        )
-        labels[near][(labels[near] == NEGATIVE) & within] = IGNORED
+        window = _window(anchors, box, 0.0)
+        dx, dy = np.moveaxis(anchors[window][..., :2] - box[:2], -1, 0)
+        cos = np.cos(box[6])
+        sin = np.sin(box[6])
+        ahead = np.abs(dx * cos + dy * sin)
+        aside = np.abs(dy * cos - dx * sin)
+        is_within = (ahead <= box[3] / 2) & (aside <= box[4] / 2)
+        labels[window][(labels[window] == NEGATIVE) & is_within] = IGNORED
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
@@ -95,24 +95,30 @@ def assign_by_kind(
     kinds: Sequence[AnchorKind],
     boxes: BoxRows,
     labels: Int64[np.ndarray, " n"],
-    asked: Mask,
+    is_required: Mask,
 ) -> Assignment:
-    """Match anchors to objects of their own class; owners are rows of `boxes`.
+    """Match anchors to objects of their class; owners are rows of `boxes`.
 
-    asked: objects that should be found; negatives on the others of that class are ignored."""
+    is_required: objects that should be detected; negatives on the others of that class are ignored.
+    """
     parts = []
-    first = 0
+    first_anchor = 0
     for kind in kinds:
-        last = first + len(kind.yaws)
-        own = labels == label_index(kind.label)
-        rows = np.flatnonzero(own & asked)
-        others = boxes[own & ~asked]
+        end_anchor = first_anchor + len(kind.yaws)
+        is_kind = labels == label_index(kind.label)
+        rows = np.flatnonzero(is_kind & is_required)
+        optional = boxes[is_kind & ~is_required]
         matching = {"positive": kind.positive, "negative": kind.negative, "margin": kind.margin}
-        found = assign(anchors[:, :, first:last], boxes[rows], ignored=others, **matching)
-        owner = np.where(found.labels == POSITIVE, np.append(rows, 0)[found.owner], 0)
-        parts.append(Assignment(found.labels, owner))
-        first = last
-    return Assignment(*(np.concatenate(column, axis=2) for column in zip(*parts, strict=True)))
+        assignment = assign(
+            anchors[:, :, first_anchor:end_anchor], boxes[rows], ignored=optional, **matching
+        )
+        owner = np.where(assignment.labels == POSITIVE, np.append(rows, 0)[assignment.owner], 0)
+        parts.append(Assignment(assignment.labels, owner))
+        first_anchor = end_anchor
+    return Assignment(
+        labels=np.concatenate([part.labels for part in parts], axis=2),
+        owner=np.concatenate([part.owner for part in parts], axis=2),
+    )
 
 
 def sample(
@@ -121,9 +127,9 @@ def sample(
     """Keep `size` random anchors, as in the published training."""
     flat = assignment.labels.ravel()
     labels = np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
-    for kind, most in ((POSITIVE, positives), (NEGATIVE, size)):
+    for kind, max_count in ((POSITIVE, positives), (NEGATIVE, size)):
         rows = np.flatnonzero(flat == kind)
-        room = min(most, size - int((labels == POSITIVE).sum()))
+        room = min(max_count, size - int((labels == POSITIVE).sum()))
         labels[rows if len(rows) <= room else rng.choice(rows, room, replace=False)] = kind
     return Assignment(labels.reshape(assignment.labels.shape), assignment.owner)
 
@@ -146,7 +152,8 @@ def paper_loss(
 ) -> dict[str, Tensor]:
     """Published loss of sampled anchors: cross-entropy, and smooth L1 (σ = 3) of residuals.
 
-    labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7)."""
+    labels: from an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7).
+    """
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
     counted = torch.nonzero(labels != IGNORED, as_tuple=True)
@@ -155,7 +162,7 @@ def paper_loss(
     )
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
     residuals = per_anchor(prediction.residuals, count)[positive]
-    target = encode(boxes[positive], anchors[positive[1:]], doubled=False)
+    target = encode_residuals(boxes[positive], anchors[positive[1:]], doubled=False)
     box = F.smooth_l1_loss(residuals, target, beta=1 / 9, reduction="sum")
     return {"class": classes / max(len(counted[0]), 1), "box": box / max(len(positive[0]), 1)}
 
@@ -167,13 +174,18 @@ def quality_loss(
     anchors: Tensor,
     classes: Sequence[int] | None = None,
 ) -> dict[str, Tensor]:
-    """Loss of class, box, direction and predicted IoU. Focal loss (Lin et al. 2017) for the class;
-    smooth L1 of residuals and 1 - IoU for the box. A class's sums are divided by the number of its
-    positive anchors. classes: class of each anchor of a cell (None: one class)."""
+    """Loss of class, box, direction and predicted IoU.
+
+    The class has a focal loss (Lin et al. 2017), the box smooth L1 of residuals and 1 - IoU. A
+    class's sums are divided by the number of its positive anchors. classes: class of each anchor of
+    a cell (None: one class).
+    """
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]
-    maps = Prediction(*(per_anchor(each, count) for each in prediction if each is not None))
+    maps = Prediction(
+        *(per_anchor(share_each, count) for share_each in prediction if share_each is not None)
+    )
     assert maps.direction_logits is not None
     assert maps.quality_logits is not None
     kind = torch.tensor([0] * count if classes is None else list(classes), device=labels.device)
@@ -183,49 +195,53 @@ def quality_loss(
     classes_lost = focal_loss(
         maps.class_logits[..., 0], labels == POSITIVE, share * (labels != IGNORED)
     )
-    each = share[positive[3]]
+    share_each = share[positive[3]]
     anchor = anchors[positive[1:]]
-    wanted = boxes[positive]
+    target_boxes = boxes[positive]
     residuals = maps.residuals[positive]
-    direction, quality = (
-        of[..., 0][positive] for of in (maps.direction_logits, maps.quality_logits)
-    )
-    backwards = faces_back(wanted, anchor)
-    overlap = nearly_aligned_iou(decode(residuals, anchor, backwards), wanted)
-    box = F.smooth_l1_loss(residuals, encode(wanted, anchor), beta=0.02, reduction="none").sum(1)
+    direction = maps.direction_logits[..., 0][positive]
+    quality = maps.quality_logits[..., 0][positive]
+    is_backwards = faces_back(target_boxes, anchor)
+    overlap = nearly_aligned_iou(decode(residuals, anchor, is_backwards), target_boxes)
+    box = F.smooth_l1_loss(
+        residuals, encode_residuals(target_boxes, anchor), beta=0.02, reduction="none"
+    ).sum(1)
     cross_entropy = partial(F.binary_cross_entropy_with_logits, reduction="sum")
     return {
         "class": classes_lost,
-        "box": 2 * (each * box).sum(),
-        "iou": (each * (1 - overlap)).sum(),
-        "direction": 0.2 * cross_entropy(direction, backwards.float(), each),
-        "quality": 0.5 * cross_entropy(quality, overlap.detach().clamp(0, 1), each),
+        "box": 2 * (share_each * box).sum(),
+        "iou": (share_each * (1 - overlap)).sum(),
+        "direction": 0.2 * cross_entropy(direction, is_backwards.float(), share_each),
+        "quality": 0.5 * cross_entropy(quality, overlap.detach().clamp(0, 1), share_each),
     }
 
 
 def focal_loss(
     logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"]
 ) -> Tensor:
-    """Sum α (1 - p)² · cross-entropy · `counted` over anchors, where p is the probability of the
-    truth, and α is 0.25 for positive ones and 0.75 for others."""
+    """Sum α (1 - p)² · cross-entropy · `counted` over anchors.
+
+    p is the probability of the truth, and α is 0.25 for positive ones and 0.75 for others.
+    """
     signed = torch.where(positive, logits, -logits)
     weight = torch.where(positive, 0.25, 0.75) * counted
     return -(weight * torch.sigmoid(-signed) ** 2.0 * F.logsigmoid(signed)).sum()
 
 
 def nearly_aligned_iou(
-    boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]
+    boxes: Float[Tensor, "n 7"], targets: Float[Tensor, "n 7"]
 ) -> Float[Tensor, " n"]:
     """3D IoU of box pairs, differentiable in any overlap, and exact for equal yaws.
 
     A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the
     first-order loss of two rectangles turned about a common centre."""
-    cos, sin = torch.cos(wanted[:, 6]), torch.sin(wanted[:, 6])
-    dx, dy, dz = (boxes - wanted)[:, :3].unbind(1)
+    cos = torch.cos(targets[:, 6])
+    sin = torch.sin(targets[:, 6])
+    dx, dy, dz = (boxes - targets)[:, :3].unbind(1)
     gap = torch.stack((dx * cos + dy * sin, dy * cos - dx * sin, dz), 1).abs()
     size = boxes[:, 3:6]
-    target = wanted[:, 3:6]
-    turned = torch.sin(boxes[:, 6] - wanted[:, 6]).abs()[:, None] * target[:, [1, 0]] / 4
+    target = targets[:, 3:6]
+    turned = torch.sin(boxes[:, 6] - targets[:, 6]).abs()[:, None] * target[:, [1, 0]] / 4
     lost = torch.cat((turned, torch.zeros_like(turned[:, :1])), 1)
     shared = (
         (torch.minimum(torch.minimum(size, target), (size + target) / 2 - gap) - lost)

@@ -104,12 +104,12 @@ class TrainingOptions:
             raise ValueError(
                 f"--seed and --workers must not be negative, got {self.seed} and {self.workers}"
             )
-        known = ("vehicle",) if self.classes is None and self.start is None else self.classes
-        if known is not None:
-            select_anchors(known)
-            if not set(self.faces or ()) <= set(known):
+        classes = ("vehicle",) if self.classes is None and self.start is None else self.classes
+        if classes is not None:
+            select_anchors(classes)
+            if not set(self.faces or ()) <= set(classes):
                 raise ValueError(
-                    f"--faces must be among --classes {' '.join(known)}, got "
+                    f"--faces must be among --classes {' '.join(classes)}, got "
                     f"{' '.join(self.faces or ())}"
                 )
         if self.calibrate and self.validate is None:
@@ -117,30 +117,32 @@ class TrainingOptions:
 
 
 def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None, TrainingOptions]:
-    """Parse site and options of a command line. Prints an error and exits with code 2 for bad
+    """Site and options of a command line. Prints an error and exits with code 2 for bad
     arguments."""
-    parser = ArgumentParser(
-        prog="python -m models.train", description=TrainingOptions.__doc__.partition("\n")[0]
-    )  # type: ignore[union-attr]
+    summary = (TrainingOptions.__doc__ or "").partition("\n")[0]
+    parser = ArgumentParser(prog="python -m models.train", description=summary)
     parser.add_argument("site", nargs="?", help=SITE)
     texts = descriptions()
     hints = get_type_hints(TrainingOptions)
-    for each in fields(TrainingOptions):
-        hint = hints[each.name]
+    for field in fields(TrainingOptions):
+        hint = hints[field.name]
         if get_origin(hint) in (Union, UnionType):
             hint = next(kind for kind in get_args(hint) if kind is not NoneType)
         if hint is bool:
             settings: dict[str, Any] = {"action": BooleanOptionalAction}
         elif get_origin(hint) is tuple:
             settings = {"nargs": "*", "type": get_args(hint)[0]}
+        elif get_origin(hint) is Literal:
+            settings = {"choices": get_args(hint)}
         else:
-            settings = (
-                {"choices": get_args(hint)} if get_origin(hint) is Literal else {"type": hint}
-            )
-        if each.default is not MISSING:
-            settings["default"] = each.default
+            settings = {"type": hint}
+        if field.default is not MISSING:
+            settings["default"] = field.default
         parser.add_argument(
-            option(each.name), help=texts[each.name], required=each.default is MISSING, **settings
+            option(field.name),
+            help=texts[field.name],
+            required=field.default is MISSING,
+            **settings,
         )
     values = vars(parser.parse_args(arguments))
     site = values.pop("site")

@@ -1,14 +1,14 @@
 """Packed recordings in memory: the empty site once, and the differences of each frame.
 
 Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file;
-its layout, flat arrays that need numpy and h5py alone:
+its layout, flat arrays that need only numpy and h5py:
 
     rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model), slope
                                 of the ground if it is not level; poses (s, 4, 4)
     rigs/{r}/pixels, depth      what the sensors see of the empty site within the crop, one sensor
                                 after the other: uint32 pixel number (row · columns + column),
                                 float32 measurement (m)
-    rigs/{r}/ends               (s,) where the pixels of each sensor end
+    rigs/{r}/ends               (s,) ends of the pixels of each sensor
     frames/rig, frames/ends     (t,) rig of each frame, and (t, s + 1) where the changed pixels of
                                 each sensor begin and the last ones end
     pixels, steps               (p,) changed pixels, and their measurement in 1/512 m, 0 for none
@@ -18,6 +18,7 @@ its layout, flat arrays that need numpy and h5py alone:
                                 the points in 1/512 m, on level ground
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -36,17 +37,19 @@ from toolkit.runtime.files import parse_json
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
-STEPS_PER_METRE = 512  # quantisation of what changes: 2 mm steps are far below the sensors' noise
-MOST_PIXELS = 10**8  # pixels of a sensor; a file with more is damaged
-MARGIN = 0.2  # m kept around the crop, so that noise can carry a point across its edge
+STEPS_PER_METRE = 512  # quantisation of changes: 2 mm steps are far below the sensors' noise
+MAX_SENSOR_PIXELS = 10**8  # a file with more is damaged
+CROP_MARGIN_M = 0.2  # kept around the crop, so that noise can carry a point across its edge
 
 _Points = Float32[np.ndarray, "n 3"]
 Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
 class PackedFrames:
-    """Packed file in memory. Points and objects of frame k are in its site's frame. Raises
-    FileNotFoundError; ValueError if the file is damaged or not a packed file."""
+    """Packed file in memory. Points and objects of frame k are in its site's frame.
+
+    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file.
+    """
 
     def __init__(self, path: Path | str) -> None:
         if not Path(path).is_file():
@@ -55,23 +58,22 @@ class PackedFrames:
             with hdf5.open_hdf5(path) as file:
                 if hdf5.contains(file, "coview") or hdf5.contains(file, "dslices"):
                     raise ValueError("it is a recording")
-                whole = partial(hdf5.array, file, kinds="iu")
-                self._rig_of_frame = whole("frames/rig", axes=1)
-                self._ends = whole("frames/ends", axes=2)
-                self._pixels = whole("pixels", axes=1)
-                self._steps = whole("steps", axes=1)
+                read_integers = partial(hdf5.array, file, kinds="iu")
+                self._rig_of_frame = read_integers("frames/rig", axes=1)
+                self._ends = read_integers("frames/ends", axes=2)
+                self._pixels = read_integers("pixels", axes=1)
+                self._steps = read_integers("steps", axes=1)
                 self._boxes = hdf5.array(file, "boxes", axes=2)
-                self._labels = whole("labels", axes=1)
-                self._box_ends = whole("box_ends", axes=1)
-                self._places: dict[int, int] = {}  # of frames of recorded clouds
+                self._labels = read_integers("labels", axes=1)
+                self._box_ends = read_integers("box_ends", axes=1)
+                self._places: dict[int, int] = {}  # number of each frame among recorded clouds
                 self._cloud_ends = np.zeros((0, 1), np.int64)
                 self._points = np.zeros((0, 3), np.int32)
                 if hdf5.contains(file, "clouds"):
-                    self._places = {
-                        int(k): place for place, k in enumerate(whole("clouds/frames", axes=1))
-                    }
-                    self._cloud_ends = whole("clouds/ends", axes=2)
-                    self._points = whole("clouds/points", axes=2)
+                    cloud_frames = read_integers("clouds/frames", axes=1).tolist()
+                    self._places = {k: index for index, k in enumerate(cloud_frames)}
+                    self._cloud_ends = read_integers("clouds/ends", axes=2)
+                    self._points = read_integers("clouds/points", axes=2)
                 self.rigs = tuple(
                     _read_rig(file, f"rigs/{r}") for r in range(len(hdf5.child_names(file, "rigs")))
                 )
@@ -84,10 +86,10 @@ class PackedFrames:
         frames = len(self)
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
-        most = max((len(rig.sensors) for rig in self.rigs), default=0)
+        max_sensors = max((len(rig.sensors) for rig in self.rigs), default=0)
         if (
             len(self._ends) != frames
-            or self._ends.shape[1] <= most
+            or self._ends.shape[1] <= max_sensors
             or not _ascends(self._ends, len(self._pixels))
         ):
             raise ValueError("frames/ends does not cut its pixels into frames and sensors")
@@ -109,8 +111,10 @@ class PackedFrames:
                 f"clouds/frames must be different numbers of its {frames} frames, as many as "
                 "clouds/ends"
             )
-        most = max((len(self.rig(k).sensors) for k in self._places), default=0)
-        if self._cloud_ends.shape[1] <= most or not _ascends(self._cloud_ends, len(self._points)):
+        max_sensors = max((len(self.rig(k).sensors) for k in self._places), default=0)
+        if self._cloud_ends.shape[1] <= max_sensors or not _ascends(
+            self._cloud_ends, len(self._points)
+        ):
             raise ValueError("clouds/ends does not cut clouds/points into frames and sensors")
 
     def __len__(self) -> int:
@@ -129,25 +133,26 @@ class PackedFrames:
         """Ground truth of frame k on level ground, as `points`."""
         objects = self.objects(k)
         slope = self.rig(k).slope
-        return (
-            objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
-        )
+        if slope == LEVEL:
+            return objects
+        return replace(objects, boxes=level_rows(objects.boxes, slope))
 
     def is_recorded(self, k: int) -> bool:
-        """True for frames of recorded clouds, without an empty site."""
+        """True if a frame has recorded clouds, without an empty site."""
         return k in self._places
 
     def changes(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Changed pixels of frame k and their steps, per sensor."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
-        return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
+        return [self._pixels[rows] for rows in slices], [self._steps[rows] for rows in slices]
 
     def points(
         self, k: int, rng: Rng | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:
         """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
-        rng: of fresh noise, None for none."""
+        rng: for fresh noise, None for no noise.
+        """
         rig = self.rig(k)
         clouds = []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
@@ -157,19 +162,29 @@ class PackedFrames:
             else:
                 changed = slice(*self._ends[k, s : s + 2])
                 metres = self._steps[changed].astype(np.float32) / STEPS_PER_METRE
-                points, _, _ = rig.measure(s, self._pixels[changed], metres, rng)
+                points = rig.measure(s, self._pixels[changed], metres, rng)[0]
                 clouds.append(level_rows(points, rig.slope))
         return clouds
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Fixed sensors, and their view of the empty site in the crop: the area up to the height above
-    sloping ground."""
+    """Fixed sensors, and their view of the empty site in the crop.
+
+    The crop is the area up to the height above sloping ground.
+
+    Attributes:
+        sensors: Sensors.
+        area: xmin ymin xmax ymax (m).
+        height: Height of the crop (m).
+        pixels: Pixels of each sensor that see the empty site in the crop.
+        depth: Measurement of each of these pixels (m).
+        slope: Slope of the ground.
+    """
 
     sensors: tuple[Sensor, ...]
     area: Area
-    height: float  # m
+    height: float
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     depth: tuple[Float32[np.ndarray, " _"], ...]
     slope: Slope = LEVEL
@@ -182,14 +197,15 @@ class Rig:
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
     ) -> "Rig":
-        """Build a rig from images of the empty site."""
-        sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
+        """Rig from images of the empty site."""
+        sensors = tuple(sensors)
+        xmin, ymin, xmax, ymax = map(float, area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
         pixels = []
         depth = []
         for s, image in enumerate(empty):
             seen = np.flatnonzero(image > 0).astype(np.uint32)
-            seen = seen[rig.in_crop(rig.world(s, seen, image.ravel()[seen]), MARGIN)]
+            seen = seen[rig.in_crop(rig.world(s, seen, image.ravel()[seen]), CROP_MARGIN_M)]
             pixels.append(seen)
             depth.append(image.ravel()[seen])
         return replace(rig, pixels=tuple(pixels), depth=tuple(depth))
@@ -197,45 +213,46 @@ class Rig:
     def measure(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: Rng | None
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Noisy points in the crop, their pixels and measurements. Pixels `changed` have measured
-        this (0: nothing), the others the empty site."""
+        """Noisy points in the crop, their pixels and measurements.
+
+        Pixels `changed` have `measured` (0: nothing), the others the empty site.
+        """
         rows, columns = self.sensors[s].model.shape
-        still = np.ones(rows * columns, bool)
-        still[changed] = False
-        still = still[self.pixels[s]]
-        seen = measured > 0
-        pixels = np.concatenate([self.pixels[s][still], changed[seen]])
-        depth = np.concatenate([self.depth[s][still], measured[seen]])
+        is_unchanged = np.ones(rows * columns, bool)
+        is_unchanged[changed] = False
+        is_unchanged = is_unchanged[self.pixels[s]]
+        is_seen = measured > 0
+        pixels = np.concatenate([self.pixels[s][is_unchanged], changed[is_seen]])
+        depth = np.concatenate([self.depth[s][is_unchanged], measured[is_seen]])
         if rng is not None:
-            depth += rng.standard_normal(len(depth), dtype=np.float32) * self.sensors[
-                s
-            ].model.deviation(depth)
+            noise = rng.standard_normal(len(depth), dtype=np.float32)
+            depth += noise * self.sensors[s].model.deviation(depth)
         points = self.world(s, pixels, depth)
-        kept = self.in_crop(points)
-        return points[kept], pixels[kept], depth[kept]
+        is_kept = self.in_crop(points)
+        return points[is_kept], pixels[is_kept], depth[is_kept]
 
     def world(
         self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
     ) -> _Points:
         """Positions (site's frame) that pixels of sensor s measure."""
         sensor = self.sensors[s]
-        rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[
-            :3, :3
-        ].T.astype(np.float32)
+        rotation = sensor.pose[:3, :3].T.astype(np.float32)
+        rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ rotation
         rays *= depth[:, None]
         rays += sensor.position.astype(np.float32)
         return rays
 
     def in_crop(self, points: _Points, margin: float = 0.0) -> Mask:
-        """Mark points in the crop, widened by a margin (m)."""
-        (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
-        inside = (
+        """Mask of points in the crop, widened by a margin (m)."""
+        x, y, z = level_rows(points, self.slope).T
+        xmin, ymin, xmax, ymax = self.area
+        is_inside = (
             (x >= xmin - margin)
             & (x <= xmax + margin)
             & (y >= ymin - margin)
             & (y <= ymax + margin)
         )
-        return inside & (z > -margin) & (z < self.height + margin)
+        return is_inside & (z > -margin) & (z < self.height + margin)
 
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
@@ -243,16 +260,15 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
         attributes = hdf5.read_node_attributes(file[name], name)
     poses = hdf5.array(file, f"{name}/poses", axes=3)
     depth = hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
-    pixels, ends = (
-        hdf5.array(file, f"{name}/{part}", axes=1, kinds="iu") for part in ("pixels", "ends")
-    )
+    pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
+    ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")
     try:
         models = parse_json(attributes["sensors"])
-        described = [
-            (str(each["name"]), make_model(each["type"], each["model"])) for each in models
+        named_models = [
+            (str(item["name"]), make_model(item["type"], item["model"])) for item in models
         ]
-        sensors = tuple(Sensor(*each, pose) for each, pose in zip(described, poses, strict=True))
-        xmin, ymin, xmax, ymax = (float(side) for side in attributes["area"])
+        sensors = tuple(Sensor(*item, pose) for item, pose in zip(named_models, poses, strict=True))
+        xmin, ymin, xmax, ymax = map(float, attributes["area"])
         height = float(attributes["height"])
         slope = check_slope(attributes.get("slope", LEVEL), "slope")
     except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
@@ -269,11 +285,9 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
             f"{name}: needs an area xmin ymin xmax ymax and a height, got {attributes['area']}, "
             f"{height}"
         )
-    if (
-        not sensors
-        or max(rows * columns for rows, columns in (s.model.shape for s in sensors)) > MOST_PIXELS
-    ):
-        raise ValueError(f"{name}: needs sensors of at most {MOST_PIXELS} pixels each")
+    sizes = [math.prod(sensor.model.shape) for sensor in sensors]
+    if not sizes or max(sizes) > MAX_SENSOR_PIXELS:
+        raise ValueError(f"{name}: needs sensors of at most {MAX_SENSOR_PIXELS} pixels each")
     if len(ends) != len(sensors) or len(pixels) != len(depth) or not _ascends(ends, len(pixels)):
         raise ValueError(
             f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into "
@@ -282,8 +296,8 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     if not np.isfinite(depth).all():
         raise ValueError(f"{name}/depth holds NaN or infinity")
     seen = tuple(np.split(pixels, ends[:-1]))
-    for sensor, each in zip(sensors, seen, strict=True):
-        _check_pixels(each, sensor, f"{name}/pixels")
+    for sensor, item in zip(sensors, seen, strict=True):
+        _check_pixels(item, sensor, f"{name}/pixels")
     depths = tuple(np.split(depth.astype(np.float32), ends[:-1]))
     return Rig(sensors, (xmin, ymin, xmax, ymax), height, seen, depths, slope)
 

@@ -1,5 +1,7 @@
-"""Writer of packed files (`models.training.packed`). Only pixels that differ from the empty site
-are written."""
+"""Writer of packed files (`models.training.packed`).
+
+Only pixels that differ from the empty site are written.
+"""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -7,12 +9,12 @@ from dataclasses import asdict, dataclass
 from itertools import chain, groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import SupportsFloat
+from typing import Any, SupportsFloat
 
 import h5py
 import numpy as np
 
-from models.training.packed import MARGIN, STEPS_PER_METRE, PackedFrames, Rig
+from models.training.packed import CROP_MARGIN_M, STEPS_PER_METRE, PackedFrames, Rig
 from toolkit.arrays import Float32, Shaped
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
@@ -24,7 +26,7 @@ from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m
+MAX_DEPTH_M = (2**16 - 1) / STEPS_PER_METRE
 _CHUNK = 1 << 18
 _Progress = Callable[[int], None]
 
@@ -56,19 +58,20 @@ def recording(
     count: int | None = None,
     slope: Slope = LEVEL,
 ) -> PackedRecording:
-    """Return frames of fixed sensors, each read when it is written.
+    """Frames of fixed sensors, each read when it is written.
 
-    area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site
-    per sensor, None to take them from the frames; count: only the first frames; slope: of the
-    ground (m per m, x and y)."""
+    area: xmin ymin xmax ymax (m), height: top of the crop (m); empty: measurements of the empty
+    site per sensor, None to take them from the frames; count: only the first frames; slope: the
+    ground's (m per m, x and y).
+    """
     empty = empty_scene(frames).images if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
-    chosen = range(min(len(frames), len(frames) if count is None else count))
-    return rig, (change(rig, frames[k]) for k in chosen)
+    frame_numbers = range(min(len(frames), len(frames) if count is None else count))
+    return rig, (change(rig, frames[k]) for k in frame_numbers)
 
 
 def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedRecording:
-    """Return a recorded dataset, or its first `count` frames."""
+    """Recorded dataset, or its first `count` frames."""
     site = dataset.site
     return recording(dataset, site.area, site.height, count=count, slope=site.relief.slope)
 
@@ -76,16 +79,16 @@ def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedR
 def sample_recordings(
     samples: Iterable[LevelSample], height: float = 4.0
 ) -> Iterator[PackedRecording]:
-    """Yield a recording for each run of samples with the same sensors and area. They must be
-    written in order."""
-    for (sensors, area), group in groupby(samples, key=lambda each: (each[0], each[3])):
-        nothing = (np.zeros(0, np.uint32),) * len(sensors)
-        still = (np.zeros(0, np.float32),) * len(sensors)
-        stands = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
+    """Yield a recording for each run of samples with the same sensors and area, to be written in
+    order."""
+    for (sensors, area), group in groupby(samples, key=lambda sample: (sample[0], sample[3])):
+        no_pixels = (np.zeros(0, np.uint32),) * len(sensors)
+        no_depth = (np.zeros(0, np.float32),) * len(sensors)
+        unposed = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
         changes = (
-            Change(nothing, nothing, objects, tuple(clouds)) for _, clouds, objects, _ in group
+            Change(no_pixels, no_pixels, objects, tuple(clouds)) for _, clouds, objects, _ in group
         )
-        yield Rig(stands, area, height, nothing, still), changes
+        yield Rig(unposed, area, height, no_pixels, no_depth), changes
 
 
 def read_recordings(path: Path) -> list[PackedRecording]:
@@ -101,8 +104,10 @@ def read_recordings(path: Path) -> list[PackedRecording]:
 
 
 def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) -> bytes:
-    """Content of the packed file of a random site, its frames, and each sensor's measurement
-    without traffic."""
+    """Content of the packed file of a random site.
+
+    drawn: the site, its frames, and each sensor's measurement without traffic.
+    """
     site, frames, empty = drawn
     with TemporaryDirectory() as folder:
         path = Path(folder, "one.packed")
@@ -113,35 +118,39 @@ def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) ->
 
 
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
-    """Write several packed files as one, and return the number of frames. Raises ValueError without
-    any frame."""
+    """Write several packed files as one, and return the number of frames.
+
+    Raises ValueError without any frame.
+    """
     with hdf5_file(unfinished) as (file, check):
-        return _write(file, (each for path in paths for each in read_recordings(path)), check)
+        return _write(file, (item for path in paths for item in read_recordings(path)), check)
 
 
 def change(rig: Rig, frame: Frame) -> Change:
-    """Find pixels that show something in the crop that the empty site does not, or the reverse."""
+    """Pixels that show something in the crop that the empty site does not, or the reverse."""
     pixels = []
     steps = []
     for s, measurement in enumerate(frame.images):
-        still = np.zeros(measurement.size, np.float32)
+        empty_depth = np.zeros(measurement.size, np.float32)
         flat = measurement.ravel()
-        still[rig.pixels[s]] = rig.depth[s]
-        places = np.flatnonzero(flat != still).astype(np.uint32)
-        depth = np.where(flat[places] < FARTHEST, flat[places], np.float32(0))
-        seen = (depth > 0) & rig.in_crop(rig.world(s, places, depth), MARGIN)
-        counts = seen | (still[places] > 0)  # or hides a point of the empty site
-        pixels.append(places[counts])
-        rounded = np.where(seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0)
-        steps.append(rounded.astype(np.uint16)[counts])
+        empty_depth[rig.pixels[s]] = rig.depth[s]
+        changed = np.flatnonzero(flat != empty_depth).astype(np.uint32)
+        depth = np.where(flat[changed] < MAX_DEPTH_M, flat[changed], np.float32(0))
+        is_seen = (depth > 0) & rig.in_crop(rig.world(s, changed, depth), CROP_MARGIN_M)
+        is_counted = is_seen | (empty_depth[changed] > 0)  # or hides a point of the empty site
+        pixels.append(changed[is_counted])
+        rounded = np.where(is_seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0)
+        steps.append(rounded.astype(np.uint16)[is_counted])
     return Change(tuple(pixels), tuple(steps), frame.objects)
 
 
 def pack(
     recordings: Iterable[PackedRecording], out: Path, *, progress: _Progress | None = None
 ) -> int:
-    """Write a packed file, complete or not at all, and return its number of frames. Raises
-    ValueError without any frame, OSError if the disk is full."""
+    """Write a packed file, complete or not at all, and return its number of frames.
+
+    Raises ValueError without any frame, OSError if the disk is full.
+    """
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
         return _write(file, recordings, check, progress)
 
@@ -160,35 +169,16 @@ def _write(
     recorded: dict[int, tuple[np.ndarray, ...]] = {}
     file.create_group("rigs")
     for r, (rig, changes) in enumerate(recordings):
-        group = file.create_group(f"rigs/{r}")
-        group.attrs["area"] = np.array(rig.area, np.float64)
-        group.attrs["height"] = rig.height
-        if rig.slope != LEVEL:
-            group.attrs["slope"] = np.array(rig.slope, np.float64)
-        models = [
-            {"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)}
-            for s in rig.sensors
-        ]
-        group.attrs["sensors"] = json.dumps(models)
-        group["poses"] = np.stack([sensor.pose for sensor in rig.sensors])
-        group["ends"] = np.cumsum([len(view) for view in rig.pixels])
-        for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
-            data = np.concatenate(columns)
-            group.create_dataset(
-                name, data=data, compression="gzip" if len(data) else None, shuffle=len(data) > 0
-            )
-        for found in changes:
-            ends.append(np.cumsum([pixels.length, *map(len, found.pixels)]))
-            for pixel, step in zip(found.pixels, found.steps, strict=True):
+        _write_rig(file.create_group(f"rigs/{r}"), rig)
+        for frame_change in changes:
+            ends.append(np.cumsum([pixels.length, *map(len, frame_change.pixels)]))
+            for pixel, step in zip(frame_change.pixels, frame_change.steps, strict=True):
                 pixels.append(pixel)
                 steps.append(step)
-            if found.clouds is not None:
-                metres = (np.asarray(cloud, np.float64) for cloud in found.clouds)
-                recorded[len(objects)] = tuple(
-                    np.rint(each * STEPS_PER_METRE).astype(np.int32) for each in metres
-                )
+            if frame_change.clouds is not None:
+                recorded[len(objects)] = tuple(map(_count_steps, frame_change.clouds))
             rig_of_frame.append(r)
-            objects.append(found.objects)
+            objects.append(frame_change.objects)
             check()
             if progress:
                 progress(len(objects))
@@ -198,27 +188,56 @@ def _write(
     steps.flush()
     file["frames/rig"] = np.array(rig_of_frame, np.int32)
     file["frames/ends"] = _of_one_length(ends)
-    file["boxes"] = np.concatenate([each.boxes for each in objects])
-    file["labels"] = np.concatenate([each.labels for each in objects]).astype(np.int8)
+    file["boxes"] = np.concatenate([item.boxes for item in objects])
+    file["labels"] = np.concatenate([item.labels for item in objects]).astype(np.int8)
     file["box_ends"] = np.cumsum([0, *map(len, objects)])
     if recorded:
-        sizes = [[len(cloud) for cloud in clouds] for clouds in recorded.values()]
-        starts = np.cumsum([0, *map(sum, sizes[:-1])])
-        points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])
-        file["clouds/frames"] = np.array(list(recorded), np.int64)
-        file["clouds/ends"] = _of_one_length(
-            [np.cumsum([at, *each]) for at, each in zip(starts, sizes, strict=True)]
-        )
-        options = (
-            {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(points) else {}
-        )
-        file.create_dataset("clouds/points", data=points, **options)
+        _write_clouds(file, recorded)
     return len(objects)
 
 
+def _write_rig(group: h5py.Group, rig: Rig) -> None:
+    """Write the sensors, the crop and the empty site."""
+    group.attrs["area"] = np.array(rig.area, np.float64)
+    group.attrs["height"] = rig.height
+    if rig.slope != LEVEL:
+        group.attrs["slope"] = np.array(rig.slope, np.float64)
+    models = [
+        {"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)}
+        for s in rig.sensors
+    ]
+    group.attrs["sensors"] = json.dumps(models)
+    group["poses"] = np.stack([sensor.pose for sensor in rig.sensors])
+    group["ends"] = np.cumsum([len(view) for view in rig.pixels])
+    for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
+        data = np.concatenate(columns)
+        group.create_dataset(
+            name, data=data, compression="gzip" if len(data) else None, shuffle=len(data) > 0
+        )
+
+
+def _write_clouds(file: h5py.File, recorded: dict[int, tuple[np.ndarray, ...]]) -> None:
+    """Write recorded clouds, by the number of their frame."""
+    sizes = [list(map(len, clouds)) for clouds in recorded.values()]
+    starts = np.cumsum([0, *map(sum, sizes[:-1])])
+    ends = [np.cumsum([start, *row]) for start, row in zip(starts, sizes, strict=True)]
+    points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])
+    file["clouds/frames"] = np.array(list(recorded), np.int64)
+    file["clouds/ends"] = _of_one_length(ends)
+    options: dict[str, Any] = {}
+    if len(points):
+        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+    file.create_dataset("clouds/points", data=points, **options)
+
+
+def _count_steps(cloud: np.ndarray) -> np.ndarray:
+    """Coordinates in steps of the file."""
+    return np.rint(np.asarray(cloud, np.float64) * STEPS_PER_METRE).astype(np.int32)
+
+
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
-    most = max(map(len, ends))
-    return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
+    length = max(map(len, ends))
+    return np.stack([np.pad(row, (0, length - len(row)), mode="edge") for row in ends])
 
 
 class _Column:

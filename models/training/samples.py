@@ -1,7 +1,8 @@
 """Training examples: a packed frame with fresh noise, augmented and voxelised, and its targets.
 
-Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off
-zero or slopes."""
+Augmentations of whole scenes are sensors with errors, fewer points, and ground that is slightly off
+zero or slopes.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -29,10 +30,12 @@ _Points = Float32[np.ndarray, "n 3"]
 _Boxes = Float[np.ndarray, "m 7"]
 _Place = Float[np.ndarray, "2"]
 
-FEWEST_KEPT = 0.1  # share of the points
-LIFT = 0.07  # m, deviation of the ground's height; as in surveys and imported sites
-SLOPE = 0.006  # deviation of the ground's slope along x and along y; at 20 m that is 12 cm
-BEYOND = 150.0  # m, assumed distance of surfaces outside the crop, which a packed file leaves out
+MIN_KEPT_SHARE = 0.1  # points
+LIFT_DEVIATION_M = 0.07  # height of the ground, as in surveys and imported sites
+SLOPE_DEVIATION = 0.006  # slope of the ground along x and along y; 12 cm at 20 m
+OUTSIDE_DEPTH_M = 150.0  # assumed distance of surfaces outside the crop, absent from packed files
+MAX_JITTER_RAD = np.deg2rad(18.0)
+_MAX_SPEEDS_M_S = np.array([14.0, 7.0, 1.8, 12.0])  # by class
 
 
 def random_errors(rng: Rng) -> ErrorProfile:
@@ -71,8 +74,11 @@ def with_errors(
     sensors: Iterable[int] | None = None,
 ) -> list[_Points]:
     """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level
-    ground. Sensors stand where they are believed to. Surfaces outside the crop can mix with those
-    inside, but give no points."""
+    ground.
+
+    Sensors have the poses that they are believed to have. Surfaces outside the crop can mix with
+    surfaces inside, but give no points.
+    """
     rig = frames.rig(k)
     objects = frames.objects(k)
     clouds = []
@@ -81,53 +87,54 @@ def with_errors(
     for s in range(len(rig.sensors)) if sensors is None else sensors:
         sensor = rig.sensors[s]
         depth = steps[s].astype(np.float32) / STEPS_PER_METRE
-        beyond = np.float32(min(BEYOND, 0.99 * sensor.model.max_range))
-        image = np.full(sensor.model.shape, beyond)
+        outside_m = np.float32(min(OUTSIDE_DEPTH_M, 0.99 * sensor.model.max_range))
+        image = np.full(sensor.model.shape, outside_m)
         flat = image.ravel()
         flat[rig.pixels[s]] = rig.depth[s]
-        flat[pixels[s]] = np.where(depth > 0, depth, beyond)
+        flat[pixels[s]] = np.where(depth > 0, depth, outside_m)
         truth = TrueImage(sensor, image, objects, velocities=velocities)
         reading = errors.read(truth, seed=seed, sensor=s, frame=k)
         measured = reading.measurement.ravel()
         seen = np.flatnonzero(
-            reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))
+            reading.valid.ravel() & ((flat < outside_m) | (measured < 0.9 * outside_m))
         ).astype(np.uint32)
-        believed = Rig(
+        believed_rig = Rig(
             (Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ()
         )
-        points = believed.world(0, seen, measured[seen])
+        points = believed_rig.world(0, seen, measured[seen])
         if reading.shift is not None:
             points += reading.shift.reshape(-1, 3)[seen]
         clouds.append(level_rows(points[rig.in_crop(points)], rig.slope))
     return clouds
 
 
-_FASTEST = np.array([14.0, 7.0, 1.8, 12.0])  # m/s, of each class
-
-
 def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
-    """Velocities (m/s) along the headings; every second object stands. Packed frames know no
-    tracks."""
+    """Velocities (m/s) along the headings; every second object is still.
+
+    Packed frames have no tracks.
+    """
     rng = np.random.default_rng([seed, 7])
     yaw = objects.boxes[:, 6]
     speed = (
         rng.uniform(0, 1, len(objects))
-        * _FASTEST[objects.labels]
+        * _MAX_SPEEDS_M_S[objects.labels]
         * (rng.random(len(objects)) < 0.5)
     )
     return np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), np.zeros(len(yaw))])
 
 
-def thin(points: _Points, rng: Rng) -> Float32[np.ndarray, "k 3"]:
+def thin_cloud(points: _Points, rng: Rng) -> Float32[np.ndarray, "k 3"]:
     """Keep a tenth to all of the points at random."""
-    return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
+    return points[rng.random(len(points)) < rng.uniform(MIN_KEPT_SHARE, 1.0)]
 
 
 def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
-    """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y. Boxes
-    stay upright."""
-    lift = rng.normal(0, LIFT)
-    slope = rng.normal(0, SLOPE, 2)
+    """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y.
+
+    Boxes stay upright.
+    """
+    lift = rng.normal(0, LIFT_DEVIATION_M)
+    slope = rng.normal(0, SLOPE_DEVIATION, 2)
     points = points.copy()
     boxes = boxes.copy()
     points[:, 2] += lift + (points[:, :2] - centre) @ slope
@@ -149,8 +156,10 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class SampleRecipe:
-    """Recipe that turns a frame into an example. A network of several classes has the thresholds of
-    its kinds."""
+    """Recipe that turns a frame into an example.
+
+    A network of several classes has the thresholds of its kinds.
+    """
 
     # share of examples seen by a random subset of the sensors, so that one network serves any set
     subsets: float = 0.5
@@ -160,16 +169,12 @@ class SampleRecipe:
     positive: float = 0.5  # IoU thresholds of the anchors
     negative: float = 0.35
     sampled: int = 0  # anchors in the loss, 0 for all
-    seen: int = 3  # points below which a vehicle need not be found
+    seen: int = 3  # points below which a vehicle need not be detected
     errors: float = 0.0  # share of examples with sensor errors
     thinned: float = 0.0  # share with thinned points
     tilted: float = 0.0  # share with uneven ground
-    elsewhere: float = (
-        0.0  # share of the windows laid anywhere in the area instead of near an object
-    )
-    windows: int = (
-        1  # cut from each reading of a frame; reading costs three times as much as the rest
-    )
+    elsewhere: float = 0.0  # share of the windows anywhere in the area instead of near an object
+    windows: int = 1  # from each reading of a frame, which costs three times as much as the rest
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
@@ -191,32 +196,38 @@ class Samples(torch.utils.data.Dataset[Batch]):
         epoch, k = epoch_and_frame
         rng = np.random.default_rng([self.seed, epoch, k])
         recipe = self.recipe
-        points = read_points(self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors)
+        points = read_sample_points(
+            self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors
+        )
         return stack([self._example(k, points, rng) for _ in range(recipe.windows)])
 
     def _example(self, k: int, points: _Points, rng: Rng) -> Batch:
-        points, objects, inside = self._scene(k, points.copy(), rng)
-        seen = count_points(points, objects.boxes) >= self.recipe.seen
-        asked = inside & seen & has_centre_inside(objects.boxes, np.array(self.config.area))
+        points, objects, is_inside = self._scene(k, points.copy(), rng)
+        is_seen = count_points(points, objects.boxes) >= self.recipe.seen
+        is_required = (
+            is_inside & is_seen & has_centre_inside(objects.boxes, np.array(self.config.area))
+        )
         if self.config.kinds:
-            found = assign_by_kind(
-                self._anchors, self.config.kinds, objects.boxes, objects.labels, asked
+            assignment = assign_by_kind(
+                self._anchors, self.config.kinds, objects.boxes, objects.labels, is_required
             )
-        else:  # a network for vehicles alone ignores heavy ones
-            vehicle = objects.labels == label_index(self.config.labels[0])
-            rows = np.flatnonzero(vehicle & asked)
-            ignored = objects.boxes[(vehicle & ~asked) | (objects.labels == HEAVY)]
+        else:  # a network only for vehicles ignores heavy ones
+            is_vehicle = objects.labels == label_index(self.config.labels[0])
+            rows = np.flatnonzero(is_vehicle & is_required)
+            ignored = objects.boxes[(is_vehicle & ~is_required) | (objects.labels == HEAVY)]
             thresholds = {"positive": self.recipe.positive, "negative": self.recipe.negative}
-            found = assign(self._anchors, objects.boxes[rows], **thresholds, ignored=ignored)
-            found = found._replace(owner=np.append(rows, 0)[found.owner])
+            assignment = assign(self._anchors, objects.boxes[rows], **thresholds, ignored=ignored)
+            assignment = assignment._replace(owner=np.append(rows, 0)[assignment.owner])
         if self.recipe.sampled:
-            found = sample(found, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2)
+            assignment = sample(
+                assignment, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2
+            )
         targets = torch.from_numpy(objects.boxes).float() if len(objects) else torch.ones(1, 7)
         voxels = voxelise(points, self.config, rng=rng)
         return Batch(
             voxels,
-            torch.from_numpy(found.labels)[None],
-            targets[torch.from_numpy(found.owner)][None],
+            torch.from_numpy(assignment.labels)[None],
+            targets[torch.from_numpy(assignment.owner)][None],
         )
 
     def _scene(self, k: int, points: _Points, rng: Rng) -> tuple[_Points, Objects, np.ndarray]:
@@ -226,47 +237,46 @@ class Samples(torch.utils.data.Dataset[Batch]):
         objects = self.frames.level_objects(k)
         area = np.array(self.frames.rig(k).area)
         boxes = objects.boxes.copy()
-        inside = has_centre_inside(objects.boxes, area)
+        is_inside = has_centre_inside(objects.boxes, area)
         if recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)
         classes = [label_index(name) for name in self.config.labels]
-        if (
-            len(classes) > 1
-        ):  # the window lies near an object of any present class, each equally often
-            classes = [
-                int(
-                    rng.choice(
-                        [label for label in classes if label in objects.labels[inside]] or classes
-                    )
-                )
-            ]
-        wanted = boxes[inside & (objects.labels == classes[0]), :2]
+        # the window is near an object of any present class, each equally often
+        if len(classes) > 1:
+            present = [label for label in classes if label in objects.labels[is_inside]]
+            classes = [int(rng.choice(present or classes))]
+        targets = boxes[is_inside & (objects.labels == classes[0]), :2]
         if recipe.elsewhere and rng.random() < recipe.elsewhere:
-            wanted = wanted[:0]
+            targets = targets[:0]
         window = grid[2:] - grid[:2]
         middle = (area[:2] + area[2:]) / 2
         room = ((area[2:] - area[:2] - window) / 2).clip(0)
-        near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
-        centre = np.clip(near + rng.uniform(-window / 2, window / 2), middle - room, middle + room)
+        target = (
+            targets[rng.integers(len(targets))] if len(targets) else rng.uniform(area[:2], area[2:])
+        )
+        centre = np.clip(
+            target + rng.uniform(-window / 2, window / 2), middle - room, middle + room
+        )
         if recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)
         if recipe.thinned and rng.random() < recipe.thinned:
-            points = thin(points, rng)
+            points = thin_cloud(points, rng)
         if recipe.tilted and rng.random() < recipe.tilted:
             points, boxes = tilt(points, boxes, centre, rng)
         points[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
-        return points, Objects(boxes, objects.labels, objects.ids), inside
+        return points, Objects(boxes, objects.labels, objects.ids), is_inside
 
 
-def read_points(
+def read_sample_points(
     frames: PackedFrames, k: int, rng: Rng, *, subsets: float, errors: float
 ) -> _Points:
-    """Read points of frame k in the crop.
+    """Points of frame k in the crop.
 
     subsets: chance of a random set of sensors instead of all; errors: chance of random errors
-    instead of the sensor models' own noise."""
+    instead of the sensor models' noise.
+    """
     total = len(frames.rig(k).sensors)
     sensors = None
     if subsets and rng.random() < subsets:
@@ -279,31 +289,36 @@ def read_points(
 
 def stack(batch: list[Batch]) -> Batch:
     """Join examples into one batch."""
-    voxels, labels, boxes = zip(*batch, strict=True)
-    return Batch(collate(voxels), torch.cat(labels), torch.cat(boxes))
-
-
-MOST_TURN = np.deg2rad(18.0)
+    return Batch(
+        voxels=collate([example.voxels for example in batch]),
+        labels=torch.cat([example.labels for example in batch]),
+        boxes=torch.cat([example.boxes for example in batch]),
+    )
 
 
 def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane.
-    An object that would then touch another stays put (paper, training process)."""
+
+    An object that would then touch another stays put (paper, training process).
+    """
     points = points.copy()
     boxes = boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
-    owned = points_in_boxes(points, boxes)
+    is_in_box = points_in_boxes(points, boxes)
     for index in range(len(boxes)):
-        turn = rng.uniform(-MOST_TURN, MOST_TURN)
+        turn = rng.uniform(-MAX_JITTER_RAD, MAX_JITTER_RAD)
         move = rng.normal(0, 0.5, 2)
         old = boxes[index, :2].copy()
-        others = np.arange(len(boxes)) != index
+        is_other = np.arange(len(boxes)) != index
         if (
-            np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]
+            np.linalg.norm(boxes[is_other, :2] - (old + move), axis=1)
+            < reach[is_other] + reach[index]
         ).any():
             continue
-        mine = owned[:, index]
-        points[mine, :2] = (points[mine, :2] - old) @ plane_rotation(turn).T + old + move
+        is_in_object = is_in_box[:, index]
+        points[is_in_object, :2] = (
+            (points[is_in_object, :2] - old) @ plane_rotation(turn).T + old + move
+        )
         boxes[index, :2] += move
         boxes[index, 6] += turn
     return points, boxes

@@ -2,7 +2,8 @@
 
 Calibration turns scores into shares of true detections and finds thresholds above which nearly all
 are true. Faces are fitted to boxes as detected and to boxes displaced at random, by more than the
-detector's errors on vehicles it knows. So the points must count, not the first stage's sizes."""
+detector's errors on vehicles it knows. So the points must count, not the first stage's sizes.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,10 +20,10 @@ from models.network.candidates import logit, rescore, sigmoid, strongest_rivals
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets
 from models.network.voxelnet import VoxelNet
 from models.training.packed import Area, PackedFrames, Rig
-from models.training.samples import read_points
+from models.training.samples import read_sample_points
 from toolkit.arrays import BoxRows, Float, Float32, Int64, Mask, Rng
 from toolkit.boxes import count_points, iou_bev
-from toolkit.detection.background import SWEEPS, Background, KnownBackground
+from toolkit.detection.background import EMPTY_SWEEPS, Background, KnownBackground
 from toolkit.detection.metrics import TRUE_IOU, evaluate, matches
 from toolkit.geometry import level_rows
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, Detector, Objects, label_index
@@ -32,28 +33,51 @@ _Scores = Float[np.ndarray, " n"]
 _Hits = Int64[np.ndarray, " n"]
 
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)
-AREAS_KEPT = 4
-# of cyclists, pedestrians and heavy vehicles, which are small, or vary more
+# for cyclists, pedestrians and heavy vehicles, which are small, or vary more
 OTHER_THRESHOLDS = (0.25, 0.5, 0.7)
+MAX_KEPT_AREAS = 4
+MIN_PRECISION = 0.97  # share of true detections above the chosen threshold
+MAX_LOST_SHARE = 0.05  # true detections that a threshold may lose at any precision
+MIN_DETECTIONS = 30  # a class with fewer keeps its scores
+MIN_FIT_SCORE = 0.05  # detections with less are not used for calibration
+MIN_THRESHOLD = 0.2  # lowest default threshold of a calibrated score
+TRUE = 1  # outcome of a detection
+FALSE = 0  # outcome of a detection
+UNCOUNTED = -1  # outcome of a detection
+_SUBSET_SHARE = 0.3  # frames seen by some of the sensors
+_ERROR_SHARE = 0.3  # frames seen by sensors with errors
+_RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
+_MIN_SLOPE = 0.05
+MAX_FACE_SHIFT_M = 0.6  # points of a face farther off are not counted
+MIN_OBJECT_POINTS = 5
+MIN_MATCH_IOU = 0.4  # BEV IoU of a detection with its object
+MIN_EXAMPLE_SCORE = 0.2  # detections with less are not used as examples
+_FACE_SUBSET_SHARE = 0.5  # frames seen by some of the sensors
+_FACE_ERROR_SHARE = 0.3  # frames seen by sensors with errors
+FACE_BATCH = 512
+FACE_STEPS = 5000
+FACE_LEARNING_RATE = 3e-3
+# standard deviations of displaced boxes
+BOX_DEVIATIONS = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}
+_MAPS = tuple(f"head.{name}." for name in ("classes", "residuals", "direction", "quality"))
 
 
 def detector_by_area(
     network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float | None = 0.05
 ) -> Callable[[Area], Detector]:
-    """Return a function that makes the detector of an area."""
+    """Function that makes the detector of an area."""
 
-    @lru_cache(
-        maxsize=AREAS_KEPT
-    )  # each has its anchors on the whole area, and a packed file may show thousands
-    def at_work(area: Area) -> Detector:
+    # each detector has its anchors on the whole area, and a packed file may have thousands of areas
+    @lru_cache(maxsize=MAX_KEPT_AREAS)
+    def make_detector(area: Area) -> Detector:
         return VoxelNetDetector(
             relocate(network, area, "general"), device=device, score_threshold=score_threshold
         )
 
-    return at_work
+    return make_detector
 
 
-def detect_frames(
+def detect_recording(
     network: VoxelNet,
     frames: PackedFrames,
     *,
@@ -64,16 +88,18 @@ def detect_frames(
     errors: float = 0.0,
     known: bool = False,
 ) -> list[tuple[Detections, Objects, Mask]]:
-    """Detect in the first `count` frames (None: all) by early fusion. Returns detections, truth and
-    a mask of objects centred in the frame's area. subsets, errors: see `read_points`; known: leave
-    out what belongs to the empty site."""
+    """Detect in the first `count` frames (None: all) by early fusion.
+
+    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors:
+    see `read_points`; known: leave out detections of the empty site.
+    """
     training = network.training
-    detector_in = detector_by_area(network, device, LOWEST)
+    detector_in = detector_by_area(network, device, MIN_FIT_SCORE)
     results = []
-    background = lru_cache(maxsize=AREAS_KEPT)(_background)
+    background = lru_cache(maxsize=MAX_KEPT_AREAS)(_background)
     for k in range(min(len(frames), count or len(frames))):
         area = frames.rig(k).area
-        points = read_points(
+        points = read_sample_points(
             frames, k, np.random.default_rng([seed, k]), subsets=subsets, errors=errors
         )
         truth = frames.level_objects(k)
@@ -88,14 +114,16 @@ def detect_frames(
 def _background(rig: Rig) -> Background:
     """Learn the empty site from noisy sweeps of a rig."""
     rng = np.random.default_rng(0)
-    none = np.zeros(0, np.uint32)
-    sweeps = [
-        rig.measure(s, none, none, rng)[0] for _ in range(SWEEPS) for s in range(len(rig.sensors))
-    ]
-    return Background.learn(np.concatenate([level_rows(points, rig.slope) for points in sweeps]))
+    no_pixels = np.zeros(0, np.uint32)
+    sweeps = []
+    for _ in range(EMPTY_SWEEPS):
+        for s in range(len(rig.sensors)):
+            points = rig.measure(s, no_pixels, no_pixels, rng)[0]
+            sweeps.append(level_rows(points, rig.slope))
+    return Background.learn(np.concatenate(sweeps))
 
 
-def average_precision(
+def compute_recording_ap(
     network: VoxelNet,
     frames: PackedFrames,
     *,
@@ -106,47 +134,51 @@ def average_precision(
     """AP3D of early fusion over the first `count` frames (None: all), in the protocol "exact".
 
     Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes
-    without objects are left out. seed: of the sensors' noise."""
-    judged = detect_frames(network, frames, count=count, seed=seed, device=device)
-    detections, truths, counted = zip(*judged, strict=True)
+    without objects are left out. seed: for the sensors' noise.
+    """
+    results = detect_recording(network, frames, count=count, seed=seed, device=device)
+    detections = tuple(result[0] for result in results)
+    truths = tuple(result[1] for result in results)
+    counted = tuple(result[2] for result in results)
     figures: dict[str, float] = {}
     for label in network.config.labels:
-        vehicle = label == LABELS[VEHICLE]
-        thresholds, prefix = (IOU_THRESHOLDS, "") if vehicle else (OTHER_THRESHOLDS, f"{label} ")
-        at = evaluate(detections, truths, iou_thresholds=thresholds, counted=counted, label=label)
+        is_vehicle = label == LABELS[VEHICLE]
+        thresholds, prefix = (IOU_THRESHOLDS, "") if is_vehicle else (OTHER_THRESHOLDS, f"{label} ")
+        by_iou = evaluate(
+            detections, truths, iou_thresholds=thresholds, counted=counted, label=label
+        )
         figures |= {
-            f"{prefix}AP@{at_iou:g}": each.ap
-            for at_iou, each in at.items()
-            if each.truths or vehicle
+            f"{prefix}AP@{at_iou:g}": figures_at.ap
+            for at_iou, figures_at in by_iou.items()
+            if figures_at.truths or is_vehicle
         }
     return figures
 
 
-_MAPS = tuple(f"head.{name}." for name in ("classes", "residuals", "direction", "quality"))
-
-
 def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
-    """Return a network widened to the classes of `config`. Weights of shared classes are taken
-    over, with their anchors; anchors of new classes start at random, always the same. A network of
-    the same classes without a second stage is returned unchanged."""
-    known = network.config
-    if known.labels == config.labels and not known.faces:
+    """Network widened to the classes of `config`.
+
+    Weights of shared classes are taken over, with their anchors; anchors of new classes start at
+    random, always the same. A network of the same classes without a second stage is returned
+    unchanged.
+    """
+    old_config = network.config
+    if old_config.labels == config.labels and not old_config.faces:
         return network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         bare: dict[str, Any] = dict.fromkeys(("faces", *FITTED), ())
-        wider = VoxelNet(replace(known, labels=config.labels, kinds=config.kinds, **bare))
+        wider = VoxelNet(replace(old_config, labels=config.labels, kinds=config.kinds, **bare))
     state = wider.state_dict()
     for name, old in network.state_dict().items():
-        if name.startswith(
-            _MAPS
-        ):  # channels of shared anchors come from the old network, others stay as they are
+        # channels of shared anchors come from the old network, others stay as they are
+        if name.startswith(_MAPS):
             channels = len(state[name]) // len(wider.config.anchor_labels)
-            for label in set(config.labels) & set(known.labels):
+            for label in set(config.labels) & set(old_config.labels):
                 rows = _channels(wider.config, label, channels)
-                places = _channels(known, label, channels)
-                if len(rows) == len(places):
-                    state[name][rows] = old[places]
+                old_rows = _channels(old_config, label, channels)
+                if len(rows) == len(old_rows):
+                    state[name][rows] = old[old_rows]
         elif name in state:
             state[name] = old
     wider.load_state_dict(state)
@@ -155,182 +187,171 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
 
 def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
     """Same weights, other configuration; new parts start at random."""
-    other = VoxelNet(replace(network.config, **changes))
-    state = other.state_dict()
+    rebuilt = VoxelNet(replace(network.config, **changes))
+    state = rebuilt.state_dict()
     state |= {name: tensor for name, tensor in network.state_dict().items() if name in state}
-    other.load_state_dict(state)
-    return other.train(network.training)
+    rebuilt.load_state_dict(state)
+    return rebuilt.train(network.training)
 
 
-def _channels(config: VoxelNetConfig, label: str, each: int) -> list[int]:
-    """Channels of a class's anchors, `each` per anchor."""
+def _channels(config: VoxelNetConfig, label: str, per_anchor: int) -> list[int]:
+    """Channels of a class's anchors. per_anchor: channels of one anchor."""
     anchors = [
         anchor for anchor, row in enumerate(config.anchor_labels) if config.labels[row] == label
     ]
-    return [anchor * each + channel for anchor in anchors for channel in range(each)]
-
-
-PRECISION = 0.97  # of the detections above the chosen threshold
-MOST_LOST = 0.05  # share of true detections that a threshold may lose at any precision
-FEWEST = 30  # detections; a class with fewer keeps its scores
-LOWEST = 0.05  # least score of the detections used
-LEAST_SURE = 0.2  # calibrated score, the lowest default threshold
-# outcomes of detections
-TRUE = 1
-FALSE = 0
-UNCOUNTED = -1
-# shares of the frames seen by some of the sensors, and by sensors with errors
-_SUBSETS = 0.3
-_ERRORS = 0.3
-_RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
-_LEAST_SLOPE = 0.05
+    return [anchor * per_anchor + channel for anchor in anchors for channel in range(per_anchor)]
 
 
 def platt(
     scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None
 ) -> tuple[float, ...]:
     """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
+
     They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of
-    true detections."""
+    true detections.
+    """
     rivals = np.zeros((len(scores), 0)) if rivals is None else rivals
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
-    wanted = np.eye(1, rows.shape[1])[0]
+    neutral = np.eye(1, rows.shape[1])[0]
 
     def lost(answer: np.ndarray) -> tuple[float, np.ndarray]:
-        p = rows @ answer
-        off = answer - wanted
-        loss = float(np.logaddexp(0.0, p).sum() - p[hits].sum() + _RIDGE / 2 * off @ off)
-        return loss, rows.T @ (sigmoid(p) - hits) + _RIDGE * off
+        log_odds = rows @ answer
+        deviation = answer - neutral
+        loss = float(
+            np.logaddexp(0.0, log_odds).sum()
+            - log_odds[hits].sum()
+            + _RIDGE / 2 * deviation @ deviation
+        )
+        return loss, rows.T @ (sigmoid(log_odds) - hits) + _RIDGE * deviation
 
-    bounds = [(_LEAST_SLOPE, None), (None, None), *((0.0, None) for _ in rivals.T)]
-    found = minimize(
+    bounds = [(_MIN_SLOPE, None), (None, None), *((0.0, None) for _ in rivals.T)]
+    solution = minimize(
         lost,
-        wanted,
+        neutral,
         jac=True,
         method="L-BFGS-B",
         bounds=bounds,
         options={"ftol": 1e-13, "gtol": 1e-7},
     )
-    return tuple(float(each) for each in found.x)
+    return tuple(float(value) for value in solution.x)
 
 
 def lowest_threshold(scores: _Scores, hits: Mask, precision: float) -> float:
-    """Lowest score above which a share `precision` of detections is true, 0 if that holds for all
-    of them.
+    """Lowest score above which a share `precision` of detections is true, 0 for all detections.
 
-    If it holds for no `FEWEST` or more, the score above which that many are left; but never a score
-    that loses more than `MOST_LOST` of the true detections."""
+    If fewer than `MIN_DETECTIONS` reach that share, it is the score above which that many remain;
+    but never a score that loses more than `MAX_LOST_SHARE` of the true detections."""
     order = np.argsort(-scores, kind="stable")
-    share = np.cumsum(hits[order]) / np.arange(1, len(order) + 1)
-    good = np.flatnonzero((share >= precision) & (np.arange(1, len(order) + 1) >= FEWEST))
-    first_out = good[-1] + 1 if len(good) else min(FEWEST, len(order))
-    least = float(scores[order][first_out]) if first_out < len(order) else 0.0
-    true = np.sort(scores[hits])
-    return (
-        min(least, float(np.nextafter(true[int(MOST_LOST * len(true))], 0.0)))
-        if len(true)
-        else least
-    )
+    count = np.arange(1, len(order) + 1)
+    share = np.cumsum(hits[order]) / count
+    good_rows = np.flatnonzero((share >= precision) & (count >= MIN_DETECTIONS))
+    first_out = good_rows[-1] + 1 if len(good_rows) else min(MIN_DETECTIONS, len(order))
+    threshold = float(scores[order][first_out]) if first_out < len(order) else 0.0
+    true_scores = np.sort(scores[hits])
+    if not len(true_scores):
+        return threshold
+    lowest_true = true_scores[int(MAX_LOST_SHARE * len(true_scores))]
+    return min(threshold, float(np.nextafter(lowest_true, 0.0)))
 
 
 def fit_calibration(
     network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0
 ) -> VoxelNet:
-    """Return the network with calibration, rivalry and a threshold per class. Each threshold is the
-    lowest above which `PRECISION` of the detections are true, over the first `count` frames (None:
-    all) of a file that training did not use, some of them seen by some of the sensors or by sensors
-    with errors."""
-    bare = rebuild(network, score_threshold=LOWEST, **dict.fromkeys(FITTED, ()))
+    """Network with calibration, rivalry and a threshold per class.
+
+    Each threshold is the lowest above which `MIN_PRECISION` of the detections are true, over the
+    first `count` frames (None: all) of a file that training did not use. Some of them are seen by
+    some of the sensors or by sensors with errors."""
+    bare = rebuild(network, score_threshold=MIN_FIT_SCORE, **dict.fromkeys(FITTED, ()))
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
-    hits = np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
-    before = Detections.merge(found for found, _ in judged)
-    rows_of = [(hits != UNCOUNTED) & (before.labels == LABELS.index(label)) for label in labels]
-    pairs = [
-        platt(before.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0)
-        for own in rows_of
-    ]
+    hits = _join_hits(judged)
+    merged = Detections.merge(detections for detections, _ in judged)
+    pairs: list[tuple[float, ...]] = []
+    for label in labels:
+        is_label = (hits != UNCOUNTED) & (merged.labels == LABELS.index(label))
+        pair: tuple[float, ...] = (1.0, 0.0)
+        if is_label.sum() >= MIN_DETECTIONS:
+            pair = platt(merged.scores[is_label], hits[is_label] == TRUE)
+        pairs.append(pair)
     by_label = dict(zip(map(LABELS.index, labels), pairs, strict=True))
-    sure = []
-    for found, of_frame in judged:
-        slope, shift = np.array([by_label[int(label)] for label in found.labels]).reshape(-1, 2).T
-        sure.append(
-            (
-                Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels),
-                of_frame,
-            )
-        )
-    rivalry, thresholds = _fit_rivals(sure, bare.config)
-    done = rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=thresholds)
+    calibrated_frames = []
+    for detections, frame_hits in judged:
+        rows = [by_label[int(label)] for label in detections.labels]
+        slope, intercept = np.array(rows).reshape(-1, 2).T
+        scores = sigmoid(slope * logit(detections.scores) + intercept)
+        rescored = Detections(detections.boxes, scores, detections.labels)
+        calibrated_frames.append((rescored, frame_hits))
+    rivalry, thresholds = _fit_rivals(calibrated_frames, bare.config)
+    calibrated = rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=thresholds)
     if any(map(frames.is_recorded, range(len(frames)))):
-        return done
-    known, known_thresholds = _fit_rivals(
-        _judge(done, frames, count, seed, known=True), bare.config
+        return calibrated
+    rivalry_known, known_thresholds = _fit_rivals(
+        _judge(calibrated, frames, count, seed, known=True), bare.config
     )
-    return rebuild(done, known=known, known_thresholds=known_thresholds)
+    return rebuild(calibrated, known=rivalry_known, known_thresholds=known_thresholds)
+
+
+def _join_hits(judged: Sequence[tuple[Detections, _Hits]]) -> _Hits:
+    return np.concatenate([np.zeros(0, int), *[hits for _, hits in judged]])
 
 
 def _fit_rivals(
     judged: Sequence[tuple[Detections, _Hits]], config: VoxelNetConfig
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
-    """Fit slope, intercept and weights of rivals per label, and a threshold of the scores that they
-    make."""
-    rivals = np.concatenate(
-        [np.zeros((0, len(config.labels))), *(strongest_rivals(of, config) for of, _ in judged)]
-    )
-    found = Detections.merge(of for of, _ in judged)
-    hits = np.concatenate([np.zeros(0, int), *(at for _, at in judged)])
+    """Fit slope, intercept and weights of rivals per label, and a threshold of the new scores."""
+    frame_rivals = [np.zeros((0, len(config.labels)))]
+    frame_rivals += [strongest_rivals(detections, config) for detections, _ in judged]
+    rivals = np.concatenate(frame_rivals)
+    merged = Detections.merge(detections for detections, _ in judged)
+    hits = _join_hits(judged)
     rows = []
     thresholds = []
     for number in map(LABELS.index, config.labels):
-        own = (hits != UNCOUNTED) & (found.labels == number)
-        scores = found.scores[own]
-        true = hits[own] == TRUE
-        row = (
-            platt(scores, true, rivals[own])
-            if own.sum() >= FEWEST
-            else (1.0, 0.0, *(0.0 for _ in config.labels))
-        )
+        is_label = (hits != UNCOUNTED) & (merged.labels == number)
+        scores = merged.scores[is_label]
+        is_true = hits[is_label] == TRUE
+        row: tuple[float, ...] = (1.0, 0.0) + (0.0,) * len(config.labels)
+        if is_label.sum() >= MIN_DETECTIONS:
+            row = platt(scores, is_true, rivals[is_label])
         rows.append(row)
-        left = rescore(scores, rivals[own], np.array([row]))
-        thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
+        rescored = rescore(scores, rivals[is_label], np.array([row]))
+        threshold = lowest_threshold(rescored, is_true, MIN_PRECISION)
+        thresholds.append(round(max(MIN_THRESHOLD, threshold), 3))
     return tuple(rows), tuple(thresholds)
 
 
 def _judge(
     network: VoxelNet, frames: PackedFrames, count: int | None, seed: int, known: bool = False
 ) -> list[tuple[Detections, _Hits]]:
-    """Judge detections as TRUE, FALSE (a vehicle on a heavy one too, if the network knows both) or
-    UNCOUNTED."""
+    """Detections, each with its outcome: TRUE, FALSE or UNCOUNTED.
+
+    If the network knows vehicles and heavy vehicles, a vehicle on a heavy one is FALSE too."""
     judged = []
-    tells_apart = {"vehicle", "heavy"} <= set(network.config.labels)
-    seen = detect_frames(
-        network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS, known=known
+    knows_both = {"vehicle", "heavy"} <= set(network.config.labels)
+    results = detect_recording(
+        network,
+        frames,
+        count=count,
+        seed=seed,
+        subsets=_SUBSET_SHARE,
+        errors=_ERROR_SHARE,
+        known=known,
     )
-    for found, truth, counted in seen:
-        hits = np.full(len(found), UNCOUNTED)
+    for detections, truth, counted in results:
+        hits = np.full(len(detections), UNCOUNTED)
         for number in map(LABELS.index, network.config.labels):
-            known = (truth.labels != HEAVY) | (not tells_apart or number != VEHICLE)
-            (at,) = matches(
-                found, truth[known], [TRUE_IOU[number]], label=number, counted=counted[known]
+            is_target = (truth.labels != HEAVY) | (not knows_both or number != VEHICLE)
+            (match,) = matches(
+                detections,
+                truth[is_target],
+                [TRUE_IOU[number]],
+                label=number,
+                counted=counted[is_target],
             )
-            hits[~at.ignored] = np.where(at.truth[~at.ignored] >= 0, TRUE, FALSE)
-        judged.append((found, hits))
+            hits[~match.ignored] = np.where(match.truth[~match.ignored] >= 0, TRUE, FALSE)
+        judged.append((detections, hits))
     return judged
-
-
-FARTHEST_FACE = 0.6  # m; points of a face farther off are not counted
-FEWEST_POINTS = 5  # least points on an object
-MATCHED = 0.4  # least BEV IoU of a detection with its object
-LOWEST_SCORE = 0.2  # of a detection used as an example
-# shares of the frames that some of the sensors see, and sensors with errors
-_FACE_SUBSETS = 0.5
-_FACE_ERRORS = 0.3
-BATCH = 512
-STEPS = 5000
-LEARNING_RATE = 3e-3
-# standard deviations of displaced boxes
-OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}
 
 
 class FaceExamples(NamedTuple):
@@ -348,33 +369,38 @@ def face_examples(
     count: int | None = None,
     seed: int = 0,
 ) -> FaceExamples:
-    """Collect examples of the first `count` frames (None: all). Half of them are seen by a random
-    subset of the sensors, some by sensors with errors. network: detects them, without a second
-    stage; None for randomly displaced boxes alone."""
+    """Collect examples of the first `count` frames (None: all).
+
+    Half of them are seen by a random subset of the sensors, some by sensors with errors. network:
+    detects them, without a second stage; None for only randomly displaced boxes.
+    """
     detector_in = (
-        None if network is None else detector_by_area(network, score_threshold=LOWEST_SCORE)
+        None if network is None else detector_by_area(network, score_threshold=MIN_EXAMPLE_SCORE)
     )
-    rows, offsets = ({sort: list[np.ndarray]() for sort in SORTS} for _ in range(2))
-    wanted = [label_index(label) for label in labels]
+    rows = {sort: list[np.ndarray]() for sort in SORTS}
+    offsets = {sort: list[np.ndarray]() for sort in SORTS}
+    label_numbers = [label_index(label) for label in labels]
     for k in range(min(len(frames), len(frames) if count is None else count)):
         rng = np.random.default_rng([seed, k])
-        points = read_points(frames, k, rng, subsets=_FACE_SUBSETS, errors=_FACE_ERRORS)
+        points = read_sample_points(
+            frames, k, rng, subsets=_FACE_SUBSET_SHARE, errors=_FACE_ERROR_SHARE
+        )
         objects = frames.level_objects(k)
-        there = np.isin(objects.labels, wanted) & has_centre_inside(
+        is_wanted = np.isin(objects.labels, label_numbers) & has_centre_inside(
             objects.boxes, np.array(frames.rig(k).area)
         )
-        objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
-        boxes = off_at_random(objects.boxes, rng)
+        objects = objects[is_wanted & (count_points(points, objects.boxes) >= MIN_OBJECT_POINTS)]
+        boxes = displace_boxes(objects.boxes, rng)
         truths = objects.boxes
         kinds = objects.labels
         if detector_in is not None:
-            found = detector_in(frames.rig(k).area)(points)
-            overlap = iou_bev(found.boxes, truths) * (found.labels[:, None] == kinds)
+            detections = detector_in(frames.rig(k).area)(points)
+            overlap = iou_bev(detections.boxes, truths) * (detections.labels[:, None] == kinds)
             if overlap.size:
-                of_one = overlap.max(axis=1) > MATCHED
+                is_matched = overlap.max(axis=1) > MIN_MATCH_IOU
                 owner = overlap.argmax(axis=1)
-                boxes = np.concatenate([boxes, found.boxes[of_one]])
-                owner = owner[of_one]
+                boxes = np.concatenate([boxes, detections.boxes[is_matched]])
+                owner = owner[is_matched]
                 truths = np.concatenate([truths, truths[owner]])
                 kinds = np.concatenate([kinds, kinds[owner]])
         if len(boxes):
@@ -396,7 +422,7 @@ def train_faces(
     count: int = 1000,
     seed: int = 0,
 ) -> VoxelNet:
-    """Return the network with faces trained for these labels."""
+    """Network with faces trained for these labels."""
     bare = rebuild(network, faces=())
     staged = rebuild(network, faces=tuple(labels))
     assert staged.faces is not None
@@ -404,43 +430,49 @@ def train_faces(
     return staged
 
 
-def off_at_random(boxes: BoxRows, rng: Rng) -> BoxRows:
+def displace_boxes(boxes: BoxRows, rng: Rng) -> BoxRows:
     """Displace boxes in place, size and yaw."""
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
-    small = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # less for pedestrians
-    boxes[:, :2] += rng.normal(0, OFF["centre"], (len(boxes), 2)) * small
-    boxes[:, 3:6] *= 1 + rng.normal(0, OFF["size"], (len(boxes), 3))
+    width_share = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # less for pedestrians
+    boxes[:, :2] += rng.normal(0, BOX_DEVIATIONS["centre"], (len(boxes), 2)) * width_share
+    boxes[:, 3:6] *= 1 + rng.normal(0, BOX_DEVIATIONS["size"], (len(boxes), 3))
     boxes[:, 2] = floor + boxes[:, 5] / 2
-    boxes[:, 6] += rng.normal(0, OFF["yaw"], len(boxes)) + np.pi * (rng.random(len(boxes)) < 0.1)
+    turn = rng.normal(0, BOX_DEVIATIONS["yaw"], len(boxes))
+    is_reversed = rng.random(len(boxes)) < 0.1
+    boxes[:, 6] += turn + np.pi * is_reversed
     return boxes
 
 
 def fit_faces(
     networks: FaceNetworks, examples: FaceExamples, *, steps: int | None = None, seed: int = 0
 ) -> dict[str, float]:
-    """Train the three networks, `STEPS` steps each, on the offsets' Laplace likelihood. Returns the
-    mean error (m) of each sort of face before and after, over the examples. Raises ValueError for a
-    sort without examples."""
+    """Train the three networks, `FACE_STEPS` steps each, on the offsets' Laplace likelihood.
+
+    Returns the mean error (m) of each sort of face before and after, over the examples. Raises
+    ValueError for a sort without examples.
+    """
     figures: dict[str, float] = {}
-    steps = STEPS if steps is None else steps
+    steps = FACE_STEPS if steps is None else steps
     for number, sort in enumerate(SORTS):
         if not len(examples.offsets[sort]):
             raise ValueError(f"no examples of a {sort}: pack frames with vehicles that have points")
         features = torch.from_numpy(examples.features[sort])
         layers = getattr(networks, sort)
-        target = torch.from_numpy(examples.offsets[sort]).clamp(-FARTHEST_FACE, FARTHEST_FACE)
+        target = torch.from_numpy(examples.offsets[sort]).clamp(-MAX_FACE_SHIFT_M, MAX_FACE_SHIFT_M)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             for layer in layers:
                 if isinstance(layer, torch.nn.Linear):
                     layer.reset_parameters()
-            optimiser = torch.optim.AdamW(layers.parameters(), LEARNING_RATE, weight_decay=1e-3)
+            optimiser = torch.optim.AdamW(
+                layers.parameters(), FACE_LEARNING_RATE, weight_decay=1e-3
+            )
             schedule = torch.optim.lr_scheduler.OneCycleLR(
-                optimiser, LEARNING_RATE, total_steps=steps, pct_start=0.1
+                optimiser, FACE_LEARNING_RATE, total_steps=steps, pct_start=0.1
             )
             for _ in range(steps):
-                rows = torch.randint(len(target), (BATCH,))
+                rows = torch.randint(len(target), (FACE_BATCH,))
                 shift, spread = networks.answers(sort, features[rows])
                 loss = ((shift - target[rows]).abs() * torch.exp(-spread) + spread).mean()
                 optimiser.zero_grad(set_to_none=True)
