@@ -1,8 +1,8 @@
-"""Agreement of the stages of a search or plan on one set of sensors: prediction, race, comparison
-and judgement.
+"""Agreement of the stages of a search or plan on one set of sensors.
 
-Each stage scores on traffic of its own, so figures differ by chance. Where they exclude each other,
-one stage is wrong, and no set is recommended."""
+Stages are prediction, race, comparison and judgement. Each scores on separate traffic, so figures
+differ by chance. If they exclude each other, one stage is wrong, and no set is recommended.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,12 +12,19 @@ from toolkit.display import format_share
 from toolkit.traffic.spawner import LIFE
 
 CERTAIN_SHARE = 0.9999  # level of the intervals by which stages check each other
-CERTAIN_ERRORS = 6.0  # standard errors that a prediction is never off by
+CERTAIN_ERRORS = 6.0  # standard errors beyond any error of a prediction
 
 
 class StageFigure(NamedTuple):
-    """AP of one set at one stage of planning. spread: standard error beyond that of its objects, 0
-    for a detector."""
+    """AP of one set at one stage of planning.
+
+    Attributes:
+        stage: Name of the stage.
+        ap: Average precision.
+        objects: Number of objects.
+        frames: Number of frames.
+        spread: Standard error in addition to sampling of objects, 0 for a detector.
+    """
 
     stage: str
     ap: float
@@ -34,21 +41,19 @@ class StageFigure(NamedTuple):
         return Interval(max(0.0, low - margin), min(1.0, high + margin))
 
 
-def check_agreement(sensors: Sequence[str], one: StageFigure, other: StageFigure) -> None:
-    """Raise ValueError where two stages give one set figures that exclude each other."""
-    first = one.ends
-    second = other.ends
-    if first.low <= second.high and second.low <= first.high:
+def check_agreement(sensors: Sequence[str], earlier: StageFigure, later: StageFigure) -> None:
+    """Raise ValueError if two stages give one set figures that exclude each other."""
+    earlier_ends = earlier.ends
+    later_ends = later.ends
+    if earlier_ends.low <= later_ends.high and later_ends.low <= earlier_ends.high:
         return
-    said = [
-        (
-            f"AP {format_share(each.ap, each.objects)} {each.stage} ({each.objects} to find in "
-            f"{each.frames} frames)"
-        )
-        for each in (one, other)
-    ]
     raise ValueError(
-        f"the stages contradict each other on the set {', '.join(sensors)}: {said[0]}, but "
-        f"{said[1]}. No chance explains that, so no set is recommended: check that the detector "
-        "gives the same points the same boxes"
+        f"the stages contradict each other on the set {', '.join(sensors)}: "
+        f"{_describe_stage(earlier)}, but {_describe_stage(later)}. No chance explains that, so no "
+        "set is recommended: check that the detector gives the same points the same boxes"
     )
+
+
+def _describe_stage(figure: StageFigure) -> str:
+    ap = format_share(figure.ap, figure.objects)
+    return f"AP {ap} {figure.stage} ({figure.objects} to find in {figure.frames} frames)"

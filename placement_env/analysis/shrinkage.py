@@ -1,18 +1,19 @@
-"""Shrinkage: figures measured on few frames, corrected by predictions made before.
+"""Shrinkage: figures measured on few frames, corrected by earlier predictions.
 
-Predictions p_i are off by a common amount m and, each by itself, by some τ; measured figures f_i by
-a noise of variance v_i, which their resamples show. The likeliest figures are then (empirical
+Predictions p_i have a common error m and each a separate error of spread τ; measured figures f_i
+have noise of variance v_i, which their resamples show. The likeliest figures are then (empirical
 Bayes; Efron and Morris 1973)
 
     p_i + m + w_i (f_i - p_i - m)         w_i = τ² / (τ² + v_i)
-    m = mean (f_i - p_i)                  τ² = var (f_i - p_i) - mean v_i, but no less than
-                                          `LEAST_SPREAD`²
+    m = mean (f_i - p_i)                  τ² = var (f_i - p_i) - mean v_i, but at least
+                                          `MIN_SPREAD_AP`²
 
 With much noise the predictions rank, moved to the level of the figures; with little noise the
-figures themselves do. Noise that all sets share, such as hard frames, counts in none of this and is
-added again in the end. Resamples of few blocks show too little noise, least for a set that was
-lucky in all of them, and none if everything was found in each: so v_i is no less than the mean over
-the sets, nor than `LEAST_NOISE`² / blocks, and the draws spread as much."""
+figures do. Noise that all sets share, such as hard frames, has no effect on this and is added in
+the end. Resamples of few blocks show too little noise: least for a set that was lucky in all of
+them, and zero if everything was detected in each. So v_i is at least the mean over the sets and at
+least `MIN_NOISE_AP`² / blocks, and the draws spread as much.
+"""
 
 import math
 from typing import NamedTuple
@@ -21,11 +22,9 @@ import numpy as np
 
 from toolkit.arrays import Float64
 
-LEAST_SPREAD = (
-    0.02  # least error in AP of a prediction, relative to those of other sets near the best
-)
-LEAST_NOISE = 0.05  # least difference in AP between sets by chance on one block of frames
-FEWEST_SETS = 3  # needed to estimate the errors of predictions
+MIN_SPREAD_AP = 0.02  # error of a prediction relative to other sets near the best
+MIN_NOISE_AP = 0.05  # chance difference between sets on one block of frames
+MIN_SETS = 3  # to estimate the errors of predictions
 
 
 class Shrunk(NamedTuple):
@@ -43,31 +42,32 @@ def shrink(
 ) -> Shrunk:
     """Shrink the figures of n sets towards their predictions.
 
-    resamples: of each figure, with the same draws for all; blocks: number drawn from; one block
-    says nothing about the noise, so predictions rank. Fewer than `FEWEST_SETS` sets, and undefined
-    figures, are left as they are."""
-    if len(figure) < FEWEST_SETS or not np.isfinite(figure).all():
+    resamples: for each figure, with the same draws for all; blocks: number drawn from; one block
+    shows no noise, so predictions rank. Fewer than `MIN_SETS` sets, and undefined figures, are left
+    as they are.
+    """
+    if len(figure) < MIN_SETS or not np.isfinite(figure).all():
         return Shrunk(figure, resamples)
     common = resamples.mean(axis=0)
     noise = resamples - common
     noise = noise - noise.mean(axis=1, keepdims=True)
-    off = figure - predicted
-    shift = off.mean()
+    errors = figure - predicted
+    shift = errors.mean()
     if blocks < 2:
         weight = np.zeros(len(figure))
     else:
         variance = noise.var(axis=1) / (1 - 1 / blocks)
         if math.isfinite(blocks):
-            unseen = np.maximum(max(variance.mean(), LEAST_NOISE**2 / blocks) - variance, 0.0)
+            min_variance = max(variance.mean(), MIN_NOISE_AP**2 / blocks)
+            missing_variance = np.maximum(min_variance - variance, 0.0)
             # always the same for a shape
             drawn = np.random.default_rng(0).standard_normal(noise.shape)
             drawn -= drawn.mean(axis=1, keepdims=True)
             unit = np.asarray(drawn / np.maximum(drawn.std(axis=1, keepdims=True), 1e-12))
-            noise = noise + np.sqrt(unseen)[:, None] * unit
-            variance = variance + unseen
-        spread = max(LEAST_SPREAD**2, float(off.var(ddof=1) - variance.mean()))
+            noise = noise + np.sqrt(missing_variance)[:, None] * unit
+            variance = variance + missing_variance
+        spread = max(MIN_SPREAD_AP**2, float(errors.var(ddof=1) - variance.mean()))
         weight = spread / (spread + variance)
-    likeliest = predicted + shift + weight * (off - shift)
-    return Shrunk(
-        likeliest, likeliest[:, None] + np.sqrt(weight)[:, None] * noise + (common - common.mean())
-    )
+    likeliest = predicted + shift + weight * (errors - shift)
+    remaining_noise = np.sqrt(weight)[:, None] * noise
+    return Shrunk(likeliest, likeliest[:, None] + remaining_noise + (common - common.mean()))

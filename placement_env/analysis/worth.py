@@ -1,4 +1,4 @@
-"""Worth of sensors: shares of the AP, and failures.
+"""Shapley values of sensors: shares of the AP, interactions, and failures.
 
 With v a set function, such as the AP of a sensor set, N the n sensors and s = |S|:
 
@@ -8,11 +8,12 @@ With v a set function, such as the AP of a sensor set, N the n sensors and s = |
         I(i,j) = Σ s! (n-s-2)! / (n-1)! [v(S+i+j) - v(S+i) - v(S+j) + v(S)]
 
 (Shapley 1953; Grabisch and Roubens 1999). The shares add up to v(N) - v(∅). `synergy` is I: above 0
-two sensors are worth more together than apart, below 0 one makes up for the other. Both are exact
-from the values of all 2^n sets, or sampled: put the sensors in in random order; a sensor's gain
-averages to φ, and what two neighbours gain together beyond their single gains averages to I. A
-round of the sampling is a Williams square under a random renaming, so it is an unbiased sample of
-every φ and I, stratified by the size of S, and independent of the other rounds."""
+two sensors gain more together than apart, below 0 one makes up for the other. Both are exact from
+the values of all 2^n sets, or sampled: sensors are added in random order; a sensor's gain averages
+to φ, and the gain of two neighbours beyond their single gains averages to I. A round of the
+sampling is a Williams square under a random renaming, so it is an unbiased sample of every φ and I,
+stratified by the size of S, and independent of the other rounds.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,15 +27,20 @@ from placement_env.subsets import SetFunction, all_subsets
 from toolkit.arrays import Bool, Float64, Int64, Rng
 from toolkit.runtime.text_tables import align_columns
 
-FEWEST_ROUNDS = 8
+MIN_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Worth:
     """Shapley values and synergies of n sensors, in the unit of the set function.
 
-    synergy: symmetric, 0 on the diagonal; the margins: half widths of each figure's own confidence
-    interval, 0 if exact; evaluations: number of sets scored."""
+    Attributes:
+        shapley: Shapley value of each sensor.
+        synergy: Interaction of each pair, symmetric, 0 on the diagonal.
+        shapley_margin: Half width of each value's confidence interval, 0 if exact.
+        synergy_margin: Half width of each interaction's confidence interval, 0 if exact.
+        evaluations: Number of scored sets.
+    """
 
     shapley: Float64[np.ndarray, " n"]
     synergy: Float64[np.ndarray, "n n"]
@@ -44,10 +50,11 @@ class Worth:
 
 
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
-    """Return each sensor's exact Shapley value from the values of all 2^n sets in the order of
+    """Exact Shapley value of each sensor from the values of all 2^n sets in the order of
     `all_subsets`.
 
-    Raises ValueError if their number is not 2^n with n <= 16, or one is not finite."""
+    Raises ValueError if their number is not 2^n with n <= 16, or a value is not finite.
+    """
     sets = _list_sets(values)
     n = sets.shape[1]
     size = sets.sum(axis=1)
@@ -56,24 +63,23 @@ def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Return the exact Shapley interaction index of each pair. Values and errors are as of
-    `shapley`."""
+    """Exact Shapley interaction index of each pair. Values and errors are as in `shapley`."""
     sets = _list_sets(values)
     n = sets.shape[1]
     size = sets.sum(axis=1)
     weight = _weights(n - 1)
     inside = sets.astype(float)
     outside = (~sets).astype(float)
-    one = inside.T @ (outside * (values * weight[size - 1])[:, None])
+    one_inside = inside.T @ (outside * (values * weight[size - 1])[:, None])
     both = inside.T @ (inside * (values * weight[size - 2])[:, None])
     neither = outside.T @ (outside * (values * weight[size])[:, None])
-    index = both - one - one.T + neither
+    index = both - one_inside - one_inside.T + neither
     np.fill_diagonal(index, 0.0)
     return index
 
 
 def exact_worth(value: SetFunction, sensors: int) -> Worth:
-    """Compute each sensor's worth from the values of all 2^n sets. Raises the errors of
+    """Shapley values and synergies from the values of all 2^n sets. Raises the errors of
     `shapley`."""
     values = np.asarray(value(all_subsets(sensors)), float)
     return Worth(
@@ -93,24 +99,24 @@ def estimate_worth(
     confidence: float = 0.95,
     seed: int | Rng = 0,
 ) -> Worth:
-    """Estimate each sensor's worth from `rounds` independent Williams squares of orders, at most 2
-    n² sets each.
+    """Shapley values and synergies from `rounds` random Williams squares of at most 2 n² sets each.
 
-    Margins are Student's over the rounds; they miss what no round has seen, such as a rare set of
+    Margins are Student's over the rounds; they miss what no round contains, such as a rare set of
     great value. Raises ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1),
-    or values that are not finite."""
-    if rounds < FEWEST_ROUNDS or sensors < 1 or not 0 < confidence < 1:
-        said = f"need at least {FEWEST_ROUNDS} rounds, 1 sensor and a confidence within (0, 1)"
-        raise ValueError(f"{said}, got {rounds}, {sensors} and {confidence}")
+    or values that are not finite.
+    """
+    if rounds < MIN_ROUNDS or sensors < 1 or not 0 < confidence < 1:
+        rule = f"need at least {MIN_ROUNDS} rounds, 1 sensor and a confidence within (0, 1)"
+        raise ValueError(f"{rule}, got {rounds}, {sensors} and {confidence}")
     rng = np.random.default_rng(seed)
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
-    place = np.argsort(orders)[:, :, None]
+    position = np.argsort(orders)[:, :, None]
     k = np.arange(sensors + 1)[:, None]
-    chains = place < k  # the first 0, 1 … n sensors of each order
+    chains = position < k  # the first 0, 1 … n sensors of each order
     # the first k sensors and sensor k + 2, up to n - 2
-    swaps = (place < k[:-2]) | (place == k[1:-1])
-    sets = np.concatenate([each.reshape(-1, sensors) for each in (chains, swaps)])
+    swaps = (position < k[:-2]) | (position == k[1:-1])
+    sets = np.concatenate([chains.reshape(-1, sensors), swaps.reshape(-1, sensors)])
     packed, row = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
     values = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
     if not np.isfinite(values).all():
@@ -121,25 +127,30 @@ def estimate_worth(
     chain = figures[: chains.size // sensors].reshape(rounds, sensors, sensors + 1)
     swap = figures[chains.size // sensors :].reshape(rounds, sensors, sensors - 1)
 
-    at = np.arange(rounds)[:, None, None]
+    round_rows = np.arange(rounds)[:, None, None]
     gains = np.zeros((rounds, sensors))
-    np.add.at(gains, (at, orders), np.diff(chain) / sensors)
-    together = np.zeros((rounds, sensors, sensors))
-    first = orders[..., :-1]
-    second = orders[..., 1:]
+    np.add.at(gains, (round_rows, orders), np.diff(chain) / sensors)
+    synergies = np.zeros((rounds, sensors, sensors))
+    first_sensor = orders[..., :-1]
+    second_sensor = orders[..., 1:]
     joint = (chain[..., 2:] - chain[..., 1:-1] - swap + chain[..., :-2]) / 2
-    np.add.at(together, (at, first, second), joint)
-    together += together.swapaxes(1, 2)
+    np.add.at(synergies, (round_rows, first_sensor, second_sensor), joint)
+    synergies += synergies.swapaxes(1, 2)
 
     scale = stdtrit(rounds - 1, (1 + confidence) / 2) / np.sqrt(rounds)  # Student's t
-    alone, pairs = (scale * each.std(axis=0, ddof=1) for each in (gains, together))
-    return Worth(gains.mean(axis=0), together.mean(axis=0), alone, pairs, len(packed))
+    return Worth(
+        shapley=gains.mean(axis=0),
+        synergy=synergies.mean(axis=0),
+        shapley_margin=scale * gains.std(axis=0, ddof=1),
+        synergy_margin=scale * synergies.std(axis=0, ddof=1),
+        evaluations=len(packed),
+    )
 
 
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
-    """Return a line per sensor, highest value first."""
+    """Table with a line per sensor, highest value first."""
     order = np.argsort(-worth.shapley, kind="stable").tolist()
-    table = [["sensor", "Shapley", "±", *(f"with {names[j]}" for j in order)]]
+    table = [["sensor", "Shapley", "±"] + [f"with {names[j]}" for j in order]]
     for i in order:
         pairs = ["" if i == j else f"{worth.synergy[i, j]:+z.4f}" for j in order]
         table.append(
@@ -150,8 +161,13 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Failures:
-    """Values of a sensor set under every combination of k failing sensors. intact: value with no
-    failure; lost: the sensors that fail; left: value of those that remain."""
+    """Values of a sensor set under every combination of k failing sensors.
+
+    Attributes:
+        intact: Value without failure.
+        lost: Sensors that fail in each combination.
+        left: Value of the remaining sensors.
+    """
 
     intact: float
     lost: Int64[np.ndarray, "k failing"]
@@ -164,18 +180,20 @@ class Failures:
 
     @property
     def worst(self) -> float:
-        """Least value of any combination."""
+        """Lowest value of any combination."""
         return float(self.left.min())
 
     @property
     def most_missed(self) -> tuple[int, ...]:
-        """The sensors whose failure leaves the least."""
+        """Sensors whose failure leaves the lowest value."""
         return tuple(self.lost[self.left.argmin()].tolist())
 
 
 def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
-    """Score a set under every combination of `failing` sensors. Raises ValueError if the set has
-    fewer."""
+    """Score a set under every combination of `failing` sensors.
+
+    Raises ValueError if the set has fewer sensors.
+    """
     members = np.flatnonzero(chosen)
     if not 1 <= failing <= len(members):
         raise ValueError(
@@ -189,8 +207,8 @@ def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int
 
 
 def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
-    """Return a line per number of failing sensors: mean and least value, and the failure that
-    leaves the least."""
+    """Table with a line per number of failing sensors: mean and lowest value, and the worst
+    failure."""
     table = [["failing", "intact", "mean", "worst", "without"]]
     for case in cases:
         figures = [f"{figure:.4f}" for figure in (case.intact, case.mean, case.worst)]
@@ -216,16 +234,16 @@ def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
 
 
 def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
-    """s! (n-s-1)! / n! for s below n, then zeros. So impossible sizes of sets, -2 and -1 among
-    them, weigh 0."""
-    return np.array(
-        [factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)] + [0.0] * 3
-    )
+    """s! (n-s-1)! / n! for s below n, then zeros for the impossible sizes -2 and -1."""
+    weights = [factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)]
+    return np.array(weights + [0.0] * 3)
 
 
 def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
-    """n orders of n sensors (Williams 1949): each takes each place once, each two are neighbours
-    twice."""
-    place = np.arange(n)
-    zigzag = np.where(place % 2, (place + 1) // 2, -(place // 2))
-    return (place[:, None] + zigzag) % n
+    """n orders of n sensors with each sensor once in each place and each pair adjacent twice.
+
+    (Williams 1949)
+    """
+    position = np.arange(n)
+    zigzag = np.where(position % 2, (position + 1) // 2, -(position // 2))
+    return (position[:, None] + zigzag) % n

@@ -34,26 +34,25 @@ from toolkit.runtime.files import name_errors, parse_toml, read_bytes
 from toolkit.sensors.models import find_model_class, make_model
 from toolkit.sensors.sensor import SensorModel, find_angles
 
-KNOWN = ("currency", "pole_price", "sensor", "rates", "report")
-RATES = {  # for each of what, and whether every year
+CATALOGUE_KEYS = ("currency", "pole_price", "sensor", "rates", "report")
+RATES = {  # unit of each rate, and whether it is yearly
     "cable": ("pole", False),
     "permit": ("pole", False),
     "power": ("sensor", True),
     "upkeep": ("sensor", True),
 }
-_HEAD = ("title", "client", "author", "date", "logo")
-_LARGEST_LOGO = 200_000  # bytes
+_HEAD_KEYS = ("title", "client", "author", "date", "logo")
+_MAX_LOGO_BYTES = 200_000
 MAX_LOGO_PX = 4000
-_LONGEST_HEAD = 200  # characters
-YEARS = 10.0  # that rates are added up for
-OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model
-DEGREES = "_deg"
+_MAX_HEAD_LETTERS = 200
+DEFAULT_YEARS = 10.0  # over which yearly rates are added up
+SENSOR_KEYS = ("name", "model", "price")  # in addition to the fields of a model
+DEGREE_SUFFIX = "_deg"
 
 
 @dataclass(frozen=True)
 class PricedModel:
-    """Sensor model that may be bought. name: as tables show it; price: in the catalogue's
-    currency."""
+    """Sensor model that may be bought. name: in tables; price: in the catalogue's currency."""
 
     name: str
     model: SensorModel
@@ -64,37 +63,48 @@ class PricedModel:
 class SensorCatalogue:
     """Models that may be bought.
 
-    pole_price: of one ordinary mount; None if mounts are priced in the currency; rates: some of
-    `RATES`, yearly ones for `years`; report: head of a report, some of title, client, author, date,
-    logo (the picture as a data URI)."""
+    Attributes:
+        models: Models with names and prices.
+        currency: Currency of the prices.
+        pole_price: Price of one ordinary mount, None if mounts are priced in the currency.
+        digest: SHA-256 of the file and the logo.
+        rates: Some of `RATES`, yearly ones for `years`.
+        years: Years of yearly rates.
+        report: Head of a report: some of title, client, author, date, logo (a data URI).
+    """
 
     models: tuple[PricedModel, ...]
     currency: str = ""
     pole_price: float | None = None
     digest: str = ""
     rates: dict[str, float] = field(default_factory=dict)
-    years: float = YEARS
+    years: float = DEFAULT_YEARS
     report: dict[str, str] = field(default_factory=dict)
 
     def get_name(self, model: SensorModel) -> str:
-        """Return a model's catalogue name. Raises ValueError if unknown."""
-        for each in self.models:
-            if each.model == model:
-                return each.name
+        """Catalogue name of a model. Raises ValueError if it is unknown."""
+        for priced in self.models:
+            if priced.model == model:
+                return priced.name
         raise ValueError(
-            f"the catalogue has no {model}: it has {', '.join(each.name for each in self.models)}"
+            f"the catalogue has no {model}: it has "
+            f"{', '.join(priced.name for priced in self.models)}"
         )
 
 
 def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
-    """Load the catalogue in a TOML file. Raises OSError, and ValueError in one line that says where
-    it is wrong."""
+    """Load the catalogue in a TOML file.
+
+    Raises OSError, and ValueError in one line that names the wrong entry.
+    """
     content = read_bytes(path)
     with name_errors(path):
         document = parse_toml(content)
-    unknown = [key for key in document if key not in KNOWN]
+    unknown = [key for key in document if key not in CATALOGUE_KEYS]
     if unknown:
-        raise ValueError(f"{path}: {unknown[0]} is unknown: a catalogue has {', '.join(KNOWN)}")
+        raise ValueError(
+            f"{path}: {unknown[0]} is unknown: a catalogue has {', '.join(CATALOGUE_KEYS)}"
+        )
     currency = document.get("currency", "")
     if not isinstance(currency, str):
         raise ValueError(f"{path}: currency must be a text, got {currency!r:.60}")
@@ -107,24 +117,24 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
             f"{path}: sensor must be a list of at least one sensor: begin each with [[sensor]]"
         )
     models = tuple(_read_sensor(row, f"{path}: sensor[{i}]") for i, row in enumerate(rows))
-    for i, each in enumerate(models):
-        for j, other in enumerate(models[:i]):
-            if each.name == other.name:
+    for i, priced in enumerate(models):
+        for j, earlier in enumerate(models[:i]):
+            if priced.name == earlier.name:
                 raise ValueError(
-                    f"{path}: sensor[{i}].name {each.name!r} is taken by sensor[{j}]: rename one"
+                    f"{path}: sensor[{i}].name {priced.name!r} is taken by sensor[{j}]: rename one"
                 )
-            if each.model == other.model:
+            if priced.model == earlier.model:
                 raise ValueError(
                     f"{path}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out"
                 )
-    rated = _table(document, path, "rates", (*RATES, "years"))
-    rates = {key: _price(value, f"{path}: rates.{key}") for key, value in rated}
-    years = rates.pop("years", YEARS)
-    head = {key: str(value) for key, value in _table(document, path, "report", _HEAD)}
+    rate_rows = _table(document, path, "rates", (*RATES, "years"))
+    rates = {key: _price(value, f"{path}: rates.{key}") for key, value in rate_rows}
+    years = rates.pop("years", DEFAULT_YEARS)
+    head = {key: str(value) for key, value in _table(document, path, "report", _HEAD_KEYS)}
     for key, text in head.items():
-        if not text.isprintable() or len(text) > _LONGEST_HEAD:
+        if not text.isprintable() or len(text) > _MAX_HEAD_LETTERS:
             raise ValueError(
-                f"{path}: report.{key} must be one line of up to {_LONGEST_HEAD} characters: "
+                f"{path}: report.{key} must be one line of up to {_MAX_HEAD_LETTERS} characters: "
                 "shorten it"
             )
     if "logo" in head:
@@ -134,7 +144,7 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
 
 
 def _read_logo(path: Path, where: str) -> str:
-    """Return a picture as a data URI, once it was seen to be whole."""
+    """Picture as a data URI, after a check that it is complete."""
     from PIL import Image
 
     if not path.is_file():
@@ -142,9 +152,9 @@ def _read_logo(path: Path, where: str) -> str:
             f"{where}: no file {path}: give a PNG or JPEG file beside the catalogue"
         )
     content = read_bytes(path)
-    if len(content) > _LARGEST_LOGO:
+    if len(content) > _MAX_LOGO_BYTES:
         raise ValueError(
-            f"{where} must have at most {_LARGEST_LOGO // 1000} kB, got {len(content) // 1000}: "
+            f"{where} must have at most {_MAX_LOGO_BYTES // 1000} kB, got {len(content) // 1000}: "
             "shrink it"
         )
     size: tuple[int, ...]
@@ -171,16 +181,16 @@ def _read_logo(path: Path, where: str) -> str:
 
 
 def _table(
-    document: Mapping[str, object], path: str | Path, name: str, known: Sequence[str]
+    document: Mapping[str, object], path: str | Path, name: str, keys: Sequence[str]
 ) -> Iterable[tuple[str, object]]:
     rows = document.get(name, {})
     if not isinstance(rows, Mapping):
         raise ValueError(
             f"{path}: {name} must be a table, got {rows!r:.60}: begin it with [{name}]"
         )
-    unknown = [key for key in rows if key not in known]
+    unknown = [key for key in rows if key not in keys]
     if unknown:
-        raise ValueError(f"{path}: {name}.{unknown[0]} is unknown: {name} has {', '.join(known)}")
+        raise ValueError(f"{path}: {name}.{unknown[0]} is unknown: {name} has {', '.join(keys)}")
     return rows.items()
 
 
@@ -200,8 +210,11 @@ def _read_sensor(row: object, where: str) -> PricedModel:
         angles = find_angles(find_model_class(row["model"]))
     except ValueError as error:
         raise ValueError(f"{where}.model: {error}") from None
-    written = {f"{field}{DEGREES}" if is_one else field: is_one for field, is_one in angles.items()}
-    values = {key: value for key, value in row.items() if key not in OWN}
+    written = {
+        f"{field}{DEGREE_SUFFIX}" if is_angle else field: is_angle
+        for field, is_angle in angles.items()
+    }
+    values = {key: value for key, value in row.items() if key not in SENSOR_KEYS}
     for key, value in list(values.items()):
         if key not in written:
             raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")
@@ -214,7 +227,7 @@ def _read_sensor(row: object, where: str) -> PricedModel:
                 raise ValueError(
                     f"{where}.{key} must be a finite number of degrees, got {value!r:.60}"
                 )
-            values[key.removesuffix(DEGREES)] = math.radians(values.pop(key))
+            values[key.removesuffix(DEGREE_SUFFIX)] = math.radians(values.pop(key))
     try:
         model = make_model(row["model"], values)
         hash(model)

@@ -19,20 +19,28 @@ from toolkit.sites.site import Site
 
 Actions = Literal["flat", "factored"]
 Config = TypeVar("Config", bound="EnvConfig")
-USUAL_SITE = "tjunction"
+DEFAULT_SITE = "tjunction"
 SETTING_FIELDS = {field.name for field in fields(Setting)} - {"site", "scheme"}
 RUN_FIELDS = {field.name for field in fields(Run)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnvConfig:
-    """Configuration that all environments share. Raises ValueError where a field does not fit.
+    """Configuration that all environments share. Raises ValueError if a field does not fit.
 
-    site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number
-    of failed candidates; traffics: number of independent simulations of the traffic, None to
-    simulate anew for every episode, so that nothing is learnt of single vehicles. Episodes draw one
-    of several sites, schemes and traffics, a number from (lowest, highest), and the failed
-    candidates, by the environment's own generator; options of `reset` come first."""
+    Attributes:
+        setting: Question that sets are scored by.
+        run: Frames, seed, cache and processes.
+        site: One or several sites, None for the setting's.
+        scheme: One or several schemes, None for the setting's.
+        budget: Sensors to place.
+        failures: Number of failed candidates.
+        traffics: Number of independent simulations of the traffic, None to simulate for every
+            episode, so that nothing is learnt of single vehicles.
+
+    Episodes draw one of several sites, schemes and traffics, a number from (lowest, highest), and
+    the failed candidates, by the environment's generator; options of `reset` come first.
+    """
 
     setting: Setting = Setting()
     run: Run = Run()
@@ -57,16 +65,16 @@ class EnvConfig:
 
     @property
     def sites(self) -> tuple[Site | str, ...]:
-        """Sites of which an episode draws one."""
+        """Sites from which an episode draws one."""
         if self.site is None:
-            return (USUAL_SITE if self.setting.site is None else self.setting.site,)
+            return (DEFAULT_SITE if self.setting.site is None else self.setting.site,)
         if isinstance(self.site, Sequence) and not isinstance(self.site, str):
             return tuple(self.site)
         return (self.site,)
 
     @cached_property
     def schemes(self) -> tuple[Scheme, ...]:
-        """Schemes of which an episode draws one."""
+        """Schemes from which an episode draws one."""
         if self.scheme is None:
             return (self.setting.fusion,)
         several = self.scheme if isinstance(self.scheme, list | tuple) else (self.scheme,)
@@ -84,15 +92,18 @@ class EnvConfig:
 
     @property
     def leaves_open(self) -> bool:
-        """True where an episode draws its scheme, budget, failed candidates or traffic."""
-        several = self.traffics != 1 or len(self.schemes) > 1
-        return several or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
+        """True if an episode draws its scheme, budget, failed candidates or traffic."""
+        is_drawn = self.traffics != 1 or len(self.schemes) > 1
+        return is_drawn or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SubsetConfig(EnvConfig):
-    """Configuration of `coview/SensorSubset-v0`. slots: for candidates, None for as many as the
-    largest of the sites needs; objective: in place of setting, run, site and scheme."""
+    """Configuration of `coview/SensorSubset-v0`.
+
+    slots: for candidates, None for as many as the largest site needs; objective: in place of
+    setting, run, site and scheme.
+    """
 
     slots: int | None = None
     objective: Objective | None = None
@@ -143,37 +154,49 @@ class PoseConfig(EnvConfig):
         check_whole("moves", self.moves, least=1)
 
 
-def build_config(kind: type[Config], config: Config | None, given: Mapping[str, object]) -> Config:
-    """Build a configuration from another and fields by name, those of `Setting` and `Run` and `iou`
-    of `Cases` too. Raises TypeError for an unknown name and for a configuration of another kind."""
+def build_config(
+    kind: type[Config], config: Config | None, options: Mapping[str, object]
+) -> Config:
+    """Configuration from another one and fields by name, also fields of `Setting`, `Run`, and
+    `iou`.
+
+    Raises TypeError for an unknown name and for a configuration of another kind.
+    """
     config = kind() if config is None else config
     if type(config) is not kind:
         raise TypeError(
             f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as "
             "site=..."
         )
-    known = {each.name for each in fields(kind)} | SETTING_FIELDS | RUN_FIELDS | {"iou"}
-    for name in given:
-        if name not in known:
-            raise TypeError(_describe_unknown(name, known, kind))
-    own: dict[str, Any] = dict(given)
-    asked, to_run = (
-        {name: own.pop(name) for name in given if name in names}
-        for names in (SETTING_FIELDS, RUN_FIELDS)
-    )
-    if "iou" in own:
-        asked["cases"] = replace(asked.get("cases", config.setting.cases), iou=own.pop("iou"))
-    if asked:
-        own["setting"] = replace(own.get("setting", config.setting), **asked)
-    if to_run:
-        own["run"] = replace(own.get("run", config.run), **to_run)
-    return replace(config, **own)
+    config_names = {field.name for field in fields(kind)}
+    known_names = config_names | SETTING_FIELDS | RUN_FIELDS | {"iou"}
+    for name in options:
+        if name not in known_names:
+            raise TypeError(_describe_unknown(name, known_names, kind))
+    config_fields: dict[str, Any] = dict(options)
+    setting_fields = {name: config_fields.pop(name) for name in options if name in SETTING_FIELDS}
+    run_fields = {name: config_fields.pop(name) for name in options if name in RUN_FIELDS}
+    if "iou" in config_fields:
+        setting_fields["cases"] = replace(
+            setting_fields.get("cases", config.setting.cases), iou=config_fields.pop("iou")
+        )
+    if setting_fields:
+        config_fields["setting"] = replace(
+            config_fields.get("setting", config.setting), **setting_fields
+        )
+    if run_fields:
+        config_fields["run"] = replace(config_fields.get("run", config.run), **run_fields)
+    return replace(config, **config_fields)
 
 
 def _describe_unknown(name: str, known: Collection[str], kind: type[EnvConfig]) -> str:
-    """Sentence on a keyword that no configuration has, with the nearest that it may mean."""
-    near = get_close_matches(name, sorted(known), n=1, cutoff=0.5)
-    guess = f"did you mean {near[0]!r}?" if near else f"take one of {', '.join(sorted(known))}"
+    """Sentence on an unknown keyword, with the nearest known one."""
+    suggestions = get_close_matches(name, sorted(known), n=1, cutoff=0.5)
+    guess = (
+        f"did you mean {suggestions[0]!r}?"
+        if suggestions
+        else f"take one of {', '.join(sorted(known))}"
+    )
     return f"{kind.__name__} has no {name!r}: {guess}"
 
 

@@ -1,9 +1,8 @@
 """Scalar and vector environments of a task, the rules of n episodes side by side.
 
-The vector ones agree with `gymnasium.vector.SyncVectorEnv` over the scalar ones, step by step,
-infos and autoreset included.
-
-Pictures and text summaries of a set of sensors."""
+The vector environments agree with `gymnasium.vector.SyncVectorEnv` over the scalar ones, step by
+step, including infos and autoreset. Pictures and text summaries of a set of sensors are here too.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -36,11 +35,18 @@ METADATA = {"render_modes": RENDER_MODES, "render_fps": 2}
 AnyEnv = gym.Env[Any, Any]
 Ends = tuple[Float64[np.ndarray, " n"], Mask, Mask]  # rewards, terminated, truncated
 Picture = Shaped[np.ndarray, "height width 3"] | str
+MAX_DRAWN_VEHICLES = 300
+PICTURE_MARGIN_M = 6.0  # around area and sensors
+_SIDE_INCHES = 6.4  # side of a square picture
+_HEAD_INCHES = 0.5  # strip above the map
+_FOOT_INCHES = 0.42  # strip below the map
 
 
 class Task:
-    """Rules of an environment, for n episodes at once. A subclass has its configuration, scenarios
-    and rules."""
+    """Rules of an environment, for n episodes together.
+
+    A subclass has its configuration, scenarios and rules.
+    """
 
     config_type: ClassVar[type[EnvConfig]]
     scenarios_type: ClassVar[type[EpisodeSource]]
@@ -59,13 +65,13 @@ class Task:
 
     @classmethod
     def build(
-        cls, n: int, config: "EnvConfig | Task | None", given: Mapping[str, object]
+        cls, n: int, config: "EnvConfig | Task | None", options: Mapping[str, object]
     ) -> "Task":
         """Build n episodes of a configuration and fields by name, or of the scenarios of another
         task."""
         if isinstance(config, Task):
             return type(config)(n, config.scenarios)
-        return cls(n, cls.scenarios_type(build_config(cls.config_type, config, given)))
+        return cls(n, cls.scenarios_type(build_config(cls.config_type, config, options)))
 
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None
@@ -74,14 +80,16 @@ class Task:
         self.state.reset(rows, [self.scenarios.draw(rng, options) for rng in rngs])
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        """Take one action in each active row: rewards, terminated, truncated."""
+        """Take one action in each active row and return rewards, terminated, truncated."""
         raise NotImplementedError
 
     def step_objectives(
         self, active: Mask, actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float32[np.ndarray, "n 3"], Mask, Mask]:
-        """Take one action in each active row: increases of AP, of -kbit per sensor and of -price
-        (n, 3), which are 0 in other rows, terminated, truncated."""
+        """Take one action in each active row and return increases, terminated, truncated.
+
+        The increases are of AP, of -kbit per sensor and of -price (n, 3), and 0 in other rows.
+        """
         before = self.state.objectives()
         _, terminated, truncated = self.step(active, actions)
         gains = (self.state.objectives() - before).astype(np.float32)
@@ -89,7 +97,7 @@ class Task:
         return gains, terminated, truncated
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
-        """Return observations and info, an array (n, ...) each."""
+        """Observations and info, an array (n, ...) each."""
         return self.state.observe(), {
             **self.state.info(),
             "action_mask": self.info_mask().astype(np.int8),
@@ -100,19 +108,21 @@ class Task:
         return self.action_masks()
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell which actions are legal."""
+        """Mask of legal actions."""
         raise NotImplementedError
 
     def running(self) -> "Task":
-        """Return the task. Raises ResetNeeded before the first `reset`."""
+        """The task itself. Raises ResetNeeded before the first `reset`."""
         if not self.state.ready:
             raise ResetNeeded("no episode has started: call reset() first")
         return self
 
     def read_actions(self, actions: ArrayLike) -> Shaped[np.ndarray, "n ..."]:
-        """Return an action for each of n episodes. Raises ValueError for a wrong number of values,
-        one that is not finite, or not whole where choices are counted; ResetNeeded before the first
-        reset."""
+        """Action for each of n episodes.
+
+        Raises ValueError for a wrong number of values, a value that is not finite, or not whole for
+        counted choices; ResetNeeded before the first reset.
+        """
         array = np.asarray(actions)
         shape = (self.running().state.n, *(self.action_space.shape or ()))
         kind = array.dtype.kind
@@ -146,10 +156,12 @@ def find_reward_space() -> Box:
 
 
 class PlacementEnv(gym.Env[np.ndarray, Any]):
-    """One episode after another of a task. config: of the task, or its fields by name.
+    """Environment for one episode after another of a task. config: configuration of the task, or
+    its fields by name.
 
-    vector_reward: give the increases of AP, of -kbit per sensor and of -price in place of their
-    weighed sum, in `reward_space`, as mo-gymnasium takes them."""
+    vector_reward: return the increases of AP, of -kbit per sensor and of -price in place of their
+    weighted sum, in `reward_space`, as mo-gymnasium takes them.
+    """
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task
@@ -160,9 +172,9 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         *,
         render_mode: str | None = None,
         vector_reward: bool = False,
-        **given: object,
+        **options: object,
     ) -> None:
-        self.task = self.task_type.build(1, config, given)
+        self.task = self.task_type.build(1, config, options)
         self.render_mode = _check_render_mode(render_mode)
         self.observation_space = self.task.observation_space
         self.action_space = self.task.action_space
@@ -171,16 +183,21 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
     def reset(
         self, *, seed: int | None = None, options: Options | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start an episode. options, for this episode: site, scheme, budget, failed (candidates
-        that have failed, by index or name). Raises ValueError where one does not fit."""
+        """Start an episode.
+
+        options, for this episode: site, scheme, budget, failed (candidates that have failed, by
+        index or name). Raises ValueError if one does not fit.
+        """
         super().reset(seed=seed)
         self.task.reset(np.zeros(1, np.int64), [self.np_random], options)
         observations, info = self.task.observe()
         return observations[0], _first_info(info)
 
     def step(self, action: ArrayLike) -> tuple[np.ndarray, Any, bool, bool, Info]:
-        """Take an action; the reward is a number, or an array (3,) with `vector_reward`. Raises
-        ValueError for an invalid action, ResetNeeded before the first `reset`."""
+        """Take an action; the reward is a number, or an array (3,) with `vector_reward`.
+
+        Raises ValueError for an invalid action, ResetNeeded before the first `reset`.
+        """
         step = self.task.step if self.reward_space is None else self.task.step_objectives
         rewards, terminated, truncated = step(np.ones(1, np.bool_), self.task.read_actions(action))
         observations, info = self.task.observe()
@@ -188,11 +205,11 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         return observations[0], value, terminated.item(), truncated.item(), _first_info(info)
 
     def action_masks(self) -> Bool[np.ndarray, " choices"]:
-        """Tell which actions are legal, in the form of sb3-contrib's MaskablePPO."""
+        """Mask of legal actions, in the form of sb3-contrib's MaskablePPO."""
         return self.task.running().action_masks()[0]
 
     def placement(self) -> tuple[Objective, list[int]]:
-        """Return the objective of the episode and the chosen candidates."""
+        """Objective of the episode and the chosen candidates."""
         return self.task.running().state.placement(0)
 
     def render(self) -> Picture | None:
@@ -201,11 +218,12 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
 
 
 class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """n episodes of a task. An episode that has ended starts anew, without options, at the next
-        step, whose reward is
-    0. config: of the task, or its fields by name, or the task of another environment, whose
-      scenarios are shared;
-    vector_reward: as of the scalar environment."""
+    """Environment for n episodes of a task.
+
+    An episode that has ended restarts, without options, at the next step, whose reward is 0.
+    config: configuration of the task, or its fields by name, or the task of another environment,
+    whose scenarios are shared; vector_reward: as in the scalar environment.
+    """
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task
@@ -217,9 +235,9 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         *,
         render_mode: str | None = None,
         vector_reward: bool = False,
-        **given: object,
+        **options: object,
     ) -> None:
-        task = self.task = self.task_type.build(num_envs, config, given)
+        task = self.task = self.task_type.build(num_envs, config, options)
         self.render_mode = _check_render_mode(render_mode)
         self.num_envs = task.state.n
         self.single_observation_space = task.observation_space
@@ -236,8 +254,10 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Options | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start all episodes, or those of `options["reset_mask"]`. With an int, the i-th is seeded
-        by seed + i."""
+        """Start all episodes, or those in `options["reset_mask"]`.
+
+        With an int, the i-th is seeded by seed + i.
+        """
         options = dict(options or {})
         mask = np.asarray(options.pop("reset_mask", self._all))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
@@ -275,17 +295,15 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, rewards, terminated, truncated, _batch_info(info, self._all)
 
     def action_masks(self) -> np.ndarray:
-        """Tell which actions are legal, a row for each episode."""
+        """Mask of legal actions, a row for each episode."""
         return self.task.running().action_masks()
 
     def render(self) -> tuple[Picture, ...] | None:
         """Draw each episode."""
         mode = self.render_mode
-        return (
-            None
-            if mode is None
-            else tuple(self.task.draw(row, mode) for row in range(self.num_envs))
-        )
+        if mode is None:
+            return None
+        return tuple(self.task.draw(row, mode) for row in range(self.num_envs))
 
     def _start(self, rows: np.ndarray, options: Options | None) -> None:
         self.task.reset(rows, [self._generators[row] for row in rows.tolist()], options)
@@ -301,52 +319,45 @@ def _check_render_mode(render_mode: str | None) -> str | None:
 
 def _first_info(info: Info) -> Info:
     """Info of the first episode, with Python's numbers."""
-    return {
-        key: _first_info(value)
-        if isinstance(value, dict)
-        else value.item(0)
-        if value.ndim == 1
-        else value[0]
-        for key, value in info.items()
-    }
+    first: Info = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            first[key] = _first_info(value)
+        else:
+            first[key] = value.item(0) if value.ndim == 1 else value[0]
+    return first
 
 
 def _batch_info(info: Info, rows: np.ndarray) -> Info:
     """Info as in Gymnasium's vector environments."""
-    whole: Info = {}
+    batched: Info = {}
     for key, value in info.items():
-        whole[key] = _batch_info(value, rows) if isinstance(value, dict) else value
-        whole[f"_{key}"] = rows.copy()
-    return whole
-
-
-MOST_VEHICLES = 300  # drawn
-MARGIN = 6.0  # m around area and sensors
-# inches of a square picture, and of the strips above and below its map
-_SIDE = 6.4
-_HEAD = 0.5
-_FOOT = 0.42
+        batched[key] = _batch_info(value, rows) if isinstance(value, dict) else value
+        batched[f"_{key}"] = rows.copy()
+    return batched
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
     """Draw the area from above (RGB, uint8), a square of the same size for every site.
 
     Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is
-    more, pale grey none), places where sensors may hang, and the chosen sensors with their fields
-    of view."""
+    more, pale grey none), possible places of sensors, and the chosen sensors with their fields of
+    view.
+    """
     sensors = objective.candidates.sensors
     site = objective.site
-    places = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
+    spots = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
     area = find_area(objective)
-    feet = np.concatenate([[area[:2], area[2:]], places])
-    side = _SIDE - _HEAD - _FOOT
-    low, high = feet.min(axis=0) - MARGIN, feet.max(axis=0) + MARGIN
+    feet = np.concatenate([[area[:2], area[2:]], spots])
+    side = _SIDE_INCHES - _HEAD_INCHES - _FOOT_INCHES
+    low = feet.min(axis=0) - PICTURE_MARGIN_M
+    high = feet.max(axis=0) + PICTURE_MARGIN_M
     middle = (low + high) / 2
-    reach = (high - low).max() / 2 * np.array([_SIDE / side, 1.0])
+    reach = (high - low).max() / 2 * np.array([_SIDE_INCHES / side, 1.0])
     scale = side / (2 * reach[1])  # inches a metre
     with canvas.house_style():
-        figure = canvas.blank_figure(_SIDE, _SIDE)
-        axes = figure.add_axes((0, _FOOT / _SIDE, 1, side / _SIDE))
+        figure = canvas.blank_figure(_SIDE_INCHES, _SIDE_INCHES)
+        axes = figure.add_axes((0, _FOOT_INCHES / _SIDE_INCHES, 1, side / _SIDE_INCHES))
         axes.set(
             xlim=(middle[0] - reach[0], middle[0] + reach[0]),
             ylim=(middle[1] - reach[1], middle[1] + reach[1]),
@@ -357,19 +368,25 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
             above.draw_ground(axes, site)
         above.draw_area(axes, area)
         vehicles = _draw_vehicles(axes, objective, members)
-        above.draw_poles(axes, np.unique(places, axis=0), size=3.5)
-        chosen = [sensors[member] for member in members]
-        above.draw_wedges(axes, chosen, () if site is None else site.solids)
-        above.draw_sensors(axes, chosen, 72 * scale)
-        towards = np.array([0.0, 1.0]) if site is None else above.north(site)
-        above.draw_north(_draw_strips(figure, scale), (1.85, _FOOT / 2), towards)
+        above.draw_poles(axes, np.unique(spots, axis=0), size=3.5)
+        chosen_sensors = [sensors[member] for member in members]
+        above.draw_wedges(axes, chosen_sensors, () if site is None else site.solids)
+        above.draw_sensors(axes, chosen_sensors, 72 * scale)
+        north_direction = np.array([0.0, 1.0]) if site is None else above.north(site)
+        above.draw_north(_draw_strips(figure, scale), (1.85, _FOOT_INCHES / 2), north_direction)
         title = (
             f"{canvas.shorten(_name(objective), 30)}: {len(members)} "
             f"sensor{'s' * (len(members) != 1)}"
         )
-        figure.text(0.02, 1 - 0.16 / _SIDE, title, fontsize=10, fontweight="bold", va="center")
         figure.text(
-            0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center"
+            0.02, 1 - 0.16 / _SIDE_INCHES, title, fontsize=10, fontweight="bold", va="center"
+        )
+        figure.text(
+            0.02,
+            1 - 0.36 / _SIDE_INCHES,
+            f"{vehicles}; by {objective.fidelity}",
+            fontsize=8,
+            va="center",
         )
         return canvas.render_pixels(figure)
 
@@ -390,24 +407,26 @@ def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> st
     if objective.visibility is None or not len(objective.visibility.boxes):
         return f"no {noun}"
     boxes = objective.visibility.boxes
-    some = np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_VEHICLES)).round().astype(np.int64)
-    points = objective.visibility.points[members][:, some].astype(np.float64).sum(axis=0)
-    shown = PolyCollection(
-        list(footprints(boxes[some])),
+    rows = (
+        np.linspace(0, len(boxes) - 1, min(len(boxes), MAX_DRAWN_VEHICLES)).round().astype(np.int64)
+    )
+    points = objective.visibility.points[members][:, rows].astype(np.float64).sum(axis=0)
+    polygons = PolyCollection(
+        list(footprints(boxes[rows])),
         facecolor=canvas.point_colours(points),
         edgecolor=canvas.INK,
         linewidth=0.3,
         zorder=2.1,
     )
-    axes.add_collection(shown, autolim=False)
-    drawn = f", {len(some)} drawn" if len(some) < len(boxes) else ""
-    return f"N = {len(boxes)} {noun} in {objective.visibility.frames} frames{drawn}"
+    axes.add_collection(polygons, autolim=False)
+    remark = f", {len(rows)} drawn" if len(rows) < len(boxes) else ""
+    return f"N = {len(boxes)} {noun} in {objective.visibility.frames} frames{remark}"
 
 
 def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     """Draw scale bar and legend below the map, in inches."""
-    strip = figure.add_axes((0, 0, 1, _FOOT / _SIDE))
-    strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))
+    strip = figure.add_axes((0, 0, 1, _FOOT_INCHES / _SIDE_INCHES))
+    strip.set(xlim=(0, _SIDE_INCHES), ylim=(0, _FOOT_INCHES))
     strip.set_axis_off()
     length = above.scale_length(1.2 / scale)
     for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):

@@ -17,50 +17,53 @@ from placement_env.objective import Objective
 from placement_env.subsets import find_index
 from toolkit.arrays import Bool, Float64, Int64, Mask, Rng, Shaped
 
-# m up, rad of heading and of tilt, for an action of 1
-MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])
-TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
+UNIT_MOVE = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # height (m), heading, tilt (rad)
+TILT_LIMITS_RAD = (np.deg2rad(-10.0), np.deg2rad(60.0))  # below the horizon
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Sensors on their mounts. aim: present height above the mount's foot (m), heading and tilt
-    (rad)."""
+    """Sensors on their mounts.
+
+    aim: present height above the mount's foot (m), heading and tilt (rad).
+    """
 
     candidates: Candidates
     aim: Float64[np.ndarray, "B 3"]
 
     @staticmethod
     def of(candidates: Candidates) -> "Rig":
-        """Make a rig of sensors as they stand."""
-        position, heading, tilt, _, _ = poses(candidates)
-        return Rig(
-            candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1)
-        )
+        """Rig of sensors in their present poses."""
+        sensor_poses = poses(candidates)
+        height = sensor_poses.position[:, 2] - _feet(candidates)
+        return Rig(candidates, np.stack([height, sensor_poses.heading, sensor_poses.tilt], axis=1))
 
     def move(self, action: Float64[np.ndarray, "B 3"]) -> "Rig":
-        """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`, or beyond
-        if it was."""
+        """Rig after an action, within the mounts' heights and `TILT_LIMITS_RAD`.
+
+        A sensor that was beyond a limit may stay beyond it."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
-        height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
-        low = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
-        high = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
-        around = np.arctan2(np.sin(heading), np.cos(heading))
-        tilts = (
-            np.minimum(TILT_LIMITS[0], self.aim[:, 2]),
-            np.maximum(TILT_LIMITS[1], self.aim[:, 2]),
-        )
-        return Rig(
-            self.candidates,
-            np.stack([np.clip(height, low, high), around, np.clip(tilt, *tilts)], axis=1),
-        )
+        height, heading, tilt = (self.aim + np.clip(action, -1, 1) * UNIT_MOVE).T
+        min_height = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
+        max_height = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
+        min_tilt = np.minimum(TILT_LIMITS_RAD[0], self.aim[:, 2])
+        max_tilt = np.maximum(TILT_LIMITS_RAD[1], self.aim[:, 2])
+        aim = [
+            np.clip(height, min_height, max_height),
+            np.arctan2(np.sin(heading), np.cos(heading)),
+            np.clip(tilt, min_tilt, max_tilt),
+        ]
+        return Rig(self.candidates, np.stack(aim, axis=1))
 
     def to_candidates(self) -> Candidates:
-        """Return the sensors as they stand now."""
+        """Sensors in their present poses."""
         old = self.candidates
         heights = _feet(self.candidates) + self.aim[:, 0]
-        rows = zip(old.sensors, heights, self.aim.tolist(), strict=True)
-        sensors = [aim_sensor(s, np.array([*s.position[:2], z]), *aim) for s, z, (_, *aim) in rows]
+        sensors = []
+        for row, sensor in enumerate(old.sensors):
+            position = np.array([*sensor.position[:2], heights[row]])
+            heading, tilt = self.aim[row, 1:].tolist()
+            sensors.append(aim_sensor(sensor, position, heading, tilt))
         return Candidates.of_poses(sensors, old.mount, self.aim, old)
 
 
@@ -73,8 +76,10 @@ class _PoseEpisode(Episode):
 
 
 class _PoseScenarios(EpisodeSource):
-    """Sites and sensors of the episodes. Raises ValueError where a site has too few mounts or no
-    surrogate."""
+    """Sites and sensors of the episodes.
+
+    Raises ValueError if a site has too few mounts or no surrogate.
+    """
 
     def __init__(self, config: PoseConfig) -> None:
         super().__init__(config)
@@ -116,11 +121,10 @@ class _PoseScenarios(EpisodeSource):
             raise ValueError(
                 f"{len(mounts)} mounts have a sensor that works, too few for a budget of {budget}"
             )
-        chosen = [
-            int(rng.choice(usable[candidates.mount[usable] == mount]))
-            for mount in np.sort(rng.choice(mounts, budget, replace=False))
-        ]
-        rig = Rig.of(candidates.select(chosen))
+        drawn_mounts = np.sort(rng.choice(mounts, budget, replace=False))
+        mount_of = candidates.mount[usable]
+        members = [int(rng.choice(usable[mount_of == mount])) for mount in drawn_mounts]
+        rig = Rig.of(candidates.select(members))
         slots = np.arange(self.slots)
         scenario = self.scenario(preparation, rig, None)
         return _PoseEpisode(
@@ -133,17 +137,19 @@ class _PoseScenarios(EpisodeSource):
         )
 
     def scenario(
-        self, preparation: Preparation, rig: Rig, before: tuple[Rig, Visibility | None] | None
+        self, preparation: Preparation, rig: Rig, previous: tuple[Rig, Visibility | None] | None
     ) -> Scenario:
-        """Score sensors as they stand. before: the rig and its view, of which what stands still is
-        kept."""
+        """Score sensors in their present poses.
+
+        previous: the rig and its view, from which unmoved sensors are copied.
+        """
         candidates = rig.to_candidates()
-        still = np.zeros(len(candidates), np.bool_)
+        is_still = np.zeros(len(candidates), np.bool_)
         visibility = None
-        if before is not None:
-            still = (rig.aim == before[0].aim).all(axis=1)
-            visibility = before[1]
-        seen = _see_again(preparation, candidates, visibility, still)
+        if previous is not None:
+            is_still = (rig.aim == previous[0].aim).all(axis=1)
+            visibility = previous[1]
+        seen = _see_again(preparation, candidates, visibility, is_still)
         return Scenario(
             Objective.of_moved(preparation, candidates, seen, self.config.setting.weights),
             self.slots,
@@ -151,7 +157,7 @@ class _PoseScenarios(EpisodeSource):
 
 
 class _PoseTask(Task):
-    """n episodes of moving sensors. Each has an objective of its own, made anew after each move."""
+    """n episodes of moving sensors. Each has a separate objective, replaced after each move."""
 
     config_type = PoseConfig
     scenarios_type = _PoseScenarios
@@ -174,20 +180,25 @@ class _PoseTask(Task):
         undone."""
         state = self.state
         moves = np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
-        illegal = np.zeros(state.n, np.bool_)
+        is_illegal = np.zeros(state.n, np.bool_)
         scenarios = dict[int, Scenario]()
         for row in np.flatnonzero(active).tolist():
-            now, (objective, _) = self._now[row], state.placement(row)
-            rig = now.rig.move(moves[row, : len(now.rig.aim)])
-            if (rig.aim == now.rig.aim).all():
+            episode = self._now[row]
+            objective = state.placement(row)[0]
+            rig = episode.rig.move(moves[row, : len(episode.rig.aim)])
+            if (rig.aim == episode.rig.aim).all():
                 continue
-            scenario = self._source.scenario(now.preparation, rig, (now.rig, objective.visibility))
-            after = scenario.objective
-            illegal[row] = (~after.linked & (after.loads > objective.loads)).any()
-            if not illegal[row]:
-                self._now[row] = replace(now, rig=rig)
+            scenario = self._source.scenario(
+                episode.preparation, rig, (episode.rig, objective.visibility)
+            )
+            moved_objective = scenario.objective
+            is_illegal[row] = (
+                ~moved_objective.linked & (moved_objective.loads > objective.loads)
+            ).any()
+            if not is_illegal[row]:
+                self._now[row] = replace(episode, rig=rig)
                 scenarios[row] = scenario
-        state.step(active, illegal, scenarios=scenarios)
+        state.step(active, is_illegal, scenarios=scenarios)
         return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
@@ -198,70 +209,68 @@ def _see_again(
     preparation: Preparation,
     candidates: Candidates,
     visibility: Visibility | None,
-    still: Bool[np.ndarray, " C"],
+    is_still: Bool[np.ndarray, " C"],
 ) -> Visibility:
-    """View of the traffic; that of candidates that stand `still` is taken from `visibility`."""
-    moved = np.flatnonzero(~still)
-    there = candidates if len(moved) == len(still) else candidates.select(moved)
+    """View of the traffic, copied from `visibility` for candidates that have not moved."""
+    moved_rows = np.flatnonzero(~is_still)
+    moved_candidates = (
+        candidates if len(moved_rows) == len(is_still) else candidates.select(moved_rows)
+    )
     live = preparation.live
     labels = preparation.setting.counted.labels
-    fresh = see(preparation.traffic, there, labels=labels) if live is None else live.see(there)
-    if visibility is None or len(moved) == len(still):
+    fresh = (
+        see(preparation.traffic, moved_candidates, labels=labels)
+        if live is None
+        else live.see(moved_candidates)
+    )
+    if visibility is None or len(moved_rows) == len(is_still):
         return fresh
     columns = {
         name: getattr(visibility, name).copy() for name in ("points", "distance", "sent", "far")
     }
     for name, column in columns.items():
-        column[moved] = getattr(fresh, name)
+        column[moved_rows] = getattr(fresh, name)
     return replace(visibility, **columns)
 
 
 class SensorPoseEnv(PlacementEnv):
-    """Turn, tilt, raise and lower sensors that hang at a junction.
+    """Turn, tilt, raise and lower mounted sensors at a junction.
 
     ## Action Space
-    `Box(-1, 1, (3 · budget,), float32)`: for each sensor how far to move: height above the foot of
-        its mount (1 is
-    0.5 m), heading (15°, counter-clockwise) and tilt (5°, downwards). Sensors keep their mount;
-        heights stay in the
-    mount's range, tilts in −10°..60° below the horizon. If the option `budget` is smaller, the
-        entries of absent
-    sensors do nothing.
+    `Box(-1, 1, (3 · budget,), float32)`: movement of each sensor: height above the foot of its
+    mount (1 is 0.5 m), heading (15°, counter-clockwise) and tilt (5°, downwards). Sensors keep
+    their mount; heights stay in the mount's range, tilts in −10°..60° below the horizon. If the
+    option `budget` is smaller, the entries of absent sensors do nothing.
 
     An illegal action, one that overloads a link more than before, changes nothing: the reward is 0,
-    `info["illegal"]` is True, and a move is used up. `action_masks()` tells which entries move a
+    `info["illegal"]` is True, and a move is used up. `action_masks()` marks the entries that move a
     sensor.
 
     ## Observation Space
-    `Box(-1, 1, (14 · budget + 13,), float32)`, as of `coview/SensorSelect-v0`, a slot for each
-        sensor.
+    `Box(-1, 1, (14 · budget + 13,), float32)`, as in `coview/SensorSelect-v0`, a slot for each
+    sensor.
 
     ## Rewards
     Increase of the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price.
 
     ## Starting State
     Sensors drawn from the candidates that have not failed, at most one from each mount. Everything
-        that the config
-    leaves open (site, scheme, budget, failed candidates) is drawn first.
+    that the config leaves open (site, scheme, budget, failed candidates) is drawn first.
 
     ## Episode End
     Never terminates; truncated after `moves` moves.
 
     ## Info
-    As of `coview/SensorSelect-v0`.
+    As in `coview/SensorSelect-v0`.
 
     ## Arguments
-    config: a `placement_env.envs.config.PoseConfig`; or its fields by name, which are those of
-        `coview/SensorSelect-v0`
-    except `actions`, `slots` and `objective`, with moves: of an episode. fidelity: surrogate,
-        coverage or detector;
-    rendering: "auto" looks the view of a sensor that has moved up in panoramas from its mount, made
-        when a sensor is
-    first there, and is some fifty times faster than "full", which casts every ray, as does "auto"
-        where the range of a
-    candidate ends within the site; cache: folder that keeps panoramas. `reset` takes the options
-        site, scheme, budget
-    (up to the environment's) and failed."""
+    config: a `placement_env.envs.config.PoseConfig`; or its fields by name, the same as in
+    `coview/SensorSelect-v0` except `actions`, `slots` and `objective`, with moves: of an episode.
+    fidelity: surrogate, coverage or detector; rendering: "auto" looks up the view of a moved sensor
+    in panoramas from its mount, rendered when a sensor first uses it, and is some fifty times
+    faster than "full", which casts every ray; "auto" casts rays too if the range of a candidate
+    ends within the site; cache: folder that keeps panoramas. `reset` takes the options site,
+    scheme, budget (up to the environment's) and failed."""
 
     task_type = _PoseTask
 

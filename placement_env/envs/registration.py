@@ -1,6 +1,9 @@
 """Registration of the environments once Gymnasium and `placement_env` are imported, in either
-order. Gymnasium itself imports a package named before the environment:
-`gymnasium.make("placement_env:coview/...")`."""
+order.
+
+Gymnasium itself imports a package named before the environment:
+`gymnasium.make("placement_env:coview/...")`.
+"""
 
 import sys
 from collections.abc import Sequence

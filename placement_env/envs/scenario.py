@@ -1,8 +1,9 @@
 """Scenarios, objectives as agents observe them, and episodes drawn from them.
 
-A scenario pads its candidates to a number of slots, so that one policy meets sites with different
-numbers of them. What a candidate sees is taken at up to `PLACES` places: vehicles of the traffic if
-known, else spots of the area."""
+A scenario pads its candidates to a number of slots, so that one policy can be used at sites with
+different numbers of them. The view of a candidate is taken at up to `MAX_PLACES` places: vehicles
+of the traffic if known, otherwise spots of the area.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
-PLACES = 512
+MAX_PLACES = 512
 STATIC = (
     "x",
     "y",
@@ -37,69 +38,76 @@ STATIC = (
     "kbit",
     "seen",
 )
-REACH = (
-    30.0  # m within which a sensor sees the spots in its field of view, where no traffic is known
-)
+VIEW_RANGE_M = 30.0  # within which a sensor sees the spots in its field of view without traffic
 Options = Mapping[str, Any]  # of `reset`
 Key = TypeVar("Key")
 Made = TypeVar("Made")
 OPTIONS = ("site", "scheme", "budget", "failed")
-FIRST_TRAFFIC = (
-    10  # part of the run whose traffic is the second of several: searches race on earlier parts
-)
-OTHER_TRAFFICS = 1 << 20  # to draw from where no episode is to see another's traffic
-KEPT_SCENARIOS = 64  # held in memory where episodes draw their traffic
+FIRST_TRAFFIC_PART = 10  # part of the run for the second traffic; searches race on earlier parts
+OTHER_TRAFFICS = 1 << 20  # to draw from if every episode has different traffic
+MAX_KEPT_SCENARIOS = 64  # in memory if episodes draw their traffic
 
 
 class Scenario:
-    """An objective with its C candidates in `slots` slots.
+    """Objective with its C candidates in `slots` slots.
 
-    width: number of candidates; usable: slots with a candidate whose link carries its data; seen:
-    places that each candidate sees, a bit each; places: their number.
-
-    static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the
-    area, whose sides lie at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view
-    of a full turn; price and kbit are x / (x + 1) of the price, and of the data in Mbit; seen is a
-    share of the places. constants: last features of the whole: weights, of a Mbit and of a mount,
-    as x / (x + 1), and scheme."""
+    Attributes:
+        objective: Objective.
+        slots: Number of slots.
+        width: Number of candidates.
+        usable: Slots with a candidate whose link carries its data.
+        seen: Places that each candidate sees, a bit each.
+        places: Number of places.
+        static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to
+            the area, whose sides are at ±0.5; z is in units of 20 m, tilt of a right angle, the
+            field of view of a full turn; price and kbit are x / (x + 1) of the price, and of the
+            data in Mbit; seen is a share of the places.
+        constants: Last global features: weights of a Mbit and of a mount, as x / (x + 1), and
+            scheme.
+    """
 
     def __init__(self, objective: Objective, slots: int) -> None:
         self.objective = objective
         self.slots = slots
         self.width = len(objective.candidates)
         if self.width > slots:
-            said = f"the environment has slots for {slots} candidates, this site has {self.width}"
-            raise ValueError(f"{said}: make it with slots={self.width}")
+            problem = (
+                f"the environment has slots for {slots} candidates, this site has {self.width}"
+            )
+            raise ValueError(f"{problem}: make it with slots={self.width}")
         self.usable = np.pad(objective.linked, (0, slots - self.width))
         seen = places_seen(objective)
-        rows = np.zeros((slots, PLACES), np.bool_)
+        rows = np.zeros((slots, MAX_PLACES), np.bool_)
         self.places = seen.shape[1]
         rows[: len(seen), : self.places] = seen
         self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(
             np.packbits(rows, axis=1).view(np.uint64).T
         )
         self.static = np.zeros((len(STATIC), slots), np.float32)
-        self.static[:, : self.width] = np.clip(
-            self._features(seen.sum(axis=1) / max(1, self.places)), -1, 1
-        )
+        seen_share = seen.sum(axis=1) / max(1, self.places)
+        self.static[:, : self.width] = np.clip(self._features(seen_share), -1, 1)
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])
         scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
         self.constants = np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
     def _features(self, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
-        position, heading, tilt, width, lidar = poses(self.objective.candidates)
+        sensor_poses = poses(self.objective.candidates)
+        position = sensor_poses.position
         area = find_area(self.objective)
-        x, y = ((position[:, :2] - (area[:2] + area[2:]) / 2) / (area[2:] - area[:2])).T
+        middle = (area[:2] + area[2:]) / 2
+        x, y = ((position[:, :2] - middle) / (area[2:] - area[:2])).T
         price = self.objective.candidates.prices
         megabit = self.objective.sent / 1000
-        aim = (np.cos(heading), np.sin(heading), tilt / (np.pi / 2), width / (2 * np.pi))
         return np.stack(
             [
                 x,
                 y,
                 position[:, 2] / 20,
-                *aim,
-                lidar,
+                np.cos(sensor_poses.heading),
+                np.sin(sensor_poses.heading),
+                sensor_poses.tilt / (np.pi / 2),
+                sensor_poses.fov / (2 * np.pi),
+                sensor_poses.is_lidar,
                 price / (price + 1),
                 megabit / (megabit + 1),
                 seen,
@@ -108,46 +116,72 @@ class Scenario:
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Tell which vehicles each candidate sees with enough points on them, or which spots of the
-    area are in view."""
+    """Places that each candidate sees: vehicles with enough points, or spots of the area."""
     if objective.visibility is not None:
         points = objective.visibility.points
-        some = np.unique(np.linspace(0, points.shape[1] - 1, PLACES).round().astype(np.int64))[
-            : points.shape[1]
-        ]
-        return np.asarray(points[:, some] >= LEAST)
+        spread = np.linspace(0, points.shape[1] - 1, MAX_PLACES).round().astype(np.int64)
+        rows = np.unique(spread)[: points.shape[1]]
+        return np.asarray(points[:, rows] >= LEAST)
     xmin, ymin, xmax, ymax = find_area(objective)
     x, y = np.meshgrid(np.linspace(xmin, xmax, 22), np.linspace(ymin, ymax, 22))
-    positions, headings, _, widths, _ = poses(objective.candidates)
-    dx, dy = x.ravel() - positions[:, :1], y.ravel() - positions[:, 1:2]
-    bearing = np.angle(np.exp(1j * (np.arctan2(dy, dx) - headings[:, None])))
-    return np.asarray((np.abs(bearing) <= widths[:, None] / 2) & (np.hypot(dx, dy) <= REACH))
+    sensor_poses = poses(objective.candidates)
+    dx = x.ravel() - sensor_poses.position[:, :1]
+    dy = y.ravel() - sensor_poses.position[:, 1:2]
+    turn = np.arctan2(dy, dx) - sensor_poses.heading[:, None]
+    bearing = np.angle(np.exp(1j * turn))
+    is_in_view = np.abs(bearing) <= sensor_poses.fov[:, None] / 2
+    return np.asarray(is_in_view & (np.hypot(dx, dy) <= VIEW_RANGE_M))
 
 
 def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
-    """Find xmin ymin xmax ymax of the detection area. It holds all mounts if the site is
-    unknown."""
+    """xmin ymin xmax ymax of the detection area; around all mounts if the site is unknown."""
     if objective.site is not None:
         return objective.site.area
     feet = np.array([mount.position[:2] for mount in objective.candidates.mounts])
     return np.concatenate([feet.min(axis=0) - 1, feet.max(axis=0) + 1])
 
 
-def poses(
-    candidates: Candidates,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Position (C, 3), heading, tilt and horizontal field of view (rad) of each candidate, and if
-    it is a lidar."""
+class SensorPoses(NamedTuple):
+    """Poses of C candidates.
+
+    Attributes:
+        position: Positions (C, 3).
+        heading: Headings (rad).
+        tilt: Tilts below the horizon (rad).
+        fov: Horizontal fields of view (rad).
+        is_lidar: Whether each candidate is a lidar.
+    """
+
+    position: np.ndarray
+    heading: np.ndarray
+    tilt: np.ndarray
+    fov: np.ndarray
+    is_lidar: np.ndarray
+
+
+def poses(candidates: Candidates) -> SensorPoses:
+    """Poses and fields of view of the candidates."""
     sensors = candidates.sensors
-    lidar = np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_)
-    width = [sensor.model.horizontal_fov for sensor in sensors]
-    return np.array([sensor.position for sensor in sensors]), *aims(sensors), np.array(width), lidar
+    heading, tilt = aims(sensors)
+    return SensorPoses(
+        position=np.array([sensor.position for sensor in sensors]),
+        heading=heading,
+        tilt=tilt,
+        fov=np.array([sensor.model.horizontal_fov for sensor in sensors]),
+        is_lidar=np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """Start of an episode. failed, chosen: rows over the slots, chosen those that stand from the
-    start."""
+    """Start of an episode.
+
+    Attributes:
+        scenario: Scenario.
+        budget: Largest number of sensors.
+        failed: Slots of failed candidates.
+        chosen: Slots of sensors that exist from the start.
+    """
 
     scenario: Scenario
     budget: int
@@ -156,8 +190,15 @@ class Episode:
 
 
 class Conditions(NamedTuple):
-    """Conditions of an episode, drawn or given by options. site: its number; failed: candidates, by
-    index or name; traffic: its number, of the parts of the run."""
+    """Conditions of an episode, drawn or given by options.
+
+    Attributes:
+        site: Number of the site.
+        scheme: Fusion scheme.
+        budget: Largest number of sensors.
+        failed: Failed candidates, by index or name.
+        traffic: Number of the traffic among the parts of the run.
+    """
 
     site: int
     scheme: Scheme
@@ -167,13 +208,16 @@ class Conditions(NamedTuple):
 
     @property
     def key(self) -> tuple[int, str, int]:
-        """Key of the scenario among those kept."""
+        """Key of the scenario among the kept ones."""
         return self.site, self.scheme.digest, self.traffic
 
 
 class EpisodeSource:
-    """Sites of an environment, and the episodes drawn from them. sites: the first `drawn` are those
-    of the config, options may name others; slots: of every scenario."""
+    """Sites of an environment, and the episodes drawn from them.
+
+    sites: the first `drawn` are from the config, options may name others; slots: number in every
+    scenario.
+    """
 
     slots: int
 
@@ -181,28 +225,28 @@ class EpisodeSource:
         self.config = config
         self._given = list(config.sites)
         self._of_all = candidates
-        self.sites = [_load(each) for each in self._given]
+        self.sites = [_load(site) for site in self._given]
         self.drawn = len(self.sites)
         self._candidates: dict[int, Candidates] = {}
 
     def draw(self, rng: Rng, options: Options | None) -> Episode:
-        """Draw an episode with these options. Raises ValueError for an option that is unknown or
-        does not fit."""
+        """Draw an episode with these options. Raises ValueError for an unknown or unsuitable
+        option."""
         raise NotImplementedError
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Return the number of a site."""
+        """Number of a site."""
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
-        for index, (given, known) in enumerate(zip(self._given, self.sites, strict=True)):
-            if known is site or (isinstance(site, str) and site in (given, known.name)):
+        for index, (name, loaded) in enumerate(zip(self._given, self.sites, strict=True)):
+            if loaded is site or (isinstance(site, str) and site in (name, loaded.name)):
                 return index
         self.sites.append(_load(site))
         self._given.append(site)
         return len(self.sites) - 1
 
     def candidates(self, index: int) -> Candidates:
-        """Return the candidates at a site."""
+        """Candidates at a site."""
         if self._of_all is not None:
             return self._of_all
         if index not in self._candidates:
@@ -210,7 +254,7 @@ class EpisodeSource:
         return self._candidates[index]
 
     def setting(self, index: int, scheme: Scheme) -> Setting:
-        """Return the setting at a site with one scheme."""
+        """Setting at a site with one scheme."""
         return replace(
             self.config.setting,
             site=self.sites[index],
@@ -219,62 +263,58 @@ class EpisodeSource:
         )
 
     def check_scorable(self) -> None:
-        """Raise ValueError if the candidates of some site cannot be scored as asked."""
+        """Raise ValueError if the candidates of some site cannot be scored."""
         for index in range(len(self.sites)):
             for scheme in self.config.schemes:
                 Preparation(self.setting(index, scheme)).check()
 
     def draw_conditions(self, rng: Rng, options: Options | None) -> Conditions:
-        """Take site, scheme, budget and failed candidates from the options, else draw them in this
+        """Take site, scheme, budget and failed candidates from the options, or draw them in this
         order.
 
         What the config does not leave open takes nothing from the generator. Raises ValueError for
-        an option that is unknown or does not fit."""
+        an unknown or unsuitable option.
+        """
         options = _check_options(options)
         config = self.config
         site = self.index(options.get("site"), rng)
         schemes = config.schemes
-        scheme = (
-            options["scheme"]
-            if "scheme" in options
-            else schemes[_within((0, len(schemes) - 1), rng)]
-        )
+        if "scheme" in options:
+            scheme = options["scheme"]
+        else:
+            scheme = schemes[_within((0, len(schemes) - 1), rng)]
         budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
         failed = options.get("failed", [])
         if "failed" not in options and config.failure_counts[1]:
             count = len(self.candidates(site))
-            number = min(_within(config.failure_counts, rng), count)
-            failed = sorted(rng.choice(count, number, replace=False).tolist())
+            drawn_number = min(_within(config.failure_counts, rng), count)
+            failed = sorted(rng.choice(count, drawn_number, replace=False).tolist())
         count = OTHER_TRAFFICS if config.traffics is None else config.traffics
-        number = _within((0, count - 1), rng)
-        return Conditions(
-            site, find_scheme(scheme), int(budget), failed, FIRST_TRAFFIC + number if number else 0
-        )
+        drawn_number = _within((0, count - 1), rng)
+        traffic = FIRST_TRAFFIC_PART + drawn_number if drawn_number else 0
+        return Conditions(site, find_scheme(scheme), int(budget), failed, traffic)
 
 
 class Scenarios(EpisodeSource):
-    """Scenarios to choose among candidates, each made when first drawn, all checked to be scorable
-    before."""
+    """Scenarios to choose among candidates, each made when first drawn; all are checked before."""
 
     def __init__(self, config: SubsetConfig) -> None:
         objective = self._objective = config.objective
         super().__init__(config, None if objective is None else objective.candidates)
         self.factored = isinstance(config, SelectConfig) and config.actions == "factored"
-        whole = [self.candidates(index) for index in range(len(self.sites))]
-        self.slots = max(map(len, whole)) if config.slots is None else config.slots
-        self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
-        if max(map(len, whole)) > self.slots:
-            raise ValueError(
-                f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}"
-            )
-        if config.budgets[1] > max(map(len, whole)):
-            raise ValueError(_describe_budget(config.budgets[1], max(map(len, whole))))
+        pools = [self.candidates(index) for index in range(len(self.sites))]
+        max_candidates = max(map(len, pools))
+        self.slots = max_candidates if config.slots is None else config.slots
+        self.shape = tuple(np.max([pool.shape for pool in pools], axis=0).tolist())
+        if max_candidates > self.slots:
+            raise ValueError(f"slots must hold all {max_candidates} candidates, got {self.slots}")
+        if config.budgets[1] > max_candidates:
+            raise ValueError(_describe_budget(config.budgets[1], max_candidates))
         if objective is None:
             self.check_scorable()
         self._made: dict[tuple[int, str, int], Scenario] = {}
-        self._always: Episode | None = (
-            None  # if nothing is drawn, all episodes without options start alike
-        )
+        # if nothing is drawn, all episodes without options start with the same one
+        self._always: Episode | None = None
 
     def draw(self, rng: Rng, options: Options | None) -> Episode:
         """Draw an episode with these options."""
@@ -282,10 +322,10 @@ class Scenarios(EpisodeSource):
             return self._always
         objective = self._objective
         options = options or {}
-        other = (
+        changes_scheme = (
             "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
         )
-        if objective and ("site" in options or other):
+        if objective and ("site" in options or changes_scheme):
             raise ValueError(
                 "an environment made from an objective keeps its site and scheme: make it from a "
                 "site"
@@ -297,18 +337,20 @@ class Scenarios(EpisodeSource):
             )
         if conditions.key not in self._made:
             run = self.config.run.part(conditions.traffic)
-            made = objective or Objective(self.setting(conditions.site, conditions.scheme), run)
-            keep_few(self._made, conditions.key, Scenario(made, self.slots))
+            new_objective = objective or Objective(
+                self.setting(conditions.site, conditions.scheme), run
+            )
+            keep_few(self._made, conditions.key, Scenario(new_objective, self.slots))
         scenario = self._made[conditions.key]
         shape = scenario.objective.candidates.shape
         if self.factored and any(
-            size > known for size, known in zip(shape, self.shape, strict=True)
+            size > max_size for size, max_size in zip(shape, self.shape, strict=True)
         ):
-            said = (
+            rule = (
                 f"factored actions are for {self.shape} mounts, heights, headings, tilts and models"
             )
             raise ValueError(
-                f"{said}, this site has {shape}: make the environment with all its sites"
+                f"{rule}, this site has {shape}: make the environment with all its sites"
             )
         failed = np.pad(scenario.objective.row(conditions.failed), (0, self.slots - scenario.width))
         episode = Episode(scenario, conditions.budget, failed)
@@ -324,11 +366,11 @@ def _describe_budget(budget: int, count: int) -> str:
     )
 
 
-def keep_few(made: dict[Key, Made], key: Key, value: Made) -> None:
+def keep_few(kept_values: dict[Key, Made], key: Key, value: Made) -> None:
     """Keep a value, and forget the oldest of many."""
-    made[key] = value
-    if len(made) > KEPT_SCENARIOS:
-        del made[next(iter(made))]
+    kept_values[key] = value
+    if len(kept_values) > MAX_KEPT_SCENARIOS:
+        del kept_values[next(iter(kept_values))]
 
 
 def _load(site: Site | str) -> Site:
@@ -339,8 +381,8 @@ def _load(site: Site | str) -> Site:
     return load_site(site)
 
 
-def _within(ends: tuple[int, int], rng: np.random.Generator) -> int:
-    return ends[0] if ends[0] == ends[1] else int(rng.integers(ends[0], ends[1] + 1))
+def _within(bounds: tuple[int, int], rng: np.random.Generator) -> int:
+    return bounds[0] if bounds[0] == bounds[1] else int(rng.integers(bounds[0], bounds[1] + 1))
 
 
 def _check_options(options: Options | None) -> Options:

@@ -1,5 +1,6 @@
 """`coview/SensorSelect-v0`: place one sensor after another, or stop; `coview/SensorSubset-v0`:
-choose all at once."""
+choose all in one action.
+"""
 
 import numpy as np
 from gymnasium.spaces import Discrete, MultiBinary, MultiDiscrete
@@ -29,29 +30,29 @@ class _SelectTask(Task):
         self._one_hot: dict[Scenario, np.ndarray] = {}
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        slot, stops = self._slots(actions)
+        slot, is_stop = self._slots(actions)
         state = self.state
-        acting = active & ~stops
-        places = acting & (slot >= 0) & state.allowed[self._rows, slot]
+        is_acting = active & ~is_stop
+        is_placing = is_acting & (slot >= 0) & state.allowed[self._rows, slot]
         chosen = state.chosen.copy()
-        chosen[self._rows[places], slot[places]] = True
-        state.step(active, acting & ~places, chosen=chosen)
-        terminated = active & (stops | ~state.allowed.any(axis=1))
+        chosen[self._rows[is_placing], slot[is_placing]] = True
+        state.step(active, is_acting & ~is_placing, chosen=chosen)
+        terminated = active & (is_stop | ~state.allowed.any(axis=1))
         return state.gain, terminated, active & ~terminated & (state.steps >= state.max_steps)
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell which actions are legal. Of factored ones, tell which values of each factor some
-        legal candidate has."""
+        """Mask of legal actions; for factored actions, of the values that some legal candidate
+        has."""
         allowed = self.state.allowed
         if self.flat:
             return np.concatenate([allowed, self._always], axis=1)
         masks = np.zeros((len(allowed), sum(self.factors)), np.bool_)
         for scenario, rows in self.state.groups:
             masks[rows] = allowed[rows].astype(np.float32) @ self._one_hot_factors(scenario) > 0
-        first = np.cumsum([0, *self.factors[:-1]])
-        masks[:, first[1] - 1] = True
+        first_value = np.cumsum([0, *self.factors[:-1]])
+        masks[:, first_value[1] - 1] = True
         # a factor needs a value, to stop too
-        masks[:, first[1:]] |= ~allowed.any(axis=1, keepdims=True)
+        masks[:, first_value[1:]] |= ~allowed.any(axis=1, keepdims=True)
         return masks
 
     def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Mask]:
@@ -60,21 +61,21 @@ class _SelectTask(Task):
             slot = actions.astype(np.int64).reshape(-1)
             if ((slot < 0) | (slot > self.stop)).any():
                 raise ValueError(f"actions are 0 to {self.stop} (stop), got {slot.tolist()}")
-            stops = slot == self.stop
-            return np.where(stops, -1, slot), stops
+            is_stop = slot == self.stop
+            return np.where(is_stop, -1, slot), is_stop
         factors = actions.astype(np.int64).reshape(-1, len(self.factors))
         slot = np.full(len(factors), -1)
         for scenario, rows in self.state.groups:
             slot[rows] = scenario.objective.candidates.at(*factors[rows].T)
-        stops = factors[:, 0] == self.factors[0] - 1
-        return np.where(stops, -1, slot), stops
+        is_stop = factors[:, 0] == self.factors[0] - 1
+        return np.where(is_stop, -1, slot), is_stop
 
     def _one_hot_factors(self, scenario: Scenario) -> Float32[np.ndarray, "slots choices"]:
         if scenario not in self._one_hot:
             factors = scenario.objective.candidates.factors
-            values = [
-                np.arange(size) == factors[:, axis, None] for axis, size in enumerate(self.factors)
-            ]
+            values = []
+            for axis, size in enumerate(self.factors):
+                values.append(np.arange(size) == factors[:, axis, None])
             one_hot = np.zeros((scenario.slots, sum(self.factors)), np.float32)
             one_hot[: len(factors)] = np.concatenate(values, axis=1)
             self._one_hot[scenario] = one_hot
@@ -86,63 +87,51 @@ class SensorSelectEnv(PlacementEnv):
 
     ## Action Space
     `Discrete(slots + 1)`: the candidate to place; the last action stops. With `actions="factored"`,
-        for large pools,
-    `MultiDiscrete([mounts + 1, heights, headings, tilts, models])`: the factors of the candidate;
-        the last mount stops.
+    for large pools, `MultiDiscrete([mounts + 1, heights, headings, tilts, models])`: the factors of
+    the candidate; the last mount stops.
 
     An illegal action changes nothing: the reward is 0, `info["illegal"]` is True, and a step is
     used up. Illegal are an empty slot and a candidate that is chosen already, has failed, is on a
-    full mount, or sends more than its link carries. `info["action_mask"]` and `action_masks()` tell
+    full mount, or sends more than its link carries. `info["action_mask"]` and `action_masks()` mark
     the legal actions; of factored actions, the values of each factor that some legal candidate has,
     one factor after another, so a combination of them may still be illegal.
 
     ## Observation Space
     `Box(-1, 1, (14 · slots + 13,), float32)`. 14 features of every slot, each for all slots before
-        the next: x, y, z,
-    cosine and sine of heading, tilt, field of view, lidar or camera, price, kbit, share of places
-        seen, share it would
-    add to the chosen ones', chosen, allowed (`placement_env.envs.scenario.STATIC`,
-    `placement_env.envs.state.DYNAMIC`), all relative to the area, so that a policy may go from site
-        to site; then 13 of
-    the whole (`placement_env.envs.state.GLOBAL`): budget and steps left, AP, recall, kbit, price,
-        share seen, weights,
-    scheme.
+    the next: x, y, z, cosine and sine of heading, tilt, field of view, lidar or camera, price,
+    kbit, share of places seen, share it would add to the chosen ones', chosen, allowed
+    (`placement_env.envs.scenario.STATIC`, `placement_env.envs.state.DYNAMIC`), all relative to the
+    area, so that a policy may go from site to site; then 13 global features
+    (`placement_env.envs.state.GLOBAL`): budget and steps left, AP, recall, kbit, price, share seen,
+    weights, scheme.
 
     ## Rewards
     Increase of the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price. The rewards
-        of an episode add
-    up to that of its set.
+    of an episode add up to the reward of its set.
 
     ## Starting State
     No sensors. Everything that the config leaves open (site, scheme, budget, failed candidates) is
-        drawn.
+    drawn.
 
     ## Episode End
     Terminates when the agent stops, the budget is used up, or nothing more may be placed. Truncated
-        after two steps for
-    each sensor of the budget.
+    after two steps for each sensor of the budget.
 
     ## Info
     `ap`, `recall`, `kbit` (of the set), `kbit_per_sensor`, `price`, `subset` (boolean, of the
-        slots), `marginal_gain`,
-    `reward_terms`, `fidelity`, `cache_hit` (the set was scored in this episode already), `illegal`,
-        `action_mask`; with
-    several classes also `class_ap`, the AP of each by its name.
+    slots), `marginal_gain`, `reward_terms`, `fidelity`, `cache_hit` (the set was scored in this
+    episode already), `illegal`, `action_mask`; with several classes also `class_ap`, the AP of each
+    by its name.
 
     ## Arguments
     config: a `placement_env.envs.config.SelectConfig`; or its fields by name. site, scheme: one or
-        several; budget:
-    sensors to place; failures: candidates that have failed; traffics: number of simulations of the
-        traffic, None for a
-    new one in every episode. Each episode draws one of several, and a number from a budget or
-        failures given as
-    (lowest, highest). actions: flat or factored; slots: for candidates, None for as many as
-    the largest of the sites needs; objective: in place of a site and all that follows; the fields
-        of
-    `placement_env.setting.Setting` (fidelity, weights, candidates, classes, ...) and of
-        `toolkit.runtime.run.Run`
-    (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and
-        failed."""
+    several; budget: sensors to place; failures: candidates that have failed; traffics: number of
+    simulations of the traffic, None for a new one in every episode. Each episode draws one of
+    several, and a number from a budget or failures given as (lowest, highest). actions: flat or
+    factored; slots: for candidates, None for as many as the largest site needs; objective: in place
+    of a site and all that follows; the fields of `placement_env.setting.Setting` (fidelity,
+    weights, candidates, classes, ...) and of `toolkit.runtime.run.Run` (frames, seed, cache,
+    workers, ray), and iou. `reset` takes the options site, scheme, budget and failed."""
 
     task_type = _SelectTask
 
@@ -168,17 +157,17 @@ class _SubsetTask(Task):
         chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
         if (actions.reshape(chosen.shape) != chosen).any():
             raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")
-        legal = self.state.fitting(chosen)
-        self.state.step(active, active & ~legal, chosen=chosen & legal[:, None])
+        is_legal = self.state.fitting(chosen)
+        self.state.step(active, active & ~is_legal, chosen=chosen & is_legal[:, None])
         return self.state.gain, active.copy(), np.zeros(self.state.n, np.bool_)
 
     def info_mask(self) -> Bool[np.ndarray, "n slots"]:
         return self.state.allowed | self.state.chosen
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell for each slot whether it may be 0, always True, and 1."""
-        may = self.info_mask()
-        return np.stack([np.ones_like(may), may], axis=2).reshape(self.state.n, -1)
+        """Mask of whether each slot may be 0, always True, and 1."""
+        may_be_set = self.info_mask()
+        return np.stack([np.ones_like(may_be_set), may_be_set], axis=2).reshape(self.state.n, -1)
 
 
 class SensorSubsetEnv(PlacementEnv):
@@ -189,12 +178,12 @@ class SensorSubsetEnv(PlacementEnv):
 
     A set that may not be built (more sensors than the budget, more on a mount than it carries, a
     failed one, too much data for a link, a slot without a candidate) is an illegal action: nothing
-    is built, the reward is 0, `info["illegal"]` is True. `info["action_mask"]` tells the candidates
-    that may be in a set by themselves; `action_masks()` tells for each slot whether it may be 0 and
-    whether it may be 1.
+    is built, the reward is 0, `info["illegal"]` is True. `info["action_mask"]` marks the candidates
+    that may be the only member of a set; `action_masks()` marks for each slot whether it may be 0
+    and whether it may be 1.
 
     ## Observation Space
-    `Box(-1, 1, (14 · slots + 13,), float32)`, as of `coview/SensorSelect-v0`.
+    `Box(-1, 1, (14 · slots + 13,), float32)`, as in `coview/SensorSelect-v0`.
 
     ## Rewards
     The objective's reward of the set, AP − λ_comm · kbit per sensor − λ_price · price.
@@ -203,8 +192,9 @@ class SensorSubsetEnv(PlacementEnv):
     Terminates after one action.
 
     ## Starting State, Info, Arguments
-    As of `coview/SensorSelect-v0`; config: a `placement_env.envs.config.SubsetConfig`, without
-        `actions`."""
+    As in `coview/SensorSelect-v0`; config: a `placement_env.envs.config.SubsetConfig`, without
+    `actions`.
+    """
 
     task_type = _SubsetTask
 

@@ -1,5 +1,8 @@
-"""State of n episodes: chosen sensors, scores and observations. The scalar environments have one
-row, the vector environments many, under the same rules in the same arrays."""
+"""State of n episodes: chosen sensors, scores and observations.
+
+The scalar environments have one row, the vector environments many, under the same rules in the same
+arrays.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,23 +18,41 @@ from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
 GLOBAL = (
-    *("budget left", "budget", "steps left", "ap", "recall", "kbit per sensor", "price", "covered"),
-    *("weight of kbit", "weight of price", *PAPER_SCHEMES),
+    "budget left",
+    "budget",
+    "steps left",
+    "ap",
+    "recall",
+    "kbit per sensor",
+    "price",
+    "covered",
+    "weight of kbit",
+    "weight of price",
+    *PAPER_SCHEMES,
 )
-STEPS = 2  # for each sensor of the budget
-Info = dict[str, Any]  # of an episode, or arrays (n, ...) of n
+STEPS_PER_SENSOR = 2
+Info = dict[str, Any]  # values of one episode, or arrays (n, ...)
 Rows = slice | Int64[np.ndarray, " m"]
 
 
 class State:
-    """State of n episodes, written by its own methods alone.
+    """State of n episodes, written only by its methods.
 
-    chosen, failed, allowed: over the slots, allowed are the candidates that may join; scores: of
-    the chosen sets; gain: reward that the last step added; repeated: True if it needed no new score
-    (`scores.cache_hit` tells whether a score was in the objective's memory, which depends on
-    earlier episodes; `info["cache_hit"]` must not, so it is this); groups: each scenario and an
-    index of its rows; ready: an episode has started in every row; max_steps: of an episode, None
-    for `STEPS` for each sensor of the budget; fixed: sensors are moved, none may join."""
+    Attributes:
+        chosen: Slots of the chosen candidates.
+        failed: Slots of the failed candidates.
+        allowed: Slots of the candidates that may join.
+        scores: Scores of the chosen sets.
+        gain: Reward that the last step added.
+        repeated: Whether the last step needed no new score. `scores.cache_hit` is whether a score
+            was in the objective's memory, which depends on earlier episodes; `info["cache_hit"]`
+            must not, so it is `repeated`.
+        groups: Each scenario and an index of its rows.
+        ready: Whether an episode has started in every row.
+        max_steps: Largest number of steps of an episode, None for `STEPS_PER_SENSOR` times the
+            budget.
+        fixed: Whether sensors are moved, so that none may join.
+    """
 
     def __init__(
         self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False
@@ -48,7 +69,9 @@ class State:
         self._constants = np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity = np.full(n, None, object)
         self.gain = np.zeros(n)
-        self.chosen, self.failed, self.allowed = (np.zeros((n, slots), np.bool_) for _ in range(3))
+        self.chosen = np.zeros((n, slots), np.bool_)
+        self.failed = np.zeros((n, slots), np.bool_)
+        self.allowed = np.zeros((n, slots), np.bool_)
         self.budget = np.ones(n, np.int64)
         self.steps = np.zeros(n, np.int64)
         self.max_steps = np.ones(n, np.int64)
@@ -60,7 +83,7 @@ class State:
         """Start new episodes in some rows."""
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = (
-            STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
+            STEPS_PER_SENSOR * self.budget[rows] if self._max_steps is None else self._max_steps
         )
         self.chosen[rows] = self.illegal[rows] = self.repeated[rows] = False
         self.steps[rows] = 0
@@ -88,75 +111,77 @@ class State:
         """Step the active episodes to these sets, or to other scenarios of some rows, unless
         illegal."""
         before = self.scores.reward.copy()
-        changed = np.zeros(self.n, np.bool_)
+        is_changed = np.zeros(self.n, np.bool_)
         if chosen is not None:
-            changed = active & (chosen != self.chosen).any(axis=1)
-            self.chosen[changed] = chosen[changed]
+            is_changed = active & (chosen != self.chosen).any(axis=1)
+            self.chosen[is_changed] = chosen[is_changed]
         if scenarios:
-            changed[list(scenarios)] = True
+            is_changed[list(scenarios)] = True
             self._enter(scenarios)
         self.steps += active
         self.illegal = illegal
-        self.repeated = active & ~changed
-        self._score(changed.nonzero()[0])
+        self.repeated = active & ~is_changed
+        self._score(is_changed.nonzero()[0])
         self.gain = np.where(active, self.scores.reward - before, 0.0)
         self._find_allowed()
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Mask:
-        """Tell which sets are feasible, within budget, without failed sensors."""
-        fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
+        """Mask of sets that are feasible, within budget, and without failed sensors."""
+        is_fitting = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.groups:
             inside = chosen[rows, : scenario.width]
             outside = chosen[rows, scenario.width :]
-            fits[rows] &= scenario.objective.feasible(inside) & ~outside.any(axis=1)
-        return fits
+            is_fitting[rows] &= scenario.objective.feasible(inside) & ~outside.any(axis=1)
+        return is_fitting
 
     def placement(self, row: int) -> tuple[Objective, list[int]]:
-        """Return the objective of a row and its chosen candidates."""
+        """Objective of a row and its chosen candidates."""
         scenario = self.scenarios[row]
         assert scenario is not None
         return scenario.objective, np.flatnonzero(self.chosen[row]).tolist()
 
     def observe(self) -> Float32[np.ndarray, "n size"]:
-        """Return `STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in
-        -1..1. Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x
-        + 1)."""
+        """`STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in -1..1.
+
+        Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1).
+        """
         n = self.n
         static = len(STATIC)
-        own = len(STATIC) + len(DYNAMIC)
-        whole = np.empty((n, own * self.slots + len(GLOBAL)), np.float32)
-        features = whole[:, : -len(GLOBAL)].reshape(n, own, self.slots)
+        feature_count = len(STATIC) + len(DYNAMIC)
+        observations = np.empty((n, feature_count * self.slots + len(GLOBAL)), np.float32)
+        features = observations[:, : -len(GLOBAL)].reshape(n, feature_count, self.slots)
         covered = np.empty(n)
         for scenario, rows in self.groups:
-            together, added = coverage_gain(scenario.seen, self.chosen[rows])
+            covered_counts, added = coverage_gain(scenario.seen, self.chosen[rows])
             places = np.float32(max(1, scenario.places))
-            covered[rows] = together / places
+            covered[rows] = covered_counts / places
             features[rows, :static] = scenario.static
             features[rows, static] = added / places
         features[:, -2] = self.chosen
         features[:, -1] = self.allowed
-        last = whole[:, -len(GLOBAL) :]
+        global_features = observations[:, -len(GLOBAL) :]
         scores = self.scores
         megabit = self.scores.kbit_per_sensor / 1000
-        last[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
-        last[:, 1] = self.budget / (self.budget + 8.0)
-        last[:, 2] = 1 - self.steps / self.max_steps
-        last[:, 3] = scores.ap
-        last[:, 4] = scores.recall
-        last[:, 5] = megabit / (megabit + 1)
-        last[:, 6] = scores.price / (scores.price + 8)
-        last[:, 7] = covered
-        last[:, 8:] = self._constants
-        return whole
+        global_features[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
+        global_features[:, 1] = self.budget / (self.budget + 8.0)
+        global_features[:, 2] = 1 - self.steps / self.max_steps
+        global_features[:, 3] = scores.ap
+        global_features[:, 4] = scores.recall
+        global_features[:, 5] = megabit / (megabit + 1)
+        global_features[:, 6] = scores.price / (scores.price + 8)
+        global_features[:, 7] = covered
+        global_features[:, 8:] = self._constants
+        return observations
 
     def objectives(self) -> Float64[np.ndarray, "n 3"]:
-        """Return AP, -kbit per sensor and -price of the chosen sets, all to be maximised."""
+        """AP, -kbit per sensor and -price of the chosen sets, all to be maximised."""
         scores = self.scores
         return np.stack([scores.ap, 0 - scores.kbit_per_sensor, 0 - scores.price], axis=1)
 
     def info(self) -> Info:
-        """Return the info, an array (n, ...) for each key."""
-        scores, (comm, price) = self.scores, self._weights
+        """Info with an array (n, ...) for each key."""
+        scores = self.scores
+        comm, price = self._weights
         terms = {
             "ap": scores.ap.copy(),
             "comm": 0 - comm * scores.kbit_per_sensor,
@@ -188,11 +213,11 @@ class State:
         if not len(rows):
             return
         for scenario, members in self.groups:
-            some = rows if isinstance(members, slice) else rows[np.isin(rows, members)]
-            if len(some):
-                scores = scenario.objective.scores(self.chosen[some, : scenario.width])
+            scored_rows = rows if isinstance(members, slice) else rows[np.isin(rows, members)]
+            if len(scored_rows):
+                scores = scenario.objective.scores(self.chosen[scored_rows, : scenario.width])
                 for figure, value in zip(self.scores, scores, strict=True):
-                    figure[some] = value
+                    figure[scored_rows] = value
 
     def _enter(self, scenarios: Mapping[int, Scenario]) -> None:
         changed = {
@@ -213,14 +238,14 @@ class State:
             if entered is not None:
                 members.setdefault(entered, []).append(row)
         self.ready = None not in self.scenarios
-        alone = len(members) == 1 and self.ready
+        is_single = len(members) == 1 and self.ready
         self.groups = [
-            (each, slice(None) if alone else np.array(rows)) for each, rows in members.items()
+            (group_scenario, slice(None) if is_single else np.array(rows))
+            for group_scenario, rows in members.items()
         ]
 
     def _find_allowed(self) -> None:
-        """Find the candidates that may join. They have not failed, and have room on their mount and
-        its link."""
+        """Find the candidates that may join: not failed, with room on their mount and its link."""
         if self.fixed:
             return
         allowed = ~self.failed
@@ -232,30 +257,28 @@ class State:
 def find_room(
     scenario: Scenario, chosen: Bool[np.ndarray, "n slots"]
 ) -> Bool[np.ndarray, "n slots"]:
-    """Tell which other candidates may join, by their links and the room on their mounts."""
+    """Mask of other candidates that may join, by their links and the room on their mounts."""
     objective = scenario.objective
     width = scenario.width
-    room = scenario.usable & ~chosen
+    has_room = scenario.usable & ~chosen
     candidates = objective.candidates
-    shared = objective.shared_links
-    if shared is not None:
-        room[:, :width] &= room_beside(candidates, chosen[:, :width], shared)
-        return room
-    count, (row, slot) = (
-        np.zeros((len(chosen), len(candidates.mounts)), np.int64),
-        chosen[:, :width].nonzero(),
-    )
+    loads = objective.shared_links
+    if loads is not None:
+        has_room[:, :width] &= room_beside(candidates, chosen[:, :width], loads)
+        return has_room
+    count = np.zeros((len(chosen), len(candidates.mounts)), np.int64)
+    row, slot = chosen[:, :width].nonzero()
     np.add.at(count, (row, candidates.mount[slot]), 1)
-    room[:, :width] &= (count < candidates.places)[:, candidates.mount]
-    return room
+    has_room[:, :width] &= (count < candidates.places)[:, candidates.mount]
+    return has_room
 
 
 def coverage_gain(
     seen: Shaped[np.ndarray, "words slots"], chosen: Bool[np.ndarray, "n slots"]
 ) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
-    """Count the places seen, and added by each candidate."""
-    together = np.zeros((len(chosen), len(seen)), np.uint64)
+    """Number of places that are seen, and that each candidate would add."""
+    covered = np.zeros((len(chosen), len(seen)), np.uint64)
     row, slot = chosen.nonzero()
-    np.bitwise_or.at(together, row, seen.T[slot])
-    added = np.add.reduce(np.bitwise_count(seen & ~together[:, :, None]), axis=1, dtype=np.int16)
-    return np.bitwise_count(together).sum(axis=1, dtype=np.int64), added
+    np.bitwise_or.at(covered, row, seen.T[slot])
+    added = np.add.reduce(np.bitwise_count(seen & ~covered[:, :, None]), axis=1, dtype=np.int16)
+    return np.bitwise_count(covered).sum(axis=1, dtype=np.int64), added

@@ -1,2 +1,3 @@
-"""Results for builders and installers. They are visible ground, sensors as mounted, and files for
-other programs."""
+"""Results for builders and installers: visible ground, sensors as mounted, and files for other
+programs.
+"""

@@ -1,10 +1,11 @@
 """Files for spreadsheets, GIS tools and coview itself. The same set gives the same bytes.
 
-schedule.csv has a line per sensor (RFC 4180, UTF-8); an apostrophe stands before all that a
-spreadsheet would read as a formula, also where it separates cells by semicolons. plan.geojson is in
+schedule.csv has a line per sensor (RFC 4180, UTF-8). An apostrophe precedes any text that a
+spreadsheet would read as a formula, also if it separates cells by semicolons. plan.geojson is in
 longitude and latitude (RFC 7946), or in the site's metres if it has no geographic reference. Its
 layers are area, sensor, visible, blind and mount: the unused poles, which coview reads back as
-poles. site.json is the site with the sensors, in the format for `coview simulate`."""
+poles. site.json is the site with the sensors, in the format for `coview simulate`.
+"""
 
 import csv
 import io
@@ -26,10 +27,44 @@ SCHEDULE = "schedule.csv"
 MAP = "plan.geojson"
 SITE = "site.json"
 EXCHANGE_FILES = (SCHEDULE, MAP, SITE)
-FORMULA = re.compile(  # where a spreadsheet may begin a cell that it computes
+FORMULA_START = re.compile(  # start of a cell that a spreadsheet may compute
     r"""(^|;|(?<!^)[\t\r\n])(?=["'\s]*[=+\-@\uff1d\uff0b\uff0d\uff20]|^[\t\r\n])"""
 )
-IN_METRES = (
+SCHEDULE_COLUMNS = (
+    "pole",
+    "sensor",
+    "x_m",
+    "y_m",
+    "z_m",
+    "longitude",
+    "latitude",
+    "height_m",
+    "bearing_deg",
+    "tilt_deg",
+    "model",
+    "model_price",
+    "pole_price",
+    "price_unit",
+    "kbit_per_frame",
+    "peak_kbit_per_frame",
+    "link_kbit_per_frame",
+)
+SENSOR_PROPERTIES = (  # on the map
+    "name",
+    "pole",
+    "model",
+    "height",
+    "z",
+    "bearing_deg",
+    "tilt_deg",
+    "model_price",
+    "pole_price",
+    "kbit",
+    "peak_kbit",
+    "capacity_kbit",
+)
+ROUNDED_DIGITS = {"height": 3, "z": 3, "tilt_deg": 1, "kbit": 1, "peak_kbit": 1}  # decimals
+METRES_NOTE = (
     "the site has no geographic reference: coordinates are metres of the site frame, not "
     "longitude and latitude"
 )
@@ -44,21 +79,22 @@ def write_exchange(
     unused: Sequence[Mount] = (),
     currency: str = "",
 ) -> None:
-    """Write `EXCHANGE_FILES` into a folder.
+    """Write `EXCHANGE_FILES` into a folder, which `toolkit.runtime.files.writing_together` may
+    yield.
 
-    The folder may be that of `toolkit.runtime.files.writing_together`. site: with the sensors;
-    ground: that they see, in their order; unused: poles without a sensor; currency: of prices, ""
-    for units of one ordinary pole. Raises ValueError if site, sensors and ground do not belong to
-    one set."""
+    site: with the sensors; ground: visible to the sensors, in their order; unused: poles without a
+    sensor; currency: unit of prices, "" for units of one ordinary pole. Raises ValueError if site,
+    sensors and ground do not belong to one set.
+    """
     names = [sensor.name for sensor in sensors]
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted or len(ground.seen) != len(names):
-        said = (
+        rule = (
             "the site must have the planned sensors and the ground a layer for each, got "
             f"{mounted} at the site"
         )
         raise ValueError(
-            f"{said}, {names} planned and {len(ground.seen)} layers: use mounted_site and "
+            f"{rule}, {names} planned and {len(ground.seen)} layers: use mounted_site and "
             "visible_ground"
         )
     folder = Path(folder)
@@ -67,57 +103,41 @@ def write_exchange(
     save_site(site, folder / SITE)
 
 
-COLUMNS = (
-    *(
-        "pole",
-        "sensor",
-        "x_m",
-        "y_m",
-        "z_m",
-        "longitude",
-        "latitude",
-        "height_m",
-        "bearing_deg",
-        "tilt_deg",
-    ),
-    *("model", "model_price", "pole_price", "price_unit"),
-    *("kbit_per_frame", "peak_kbit_per_frame", "link_kbit_per_frame"),
-)
-
-PROPERTIES = (  # of a sensor on the map
-    *("name", "pole", "model", "height", "z", "bearing_deg", "tilt_deg"),
-    *("model_price", "pole_price", "kbit", "peak_kbit", "capacity_kbit"),
-)
-# after the points of these
-DIGITS = {"height": 3, "z": 3, "tilt_deg": 1, "kbit": 1, "peak_kbit": 1}
-
-
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
-    """Mounting schedule, one line per sensor. Lengths are in m (site frame), angles in degrees,
-    kbit per frame."""
+    """Mounting schedule, one line per sensor.
+
+    Lengths are in m (site frame), angles in degrees, kbit per frame.
+    """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(SCHEDULE_COLUMNS)
     for sensor in sensors:
-        row = (
-            *(safe_cell(name) for name in (sensor.pole, sensor.name)),
-            *(_fixed(length, 3) for length in (sensor.x, sensor.y, sensor.z)),
-            *(
-                "" if angle is None else f"{angle:.8f}"
-                for angle in (sensor.longitude, sensor.latitude)
-            ),
-            *(_fixed(sensor.height, 3), _fixed(_bearing(sensor), 1), _fixed(sensor.tilt_deg, 1)),
-            *(safe_cell(sensor.model), f"{sensor.model_price:.10g}", f"{sensor.pole_price:.10g}"),
+        row = [
+            safe_cell(sensor.pole),
+            safe_cell(sensor.name),
+            _fixed(sensor.x, 3),
+            _fixed(sensor.y, 3),
+            _fixed(sensor.z, 3),
+            "" if sensor.longitude is None else f"{sensor.longitude:.8f}",
+            "" if sensor.latitude is None else f"{sensor.latitude:.8f}",
+            _fixed(sensor.height, 3),
+            _fixed(_bearing(sensor), 1),
+            _fixed(sensor.tilt_deg, 1),
+            safe_cell(sensor.model),
+            f"{sensor.model_price:.10g}",
+            f"{sensor.pole_price:.10g}",
             safe_cell(currency or "ordinary poles"),
-            *(_fixed(kbit, 1) for kbit in (sensor.kbit, sensor.peak_kbit, sensor.capacity_kbit)),
-        )
+            _fixed(sensor.kbit, 1),
+            _fixed(sensor.peak_kbit, 1),
+            _fixed(sensor.capacity_kbit, 1),
+        ]
         writer.writerow(row)
     return text.getvalue()
 
 
 def safe_cell(text: str) -> str:
-    """Return a cell text that no program reads as formula."""
-    return FORMULA.sub(r"\1'", text)
+    """Text of a cell that no program reads as a formula."""
+    return FORMULA_START.sub(r"\1'", text)
 
 
 def _fixed(value: float, decimals: int) -> str:
@@ -132,31 +152,27 @@ def plan_geojson(
     site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()
 ) -> str:
     """Sensors, their ground, blind spots and unused poles as layers for GIS tools."""
-    note: dict[str, object] = (
-        {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
-    )
+    note: dict[str, object] = {}
+    if site.geo_reference is None:
+        note = {"coview_site": 1, "note": METRES_NOTE}
     layers = [feature(site, shapely.box(*site.area), layer="area", name=site.name)]
     for sensor in sensors:
-        properties = {name: getattr(sensor, name) for name in PROPERTIES}
-        properties |= {
-            name: round(properties[name], digits) + 0.0 for name, digits in DIGITS.items()
-        }
+        properties = {name: getattr(sensor, name) for name in SENSOR_PROPERTIES}
+        for name, digits in ROUNDED_DIGITS.items():
+            properties[name] = round(properties[name], digits) + 0.0
         properties["bearing_deg"] = _bearing(sensor)
         layers.append(
             feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties)
         )
-    names = [sensor.name for sensor in sensors]
-    square = ground.cell**2
-    dark = ground.open_ground & ~np.any(ground.seen, axis=0)
-    seen = zip(names, ground.seen & ground.open_ground, visible_polygons(ground), strict=True)
-    areas = [("visible", *each) for each in seen]
-    for layer, name, cells, polygons in (
-        *areas,
-        ("blind", "seen by no sensor", dark, blind_polygons(ground)),
-    ):
-        size = round(float(cells.sum()) * square, 1)
-        layers.append(
-            feature(site, shapely.MultiPolygon(polygons), layer=layer, name=name, m2=size)
-        )
+    cell_m2 = ground.cell**2
+    visible = ground.seen & ground.open_ground
+    for sensor, cells, polygons in zip(sensors, visible, visible_polygons(ground), strict=True):
+        shape = shapely.MultiPolygon(polygons)
+        area_m2 = round(float(cells.sum()) * cell_m2, 1)
+        layers.append(feature(site, shape, layer="visible", name=sensor.name, m2=area_m2))
+    is_blind = ground.open_ground & ~np.any(ground.seen, axis=0)
+    shape = shapely.MultiPolygon(blind_polygons(ground))
+    area_m2 = round(float(is_blind.sum()) * cell_m2, 1)
+    layers.append(feature(site, shape, layer="blind", name="seen by no sensor", m2=area_m2))
     layers += [mount_feature(site, mount, used=False) for mount in unused]
     return feature_collection(layers, name=f"{site.name} plan", **note)

@@ -1,4 +1,4 @@
-"""A chosen set as it is mounted: its site, and each sensor for its installer, with links and
+"""Chosen set as it is mounted: its site, and each sensor for its installer, with links and
 materials."""
 
 import math
@@ -19,12 +19,12 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.georeference import bearing_deg, longitude_latitude
 from toolkit.sites.site import Mount, Site
 
-RATE = 10.0  # frames a second over a link
-# in a pool's candidate, after its pole
+FRAME_RATE_HZ = 10.0  # frames over a link
+# end of a pool candidate's name, after its pole
 POSE_NAME = re.compile(r"_\d+(\.\d+)?m_h-?\d+(\.\d+)?_t-?\d+(\.\d+)?_\w+")
 LETTERED = re.compile(r" [a-z]{1,2}$")
-SAME_SPOT = 0.1  # m between the feet of mounts that count as one
-MBIT = 1000.0  # kbit
+SAME_FOOT_M = 0.1  # largest distance between the feet of mounts that count as one
+KBIT_PER_MBIT = 1000.0
 
 Chosen = Sequence[int] | Int64[np.ndarray, " k"]
 
@@ -33,11 +33,26 @@ Chosen = Sequence[int] | Int64[np.ndarray, " k"]
 class PlannedSensor:
     """One sensor of a chosen set, as installers need it.
 
-    x, y, z: position (m, site frame); longitude, latitude: degrees, None without a geographic
-    reference; height: above the foot of its pole (m); bearing_deg: compass bearing of the optical
-    axis, clockwise from north (+y of the site's map); tilt_deg: below the horizon; kbit, peak_kbit:
-    mean and maximum per frame; capacity_kbit: its link's; load_kbit: what it takes of the link
-    (`placement_env.links`)."""
+    Attributes:
+        name: Name of the sensor.
+        pole: Name of its pole.
+        x: Position (m, site frame).
+        y: Position (m, site frame).
+        z: Position (m, site frame).
+        longitude: Degrees, None without a geographic reference.
+        latitude: Degrees, None without a geographic reference.
+        height: Height above the foot of its pole (m).
+        bearing_deg: Compass bearing of the optical axis, clockwise from north (+y of the site's
+            map).
+        tilt_deg: Tilt below the horizon.
+        model: Name of the model.
+        model_price: Price of the sensor.
+        pole_price: Price of the pole, 0 if an earlier sensor of the set pays it.
+        kbit: Mean data per frame.
+        peak_kbit: Largest data per frame.
+        capacity_kbit: Capacity of its link.
+        load_kbit: Load of its link by this sensor (`placement_env.links`).
+    """
 
     name: str
     pole: str
@@ -60,10 +75,17 @@ class PlannedSensor:
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of one pole's link at `RATE` frames a second, and its capacity.
+    """Load of one pole's link at `FRAME_RATE_HZ`, and its capacity (`placement_env.links`).
 
-    mbit_s, peak_mbit_s, load_mbit_s: mean, largest frame, and what counts against the capacity,
-    with its `share`: see `placement_env.links`."""
+    Attributes:
+        pole: Name of the pole.
+        mbit_s: Mean data rate.
+        peak_mbit_s: Data rate of the largest frame.
+        capacity_mbit_s: Capacity of the link.
+        share: Load as a share of the capacity.
+        fits: Whether the link carries the load.
+        load_mbit_s: Data rate that counts against the capacity.
+    """
 
     pole: str
     mbit_s: float
@@ -87,19 +109,20 @@ class MaterialItem:
 def mounted_site(
     site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()
 ) -> Site:
-    """Return `site` with only the chosen sensors, and their mounts if it lacks them. chosen:
-    indices of candidates; moved: the same sensors, in that order, as placed by a search of
-    continuous poses."""
+    """Site with only the chosen sensors, and their mounts if it lacks them.
+
+    chosen: indices of candidates; moved: the same sensors, in that order, as placed by a search of
+    continuous poses.
+    """
     sensors, mounts = _sensors(candidates, chosen, moved)
     feet = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
-    new = {
-        m.name: m for m in mounts if not (np.hypot(*(feet - m.position[:2]).T) <= SAME_SPOT).any()
-    }
-    return replace(
-        site,
-        sensors=sensors,
-        mounts=(*(m for m in site.mounts if m.name not in new), *new.values()),
-    )
+    new: dict[str, Mount] = {}
+    for mount in mounts:
+        distance = np.hypot(*(feet - mount.position[:2]).T)
+        if not (distance <= SAME_FOOT_M).any():
+            new[mount.name] = mount
+    present = [mount for mount in site.mounts if mount.name not in new]
+    return replace(site, sensors=sensors, mounts=(*present, *new.values()))
 
 
 def format_sensors(
@@ -114,47 +137,53 @@ def format_sensors(
 ) -> tuple[PlannedSensor, ...]:
     """Describe each sensor of a set for its installer, in the order of the set.
 
-    chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each
-    sensor, per frame; catalogue: with names of models, None for their usual names; link_share: part
-    of the frames, for loads. A mount is paid for with the first sensor on it. Raises ValueError if
-    their numbers differ; ImportError if the site's map needs pyproj."""
+    chosen, moved: as in `mounted_site`, whose sensors have the same names; kbit: data that each
+    sensor sends, per frame; catalogue: with names of models, None for their usual names;
+    link_share: part of the frames, for loads. A mount is paid for with the first sensor on it.
+    Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
         raise ValueError(
             f"kbit must hold a row for each of {len(sensors)} sensors, got {len(kbit)}"
         )
-    degrees = longitude_latitude(
-        site, np.array([sensor.position for sensor in sensors]).reshape(-1, 3)[:, :2]
-    )
-    places = [(None, None)] * len(sensors) if degrees is None else degrees.tolist()
+    positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
+    degrees = longitude_latitude(site, positions[:, :2])
+    coordinates = [(None, None)] * len(sensors) if degrees is None else degrees.tolist()
     headings, tilts = aims(sensors)
     prices = candidates.model_prices[np.asarray(chosen, np.int64)]
     mean_kbit = kbit.mean(axis=1)
     loads = link_load(kbit, link_share)
-    return tuple(
-        PlannedSensor(
-            name=sensor.name,
-            pole=mount.name,
-            **dict(zip("xyz", sensor.position.tolist(), strict=True)),
-            longitude=places[i][0],
-            latitude=places[i][1],
-            height=float(sensor.position[2] - mount.position[2]),
-            bearing_deg=bearing_deg(site, float(headings[i])),
-            tilt_deg=round(float(np.rad2deg(tilts[i])), 9) + 0.0,
-            model=name_in_words(type(sensor.model).__name__)
-            if catalogue is None
-            else catalogue.get_name(sensor.model),
-            model_price=float(prices[i]),
-            pole_price=0.0
-            if mount.name in {before.name for before in mounts[:i]}
-            else float(mount.price),
-            kbit=float(mean_kbit[i]),
-            peak_kbit=float(kbit[i].max()),
-            capacity_kbit=float(mount.capacity),
-            load_kbit=float(loads[i]),
+    paid_poles: set[str] = set()
+    planned = []
+    for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True)):
+        if catalogue is None:
+            model = name_in_words(type(sensor.model).__name__)
+        else:
+            model = catalogue.get_name(sensor.model)
+        x, y, z = sensor.position.tolist()
+        planned.append(
+            PlannedSensor(
+                name=sensor.name,
+                pole=mount.name,
+                x=x,
+                y=y,
+                z=z,
+                longitude=coordinates[i][0],
+                latitude=coordinates[i][1],
+                height=float(sensor.position[2] - mount.position[2]),
+                bearing_deg=bearing_deg(site, float(headings[i])),
+                tilt_deg=round(float(np.rad2deg(tilts[i])), 9) + 0.0,
+                model=model,
+                model_price=float(prices[i]),
+                pole_price=0.0 if mount.name in paid_poles else float(mount.price),
+                kbit=float(mean_kbit[i]),
+                peak_kbit=float(kbit[i].max()),
+                capacity_kbit=float(mount.capacity),
+                load_kbit=float(loads[i]),
+            )
         )
-        for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True))
-    )
+        paid_poles.add(mount.name)
+    return tuple(planned)
 
 
 def set_names(candidates: Candidates, chosen: Chosen) -> tuple[str, ...]:
@@ -176,14 +205,14 @@ def unused_mounts(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()
 ) -> tuple[Mount, ...]:
     """Mounts of candidates that carry no sensor of the set."""
-    used = {mount.name for mount in _sensors(candidates, chosen, moved)[1]}
-    return tuple(mount for mount in candidates.mounts if mount.name not in used)
+    used_names = {mount.name for mount in _sensors(candidates, chosen, moved)[1]}
+    return tuple(mount for mount in candidates.mounts if mount.name not in used_names)
 
 
 def _sensors(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor]
 ) -> tuple[tuple[Sensor, ...], tuple[Mount, ...]]:
-    """Sensors of the set, their file names and mounts."""
+    """Sensors of the set with their final names, and their mounts."""
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
         raise ValueError(
@@ -194,90 +223,89 @@ def _sensors(
     mounts = [candidates.mounts[mount] for mount in candidates.mount[members]]
     if len(moved):
         feet = np.array([mount.position[:2] for mount in candidates.mounts])
-        mounts = [
-            candidates.mounts[np.hypot(*(feet - each.position[:2]).T).argmin()] for each in moved
-        ]
-        stayed = {sensor.digest: sensor.name for sensor in sensors}
+        pool_names = {sensor.digest: sensor.name for sensor in sensors}
         sensors = []
-        for sensor, mount in zip(moved, mounts, strict=True):
+        mounts = []
+        for sensor in moved:
+            mount = candidates.mounts[np.hypot(*(feet - sensor.position[:2]).T).argmin()]
+            mounts.append(mount)
             (heading,), (tilt,) = np.rad2deg(aims([sensor])).round(1) + 0.0
             pose = f"{sensor.position[2] - mount.position[2]:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}"
             # as in a pool
-            name = stayed.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"
+            name = pool_names.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"
             sensors.append(replace(sensor, name=name))
-    poles = [mount.name for mount in candidates.mounts]
     names = name_by_poles(
-        [sensor.name for sensor in sensors], [mount.name for mount in mounts], poles
+        [sensor.name for sensor in sensors],
+        [mount.name for mount in mounts],
+        [mount.name for mount in candidates.mounts],
     )
-    return tuple(
-        replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)
-    ), tuple(mounts)
+    renamed = [replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)]
+    return tuple(renamed), tuple(mounts)
 
 
 def name_by_poles(
     names: Sequence[str], poles: Sequence[str], known: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Return the names that the sensors of a set have everywhere: their poles', with a, b, ...
-    where several share one.
+    """Names of a set's sensors for all outputs: their poles', with a, b, ... for several on one
+    pole.
 
     names: as the sensors have them; poles: each sensor's; known: names of all poles. Only names of
     poses in a pool (post07_6.0m_h90_t15_camera) and names of poles are replaced: d0 of a site
-    stays. Names hold - for /, as a recording's groups are named by them.
+    stays. Names have - for /, since a recording's groups are named by them.
 
     >>> name_by_poles(["P1_6.0m_h0_t5_camera", "P1_6.0m_h90_t5_camera", "d4"], ["P1", "P1", "P2"])
     ('P1 a', 'P1 b', 'd4')
     """
     letters = Counter[str]()
-    plain = [name_sensor(name) for name in names]
+    safe_names = [name_sensor(name) for name in names]
     bases = {name_sensor(pole) for pole in (*known, *poles)}
     by_pole = [
         POSE_NAME.fullmatch(name.removeprefix(name_sensor(pole))) is not None
         or LETTERED.sub("", name) in bases
-        for name, pole in zip(plain, poles, strict=True)
+        for name, pole in zip(safe_names, poles, strict=True)
     ]
-    several = Counter(pole for pole, replaced in zip(poles, by_pole, strict=True) if replaced)
-    settled = []
-    for name, pole, replaced in zip(plain, poles, by_pole, strict=True):
-        if replaced:
+    shared = Counter(pole for pole, is_replaced in zip(poles, by_pole, strict=True) if is_replaced)
+    final_names = []
+    for name, pole, is_replaced in zip(safe_names, poles, by_pole, strict=True):
+        if is_replaced:
             name = name_sensor(pole)
             letters[pole] += 1
-            name += f" {_letter(letters[pole])}" if several[pole] > 1 else ""
-        settled.append(name)
-    return tuple(settled) if len(set(settled)) == len(settled) else tuple(plain)
+            name += f" {_letter(letters[pole])}" if shared[pole] > 1 else ""
+        final_names.append(name)
+    return tuple(final_names) if len(set(final_names)) == len(final_names) else tuple(safe_names)
 
 
 def _letter(number: int) -> str:
     """Letters of a number from 1 on: a to z, then aa."""
-    more, last = divmod(number - 1, len(ascii_lowercase))
-    return (_letter(more) if more else "") + ascii_lowercase[last]
+    quotient, remainder = divmod(number - 1, len(ascii_lowercase))
+    return (_letter(quotient) if quotient else "") + ascii_lowercase[remainder]
 
 
 def build_load(
     pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool
 ) -> LinkLoad:
-    """Load of one link from its amounts (Mbit/s). limited: as of `link_loads`."""
+    """Load of one link from its amounts (Mbit/s). limited: as in `link_loads`."""
     fits = load <= max_load(capacity) or not limited
     return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
-    """Load of each pole's link. Sensors that share one add up, peaks too. limited: whether the
-    scheme sends points; only points count against the capacity."""
+    """Load of each pole's link; loads and peaks of sensors that share one add up.
+
+    limited: whether the scheme sends points; only points count against the capacity."""
     loads = []
     for pole in dict.fromkeys(sensor.pole for sensor in sensors):
-        here = [sensor for sensor in sensors if sensor.pole == pole]
-        names = ("kbit", "peak_kbit", "load_kbit")
-        mean, peak, load = (
-            sum(getattr(sensor, name) for sensor in here) * RATE / MBIT for name in names
-        )
-        loads.append(
-            build_load(pole, mean, peak, load, here[0].capacity_kbit * RATE / MBIT, limited=limited)
-        )
+        pole_sensors = [sensor for sensor in sensors if sensor.pole == pole]
+        mean = sum(sensor.kbit for sensor in pole_sensors) * FRAME_RATE_HZ / KBIT_PER_MBIT
+        peak = sum(sensor.peak_kbit for sensor in pole_sensors) * FRAME_RATE_HZ / KBIT_PER_MBIT
+        load = sum(sensor.load_kbit for sensor in pole_sensors) * FRAME_RATE_HZ / KBIT_PER_MBIT
+        capacity = pole_sensors[0].capacity_kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
+        loads.append(build_load(pole, mean, peak, load, capacity, limited=limited))
     return tuple(loads)
 
 
 def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SHARE) -> str:
-    """Sentence on the links that cannot carry what is sent, with remedies; "" where each can."""
+    """Sentence on the links that cannot carry their load, with remedies; "" if all can."""
     narrow = [load for load in loads if not load.fits]
     if not narrow:
         return ""
@@ -285,7 +313,9 @@ def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SH
         f"{load.pole} needs {load.load_mbit_s:.2f} of {load.capacity_mbit_s:.2f} Mbit/s"
         for load in narrow
     ]
-    needed_kbit = math.ceil(max(load.load_mbit_s for load in narrow) * MBIT / RATE)
+    needed_kbit = math.ceil(
+        max(load.load_mbit_s for load in narrow) * KBIT_PER_MBIT / FRAME_RATE_HZ
+    )
     links = "The link is too narrow" if len(narrow) == 1 else f"{len(narrow)} links are too narrow"
     return (
         f"{links} for {describe_share(link_share)}: {', '.join(needs)}; plan with links of "
@@ -297,38 +327,32 @@ def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SH
 def bill_of_rates(
     sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None
 ) -> tuple[MaterialItem, ...]:
-    """List what the rates of a catalogue add to the price of the sensors and their poles, over the
-    years it names."""
+    """Costs that the rates of a catalogue add to sensors and poles, over its years."""
     if catalogue is None:
         return ()
     count = {"pole": len({sensor.pole for sensor in sensors}), "sensor": len(sensors)}
-    found = []
+    items = []
     for name, price in catalogue.rates.items():
-        per, yearly = RATES[name]
-        each = price * (catalogue.years if yearly else 1)
-        item = f"{name} for {catalogue.years:g} years" if yearly else name
-        found.append(MaterialItem(item, count[per], each, count[per] * each))
-    return tuple(found)
+        unit, is_yearly = RATES[name]
+        unit_price = price * (catalogue.years if is_yearly else 1)
+        item = f"{name} for {catalogue.years:g} years" if is_yearly else name
+        items.append(MaterialItem(item, count[unit], unit_price, count[unit] * unit_price))
+    return tuple(items)
 
 
 def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem, ...]:
-    """List sensors by model, then poles by price."""
+    """Sensors by model, then poles by price."""
     models = Counter((sensor.model, sensor.model_price) for sensor in sensors)
-    # with the first sensor on each
-    paid = [{sensor.pole for sensor in sensors[:i]} for i in range(len(sensors))]
-    poles = Counter(
-        s.pole_price
-        for s, old in zip(sensors, paid, strict=True)
-        if s.pole_price or s.pole not in old
-    )
-    bought = [
-        MaterialItem(model, count, price, count * price)
-        for (model, price), count in sorted(models.items())
-    ]
-    return (
-        *bought,
-        *(
-            MaterialItem("pole", count, price, count * price)
-            for price, count in sorted(poles.items())
-        ),
-    )
+    poles = Counter[float]()
+    earlier_poles: set[str] = set()
+    for sensor in sensors:
+        # a pole's price is on the first sensor of the pole
+        if sensor.pole_price or sensor.pole not in earlier_poles:
+            poles[sensor.pole_price] += 1
+        earlier_poles.add(sensor.pole)
+    items = []
+    for (model, price), count in sorted(models.items()):
+        items.append(MaterialItem(model, count, price, count * price))
+    for price, count in sorted(poles.items()):
+        items.append(MaterialItem("pole", count, price, count * price))
+    return tuple(items)

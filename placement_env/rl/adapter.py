@@ -1,9 +1,10 @@
 """Adapter that lets Stable-Baselines3 train on the native vector environments.
 
-vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64) MaskablePPO("MlpPolicy",
-as_sb3(vector)).learn(10_000)
+    vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64)
+    MaskablePPO("MlpPolicy", as_sb3(vector)).learn(10_000)
 
-All other environments are stepped one by one."""
+All other environments are stepped one by one.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,14 +22,15 @@ from placement_env.envs.select import SensorSelectEnv, SensorSubsetEnv
 from placement_env.envs.state import GLOBAL, Info
 from toolkit.arrays import Float32, Rng
 
-# y and sine come next
-X = STATIC.index("x")
-HEADING = STATIC.index("cos heading")
+X_FEATURE = STATIC.index("x")  # y comes next
+HEADING_FEATURE = STATIC.index("cos heading")  # sine comes next
 
 
 def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> "SB3VecEnv":
-    """Adapt a vector environment of `gymnasium.make_vec("coview/...")`. Raises ValueError for any
-    other."""
+    """Adapt a vector environment of `gymnasium.make_vec("coview/...")`.
+
+    Raises ValueError for any other.
+    """
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
         raise ValueError(
@@ -41,27 +43,32 @@ def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False
 def vectorize(
     first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment: bool = False
 ) -> VecEnv:
-    """Step n episodes of an environment and others like it together; coview's own share its
-    scenarios. Raises ValueError for `augment`, see `SB3VecEnv`, with any other environment."""
+    """Vector environment that steps n episodes of an environment and others like it together.
+
+    Coview's environments share their scenarios. Raises ValueError for `augment`, see `SB3VecEnv`,
+    with any other environment.
+    """
     # neither wrapped nor inherited from
-    ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)
-    if ours and isinstance(first, PlacementEnv):
+    is_native = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)
+    if is_native and isinstance(first, PlacementEnv):
         return SB3VecEnv(PlacementVectorEnv(n, first.task), augment=augment)
     if augment:
         raise ValueError(
             f"only junctions of our own environments can be augmented, got {first}: leave augment "
             "out"
         )
-    return DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (n - 1)])
+    further = [lambda: Monitor(make_env())] * (n - 1)
+    return DummyVecEnv([lambda: Monitor(first), *further])
 
 
 class SB3VecEnv(VecEnv):
-    """A native vector environment for Stable-Baselines3, in which an ended episode restarts within
+    """Native vector environment for Stable-Baselines3, in which an ended episode restarts within
     the step.
 
     Infos are empty until an episode ends; then they hold its return `r` and length `l` (`episode`),
-    its final set (`subset`), `TimeLimit.truncated` and `terminal_observation`. augment: each
-    episode's junction is rotated by a multiple of 90° and mirrored at random, as seen by agents."""
+    its final set (`subset`), `TimeLimit.truncated` and `terminal_observation`. augment: agents see
+    each episode's junction rotated by a multiple of 90° and mirrored at random.
+    """
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
         self.vector = vector
@@ -79,11 +86,13 @@ class SB3VecEnv(VecEnv):
         options = list(self._options)
         self._rng = np.random.default_rng(seeds[0])
         observations, _ = self.vector.reset(seed=seeds, options=options[0])
-        for row in (row for row in range(self.num_envs) if options[row] != options[0]):
+        for row in range(self.num_envs):
+            if options[row] == options[0]:
+                continue
             mask = np.arange(self.num_envs) == row
-            again = [seed if mask[i] else None for i, seed in enumerate(seeds)]
+            row_seeds = [seed if mask[i] else None for i, seed in enumerate(seeds)]
             observations, _ = self.vector.reset(
-                seed=again, options={**options[row], "reset_mask": mask}
+                seed=row_seeds, options={**options[row], "reset_mask": mask}
             )
         self._reset_seeds()
         self._reset_options()
@@ -95,7 +104,7 @@ class SB3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Info]]:
-        """Take the actions: observations, rewards, ends and infos."""
+        """Take the actions and return observations, rewards, ends and infos."""
         observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
         observations = self._as_seen(observations)
         self._returns += rewards
@@ -125,7 +134,7 @@ class SB3VecEnv(VecEnv):
             return observations
         seen = observations.copy()
         features = seen[:, : -len(GLOBAL)].reshape(self.num_envs, -1, self.vector.task.state.slots)
-        for first in (X, HEADING):
+        for first in (X_FEATURE, HEADING_FEATURE):
             features[:, first : first + 2] = self._rotations @ features[:, first : first + 2]
         return seen
 
@@ -138,7 +147,7 @@ class SB3VecEnv(VecEnv):
         return self.vector.render() or (None,) * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Attribute of the vector environment, for each episode asked for."""
+        """Attribute of the vector environment, for each requested episode."""
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
@@ -152,14 +161,14 @@ class SB3VecEnv(VecEnv):
         indices: VecEnvIndices = None,
         **method_kwargs: object,
     ) -> list[Any]:
-        """Result of a method such as `action_masks`, for each episode asked for."""
+        """Result of a method such as `action_masks`, for each requested episode."""
         answers = getattr(self.vector, method_name)(*method_args, **method_kwargs)
         return [answers[index] for index in self._get_indices(indices)]
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """Return True for `Monitor`, whose infos these are."""
+        """True only for `Monitor`, whose infos these are."""
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
 

@@ -1,7 +1,8 @@
 """Policy network that judges every candidate with the same weights.
 
 Knowledge of one candidate holds for all others, at any junction and in any order; a plain network
-would learn it anew for each slot. It has some thousand weights for any number of slots."""
+would have to learn it for each slot. It has some thousand weights for any number of slots.
+"""
 
 import numpy as np
 import torch
@@ -16,12 +17,15 @@ FEATURES = len(STATIC) + len(DYNAMIC)
 
 
 class CandidateNetwork(nn.Module):
-    """Judge candidates by their features, those of the whole, and mean and maximum of the first
-    layer's output."""
+    """Judge candidates by their features, the global features, and pooled outputs of the first
+    layer.
+
+    The outputs are pooled by mean and maximum.
+    """
 
     def __init__(self, slots: int, width: int) -> None:
         super().__init__()
-        # as Stable-Baselines3 asks for
+        # names that Stable-Baselines3 requires
         self.latent_dim_pi = slots + 1
         self.latent_dim_vf = width
         self.of_each = nn.Linear(FEATURES, width)
@@ -35,33 +39,35 @@ class CandidateNetwork(nn.Module):
             nn.init.zeros_(parameter)  # at first all actions are equally likely
 
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        """Return logits (n, slots + 1) and value features (n, width) of observations (n, size)."""
-        different, which = distinct(observations)
-        of_slots = different[:, : -len(GLOBAL)]
-        of_whole = different[:, -len(GLOBAL) :]
-        of_slots = of_slots.reshape(len(different), FEATURES, -1).transpose(1, 2)
-        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[:, None])
-        pooled = self.pooled(torch.cat([each.mean(1), each.max(1).values], 1))
-        place = self.place(torch.relu(self.inner(each) + pooled[:, None]))[..., 0]
-        logits = torch.cat([place, self.stop(torch.relu(pooled))], 1)
-        return logits[which], torch.relu(self.value(pooled))[which]
+        """Logits (n, slots + 1) and value features (n, width) of observations (n, size)."""
+        distinct_rows, row_numbers = distinct(observations)
+        slot_features = distinct_rows[:, : -len(GLOBAL)]
+        global_features = distinct_rows[:, -len(GLOBAL) :]
+        slot_features = slot_features.reshape(len(distinct_rows), FEATURES, -1).transpose(1, 2)
+        hidden = torch.relu(self.of_each(slot_features) + self.of_whole(global_features)[:, None])
+        pooled = self.pooled(torch.cat([hidden.mean(1), hidden.max(1).values], 1))
+        placing = self.place(torch.relu(self.inner(hidden) + pooled[:, None]))[..., 0]
+        logits = torch.cat([placing, self.stop(torch.relu(pooled))], 1)
+        return logits[row_numbers], torch.relu(self.value(pooled))[row_numbers]
 
     def forward_actor(self, observations: Tensor) -> Tensor:
-        """Return the logits alone."""
+        """Logits only."""
         return self(observations)[0]
 
     def forward_critic(self, observations: Tensor) -> Tensor:
-        """Return the value features alone."""
+        """Value features only."""
         return self(observations)[1]
 
 
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Distinct rows (n, k) in order, and the number of each row: all episodes of a junction start
-    alike."""
-    number: dict[bytes, int] = {}
-    which = [number.setdefault(row.tobytes(), len(number)) for row in rows.numpy()]
-    _, first = np.unique(which, return_index=True)
-    return rows[first], torch.tensor(which)
+    """Distinct rows (n, k) in order, and the number of each row.
+
+    All episodes of a junction start with the same observation.
+    """
+    row_of_bytes: dict[bytes, int] = {}
+    numbers = [row_of_bytes.setdefault(row.tobytes(), len(row_of_bytes)) for row in rows.numpy()]
+    _, first_rows = np.unique(numbers, return_index=True)
+    return rows[first_rows], torch.tensor(numbers)
 
 
 class CandidatePolicy(MaskableActorCriticPolicy):

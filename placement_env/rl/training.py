@@ -2,8 +2,9 @@
 
 MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others,
 in rounds of some updates. Each round starts from reset environments and generators seeded by the
-run's seed and its number, so a training that is killed and called again ends with the same weights.
-Checkpoints hold tensors and numbers only."""
+run's seed and its number, so a training that is interrupted and resumed ends with the same weights.
+Checkpoints hold only tensors and numbers.
+"""
 
 import time
 from collections.abc import Callable, Mapping
@@ -29,24 +30,32 @@ if TYPE_CHECKING:
 
 Watch = Callable[[list[Info]], None]
 Rounds = list[list[Any]]  # [steps, state of a search] each
-CHECKPOINT = "policy.pt"
-DEFAULT_STEPS = 50_000  # that `search` trains for where no limit is given
-EPISODES = 20  # of the trained policy, after that
-UPDATES = 4  # of a round
-ROUNDS_KEPT = (
-    1000  # of which a search knows what it met until then; a policy is kept far more often
-)
+POLICY_FILE = "policy.pt"
+DEFAULT_STEPS = 50_000  # that `search` trains without a limit
+POLICY_EPISODES = 20  # episodes of the trained policy in a search
+ROUND_UPDATES = 4  # updates in a round
+MAX_KEPT_ROUNDS = 1000  # whose search states are kept; a policy is kept far more often
 
 
 @dataclass(frozen=True)
 class Learning:
-    """Settings of a training, those of PPO (Schulman et al. 2017). Episodes are short, so nothing
-    is discounted.
+    """Settings of a training with PPO (Schulman et al. 2017). Episodes are short, so without
+    discount.
 
-    envs: stepped side by side; rollout: steps of each between updates; width: of the two hidden
-    layers, or of `policy_network` if candidates are chosen one after another; augment: junctions
-    are rotated and mirrored at random in every episode, so that a policy for several memorises less
-    of them (coview's own environments only)."""
+    Attributes:
+        envs: Environments that are stepped together.
+        rollout: Steps of each environment between updates.
+        batch: Size of a minibatch.
+        epochs: Passes over the steps of an update.
+        learning_rate: Learning rate.
+        entropy: Weight of the entropy.
+        discount: Discount of rewards.
+        width: Width of the two hidden layers, or of `policy_network` if candidates are chosen one
+            after another.
+        augment: Whether junctions are rotated and mirrored at random in every episode, so that a
+            policy for several memorises less of them (only coview's environments).
+        checkpoint_s: Seconds between checkpoints.
+    """
 
     envs: int = 16
     rollout: int = 16
@@ -57,12 +66,11 @@ class Learning:
     discount: float = 1.0
     width: int = 32
     augment: bool = False
-    # seconds between checkpoints
     checkpoint_s: float = field(default=60.0, repr=False, compare=False)
 
 
 PLAIN = Learning()
-EXPLORING = Learning(entropy=0.3)  # a search keeps the best set it meets, so it may explore more
+EXPLORING = Learning(entropy=0.3)  # a search keeps its best set, so it may explore more
 
 
 def search(
@@ -75,14 +83,15 @@ def search(
     learning: Learning = EXPLORING,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Best set that MaskablePPO meets, trained at this objective alone, or in `EPISODES` episodes
-    after that.
+    """Best set that MaskablePPO meets while training on this objective, or in episodes after that.
 
-    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint:
-    keeps the policy, and the best set up to each round."""
+    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. Then the policy
+    plays `POLICY_EPISODES` episodes. checkpoint: keeps the policy, and the best set up to each
+    round.
+    """
     if objective.setting.keep:
         raise ValueError(
-            "a policy does not know poles that must carry a sensor: say --method portfolio or swap"
+            "a policy does not know poles that must carry a sensor: pass --method portfolio or swap"
         )
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits = Limits(seconds, evaluations)
@@ -101,40 +110,36 @@ def search(
                 chosen = info["subset"]
                 limits.record(best)
 
-    with TemporaryDirectory() as own:
-        folder = checkpoint.place("policy") or Path(own)
-        rounds = [] if (kept := checkpoint.load()) is None else kept["rounds"]
-        if (before := restore_rounds(folder, rounds)) is not None:
-            limits.resume(before["limits"])
-            best = float(before["best"])
-            chosen = objective.row(before["chosen"])
+    with TemporaryDirectory() as temporary:
+        folder = checkpoint.place("policy") or Path(temporary)
+        rounds = [] if (saved := checkpoint.load()) is None else saved["rounds"]
+        if (restored := restore_rounds(folder, rounds)) is not None:
+            limits.resume(restored["limits"])
+            best = float(restored["best"])
+            chosen = objective.row(restored["chosen"])
 
         def note(done: int, _: float) -> None:
-            rounds.append(
-                [
-                    done,
-                    {
-                        "limits": limits.state(),
-                        "best": best,
-                        "chosen": np.flatnonzero(chosen).tolist(),
-                    },
-                ]
-            )
-            checkpoint.save({"rounds": rounds[-ROUNDS_KEPT:]})
+            state = {
+                "limits": limits.state(),
+                "best": best,
+                "chosen": np.flatnonzero(chosen).tolist(),
+            }
+            rounds.append([done, state])
+            checkpoint.save({"rounds": rounds[-MAX_KEPT_ROUNDS:]})
 
-        left = None if seconds is None else max(0.0, seconds - limits.elapsed)
-        often = replace(learning, checkpoint_s=checkpoint.every)
+        remaining_s = None if seconds is None else max(0.0, seconds - limits.elapsed)
+        frequent = replace(learning, checkpoint_s=checkpoint.every)
         policy = train_policy(
             make_env,
             folder,
             steps=steps,
-            seconds=left,
+            seconds=remaining_s,
             seed=seed,
-            learning=often,
+            learning=frequent,
             watch=watch,
             progress=note,
         )
-    rolled_out = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
+    rolled_out = rollout(policy, make_env(), episodes=POLICY_EPISODES, seed=seed)
     limits.count += rolled_out.evaluations
     trained = objective.score(np.flatnonzero(chosen))
     best_score = rolled_out.best if rolled_out.best.reward > trained.reward else trained
@@ -164,15 +169,16 @@ def train_policy(
     `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with
     the steps done and the mean return of the last 100 episodes, NaN before the first; watch: called
     with the infos of each step. Raises ValueError without a limit and if `out` holds another
-    training, ImportError without the libraries."""
+    training, ImportError without the libraries.
+    """
     from models.weight_files import read_checkpoint, save_atomically
 
     if steps is None and seconds is None:
         raise ValueError("training needs an end: give steps or seconds")
     out.mkdir(parents=True, exist_ok=True)
     model, identity = _model(make_env, learning, seed)
-    if (out / CHECKPOINT).exists():
-        state = read_checkpoint(out / CHECKPOINT, identity=identity)
+    if (out / POLICY_FILE).exists():
+        state = read_checkpoint(out / POLICY_FILE, identity=identity)
         model.policy.load_state_dict(state["policy"])
         model.policy.optimizer.load_state_dict(state["optimiser"])
         model.num_timesteps = state["steps"]
@@ -183,14 +189,14 @@ def train_policy(
         return True
 
     def save() -> None:
-        parts: dict[str, Any] = {"policy": model.policy, "optimiser": model.policy.optimizer}
+        modules: dict[str, Any] = {"policy": model.policy, "optimiser": model.policy.optimizer}
         state = {"steps": model.num_timesteps} | {
-            name: part.state_dict() for name, part in parts.items()
+            name: module.state_dict() for name, module in modules.items()
         }
-        save_atomically(out / CHECKPOINT, {**identity, **state})
+        save_atomically(out / POLICY_FILE, {**identity, **state})
 
     began = saved = time.monotonic()
-    per_round = UPDATES * learning.envs * learning.rollout
+    per_round = ROUND_UPDATES * learning.envs * learning.rollout
     while model.num_timesteps < (np.inf if steps is None else steps):
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
@@ -209,11 +215,13 @@ def train_policy(
 
 
 def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
-    """State of a search up to the round of the kept policy, which is removed without one; later
-    rounds are dropped."""
+    """State of a search up to the round of the kept policy; later rounds are dropped.
+
+    Without such a round the policy is removed.
+    """
     from models.weight_files import read_checkpoint
 
-    path = folder / CHECKPOINT
+    path = folder / POLICY_FILE
     steps = read_checkpoint(path)["steps"] if path.exists() else 0
     rounds[:] = [row for row in rounds if row[0] <= steps]
     if rounds and rounds[-1][0] == steps:
@@ -231,12 +239,14 @@ def rollout(
     seed: int = 0,
     options: Info | None = None,
 ) -> Result:
-    """Best set that a policy meets in some episodes from the same reset, the first with the
-    likeliest actions."""
+    """Best set that a policy meets in some episodes from the same reset.
+
+    The first episode takes the likeliest actions.
+    """
     import torch
 
     limits = Limits(None, None)
-    masked = _has_masks(env)
+    has_masks = _has_masks(env)
     torch.manual_seed(seed)
     best: Score | None = None
     sensors: tuple[Sensor, ...] = ()
@@ -244,7 +254,7 @@ def rollout(
         observation, _ = env.reset(seed=seed, options=options)
         ended = False
         while not ended:
-            mask = {"action_masks": env.get_wrapper_attr("action_masks")()} if masked else {}
+            mask = {"action_masks": env.get_wrapper_attr("action_masks")()} if has_masks else {}
             action, _ = policy.predict(observation, deterministic=episode == 0, **mask)
             observation, _, terminated, truncated, info = env.step(action)
             limits.count += 1
@@ -258,12 +268,12 @@ def rollout(
             ended = terminated or truncated
     if best is None:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    known = Certificate("none", best.reward, note="a policy promises nothing")
+    certificate = Certificate("none", best.reward, note="a policy promises nothing")
     return Result(
         "policy",
         best,
         limits.history(best.reward),
-        known,
+        certificate,
         limits.count,
         limits.elapsed,
         sensors=sensors,
@@ -282,11 +292,11 @@ def _score(info: Info) -> Score:
 
 
 def _has_masks(env: AnyEnv) -> bool:
-    """True where the environment has action masks that MaskablePPO takes."""
-    discrete = isinstance(
+    """True if the environment has action masks that MaskablePPO takes."""
+    is_discrete = isinstance(
         env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary
     )
-    return discrete and env.has_wrapper_attr("action_masks")
+    return is_discrete and env.has_wrapper_attr("action_masks")
 
 
 def _model(

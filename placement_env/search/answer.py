@@ -1,5 +1,5 @@
-"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or those
-of a curve."""
+"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or a
+curve."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ from placement_env.handover.mounted import format_sensors, mounted_site, set_nam
 from placement_env.objective import Objective
 from placement_env.search.cmaes import as_candidates
 from placement_env.search.order import Answer, SearchOrder
-from placement_env.search.portfolio.curve import AMOUNTS, CurvePoint
+from placement_env.search.portfolio.curve import MAX_AMOUNTS, CurvePoint
 from toolkit.arrays import Float64
 from toolkit.plots import canvas
 from toolkit.plots.canvas import BAR, INK
@@ -29,50 +29,52 @@ from toolkit.sites.files import save_site
 from toolkit.sites.georeference import longitude_latitude
 from toolkit.sites.site import Site
 
-ORIGIN = "search.json"
-PICTURE = "site.png"
-ANSWER_FILES = (*EXCHANGE_FILES, PICTURE, ORIGIN)
-CURVE_ORIGIN = "curve.json"
+ANSWER_JSON = "search.json"
+ANSWER_PICTURE = "site.png"
+ANSWER_FILES = (*EXCHANGE_FILES, ANSWER_PICTURE, ANSWER_JSON)
+CURVE_JSON = "curve.json"
 CURVE_TABLE = "curve.csv"
 CURVE_PICTURE = "curve.png"
-CURVE_TABLES = (CURVE_ORIGIN, CURVE_TABLE, CURVE_PICTURE)
-# inches, and those above the axes
-CURVE_HEIGHT = 4.0
-CURVE_HEAD = 0.7
+CURVE_TABLES = (CURVE_JSON, CURVE_TABLE, CURVE_PICTURE)
+CURVE_HEIGHT_INCHES = 4.0  # the whole picture
+CURVE_HEAD_INCHES = 0.7  # above the axes
 CURVE_COLUMNS = (
-    *(
-        "sensors",
-        "money",
-        "price",
-        "price_unit",
-        "ap",
-        "low",
-        "high",
-        "predicted",
-        "confidence",
-        "kbit_per_frame",
-    ),
-    *("pays", "searches", "set", "site"),
+    "sensors",
+    "money",
+    "price",
+    "price_unit",
+    "ap",
+    "low",
+    "high",
+    "predicted",
+    "confidence",
+    "kbit_per_frame",
+    "pays",
+    "searches",
+    "set",
+    "site",
 )
 
 
 def check_georeference(site: Site) -> None:
-    """Check the site's georeference before hours of search. Raises what `longitude_latitude` raises
-    for the site."""
+    """Check the site's georeference before hours of search. Raises the errors of
+    `longitude_latitude`."""
     longitude_latitude(site, np.zeros((1, 2)))
 
 
 def answer_files(order: SearchOrder) -> tuple[str, ...]:
-    """Files that the answer to an order may have. A curve has one site per set."""
+    """Names of the files that the answer to an order may have. A curve has one site per set."""
     if not order.curve:
         return ANSWER_FILES
-    most = order.budget if math.isinf(order.setting.most_price) else AMOUNTS
-    return *CURVE_TABLES, *(_site_file(n) for n in range(most))
+    max_sites = order.budget if math.isinf(order.setting.most_price) else MAX_AMOUNTS
+    return CURVE_TABLES + tuple(_site_file(n) for n in range(max_sites))
 
 
 def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
-    """Write all of an answer's files into a folder, or none. Return a line that names them. Raises
-    ValueError where no sensor is to be built, or the objective has no site."""
+    """Write all of an answer's files into a folder, or none. Return a line that names them.
+
+    Raises ValueError if no sensor is to be built, or the objective has no site.
+    """
     if not answer.met or answer.objective.site is None:
         raise ValueError(
             "only a set of sensors at a site can be handed over, and this is an empty set or has "
@@ -80,12 +82,12 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
         )
     objective = answer.objective
     members = answer.chosen
-    plain = answer.objective.setting.place
+    base_site = answer.objective.setting.place
     candidates = objective.candidates
     summary = json.dumps(answer.summary, indent=1, allow_nan=False, ensure_ascii=False)
     if order.curve:
         with writing_together(Path(folder)) as unfinished:
-            write_text(unfinished / CURVE_ORIGIN, summary + "\n")
+            write_text(unfinished / CURVE_JSON, summary + "\n")
             write_text(
                 unfinished / CURVE_TABLE, curve_csv(objective, answer.points, order.currency)
             )
@@ -96,75 +98,83 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
                 currency=order.currency,
             )
             for n, point in enumerate(answer.points):
-                save_site(mounted_site(plain, candidates, point.subset), unfinished / _site_file(n))
+                save_site(
+                    mounted_site(base_site, candidates, point.subset), unfinished / _site_file(n)
+                )
         return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
     moved = () if answer.result is None else answer.result.sensors
-    site = mounted_site(plain, candidates, members, moved)
+    site = mounted_site(base_site, candidates, members, moved)
     kbit = kbit_per_frame(objective, members, moved)
-    sensors = format_sensors(plain, candidates, members, moved, kbit=kbit)
+    sensors = format_sensors(base_site, candidates, members, moved, kbit=kbit)
     ground = visible_ground(site, site.sensors)
     unused = unused_mounts(candidates, members, moved)
     with writing_together(Path(folder)) as unfinished:
         write_exchange(unfinished, site, sensors, ground, unused=unused)
-        draw_site(site, unfinished / PICTURE)
-        write_text(unfinished / ORIGIN, summary + "\n")
+        draw_site(site, unfinished / ANSWER_PICTURE)
+        write_text(unfinished / ANSWER_JSON, summary + "\n")
     return f"written to {folder}: {', '.join(ANSWER_FILES)}"
 
 
 def kbit_per_frame(
     objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> Float64[np.ndarray, "sensors frames"]:
-    """kbit that each sensor of a set sends per frame of the objective's traffic. moved: new poses
-    of the sensors. Where the scheme sends boxes, a sensor is assumed to send one for each object
-    that it sees with `LEAST` points."""
-    made = objective.preparation
-    if made is None:
+    """kbit that each sensor of a set sends per frame of the objective's traffic.
+
+    moved: new poses of the sensors. If the scheme sends boxes, a sensor is assumed to send one for
+    each object that it sees with `LEAST` points.
+    """
+    preparation = objective.preparation
+    if preparation is None:
         raise ValueError(
             "kbit of each frame are known of an objective made from a site: Objective(site)"
         )
     if moved:
         visibility = see(
-            made.traffic,
+            preparation.traffic,
             as_candidates(moved, objective.candidates),
-            labels=made.setting.counted.labels,
+            labels=preparation.setting.counted.labels,
         )
     else:
-        known = made.visibility if objective.visibility is None else objective.visibility
-        visibility = known.select(members)
+        base = preparation.visibility if objective.visibility is None else objective.visibility
+        visibility = base.select(members)
     return sent_per_frame(visibility, objective.scheme, objective.codec)
 
 
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
-    """Table with one line per set; `money` is empty where the curve is over numbers of sensors.
-    `CURVE_COLUMNS` are followed by AP, low and high at each error profile, where there are
-    several."""
+    """Table with one line per set; `money` is empty if the curve is over numbers of sensors.
+
+    If there are several error profiles, `CURVE_COLUMNS` are followed by AP, low and high of
+    each."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
-    profiles = [each.name for each in points[0].by_errors] if points else []
-    own = (safe_cell(f"{figure}_{name}") for name in profiles for figure in ("ap", "low", "high"))
-    writer.writerow([*CURVE_COLUMNS, *own])
+    header = list(CURVE_COLUMNS)
+    for profile in points[0].by_errors if points else ():
+        header += [safe_cell(f"{figure}_{profile.name}") for figure in ("ap", "low", "high")]
+    writer.writerow(header)
     for n, point in enumerate(points):
-        money = "" if math.isinf(point.money) else f"{point.money:.10g}"
-        figures = (point.ap, point.low, point.high, point.predicted, point.confidence)
-        price = (f"{point.price:.10g}", safe_cell(currency or "ordinary poles"))
-        found = ("yes" if point.pays else "no", " and ".join(point.searches))
-        members = safe_cell(", ".join(set_names(objective.candidates, point.subset)))
-        ends = (figure for each in point.by_errors for figure in (each.ap, each.low, each.high))
-        own = ("" if math.isnan(figure) else f"{figure:.6f}" for figure in ends)
-        said = ("" if math.isnan(figure) else f"{figure:.6f}" for figure in figures)
-        row = (
+        row: list[object] = [
             point.sensors,
-            money,
-            *price,
-            *said,
+            "" if math.isinf(point.money) else f"{point.money:.10g}",
+            f"{point.price:.10g}",
+            safe_cell(currency or "ordinary poles"),
+        ]
+        figures = (point.ap, point.low, point.high, point.predicted, point.confidence)
+        row += [_figure_cell(figure) for figure in figures]
+        row += [
             f"{point.kbit:.1f}",
-            *found,
-            members,
+            "yes" if point.pays else "no",
+            " and ".join(point.searches),
+            safe_cell(", ".join(set_names(objective.candidates, point.subset))),
             _site_file(n),
-            *own,
-        )
+        ]
+        for profile in point.by_errors:
+            row += [_figure_cell(figure) for figure in (profile.ap, profile.low, profile.high)]
         writer.writerow(row)
     return text.getvalue()
+
+
+def _figure_cell(figure: float) -> str:
+    return "" if math.isnan(figure) else f"{figure:.6f}"
 
 
 def _site_file(n: int) -> str:
@@ -174,21 +184,26 @@ def _site_file(n: int) -> str:
 def draw_curve(
     points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = ""
 ) -> None:
-    """Write the picture as PNG or SVG, by suffix. judge: fidelity that measured the AP. The line
-    goes through the sets that pay; other sets are hollow, and crosses show predictions."""
+    """Write the picture of a budget curve as PNG or SVG, by suffix. judge: fidelity that measured
+    the AP.
+
+    The line goes through the sets that pay; other sets are hollow, and crosses show predictions.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
     with canvas.house_style():
-        figure = canvas.blank_figure(canvas.CHART_INCHES, CURVE_HEIGHT)
+        figure = canvas.blank_figure(canvas.CHART_INCHES, CURVE_HEIGHT_INCHES)
         subtitle = f"AP by the {judge} on traffic of its own; lines: 95% intervals"
         canvas.draw_heading(figure, "What a budget buys", subtitle)
-        axes = figure.add_axes((0.09, 0.22, 0.88, 1 - CURVE_HEAD / CURVE_HEIGHT - 0.22))
+        axes = figure.add_axes(
+            (0.09, 0.22, 0.88, 1 - CURVE_HEAD_INCHES / CURVE_HEIGHT_INCHES - 0.22)
+        )
         by_money = any(math.isfinite(point.money) for point in points)
-        places = [point.price if by_money else float(point.sensors) for point in points]
-        pays = sorted((x, point.ap) for x, point in zip(places, points, strict=True) if point.pays)
+        budgets = [point.price if by_money else float(point.sensors) for point in points]
+        pays = sorted((x, point.ap) for x, point in zip(budgets, points, strict=True) if point.pays)
         axes.step([x for x, _ in pays], [ap for _, ap in pays], where="post", color=BAR, zorder=2)
-        for x, point in zip(places, points, strict=True):
+        for x, point in zip(budgets, points, strict=True):
             axes.plot(
                 [x, x],
                 [point.low, point.high],
@@ -209,10 +224,10 @@ def draw_curve(
         label = (
             f"price ({canvas.shorten(currency, 12) or 'ordinary poles'})" if by_money else "sensors"
         )
-        axes.set(xlim=canvas.pad_limits(places), ylim=(0, 1.03), xlabel=label, ylabel="AP")
+        axes.set(xlim=canvas.pad_limits(budgets), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         marks = [
             Line2D([], [], color=INK, marker=marker, markerfacecolor=face, linestyle="none")
-            for marker, face in (("o", BAR), ("o", "white"), ("x", INK))
+            for marker, face in [("o", BAR), ("o", "white"), ("x", INK)]
         ]
         names = ["best of its budget", "no more than a cheaper one", "predicted by the search"]
         figure.legend(marks, names, loc="lower left", ncols=3, bbox_to_anchor=(0.07, 0.0))

@@ -1,9 +1,10 @@
-"""States of unfinished searches, kept in a folder, from which a killed search resumes.
+"""States of unfinished searches, kept in a folder, from which an interrupted search resumes.
 
-A state is one file for each part of a search: JSON values and arrays, signed over them, the
-question and the code with the folder's secret, replaced whole. A damaged or forged state, or one of
-another question or other code, is ignored: that part of the search starts anew. Other slow results
-(visibility, renders, detections) are in the cache."""
+A state is one file for each stage of a search, replaced as a whole: JSON values and arrays. The
+folder's secret signs the state together with the question and the code. A damaged or forged state,
+or one with another question or other code, is ignored: that stage starts from the beginning. Other
+slow results (visibility, renders, detections) are in the cache.
+"""
 
 import json
 import shutil
@@ -20,15 +21,17 @@ from toolkit.runtime.cache import code_digest, decode_arrays, encode_arrays, mak
 from toolkit.runtime.files import replace_infinite, write_bytes
 from toolkit.runtime.resumable import ShardFolder
 
-EVERY_S = 10.0  # seconds between two states of a part, at least
-STATE = ".state"  # ending of their files
+SAVE_INTERVAL_S = 10.0  # shortest time between two states of a stage
+STATE_SUFFIX = ".state"
 
 KeptState = dict[str, Any]  # values of JSON, and arrays
 
 
 class Checkpoint:
-    """State of one part of a search. folder: None to keep nothing; depends_on: question and code;
-    every: s apart."""
+    """State of one stage of a search.
+
+    folder: None to keep nothing; depends_on: question and code; every: seconds between two states.
+    """
 
     def __init__(
         self,
@@ -36,33 +39,33 @@ class Checkpoint:
         *,
         depends_on: bytes = b"",
         part: str = "search",
-        every: float = EVERY_S,
+        every: float = SAVE_INTERVAL_S,
     ) -> None:
         self.folder = folder
         self._depends_on = depends_on
         self._part = part
         self.every = every
-        self._path = (folder or Path()) / f"{part}{STATE}"
+        self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"
         self._saved = time.monotonic()
 
     @cached_property
     def _key(self) -> bytes:
         return make_key(self._depends_on.hex(), self._part) + read_secret(
-            self._path.with_name(f"secret{STATE}")
+            self._path.with_name(f"secret{STATE_SUFFIX}")
         )
 
     def part(self, name: str) -> "Checkpoint":
-        """Checkpoint of a search within this one."""
+        """Checkpoint of a stage within this one."""
         return Checkpoint(
             self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every
         )
 
     def place(self, name: str) -> Path | None:
-        """Folder for this part's own files. None where nothing is kept."""
-        return None if self.folder is None else self.folder / f"{self._part}.{name}{STATE}"
+        """Folder for other files of this stage; None if nothing is kept."""
+        return None if self.folder is None else self.folder / f"{self._part}.{name}{STATE_SUFFIX}"
 
     def load(self) -> KeptState | None:
-        """State that was saved last. None where no valid state exists."""
+        """Last saved state; None if no valid state exists."""
         if self.folder is None or not self._path.exists():
             return None
         if not (arrays := decode_arrays(self._key, self._path.read_bytes())):
@@ -71,7 +74,7 @@ class Checkpoint:
         return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
 
     def save(self, state: KeptState) -> None:
-        """Save a state in place of the last one. Raises OSError where it cannot be written."""
+        """Save a state in place of the last one. Raises OSError if it cannot be written."""
         if self.folder is None:
             return
         arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
@@ -81,7 +84,7 @@ class Checkpoint:
         self._saved = time.monotonic()
 
     def offer(self, state: Callable[[], KeptState]) -> None:
-        """Save what `state` gives, unless just saved."""
+        """Save what `state` returns, unless one was saved just before."""
         if self.folder is not None and time.monotonic() - self._saved >= self.every:
             self.save(state())
 
@@ -90,7 +93,7 @@ NOWHERE = Checkpoint(None)
 
 
 def find_unfinished(folder: Path, question: Mapping[str, object]) -> ShardFolder:
-    """Return the folder of a search and its question as JSON keeps it."""
+    """Folder of an unfinished search, with its question as JSON values."""
     return ShardFolder(folder, json.loads(json.dumps(replace_infinite(dict(question)))))
 
 
@@ -98,14 +101,15 @@ def find_unfinished(folder: Path, question: Mapping[str, object]) -> ShardFolder
 def unfinished(
     folder: Path, question: Mapping[str, object], *, code: str = __name__, overwrite: bool = False
 ) -> Iterator[Checkpoint]:
-    """Checkpoint of a search in a folder of its own, which is removed when the block ends normally.
+    """Yield the checkpoint of a search in a separate folder, removed when the block ends normally.
 
-    code: module of the search. Raises FileExistsError where the folder holds an unfinished search
-    of another question and may not be overwritten, and where another process is working in it."""
+    code: module of the search. Raises FileExistsError if the folder holds an unfinished search with
+    another question and may not be overwritten, or if another process is working in it.
+    """
     shards = find_unfinished(folder, question)
     with shards.lock():
         shards.open(overwrite)
         yield Checkpoint(folder, depends_on=make_key(shards.plan, code_digest(code)))
-        for path in folder.glob(f"*{STATE}"):
+        for path in folder.glob(f"*{STATE_SUFFIX}"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         shards.remove()

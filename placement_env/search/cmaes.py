@@ -1,12 +1,11 @@
 """Continuous sensor poses, optimised by CMA-ES (Hansen and Ostermeier 2001, `cma`).
 
-A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from
-its first direction, without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may
-roam, x and y in the rectangle of all mounts (0 to 1 each), which mean the nearest mount where
-earlier sensors have left a place. Every vector is rendered: in panoramas of the mounts where the
-preparation makes these (`Preparation.live`), else by rays, which is affordable for a few hundred
-vectors. So the start should be good. Panoramas nearly always agree with rays within 3 % or 8 points
-of an object."""
+A vector holds for each sensor: height in the range of its mount (0 to 1), heading (half turns from
+its first direction, unbounded) and tilt in `TILT_RANGE_RAD` (0 to 1). Every vector is rendered: in
+panoramas of the mounts if the preparation makes them (`Preparation.live`), otherwise by rays. That
+is affordable for a few hundred vectors, so the start should be good. Panoramas nearly always agree
+with rays within 3 % or 8 points of an object.
+"""
 
 import time
 import warnings
@@ -29,14 +28,14 @@ from placement_env.setting import Weights
 from toolkit.arrays import Float64
 from toolkit.sensors.sensor import Sensor
 
-TILT_RANGE = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
-VECTORS = 300  # vectors scored by default
-STEP = 0.15  # standard deviation of the first vectors around the start
+TILT_RANGE_RAD = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
+DEFAULT_VECTORS = 300  # scored without a limit
+INITIAL_SPREAD = 0.15  # standard deviation of the first vectors around the start
 INFEASIBLE_COST = 1e6  # cost of a set that may not be built
 Poses = tuple[Sensor, ...]
-# scores sets of sensors; None: may not be built
+# scores sets of sensors, None for a set that may not be built
 PoseScorer = Callable[[Sequence[Poses]], Sequence[Score | None]]
-FREE = Weights()
+NO_COSTS = Weights()
 
 
 def search(
@@ -48,36 +47,42 @@ def search(
     evaluations: int | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Greedy's set with turned, tilted and lifted sensors; `Result.best` names the candidates they
-    come from.
+    """Greedy's set with turned, tilted and lifted sensors.
 
-    The limits hold for the moved sets, seconds for both stages; checkpoint: see `improve`. If no
-    sensor pays, that is the answer. Poses seen in panoramas are scored by rays in the end; the
-    answer is the start where that is better. Raises ValueError for an objective without a site, and
-    for several IoU thresholds, failures or levels of traffic."""
-    made = objective.preparation
-    if made is None:
+    `Result.best` names the candidates that the sensors come from. The limits hold for the moved
+    sets, seconds for both stages; checkpoint: see `improve`. If no sensor pays, that is the answer.
+    Poses seen in panoramas are scored by rays in the end; the answer is the start if that is
+    better. Raises ValueError for an objective without a site, and for several IoU thresholds,
+    failures or levels of traffic.
+    """
+    preparation = objective.preparation
+    if preparation is None:
         raise ValueError(
             "CMA-ES moves sensors, so it needs an objective made from a site: Objective(site)"
         )
     if not objective.setting.cases.plain:
         raise ValueError(
-            "CMA-ES knows one IoU threshold and no failures: say --method portfolio or swap"
+            "CMA-ES knows one IoU threshold and no failures: pass --method portfolio or swap"
         )
     began = time.monotonic()
-    first = greedy.search(objective, budget, seconds=seconds)
-    if not first.best.subset:
-        return first
-    start = objective.candidates.select(first.best.subset)
-    live = None if objective.fidelity == "detector" else made.live
-    left = None if seconds is None else max(1e-3, seconds - (time.monotonic() - began))
-    score_poses = build_pose_scorer(made, objective.weights, live=live)
+    initial = greedy.search(objective, budget, seconds=seconds)
+    if not initial.best.subset:
+        return initial
+    start = objective.candidates.select(initial.best.subset)
+    live = None if objective.fidelity == "detector" else preparation.live
+    remaining_s = None if seconds is None else max(1e-3, seconds - (time.monotonic() - began))
+    score_poses = build_pose_scorer(preparation, objective.weights, live=live)
     result = improve(
-        score_poses, start, seed=seed, seconds=left, evaluations=evaluations, checkpoint=checkpoint
+        score_poses,
+        start,
+        seed=seed,
+        seconds=remaining_s,
+        evaluations=evaluations,
+        checkpoint=checkpoint,
     )
     if live is not None and result.sensors:
-        result = settle_by_rays(build_pose_scorer(made, objective.weights), start, result)
-    best = replace(result.best, subset=first.best.subset)
+        result = settle_by_rays(build_pose_scorer(preparation, objective.weights), start, result)
+    best = replace(result.best, subset=initial.best.subset)
     certificate = replace(result.certificate, value=best.reward)
     origin = objective.describe_origin(()) | {
         "sensors": [sensor.name for sensor in result.sensors or start.sensors]
@@ -88,7 +93,7 @@ def search(
 
 
 def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
-    """Better of a result and its start, scored exactly."""
+    """Better one of a result and its start, scored exactly."""
     before, after = score_poses([start.sensors, result.sensors])
     if after is None or (before is not None and before.reward >= after.reward):
         result = replace(result, sensors=start.sensors)
@@ -107,11 +112,12 @@ def improve(
 ) -> Result:
     """Turn, tilt and lift the sensors of `start` to raise their score.
 
-    start: on separate mounts; checkpoint: where the costs of all steps are kept; without a limit
-    300 vectors are scored. The answer is never worse than the start, which is scored first. When
-    the search has settled it restarts at the best with twice the population. `Result.best.subset`
-    just counts the sensors. Raises ValueError without a sensor, where two share a mount or where
-    the start may not be built, and ImportError without `cma`."""
+    start: sensors on separate mounts; checkpoint: keeps the costs of all steps. Without a limit
+    `DEFAULT_VECTORS` are scored. The answer is never worse than the start, which is scored first.
+    When the search has settled, it restarts at the best with twice the population.
+    `Result.best.subset` only counts the sensors. Raises ValueError without a sensor, if two share a
+    mount or if the start may not be built, and ImportError without `cma`.
+    """
     if (
         not len(start)
         or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any()
@@ -121,7 +127,9 @@ def improve(
             f"need sensors on mounts of their own, got {len(start)} on {mounts} mounts"
         )
     cma = _cma()
-    limits = Limits(seconds, VECTORS if seconds is None and evaluations is None else evaluations)
+    limits = Limits(
+        seconds, DEFAULT_VECTORS if seconds is None and evaluations is None else evaluations
+    )
     rng = np.random.default_rng(seed)
     coding = Coding(start)
     sensors = start.sensors
@@ -134,48 +142,52 @@ def improve(
     best = coding.encode()
     reward = score.reward
     size = 4 + int(3 * np.log(len(best)))
-    # our own generator
-    quiet = {"seed": np.nan, "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9}
-    kept = checkpoint.load()
-    known = [] if kept is None else np.split(kept["costs"], kept["ends"])[:-1]
+    # `cma` draws from this generator instead of the global one
+    generator_options = {
+        "seed": np.nan,
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "verbose": -9,
+    }
+    saved = checkpoint.load()
+    saved_costs = [] if saved is None else np.split(saved["costs"], saved["ends"])[:-1]
     steps_costs: list[Float64[np.ndarray, " _"]] = []
 
     def state() -> KeptState:
         costs = np.concatenate([*steps_costs, np.zeros(0)])
-        ends = np.cumsum([len(each) for each in steps_costs]).tolist()
+        ends = np.cumsum([len(step_costs) for step_costs in steps_costs]).tolist()
         return {"limits": limits.state(), "score": asdict(score), "costs": costs, "ends": ends}
 
-    while known or not limits.spent:
+    while saved_costs or not limits.spent:
         strategy = cma.CMAEvolutionStrategy(
-            best, STEP, {**coding.options(), **quiet, "popsize": size}
+            best, INITIAL_SPREAD, {**coding.options(), **generator_options, "popsize": size}
         )
-        while not strategy.stop() and (known or not limits.spent):
+        while not strategy.stop() and (saved_costs or not limits.spent):
             vectors = strategy.ask()
             sets = [coding.decode(vector) for vector in vectors]
-            if known:
-                costs = known.pop(0).tolist()
+            if saved_costs:
+                costs = saved_costs.pop(0).tolist()
                 scores: Sequence[Score | None] = [None] * len(costs)
             else:
                 room = int(min(len(vectors), limits.evaluations - limits.count))
                 scores = score_poses(sets[:room])
                 limits.count += room
                 costs = [INFEASIBLE_COST if s is None else -s.reward for s in scores]
-            first = int(np.argmin(costs))
-            if -costs[first] > reward:
-                reward = -costs[first]
-                sensors = sets[first]
-                best = vectors[first]
-                score = scores[first] or score
+            best_index = int(np.argmin(costs))
+            if -costs[best_index] > reward:
+                reward = -costs[best_index]
+                sensors = sets[best_index]
+                best = vectors[best_index]
+                score = scores[best_index] or score
                 limits.record(reward)
             if len(costs) == len(vectors):
                 strategy.tell(vectors, costs)
             steps_costs.append(np.array(costs))
-            if kept is None:
+            if saved is None:
                 checkpoint.offer(state)
-            elif not known:  # back where it was killed
-                limits.resume(kept["limits"])
-                score = load_score(kept["score"])
-                kept = None
+            elif not saved_costs:  # back at the interruption
+                limits.resume(saved["limits"])
+                score = load_score(saved["score"])
+                saved = None
         size *= 2
     score = replace(score, subset=tuple(range(len(sensors))))
     certificate = Certificate(
@@ -188,16 +200,17 @@ def improve(
 
 
 def build_pose_scorer(
-    preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None
+    preparation: Preparation, weights: Weights = NO_COSTS, *, live: LiveView | None = None
 ) -> PoseScorer:
-    """Scorer of sets by the preparation's fidelity, None for sets that do not fit. live: panoramas,
-    None for rays."""
-    quiet = replace(preparation.run, cache=None, progress=None)
+    """Scorer of sets by the preparation's fidelity, None for sets that do not fit.
+
+    live: panoramas, None for rays.
+    """
+    quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        candidates = as_candidates(
-            [sensor for chosen in sets for sensor in chosen], preparation.setting.pool
-        )
+        sensors = [sensor for poses in sets for sensor in poses]
+        candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:
             seen = live.see(candidates)
         else:
@@ -205,13 +218,11 @@ def build_pose_scorer(
                 preparation.traffic,
                 candidates,
                 labels=preparation.setting.counted.labels,
-                run=quiet,
+                run=quiet_run,
             )
         objective = Objective.of_moved(preparation, candidates, seen, weights)
-        subsets = (
-            np.repeat(np.arange(len(sets)), [len(chosen) for chosen in sets])
-            == np.arange(len(sets))[:, None]
-        )
+        owner = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
+        subsets = owner == np.arange(len(sets))[:, None]
         objective.scores(subsets)
         rows = zip(subsets, objective.feasible(subsets), strict=True)
         return [
@@ -222,8 +233,7 @@ def build_pose_scorer(
 
 
 def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
-    """Any sensors as candidates on the mounts whose feet are nearest, seen from above, with a
-    number in their names."""
+    """Any sensors as numbered candidates on the mounts with the nearest feet, seen from above."""
     feet = np.array([mount.position[:2] for mount in pool.mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])
     mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
@@ -240,7 +250,7 @@ def angles(sensor: Sensor) -> tuple[float, float, float]:
 
 
 class Coding:
-    """Convert sets of sensors to vectors and back. Each sensor keeps its model and mount."""
+    """Conversion of sets of sensors to vectors and back. Each sensor keeps its model and mount."""
 
     def __init__(self, start: Candidates) -> None:
         self.start = start
@@ -248,33 +258,36 @@ class Coding:
         self.heights = np.array([[mount.min_height, mount.max_height] for mount in start.mounts])
 
     def encode(self) -> Float64[np.ndarray, " n"]:
-        """The vector of the start."""
-        feet, (low, high) = self.feet[self.start.mount], self.heights[self.start.mount].T
-        height, _, tilt = np.array([angles(sensor) for sensor in self.start.sensors]).T
-        lift = (height - feet[:, 2] - low) / np.maximum(high - low, 1e-9)
+        """Vector of the start."""
+        foot_height = self.feet[self.start.mount][:, 2]
+        low, high = self.heights[self.start.mount].T
+        poses = np.array([angles(sensor) for sensor in self.start.sensors])
+        height = poses[:, 0]
+        tilt = poses[:, 2]
+        lift = (height - foot_height - low) / np.maximum(high - low, 1e-9)
         columns = [
             lift,
             np.zeros(len(lift)),
-            (tilt - TILT_RANGE[0]) / (TILT_RANGE[1] - TILT_RANGE[0]),
+            (tilt - TILT_RANGE_RAD[0]) / (TILT_RANGE_RAD[1] - TILT_RANGE_RAD[0]),
         ]
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0).ravel()
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
-        """The sensors of a vector."""
+        """Sensors of a vector."""
         sensors = []
         rows = vector.reshape(len(self.start), -1)
-        for sensor, mount, (lift, turn, tilt) in zip(
-            self.start.sensors, self.start.mount, rows, strict=True
-        ):
+        for n, sensor in enumerate(self.start.sensors):
+            mount = self.start.mount[n]
+            lift, turn, tilt = rows[n]
             low, high = self.heights[mount]
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
             heading = float(angles(sensor)[1] + np.pi * turn)
-            down = float(TILT_RANGE[0] + tilt * (TILT_RANGE[1] - TILT_RANGE[0]))
-            sensors.append(aim_sensor(sensor, position, heading, down))
+            tilt_rad = float(TILT_RANGE_RAD[0] + tilt * (TILT_RANGE_RAD[1] - TILT_RANGE_RAD[0]))
+            sensors.append(aim_sensor(sensor, position, heading, tilt_rad))
         return tuple(sensors)
 
     def options(self) -> dict[str, object]:
-        """Bounds as `cma` takes them. All values but the headings are bounded."""
+        """Bounds as `cma` takes them. All values except the headings are bounded."""
         return {"bounds": [[end, None, end] * len(self.start) for end in (0.0, 1.0)]}
 
 

@@ -1,19 +1,21 @@
 """Greedy search: add the most useful sensor each time. Candidates are scored in full, or they race.
 
-A search goes on to `budget` sensors even where one loses, since a pair may gain where one does not,
-and answers with the best set on the way. Where money limits it and prices differ, it goes a second
-way by gain per price: the better of both, with the best single buy among its first steps, cannot be
-fooled by one dear sensor that uses up the money (Khuller, Moss, Naor 1999; Leskovec et al. 2007).
+A search goes on to `budget` sensors even if one lowers the score, since a pair may gain what one
+sensor does not. It answers with the best set on the way. If the price is limited and prices differ,
+it also runs by gain per price. The better of both, with the best single sensor among its first
+steps, cannot be fooled by one expensive sensor that uses up the money (Khuller, Moss, Naor 1999;
+Leskovec et al. 2007).
 
-With a monotone submodular objective (coverage, not AP, and no cost weights) a share of the optimum
-is sure: 1 - 1/e with every candidate on its own mount (Nemhauser, Wolsey, Fisher 1978), 1/2 where
-poses share mounts, a matroid (Fisher, Nemhauser, Wolsey 1978), none where links are shared. A bound
-from the data is usually far tighter ("online bound", Leskovec et al., KDD 2007): for the answer S
-and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of [f(S + t) - f(S)]. So no T
-has more than f(S) and the k largest gains, of which each mount gives as many as it carries.
+A monotone submodular objective (coverage, not AP, and no cost weights) guarantees a share of the
+optimum: 1 - 1/e if every candidate has a separate mount (Nemhauser, Wolsey, Fisher 1978), 1/2 if
+poses share mounts, a matroid (Fisher, Nemhauser, Wolsey 1978), and nothing if links are shared.
+A bound from the data is usually far tighter ("online bound", Leskovec et al., KDD 2007): for the
+answer S and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of
+[f(S + t) - f(S)]. So no T has more than f(S) and the k largest gains; each mount contributes as
+many as it carries.
 
-`with_first_sensors` gives a site without any sensors its first ones by greedy coverage, to try the
-site."""
+`with_first_sensors` gives a site without sensors its first ones by greedy coverage.
+"""
 
 import math
 from collections.abc import Sequence
@@ -37,7 +39,11 @@ from placement_env.subsets import MemberSums, Sets
 from toolkit.arrays import Float64
 from toolkit.sites.site import Site
 
-TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
+GAIN_TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
+FIRST_HEIGHT_M = 6.0  # above the foot of the mount
+FIRST_TILT_RAD = float(np.deg2rad(15.0))  # below the horizon
+FIRST_HEADINGS = 8  # directions of the first sensors' poses
+FIRST_FRAMES = 40  # frames of traffic that choose the first sensors
 
 
 def search(
@@ -49,28 +55,29 @@ def search(
     evaluations: int | None = None,
     submodular: bool | None = None,
 ) -> Result:
-    """Best set on greedy's way; of equal candidates the first is taken, `seed` is not used.
+    """Best set on greedy's way; the first of equal candidates is taken, `seed` is not used.
 
-    submodular: True for a custom fidelity that is known to be monotone submodular, None to check
-    for coverage by one view. The answer then has a certificate, for C more sets, unless a gain was
-    seen to grow."""
+    submodular: True if a custom fidelity is known to be monotone submodular, None to check for
+    coverage by one view. The answer then has a certificate, for C more sets, unless a gain grew
+    during the search."""
     progress = Progress(objective, budget, seconds, evaluations)
-    chosen, rise = grow(progress)
+    members, rise = grow(progress)
     prices = objective.candidates.prices
     if math.isfinite(objective.most_price) and np.ptp(prices) > 0:
         grow(progress, prices)
-    if is_submodular(objective) if submodular is None else submodular:
-        known = certify(
-            progress, chosen, guarantee(objective) if len(chosen) == budget else 0.0, rise
-        )
-    elif rise > TOLERANCE:
-        grew = f"gains grew by up to {rise:.2g} as sensors joined"
-        known = progress.unknown(f"{grew}: not submodular, nothing is promised")
+    if submodular is None:
+        submodular = is_submodular(objective)
+    if submodular:
+        ratio = guarantee(objective) if len(members) == budget else 0.0
+        certificate = certify(progress, members, ratio, rise)
+    elif rise > GAIN_TOLERANCE:
+        growth = f"gains grew by up to {rise:.2g} as sensors joined"
+        certificate = progress.unknown(f"{growth}: not submodular, nothing is promised")
     else:
-        known = progress.unknown(
+        certificate = progress.unknown(
             "greedy promises nothing unless the objective is submodular, and AP is not"
         )
-    return progress.result("greedy", known)
+    return progress.result("greedy", certificate)
 
 
 def grow(
@@ -79,27 +86,30 @@ def grow(
     *,
     start: Sequence[int] = (),
 ) -> tuple[list[int], float]:
-    """Greedy's candidates in order, as many as fit and the limits allow, and the largest growth of
-    any gain. prices: of the candidates, to take the greatest gain per price; None for the greatest
-    gain; start: first candidates."""
-    chosen = list(start)
+    """Greedy's candidates in order, as many as fit and the limits allow, and the largest rise of a
+    gain.
+
+    prices: the candidates', to take the greatest gain per price; None for the greatest gain;
+    start: first candidates.
+    """
+    members = list(start)
     reward = 0.0
     rise = 0.0
     gains = np.full(progress.size, np.inf)
-    while len(chosen) < progress.budget:
-        options = np.flatnonzero(progress.objective.next_allowed(chosen))
-        rewards = progress.rewards(add_each(chosen, options, progress.size))
-        if not (scored := np.isfinite(rewards)).any():
+    while len(members) < progress.budget:
+        options = np.flatnonzero(progress.objective.next_allowed(members))
+        rewards = progress.rewards(add_each(members, options, progress.size))
+        if not (is_scored := np.isfinite(rewards)).any():
             break
-        rise = max(rise, float((rewards[scored] - reward - gains[options[scored]]).max()))
-        gains[options[scored]] = rewards[scored] - reward
-        worth = (
+        rise = max(rise, float((rewards[is_scored] - reward - gains[options[is_scored]]).max()))
+        gains[options[is_scored]] = rewards[is_scored] - reward
+        priorities = (
             rewards if prices is None else (rewards - reward) / np.maximum(prices[options], 1e-300)
         )
-        best = int(worth.argmax())
-        chosen.append(int(options[best]))
+        best = int(priorities.argmax())
+        members.append(int(options[best]))
         reward = float(rewards[best])
-    return chosen, rise
+    return members, rise
 
 
 def raced(
@@ -110,31 +120,31 @@ def raced(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """Greedy set whose candidates race for each place (`Objective.race`), for the detector, where a
-    frame is slow.
+    """Greedy set whose candidates race for each place (`Objective.race`), for the slow detector.
 
     Evaluations count sets on all frames, rounded up; limits are checked between races. Raises
-    ValueError for a fidelity that cannot score some of the frames."""
+    ValueError for a fidelity that cannot score some of the frames.
+    """
     progress = Progress(objective, budget, seconds, evaluations)
-    chosen: list[int] = []
-    while len(chosen) < budget and not progress.spent:
-        options = np.flatnonzero(objective.next_allowed(chosen))
+    members: list[int] = []
+    while len(members) < budget and not progress.spent:
+        options = np.flatnonzero(objective.next_allowed(members))
         if not len(options):
             break
-        sets = add_each(chosen, options, progress.size)
-        ran = objective.race(sets, seed=seed)
-        winner = int(ran.winners[0])
-        progress.limits.count += math.ceil(len(sets) * ran.spent / ran.full) - 1
+        sets = add_each(members, options, progress.size)
+        race = objective.race(sets, seed=seed)
+        winner = int(race.winners[0])
+        progress.limits.count += math.ceil(len(sets) * race.spent / race.full) - 1
         progress.rewards(sets[winner][None])
-        chosen.append(int(options[winner]))
+        members.append(int(options[winner]))
     return progress.result(
         "raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss")
     )
 
 
 def is_submodular(objective: Objective) -> bool:
-    """True where AP is known to be monotone submodular: coverage by at least one view, of the mean
-    of classes."""
+    """True if AP is known to be monotone submodular: coverage by one view, of the mean of
+    classes."""
     additive = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
     return (
         additive
@@ -144,39 +154,45 @@ def is_submodular(objective: Objective) -> bool:
 
 
 def guarantee(objective: Objective) -> float:
-    """Share of the optimum that greedy reaches for monotone submodular objectives without cost
-    weights."""
+    """Share of the optimum that greedy reaches for monotone submodular objectives without costs."""
     if len(objective.kept):
         return 0.0
     mount = objective.candidates.mount[objective.allowed([])]
-    alone = not objective.candidates.several and len(np.unique(mount)) == len(mount)
-    return 1 - 1 / np.e if alone else 0.0 if objective.shared_links is not None else 0.5
+    if not objective.candidates.several and len(np.unique(mount)) == len(mount):
+        return 1 - 1 / np.e
+    return 0.0 if objective.shared_links is not None else 0.5
 
 
-def online_bound(progress: Progress, chosen: list[int]) -> float:
-    """Upper bound on AP and reward of any feasible set, if AP is monotone submodular here; inf
-    where limits hide it."""
+def online_bound(progress: Progress, members: list[int]) -> float:
+    """Upper bound on the AP and reward of any feasible set, if AP is monotone submodular.
+
+    Infinite if the limits stop it."""
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))
     subsets = np.vstack(
-        [as_rows([chosen], progress.size), add_each(chosen, options, progress.size)]
+        [as_rows([members], progress.size), add_each(members, options, progress.size)]
     )
     ap = progress.figures(subsets).ap
     if np.isnan(ap).any():
         return np.inf
     gains = np.maximum(ap[1:] - ap[0], 0.0)
     mount = candidates.mount[options]
-    each = [np.sort(gains[mount == m])[::-1][: candidates.places[m]] for m in np.unique(mount)]
-    return float(
-        ap[0] + np.sort(np.concatenate([*each, np.zeros(1)]))[::-1][: progress.budget].sum()
-    )
+    largest = [np.zeros(1)]
+    for number in np.unique(mount):
+        descending = np.sort(gains[mount == number])[::-1]
+        largest.append(descending[: candidates.places[number]])
+    best = np.sort(np.concatenate(largest))[::-1][: progress.budget]
+    return float(ap[0] + best.sum())
 
 
-def certify(progress: Progress, chosen: list[int], ratio: float, rise: float) -> Certificate:
-    """Greedy's certificate for a monotone submodular objective. ratio: guaranteed share of the
-    optimum, void under cost weights; rise: largest observed growth of a gain."""
+def certify(progress: Progress, members: list[int], ratio: float, rise: float) -> Certificate:
+    """Greedy's certificate for a monotone submodular objective.
+
+    ratio: guaranteed share of the optimum, void under cost weights; rise: largest observed rise of
+    a gain.
+    """
     costs = progress.objective.weights.comm > 0 or progress.objective.weights.price > 0
-    if rise > TOLERANCE and not costs:
+    if rise > GAIN_TOLERANCE and not costs:
         return progress.unknown(
             f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined"
         )
@@ -186,19 +202,13 @@ def certify(progress: Progress, chosen: list[int], ratio: float, rise: float) ->
         "if AP is monotone submodular here, as coverage is: the online bound of Leskovec et al. "
         f"2007{promise}"
     )
-    return Certificate("bound", progress.reward, online_bound(progress, chosen), ratio, note)
-
-
-HEIGHT = 6.0  # m above the foot of the mount
-TILT = float(np.deg2rad(15.0))  # rad below the horizon
-HEADINGS = 8
-FIRST_FRAMES = 40
+    return Certificate("bound", progress.reward, online_bound(progress, members), ratio, note)
 
 
 @dataclass(frozen=True, eq=False)
 class FirstSensors:
-    """A site with first sensors. covered: share of the vehicles on which a sensor has `LEAST`
-    points or more."""
+    """Site with first sensors. covered: share of vehicles with `LEAST` points or more from a
+    sensor."""
 
     site: Site
     poses: int
@@ -209,17 +219,21 @@ class FirstSensors:
         mounts = len(self.site.mounts)
         return (
             f"{count} sensors placed by coverage: from {self.poses} poses of the paper's camera "
-            f"on {mounts} mounts ({HEIGHT:g} m up, {np.rad2deg(TILT):.0f} degrees down, "
-            f"{HEADINGS} headings), each in turn the pose that sees most vehicles with {LEAST:g} "
-            f"points in {FIRST_FRAMES} frames of traffic; together they see {self.covered:.0%}. "
-            "This is a start to try the site: coview plan or coview search says what to build"
+            f"on {mounts} mounts ({FIRST_HEIGHT_M:g} m up, {np.rad2deg(FIRST_TILT_RAD):.0f} "
+            f"degrees down, {FIRST_HEADINGS} headings), each in turn the pose that sees most "
+            f"vehicles with {LEAST:g} points in {FIRST_FRAMES} frames of traffic; together they "
+            f"see {self.covered:.0%}. This is a start to try the site: coview plan or coview "
+            "search says what to build"
         )
 
 
 class HalvedViews:
-    """Mean over objects of 1 - 2^-n where n sensors of a set have `LEAST` points on the object.
-    Submodular. Each further view is worth half of the one before, so sensors that add no object
-    still spread their views."""
+    """Mean over objects of 1 - 2^-n, with n sensors of a set that have `LEAST` points on the
+    object.
+
+    Submodular. Each further view counts half of the one before, so sensors that add no object still
+    spread their views.
+    """
 
     name = "halved views"
 
@@ -227,26 +241,30 @@ class HalvedViews:
         self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Return the mean of each set as AP and recall."""
-        worth = np.zeros(len(subsets))
+        """Mean of each set as AP and recall."""
+        means = np.zeros(len(subsets))
         for block, views in self._sums.blocks(subsets):
-            worth[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)
-        return Estimate(worth, worth.copy(), np.zeros(len(subsets)))
+            means[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)
+        return Estimate(means, means.copy(), np.zeros(len(subsets)))
 
 
 def with_first_sensors(
-    site: Site, count: int, *, models: Models = PAPER, tilts: Sequence[float] = (TILT,)
+    site: Site, count: int, *, models: Models = PAPER, tilts: Sequence[float] = (FIRST_TILT_RAD,)
 ) -> FirstSensors:
     """Replace a site's sensors by `count` on its mounts, fewer if no more fit or see a vehicle.
-    models, tilts: as `pool` takes them. Raises ValueError for a count below 1, and for a site
-    without mounts, poses or vehicles."""
+
+    models, tilts: as in `pool`. Raises ValueError for a count below 1, and for a site without
+    mounts, poses or vehicles.
+    """
     check_whole("number of sensors", count, least=1)
-    candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=tilts, models=models)
+    candidates = pool(
+        site, heights=[FIRST_HEIGHT_M], headings=FIRST_HEADINGS, tilts=tilts, models=models
+    )
     visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)
     if not visibility.points.shape[1]:
-        said = f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames"
-        raise ValueError(f"{said}: place sensors yourself")
+        problem = f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames"
+        raise ValueError(f"{problem}: place sensors yourself")
     setting = Setting(site, candidates=candidates, fidelity=HalvedViews(visibility))
-    chosen = search(Objective(setting, visibility=visibility), count).best.subset
-    covered = (visibility.points[list(chosen)] >= LEAST).any(axis=0).mean() if chosen else 0.0
-    return FirstSensors(mounted_site(site, candidates, chosen), len(candidates), float(covered))
+    members = search(Objective(setting, visibility=visibility), count).best.subset
+    covered = (visibility.points[list(members)] >= LEAST).any(axis=0).mean() if members else 0.0
+    return FirstSensors(mounted_site(site, candidates, members), len(candidates), float(covered))

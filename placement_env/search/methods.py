@@ -1,4 +1,4 @@
-"""The searches by name, with checks of their abilities that run before anything is rendered."""
+"""Searches by name, with checks of their abilities that run before anything is rendered."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,14 +8,25 @@ from importlib.util import find_spec
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import Cases
 from placement_env.checks import check_choice
-from placement_env.search.exact.exhaustive import LARGEST
+from placement_env.search.exact.exhaustive import MAX_CANDIDATES
 from placement_env.search.result import Result
+
+NEEDS_VISIBILITY = ("cpsat", "cmaes", "portfolio", "hits", "cheapest")  # which a table lacks
+PLAIN_CASES_ONLY = ("cmaes", "hits", "cheapest")  # one IoU threshold, no cases of failure
+_SEARCH = "placement_env.search"
 
 
 @dataclass(frozen=True)
 class Method:
-    """Place of a search. needs: package; extra: that installs it; resumes: whether it takes a
-    checkpoint."""
+    """Location of a search.
+
+    Attributes:
+        module: Module of the search.
+        function: Function in that module.
+        needs: Required package, "" for none.
+        extra: Extra of this project that installs the package.
+        resumes: Whether the search takes a checkpoint.
+    """
 
     module: str
     function: str = "search"
@@ -24,7 +35,6 @@ class Method:
     resumes: bool = False
 
 
-_SEARCH = "placement_env.search"
 METHODS: dict[str, Method] = {
     "portfolio": Method(f"{_SEARCH}.portfolio.portfolio", resumes=True),
     "exhaustive": Method(f"{_SEARCH}.exact.exhaustive"),
@@ -37,54 +47,49 @@ METHODS: dict[str, Method] = {
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma", resumes=True),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl", resumes=True),
 }
-# they need visibility, which a table lacks
-RENDERED = ("cpsat", "cmaes", "portfolio", "hits", "cheapest")
-# they handle one IoU threshold, and failures by themselves
-ONE_COUNTED = ("cmaes", "hits", "cheapest")
 
 
 def load_search(method: str) -> Callable[..., Result]:
-    """Search of that name. Call it with an objective and a budget; it returns a result."""
-    found = METHODS[method]
-    return getattr(import_module(found.module), found.function)
+    """Search of that name, called with an objective and a budget."""
+    entry = METHODS[method]
+    return getattr(import_module(entry.module), entry.function)
 
 
 def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
-    """Default search method. Greedy is used where an answer is verified, or scoring a set takes a
-    detector."""
+    """Default search method.
+
+    Greedy is used if an answer is verified, or if scoring a set takes a detector."""
     if at_least:
         return "cheapest"
-    return (
-        "exhaustive"
-        if fidelity == "table"
-        else "greedy"
-        if verify or fidelity == "detector"
-        else "portfolio"
-    )
+    if fidelity == "table":
+        return "exhaustive"
+    if verify or fidelity == "detector":
+        return "greedy"
+    return "portfolio"
 
 
 def check_search(
     method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None
 ) -> None:
-    """Raise ValueError where a method cannot search these candidates, ImportError where its package
-    is missing."""
+    """Raise ValueError if a method cannot search these candidates, ImportError if its package is
+    missing."""
     check_choice("method", method, METHODS)
-    needs = METHODS[method]
-    if needs.needs and not find_spec(needs.needs):
-        raise ImportError(f"method {method} needs {needs.needs}: pip install coview[{needs.extra}]")
-    if method == "exhaustive" and len(candidates) > LARGEST:
-        said = f"method exhaustive takes at most {LARGEST} candidates, got {len(candidates)}"
-        raise ValueError(f"{said}: say --method greedy or swap")
+    entry = METHODS[method]
+    if entry.needs and not find_spec(entry.needs):
+        raise ImportError(f"method {method} needs {entry.needs}: pip install coview[{entry.extra}]")
+    if method == "exhaustive" and len(candidates) > MAX_CANDIDATES:
+        rule = f"method exhaustive takes at most {MAX_CANDIDATES} candidates, got {len(candidates)}"
+        raise ValueError(f"{rule}: say --method greedy or swap")
     if method == "raced" and fidelity != "detector":
         raise ValueError(
-            f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method "
+            f"method raced needs fidelity detector, got {fidelity}, which is quick: pass --method "
             "greedy"
         )
-    if method in ONE_COUNTED and cases is not None and not cases.plain:
+    if method in PLAIN_CASES_ONLY and cases is not None and not cases.plain:
         raise ValueError(
-            f"method {method} knows one IoU threshold and no failures: say --method portfolio or "
+            f"method {method} knows one IoU threshold and no failures: pass --method portfolio or "
             "swap"
         )
-    if method in RENDERED and fidelity == "table":
-        said = f"method {method} asks what candidates see, which a table does not know"
-        raise ValueError(f"{said}: say --fidelity coverage")
+    if method in NEEDS_VISIBILITY and fidelity == "table":
+        rule = f"method {method} asks what candidates see, which a table does not know"
+        raise ValueError(f"{rule}: say --fidelity coverage")

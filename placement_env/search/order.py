@@ -1,4 +1,4 @@
-"""`SearchOrder`, which describes one search, and `run_search`, which answers it, also in words."""
+"""Description of one search (`SearchOrder`), and its answer in figures and words (`run_search`)."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -40,25 +40,37 @@ from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
 
 PORTFOLIO = "portfolio"
-FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
-UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
-USUAL_FRAMES = 200
-BETTER = 0.001  # AP by which an answer must be better than the last one that was said
-SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
+MIN_LEVEL_OBJECTS = 100  # a level of traffic with fewer objects gets a warning
+UNFINISHED_SUFFIX = ".parts"  # suffix of the folder that keeps the state of a search
+DEFAULT_FRAMES = 200
+MIN_GAIN_AP = 0.001  # smallest improvement that is reported during the search
+SEARCH_FRAMES = 48  # frames that a portfolio's searches use, spread evenly over all
 Summary = dict[str, Any]  # JSON values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchOrder:
-    """Specification of a search. Raises ValueError and ImportError, before anything is rendered,
-    where it does not fit.
+    """Specification of a search, checked before anything is rendered.
 
-    setting: the question, with the errors of the detecting fidelities; method: of
-    `placement_env.search.methods`; budget: most sensors; verify: fidelity that scores an answer and
-    its neighbours; judge, confidence, contenders: of a portfolio's race and assessment; demand: of
-    the cheapest set; curve: the best set of every number of sensors up to the budget, or for every
-    amount of money where it is limited, by a portfolio; currency: of prices, "" for those of one
-    ordinary pole; tell: takes a line with a first answer."""
+    Attributes:
+        setting: The question, with the errors of the detecting fidelities.
+        run: Frames, seed, cache and processes.
+        method: Name of a search in `placement_env.search.methods`.
+        budget: Largest number of sensors.
+        verify: Fidelity that scores an answer and its neighbours.
+        judge: Fidelity of a portfolio's race and assessment.
+        confidence: Confidence at which a portfolio's race ends.
+        contenders: Whether a portfolio also assesses the answer of each search.
+        seconds: Time limit, None for no limit.
+        evaluations: Largest number of scored sets, None for no limit.
+        demand: Conditions for the cheapest set.
+        curve: Whether to search a budget curve with a portfolio: one set for each number of
+            sensors up to the budget, or for each amount if the price is limited.
+        currency: Currency of prices, "" for prices of one ordinary pole.
+        tell: Called with a line for each early answer.
+
+    Raises ValueError or ImportError if the parts do not fit together.
+    """
 
     setting: Setting
     run: Run = Run()
@@ -81,17 +93,18 @@ class SearchOrder:
         setting.check_budget(self.budget)
         if setting.keep and self.method == "ppo":
             raise ValueError(
-                "method ppo does not know poles that must carry a sensor: say --method portfolio "
+                "method ppo does not know poles that must carry a sensor: pass --method portfolio "
                 "or swap"
             )
         if self.fidelity == "table" and setting.codec != PAPER:
             raise ValueError(
-                f"tables hold kbit of the paper's codec, got {setting.codec}: say --codec paper"
+                f"tables hold kbit of the paper's codec, got {setting.codec}: pass --codec paper"
             )
-        for path, own in ((setting.surrogate, "surrogate"), (setting.table, "table")):
-            if path is not None and own != self.fidelity:
+        for path, fidelity in ((setting.surrogate, "surrogate"), (setting.table, "table")):
+            if path is not None and fidelity != self.fidelity:
                 raise ValueError(
-                    f"this file is for fidelity {own}, got {self.fidelity!r}: leave one of them out"
+                    f"this file is for fidelity {fidelity}, got {self.fidelity!r}: leave one of "
+                    "them out"
                 )
         check_scorable(self.searched)
         if self.verify is not None:
@@ -110,26 +123,21 @@ class SearchOrder:
 
     @property
     def searched(self) -> Setting:
-        """Setting of the search itself. A fidelity that does not detect knows no errors but the
-        sensors' own noise."""
+        """Setting with the searched fidelity; only detecting fidelities keep error profiles."""
         return self.setting.with_fidelity(self.fidelity)
 
     @property
     def detects(self) -> bool:
-        """True where the detector scores anything."""
-        return "detector" in (
-            self.fidelity,
-            self.verify,
-            self.judge if self.method == PORTFOLIO else None,
-        )
+        """True if the detector scores anything."""
+        judge = self.judge if self.method == PORTFOLIO else None
+        return "detector" in (self.fidelity, self.verify, judge)
 
     @property
     def question(self) -> Summary:
-        """Everything the answer depends on, as JSON values. These must be equal for a search to
-        resume."""
+        """Everything the answer depends on, as JSON values; a search resumes only if they are
+        equal."""
         setting = self.setting
-        files = {"surrogate": setting.surrogate, "table": setting.table}
-        own = (
+        options = (
             "method",
             "budget",
             "verify",
@@ -138,16 +146,18 @@ class SearchOrder:
             "contenders",
             "seconds",
             "evaluations",
+            "currency",
+            "curve",
         )
-        return {
-            **{name: getattr(self, name) for name in (*own, "currency", "curve")},
-            **({} if self.demand is None else asdict(self.demand)),
-            **{
-                name: path and sha256(Path(path).read_bytes()).hexdigest()
-                for name, path in files.items()
-            },
+        question: Summary = {name: getattr(self, name) for name in options}
+        if self.demand is not None:
+            question |= asdict(self.demand)
+        files = {"surrogate": setting.surrogate, "table": setting.table}
+        for name, path in files.items():
+            question[name] = path and sha256(Path(path).read_bytes()).hexdigest()
+        question |= {
             "fidelity": self.fidelity,
-            "frames": self.run.frames_or(USUAL_FRAMES),
+            "frames": self.run.frames_or(DEFAULT_FRAMES),
             "seed": self.run.seed,
             "site": hash_site(setting.place, setting.place.sensors),
             "candidates": setting.pool.digest(),
@@ -159,40 +169,52 @@ class SearchOrder:
             "detector": None if setting.detector is None else detector_origin(setting.detector),
             "classes": setting.counted.origin,
             "most_price": setting.most_price,
-            **({"keep": setting.keep} if setting.keep else {}),
         }
+        if setting.keep:
+            question["keep"] = setting.keep
+        return question
 
     def resumes(self, out: Path) -> bool:
-        """True where a search with this question was killed that had not ended normally."""
-        kept = find_unfinished(out.with_name(out.name + UNFINISHED), self.question)
-        return kept.found == kept.plan
+        """True if a search with this question was interrupted and can resume."""
+        folder = find_unfinished(out.with_name(out.name + UNFINISHED_SUFFIX), self.question)
+        return folder.found == folder.plan
 
     @contextmanager
     def keeping(
         self, out: Path | None, *, overwrite: bool = False
     ) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
-        """The order with the checkpoint of its answer in a folder, None for nowhere. The block must
-        write the answer.
+        """Yield the order and the checkpoint of its answer's folder; the block must write the
+        answer.
 
-        Until it ends normally, the state of the search stands beside the folder, in one with the
-        suffix `UNFINISHED`, where the same question resumes. Raises FileExistsError where another
-        search is unfinished and may not be overwritten."""
+        out: folder of the answer, None to keep no state. Until the block ends normally, the state
+        of the search is kept next to that folder, in one with the suffix `UNFINISHED_SUFFIX`. The
+        same question resumes there. Raises FileExistsError if another search is unfinished and may
+        not be overwritten.
+        """
         if out is None:
             yield self, NOWHERE
             return
-        place = out.with_name(out.name + UNFINISHED)
+        state_folder = out.with_name(out.name + UNFINISHED_SUFFIX)
         code = budget_curve.__module__ if self.curve else METHODS[self.method].module
-        with unfinished(place, self.question, code=code, overwrite=overwrite) as checkpoint:
-            known = self.setting.detector is None or hasattr(self.setting.detector, "digest")
-            cache = self.run.cache or (checkpoint.place("cache") if known else None)
+        with unfinished(state_folder, self.question, code=code, overwrite=overwrite) as checkpoint:
+            is_cacheable = self.setting.detector is None or hasattr(self.setting.detector, "digest")
+            cache = self.run.cache or (checkpoint.place("cache") if is_cacheable else None)
             yield replace(self, run=replace(self.run, cache=cache)), checkpoint
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be
-    built. result, chosen: of one search, and the set to hand over, which a check may have changed;
-    points: of a curve."""
+    """Answer to an order.
+
+    Attributes:
+        objective: Objective of the search.
+        summary: Figures for JSON.
+        lines: Text to print.
+        met: Whether any sensor is to be built.
+        result: Result of one search, None for a curve.
+        chosen: Set to hand over, which verification may have changed.
+        points: Points of a budget curve.
+    """
 
     objective: Objective
     summary: Summary
@@ -204,42 +226,75 @@ class Answer:
 
 
 def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
-    """Search as ordered, and check the answer. checkpoint: where the state of the search is
-    kept."""
-    frames = order.run.frames_or(USUAL_FRAMES)
-    stride = (
-        max(1, frames // SEARCHED)
-        if order.method == PORTFOLIO and order.fidelity in BY_LEVELS
-        else 1
-    )
-    tells = (
+    """Run the ordered search and verify its answer. checkpoint: keeps the state of the search."""
+    stride = _choose_stride(order)
+    order, narrowing = _narrow(order, stride)
+    objective = _build_objective(order, stride)
+    check_present(objective)
+    is_allowed = objective.allowed([])
+    reasons = explain_kept(objective, is_allowed, currency=order.currency)
+    if reasons or not is_allowed.any():
+        reasons = reasons or describe_exclusions(objective, currency=order.currency)
+        line = f"none may be built: {' '.join(reasons)}"
+        return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
+    judging = _build_judging(order)
+    limits: Summary = {
+        "seed": order.run.seed,
+        "seconds": order.seconds,
+        "evaluations": order.evaluations,
+    }
+    if order.curve:
+        answer = _search_curve(order, objective, judging, limits, checkpoint)
+        return replace(answer, lines=(*answer.lines, narrowing)) if narrowing else answer
+    options: Summary = {} if order.demand is None else {"demand": order.demand}
+    if order.method == PORTFOLIO:
+        options["judging"] = judging
+    if METHODS[order.method].resumes:
+        options["checkpoint"] = checkpoint
+    result = load_search(order.method)(objective, order.budget, **limits, **options)
+    return _answer(order, objective, result, narrowing)
+
+
+def _choose_stride(order: SearchOrder) -> int:
+    """Step between the frames of the search; a portfolio's searches use few of them."""
+    if order.method != PORTFOLIO or order.fidelity not in BY_LEVELS:
+        return 1
+    return max(1, order.run.frames_or(DEFAULT_FRAMES) // SEARCH_FRAMES)
+
+
+def _narrow(order: SearchOrder, stride: int) -> tuple[SearchOrder, str]:
+    """Order with fewer candidates if they are too many, and a sentence on that or ""."""
+    pool = order.setting.pool
+    poses = narrow_pool(order.searched, order.run, stride)
+    if poses is None:
+        return order, ""
+    narrowing = describe_narrowing(pool, poses)
+    setting = replace(order.setting, candidates=pool.select(poses))
+    if order.tell is not None:
+        order.tell(narrowing)
+    return replace(order, setting=setting), narrowing
+
+
+def _build_objective(order: SearchOrder, stride: int) -> Objective:
+    """Objective of the search, which reports a first answer and better ones if asked."""
+    first_score = None
+    if (
         order.tell is not None
         and stride > 1
         and order.setting.cases.levels == 1
         and not order.curve
-    )
-    first = None
-    narrowed = ""
-    pool = order.setting.pool
-    chosen_poses = narrow_pool(order.searched, order.run, stride)
-    if chosen_poses is not None:
-        narrowed = describe_narrowing(pool, chosen_poses)
-        order = replace(order, setting=replace(order.setting, candidates=pool.select(chosen_poses)))
-        if order.tell is not None:
-            order.tell(narrowed)
-    if tells:
-        first = _find_first(order, prepare_first_look(order.searched, order.run, stride))
+    ):
+        first_score = _find_first(order, prepare_first_look(order.searched, order.run, stride))
     objective = Objective(order.searched, order.run, stride=stride)
-    if order.tell is not None and first is not None:
-        objective.watch = _Better(objective, first, order.tell)
-    check_present(objective)
-    alone = objective.allowed([])
-    reasons = explain_kept(objective, alone, currency=order.currency)
-    if reasons or not alone.any():
-        reasons = reasons or describe_exclusions(objective, currency=order.currency)
-        line = f"none may be built: {' '.join(reasons)}"
-        return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
-    judging = Judging(
+    if order.tell is not None and first_score is not None:
+        objective.watch = _Better(objective, first_score, order.tell)
+    return objective
+
+
+def _build_judging(order: SearchOrder) -> Judging:
+    """Race and assessment of a portfolio."""
+    frames = order.run.frames_or(DEFAULT_FRAMES)
+    return Judging(
         by=order.judge,
         confidence=order.confidence,
         contenders=order.contenders,
@@ -247,84 +302,85 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         final_frames=min(JUDGED_FRAMES, frames),
         setting=order.setting.with_fidelity(order.judge) if order.method == PORTFOLIO else None,
     )
-    limits: Summary = {
-        "seed": order.run.seed,
-        "seconds": order.seconds,
-        "evaluations": order.evaluations,
-    }
-    if order.curve:
-        most = objective.most_price
-        amounts = () if math.isinf(most) else list_amounts(objective, order.budget, most)
-        curve = budget_curve(
-            objective,
-            order.budget,
-            amounts=amounts,
-            judging=judging,
-            checkpoint=checkpoint,
-            **limits,
-        )
-        reported = _report_curve(order, objective, curve)
-        return replace(reported, lines=(*reported.lines, narrowed)) if narrowed else reported
-    own: Summary = {} if order.demand is None else {"demand": order.demand}
-    own |= {"judging": judging} if order.method == PORTFOLIO else {}
-    own |= {"checkpoint": checkpoint} if METHODS[order.method].resumes else {}
-    result = load_search(order.method)(objective, order.budget, **limits, **own)
-    chosen = result.best.subset
-    by_errors = ap_at_profiles(objective, chosen, result.sensors)
+
+
+def _search_curve(
+    order: SearchOrder,
+    objective: Objective,
+    judging: Judging,
+    limits: Summary,
+    checkpoint: Checkpoint,
+) -> Answer:
+    """Search a budget curve and report its points."""
+    max_price = objective.most_price
+    amounts = () if math.isinf(max_price) else list_amounts(objective, order.budget, max_price)
+    points = budget_curve(
+        objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits
+    )
+    return _report_curve(order, objective, points)
+
+
+def _answer(order: SearchOrder, objective: Objective, result: Result, narrowing: str) -> Answer:
+    """Answer from the result of one search, verified if that is ordered."""
+    members = result.best.subset
+    by_errors = ap_at_profiles(objective, members, result.sensors)
     summary, lines = _report(objective, result)
-    if narrowed:
-        summary["narrowed"] = narrowed
-        lines.append(narrowed)
-    lines += [f"asked to build on: {', '.join(order.setting.keep)}"] if order.setting.keep else []
+    if narrowing:
+        summary["narrowed"] = narrowing
+        lines.append(narrowing)
+    if order.setting.keep:
+        lines.append(f"asked to build on: {', '.join(order.setting.keep)}")
     summary |= _state_errors(order, by_errors)
-    if not chosen:
-        why = describe_empty(objective) if order.demand is None else result.certificate.note
-        return Answer(objective, summary, (f"no sensors: {why}",), False)
+    if not members:
+        reason = describe_empty(objective) if order.demand is None else result.certificate.note
+        return Answer(objective, summary, (f"no sensors: {reason}",), False)
     lines += describe_by_errors(by_errors)
     if order.verify is not None:
-        exact = Objective(order.setting.with_fidelity(order.verify), order.run)
-        checked, sets = verify_best(objective, exact, result)
-        chosen = checked.subset
-        names = _names(objective, chosen)
-        by_errors = ap_at_profiles(exact, chosen, result.sensors)
-        mounted = names if result.sensors else describe_mounted(objective, chosen)
-        summary["verified"] = {**asdict(checked), "sensors": names, "provenance": exact.provenance}
-        summary["verified"] |= {"by_errors": by_errors} if by_errors else {}
-        lines += [
-            f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"
-        ]
-        lines += [
-            *(f"  {line}" for line in mounted),
-            describe_score(checked),
-            *describe_by_errors(by_errors),
-        ]
+        verifier = Objective(order.setting.with_fidelity(order.verify), order.run)
+        verified, set_count = verify_best(objective, verifier, result)
+        members = verified.subset
+        names = _names(objective, members)
+        by_errors = ap_at_profiles(verifier, members, result.sensors)
+        mounted = names if result.sensors else describe_mounted(objective, members)
+        summary["verified"] = {
+            **asdict(verified),
+            "sensors": names,
+            "provenance": verifier.provenance,
+        }
+        if by_errors:
+            summary["verified"]["by_errors"] = by_errors
+        moved = "moved" if result.sensors else f"best of {set_count} sets"
+        lines.append(f"by the {order.verify}, {moved}:")
+        lines += [f"  {line}" for line in mounted]
+        lines.append(describe_score(verified))
+        lines += describe_by_errors(by_errors)
     return Answer(
-        objective,
-        replace_infinite(summary),
-        tuple(line for line in lines if line),
-        True,
-        result,
-        chosen,
+        objective=objective,
+        summary=replace_infinite(summary),
+        lines=tuple(line for line in lines if line),
+        met=True,
+        result=result,
+        chosen=members,
     )
 
 
-def _find_first(order: SearchOrder, few: Preparation) -> Score:
-    """Tell greedy's answer from the first frames that are looked at, in seconds, and return its
-    score there."""
-    objective = Objective.of_moved(few, few.setting.pool, few.visibility, order.setting.weights)
+def _find_first(order: SearchOrder, preparation: Preparation) -> Score:
+    """Report greedy's answer on the first frames and return its score there."""
+    objective = Objective.of_moved(
+        preparation, preparation.setting.pool, preparation.visibility, order.setting.weights
+    )
     best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best
     names = ", ".join(set_names(objective.candidates, best.subset)) or "no sensors"
     if order.tell is not None:
         order.tell(
-            f"first answer, by greedy on {len(few.traffic)} frames: {names}, predicted AP "
+            f"first answer, by greedy on {len(preparation.traffic)} frames: {names}, predicted AP "
             f"{best.ap:.3f}"
         )
     return best
 
 
 class _Better:
-    """Watch of a search that tells each better set: by its prediction, then the one ahead in the
-    race."""
+    """Report each better set: first by its prediction, then the leader of the race."""
 
     def __init__(self, objective: Objective, first: Score, tell: Callable[[str], None]) -> None:
         self._objective = objective
@@ -333,7 +389,7 @@ class _Better:
         self._reward = objective.score(first.subset).reward
 
     def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
-        if subset == self._last or (not raced and reward < self._reward + BETTER):
+        if subset == self._last or (not raced and reward < self._reward + MIN_GAIN_AP):
             return
         self._last = subset
         self._reward = reward
@@ -359,20 +415,20 @@ def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
         "doubts": doubts,
     }
     mounted = sensors if result.sensors else describe_mounted(objective, best.subset)
-    lines = [str(result), result.certificate.note, *(f"  {line}" for line in mounted)]
+    lines = [str(result), result.certificate.note]
+    lines += [f"  {line}" for line in mounted]
+    prefix = ""
     if assessment is not None:
-        said = asdict(assessment) | {"curse": assessment.curse}
-        for row, contender in zip(said["contenders"], assessment.contenders, strict=True):
+        figures = asdict(assessment) | {"curse": assessment.curse}
+        for row, contender in zip(figures["contenders"], assessment.contenders, strict=True):
             row |= {"sensors": _names(objective, contender.subset), "curse": contender.curse}
-        summary["assessment"] = said
+        summary["assessment"] = figures
         lines += describe_assessment(assessment)
-    lines += [
-        f"{'' if assessment is None else 'estimate of the search: '}{describe_score(best)}",
-        *doubts,
-    ]
-    return summary, lines + [
-        f"front: {describe_score(score)} {score.subset}" for score in result.front
-    ]
+        prefix = "estimate of the search: "
+    lines.append(prefix + describe_score(best))
+    lines += doubts
+    lines += [f"front: {describe_score(score)} {score.subset}" for score in result.front]
+    return summary, lines
 
 
 def _report_curve(
@@ -395,24 +451,25 @@ def _report_curve(
             (f"no sensors: {describe_empty(objective)}",),
             False,
         )
-    of = (
+    budgets = (
         "of each number of sensors"
         if math.isinf(objective.most_price)
         else "for each amount of money"
     )
     lines = [
-        f"best set {of}, judged by the {order.judge} on traffic that had no part in the choice:"
+        (
+            f"best set {budgets}, judged by the {order.judge} on traffic that had no part in the "
+            "choice:"
+        )
     ]
     for point, names in zip(points, named, strict=True):
         price = describe_money(point.price, order.currency)
         pays = "" if point.pays else ", no more than a cheaper one"
         judged = _judged(point, order.judge, point.objects)
         lines.append(f"  {point.sensors} for {price}: {judged}{pays}: {', '.join(names)}")
-        lines += (
-            [f"    at each error profile: {describe_profiles(point.by_errors, point.objects)}"]
-            if point.by_errors
-            else []
-        )
+        if point.by_errors:
+            profiles = describe_profiles(point.by_errors, point.objects)
+            lines.append(f"    at each error profile: {profiles}")
     return Answer(objective, replace_infinite(summary), tuple(lines), True, points=points)
 
 
@@ -421,20 +478,22 @@ def _names(objective: Objective, subset: Iterable[int]) -> list[str]:
 
 
 def _state_errors(order: SearchOrder, by_errors: dict[str, float] | None = None) -> Summary:
-    """Error profiles of the detections, where there are any. by_errors: AP at each of several,
-    where it is known."""
+    """Error profiles of the detections, empty without detection. by_errors: AP at each profile."""
     if not order.detects:
         return {}
-    return {"errors": order.setting.cases.errors_origin} | (
-        {"by_errors": by_errors} if by_errors else {}
-    )
+    errors: Summary = {"errors": order.setting.cases.errors_origin}
+    if by_errors:
+        errors["by_errors"] = by_errors
+    return errors
 
 
 def describe_sensors(
     names: Sequence[str], moved: Sequence[Sensor] = (), site: Site | None = None
 ) -> list[str]:
-    """Names of sensors, with any new poses (degrees): compass bearings at a site, else headings
-    from +x."""
+    """Names of sensors, with any new positions (m) and directions (degrees).
+
+    Directions are compass bearings at a site, otherwise headings from +x.
+    """
     if not moved:
         return list(names)
     headings, tilts = aims(moved)
@@ -476,43 +535,43 @@ def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
     return lines
 
 
-def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str, objects: int) -> str:
-    """The figure that a fidelity gives, with its interval and as many decimals as the objects
-    support. Coverage is no AP."""
-    ends = describe_interval(each.low, each.high, figure_digits(objects))
-    return f"{'coverage' if by == 'coverage' else 'AP'} {format_share(each.ap, objects)} ({ends})"
+def _judged(
+    figure: Assessment | CurvePoint | Contender | ProfileAP, fidelity: str, objects: int
+) -> str:
+    """AP or coverage of a set with its interval, in as many decimals as the objects support."""
+    interval = describe_interval(figure.low, figure.high, figure_digits(objects))
+    name = "coverage" if fidelity == "coverage" else "AP"
+    return f"{name} {format_share(figure.ap, objects)} ({interval})"
 
 
 def describe_score(score: Score) -> str:
-    """The figures of a set in one line."""
-    each = (
+    """Figures of a set in one line."""
+    by_class = (
         ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items())
         if len(score.class_ap) > 1
         else ""
     )
-    sent = (
+    costs = (
         f"{score.kbit_per_sensor:.1f} kbit per sensor, {score.kbit:.1f} kbit, price {score.price:g}"
     )
     if score.fidelity == "coverage":
-        return f"coverage {score.ap:.4f}{each and f' ({each})'}, {sent}"
+        return f"coverage {score.ap:.4f}{by_class and f' ({by_class})'}, {costs}"
     return (
-        f"AP {score.ap:.4f}{each and f' ({each})'}, recall {score.recall:.4f}, {sent} "
+        f"AP {score.ap:.4f}{by_class and f' ({by_class})'}, recall {score.recall:.4f}, {costs} "
         f"({score.fidelity})"
     )
 
 
 def describe_assessment(assessment: Assessment) -> list[str]:
-    """Lines on the answer's judgement and each search's own."""
+    """Lines on the assessment of the answer and of each search's answer."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
     objects = assessment.objects
-    compared = (
-        f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
-    )
-    sure = f"  {describe_sureness(assessment.confidence)} sure that none of the {compared}"
+    rivals = f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
+    sureness = f"  {describe_sureness(assessment.confidence)} sure that none of the {rivals}"
     if math.isnan(assessment.confidence):
-        sure = f"  too few frames or objects to say how sure it is that none of the {compared}"
+        sureness = f"  too few frames or objects to say how sure it is that none of the {rivals}"
     elif assessment.confidence < assessment.asked:
-        sure += f", short of the {assessment.asked:.0%} asked for"
+        sureness += f", short of the {assessment.asked:.0%} asked for"
     lines = [
         (
             f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the "
@@ -522,7 +581,7 @@ def describe_assessment(assessment: Assessment) -> list[str]:
         f"{assessment.kbit:.1f} kbit a frame; estimated "
         f"{format_share(assessment.predicted, objects)} by the search, "
         f"{format_share(assessment.expected, objects)} after the race",
-        sure,
+        sureness,
     ]
     if assessment.by_errors:
         lines.append(
@@ -530,46 +589,47 @@ def describe_assessment(assessment: Assessment) -> list[str]:
             f"{describe_profiles(assessment.by_errors, objects)}"
         )
     return lines + [
-        f"  {' and '.join(each.searches)}: {_judged(each, assessment.by, objects)}, predicted "
-        f"{format_share(each.predicted, objects)}, "
-        f"{format_share(each.curse, objects, signed=True)} too much"
-        for each in assessment.contenders
+        f"  {' and '.join(contender.searches)}: {_judged(contender, assessment.by, objects)}, "
+        f"predicted {format_share(contender.predicted, objects)}, "
+        f"{format_share(contender.curse, objects, signed=True)} too much"
+        for contender in assessment.contenders
     ]
 
 
 def describe_profiles(by_errors: Sequence[ProfileAP], objects: int) -> str:
-    """AP at each error profile by itself."""
-    return ", ".join(f"{each.name} {_judged(each, 'detector', objects)}" for each in by_errors)
+    """AP at each error profile separately."""
+    return ", ".join(
+        f"{profile.name} {_judged(profile, 'detector', objects)}" for profile in by_errors
+    )
 
 
 def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
-    """A line of the AP at each error profile. Empty without error profiles."""
-    said = [f"{name} {ap:.4f}" for name, ap in by_errors.items()]
-    return [f"AP at each error profile: {', '.join(said)}"] if said else []
+    """Line with the AP at each error profile; empty without error profiles."""
+    figures = [f"{name} {ap:.4f}" for name, ap in by_errors.items()]
+    return [f"AP at each error profile: {', '.join(figures)}"] if figures else []
 
 
 def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
-    """Lines on the surrogate's uncertainty about a set and on what it was not trained for. Empty
-    for others."""
+    """Lines on a surrogate's standard error for a set, and warnings about extrapolation.
+
+    Empty for other fidelities."""
     surrogate = objective.scored_by
     if not isinstance(surrogate, Doubting):
         return []
     spread = float(surrogate.spread(objective.row(subset)[None])[0]) if subset else np.nan
     error = "an unknown error" if np.isnan(spread) else f"a standard error of {spread:.3f}"
-    sure = [f"the surrogate predicts the detector's AP with {error}"]
     kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
-    return [
-        *sure,
-        *(f"warning: {doubt}" for doubt in (*surrogate.doubts(kinds), *_describe_few(objective))),
-    ]
+    warnings = [*surrogate.doubts(kinds), *_describe_few(objective)]
+    lines = [f"the surrogate predicts the detector's AP with {error}"]
+    return lines + [f"warning: {warning}" for warning in warnings]
 
 
 def _describe_few(objective: Objective) -> list[str]:
-    """Levels of traffic with too few objects."""
+    """Warning about levels of traffic with too few objects; empty if all have enough."""
     counts = {} if objective.preparation is None else objective.preparation.count_at_levels()
-    few = [f"{name} has {count}" for name, count in counts.items() if count < FEWEST_AT_LEVEL]
-    least = f"fewer than {FEWEST_AT_LEVEL} objects at a level say little: increase --frames"
-    return [f"{' and '.join(few)} objects to find; {least}"] if few else []
+    rare = [f"{name} has {count}" for name, count in counts.items() if count < MIN_LEVEL_OBJECTS]
+    remedy = f"fewer than {MIN_LEVEL_OBJECTS} objects at a level say little: increase --frames"
+    return [f"{' and '.join(rare)} objects to find; {remedy}"] if rare else []
 
 
 def describe_empty(objective: Objective) -> str:
@@ -577,21 +637,21 @@ def describe_empty(objective: Objective) -> str:
     linked = objective.linked
     if not linked.any():
         frames = describe_share(objective.setting.link_share)
-        least = float(objective.loads.min())
-        most = float(objective.candidates.capacity.max())
+        min_kbit = float(objective.loads.min())
+        max_capacity = float(objective.candidates.capacity.max())
         return (
             f"none of the {len(linked)} candidates fits its link: in {frames} they send up to "
-            f"{least:.0f} kbit or more, and no link carries more than {most:.0f}: give mounts "
-            "more, or say --scheme late, which sends boxes"
+            f"{min_kbit:.0f} kbit or more, and no link carries more than {max_capacity:.0f}: give "
+            "mounts more, or pass --scheme late, which sends boxes"
         )
-    alone = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
-    if float(alone.ap.max()) <= 0:
-        there = " or a ".join(objective.classes.names)
+    singles = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
+    if float(singles.ap.max()) <= 0:
+        nouns = " or a ".join(objective.classes.names)
         return (
-            f"no candidate that fits its link detects a {there} in these frames: more --frames, "
+            f"no candidate that fits its link detects a {nouns} in these frames: more --frames, "
             "other --candidates?"
         )
-    if float(alone.reward.max()) <= 0:
+    if float(singles.reward.max()) <= 0:
         return "no sensor is worth what it costs: lower --comm and --price"
     return (
         "the search stopped before it had scored a set that may be built: give it more --seconds "
@@ -600,104 +660,103 @@ def describe_empty(objective: Objective) -> str:
 
 
 def check_present(objective: Objective) -> None:
-    """Raise ValueError where a counted class has no objects."""
+    """Raise ValueError if a counted class has no objects."""
     classes = objective.classes
-    seen = objective.visibility
-    if seen is not None:
-        there = [bool((seen.labels == label).any()) for label in classes.labels]
+    visibility = objective.visibility
+    if visibility is not None:
+        is_present = [bool((visibility.labels == label).any()) for label in classes.labels]
     else:
-        there = (
-            ~np.isnan(objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0])
-        ).tolist()
-    if missing := [
-        name for name, is_there in zip(classes.names, there, strict=True) if not is_there
-    ]:
-        said = f"there is no {' and no '.join(missing)} to find in these frames"
-        raise ValueError(f"{said}: say more --frames or another --seed, or leave out the class")
+        everything = np.ones((1, len(objective.candidates)), np.bool_)
+        is_present = (~np.isnan(objective.class_ap(everything)[0])).tolist()
+    rows = zip(classes.names, is_present, strict=True)
+    missing = [name for name, present in rows if not present]
+    if missing:
+        problem = f"there is no {' and no '.join(missing)} to find in these frames"
+        raise ValueError(f"{problem}: say more --frames or another --seed, or leave out the class")
 
 
 def describe_exclusions(
     objective: Objective, max_kbit: float | None = None, currency: str = ""
 ) -> tuple[str, ...]:
-    """Sentences on what excludes candidates, with their number and the requirement of the least
-    demanding one."""
+    """Sentences on what excludes candidates: how many, and the requirement that is closest to being
+    met."""
     candidates = objective.candidates
-    sent = objective.loads
+    loads = objective.loads
     linked = objective.linked
     count = len(candidates)
     reasons = []
     frames = describe_share(objective.setting.link_share)
     if not linked.all():
-        least = int(np.flatnonzero(~linked)[np.argmin(sent[~linked])])
+        closest = int(np.flatnonzero(~linked)[np.argmin(loads[~linked])])
         reasons.append(
             f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any "
-            f"of these sends in {frames} is up to {sent[least]:.1f} kbit, over a link of "
-            f"{candidates.capacity[least]:g} kbit."
+            f"of these sends in {frames} is up to {loads[closest]:.1f} kbit, over a link of "
+            f"{candidates.capacity[closest]:g} kbit."
         )
-    if max_kbit is not None and (sent > max_kbit).any():
+    if max_kbit is not None and (loads > max_kbit).any():
         reasons.append(
             f"The limit of {max_kbit:g} kbit per sensor and frame excludes "
-            f"{int((sent > max_kbit).sum())} of {count} candidates: the least that any candidate "
-            f"sends in {frames} is up to {sent.min():.1f} kbit."
+            f"{int((loads > max_kbit).sum())} of {count} candidates: the least that any candidate "
+            f"sends in {frames} is up to {loads.min():.1f} kbit."
         )
     affordable = objective.affordable(candidates.prices)
     if not affordable.all():
-        money, least_price = (
-            describe_money(x, currency) for x in (objective.most_price, candidates.prices.min())
-        )
+        money = describe_money(objective.most_price, currency)
         excluded = int((~affordable).sum())
-        costs = f"the cheapest of all costs {least_price}"
+        costs = f"the cheapest of all costs {describe_money(candidates.prices.min(), currency)}"
         reasons.append(f"The sum of {money} excludes {excluded} of {count} candidates: {costs}.")
     return tuple(reasons)
 
 
 def explain_kept(
     objective: Objective,
-    alone: Bool[np.ndarray, " C"],
+    is_allowed: Bool[np.ndarray, " C"],
     max_kbit: float = math.inf,
     currency: str = "",
 ) -> tuple[str, ...]:
-    """Sentences on why the poles that must carry a sensor cannot all have one. alone: candidates
-    that may be built."""
+    """Sentences on why the poles that must carry a sensor cannot all have one.
+
+    is_allowed: candidates that may be built.
+    """
     candidates = objective.candidates
-    least = 0.0
+    min_price = 0.0
     reasons = list[str]()
 
     def cost(amount: float) -> str:
-        needed, most = (describe_money(x, currency) for x in (amount, objective.most_price))
-        return f"{needed} or more, and {most} may be spent"
+        available = describe_money(objective.most_price, currency)
+        return f"{describe_money(amount, currency)} or more, and {available} may be spent"
 
     for mount in objective.kept.tolist():
         name = candidates.mounts[mount].name
-        own = np.flatnonzero(candidates.mount == mount)
-        if not len(own):
-            why = "no pose on it sees the detection area"
-        elif not objective.linked[own].any():
-            why = (
-                f"each pose sends more than its link of {candidates.capacity[own[0]]:g} kbit per "
+        poses = np.flatnonzero(candidates.mount == mount)
+        if not len(poses):
+            cause = "no pose on it sees the detection area"
+        elif not objective.linked[poses].any():
+            cause = (
+                f"each pose sends more than its link of {candidates.capacity[poses[0]]:g} kbit per "
                 "frame carries"
             )
-        elif (objective.loads[own] > max_kbit).all():
-            why = (
-                f"each pose sends {objective.loads[own].min():.1f} kbit per frame or more; "
+        elif (objective.loads[poses] > max_kbit).all():
+            cause = (
+                f"each pose sends {objective.loads[poses].min():.1f} kbit per frame or more; "
                 f"{max_kbit:g} are allowed"
             )
-        elif not objective.affordable(candidates.prices[own]).any():
-            why = f"a sensor there costs {cost(float(candidates.prices[own].min()))}"
-        elif not alone[own].any():
-            why = "links, money and drawings of the site leave no pose"
+        elif not objective.affordable(candidates.prices[poses]).any():
+            cause = f"a sensor there costs {cost(float(candidates.prices[poses].min()))}"
+        elif not is_allowed[poses].any():
+            cause = "links, money and drawings of the site leave no pose"
         else:
-            least += float(candidates.prices[own][alone[own]].min())
+            min_price += float(candidates.prices[poses][is_allowed[poses]].min())
             continue
-        reasons.append(f"Pole {name} must carry a sensor, but cannot: {why}.")
-    if not reasons and not objective.affordable(np.array([least]))[0]:
+        reasons.append(f"Pole {name} must carry a sensor, but cannot: {cause}.")
+    if not reasons and not objective.affordable(np.array([min_price]))[0]:
         names = join_names([candidates.mounts[mount].name for mount in objective.kept])
-        reasons.append(f"Sensors on {names}, as asked, cost together {cost(least)}.")
+        reasons.append(f"Sensors on {names}, as asked, cost together {cost(min_price)}.")
     return tuple(reasons)
 
 
 def describe_money(amount: float, currency: str) -> str:
-    """A sum in words."""
+    """Amount of money in words."""
     if currency:
         return f"{round(amount, 2):,.10g} {currency}"
     return f"the price of {round(amount, 2):g} ordinary {'pole' if amount == 1 else 'poles'}"

@@ -1,5 +1,5 @@
-"""`Progress` scores sets for one search within limits, and keeps the incumbent, the best feasible
-set."""
+"""Scoring of sets for one search within limits, with the incumbent, the best feasible set so
+far."""
 
 import time
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from placement_env.search.result import Certificate, History, Result
 from placement_env.subsets import Sets
 from toolkit.arrays import Float64, Int
 
-MOST_AT_ONCE = 4096  # sets scored between two looks at the clock, at most
-PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
+MAX_BLOCK = 4096  # sets scored between two looks at the clock
+PACE_S = 0.5  # approximate time of scoring between two looks at the clock
 
 
 class Limits:
-    """When to stop, and the history until then. Raises ValueError where a limit is not above 0;
-    None is no limit."""
+    """Limits of a search, and its history so far. None is no limit; raises ValueError for 0 or
+    less."""
 
     def __init__(self, seconds: float | None, evaluations: int | None) -> None:
         for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
@@ -38,11 +38,11 @@ class Limits:
 
     @property
     def spent(self) -> bool:
-        """True where a limit is reached."""
+        """True if a limit is reached."""
         return self.count >= self.evaluations or self.elapsed >= self.seconds
 
     def record(self, reward: float, *, at: int | None = None) -> None:
-        """Record a new best reward. It holds since the given number of sets, None for now."""
+        """Record a new best reward since the given number of scored sets, None for now."""
         self.rows.append((self.count if at is None else at, self.elapsed, reward))
 
     def state(self) -> KeptState:
@@ -50,7 +50,7 @@ class Limits:
         return {"count": self.count, "elapsed": self.elapsed, "rows": self.rows}
 
     def resume(self, state: KeptState) -> None:
-        """Resume from a checkpoint. The sets and seconds until then count."""
+        """Resume from a checkpoint. Earlier sets and seconds count too."""
         self.count = int(state["count"])
         self.started = time.monotonic() - float(state["elapsed"])
         self.rows = [
@@ -59,18 +59,20 @@ class Limits:
 
     def history(self, reward: float) -> History:
         """Improvements so far, and the end."""
-        count, seconds, rewards = zip(*self.rows, (self.count, self.elapsed, reward), strict=True)
+        columns = list(zip(*self.rows, (self.count, self.elapsed, reward), strict=True))
         return History(
-            np.array(count, np.int64), np.array(seconds, np.float64), np.array(rewards, np.float64)
+            evaluations=np.array(columns[0], np.int64),
+            seconds=np.array(columns[1], np.float64),
+            reward=np.array(columns[2], np.float64),
         )
 
 
 class Progress:
-    """Score sets and keep the best feasible one of at most `budget` candidates, at first the empty
-    set, reward 0.
+    """Score sets and keep the best feasible one of at most `budget` candidates.
 
-    Where poles must carry a sensor, the empty set is worse than any other. A limit in seconds is
-    kept to about `PACE_S`, or the time of one set."""
+    It begins with the empty set, reward 0. If poles must carry a sensor, the empty set is worse
+    than any other. A limit in seconds is kept to about `PACE_S`, or the time of one set.
+    """
 
     def __init__(
         self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None
@@ -87,7 +89,7 @@ class Progress:
 
     @property
     def spent(self) -> bool:
-        """True where a limit is reached."""
+        """True if a limit is reached."""
         return self.limits.spent
 
     def state(self) -> KeptState:
@@ -106,35 +108,37 @@ class Progress:
         self.objective.scores(self.best[None])
 
     def figures(self, subsets: Sets) -> Scores:
-        """Score sets, feasible or not. Those beyond the limits have reward -inf and NaN for the
-        rest."""
+        """Scores of sets, feasible or not. Sets beyond the limits have reward -inf and otherwise
+        NaN."""
         n = len(subsets)
         columns = np.full((6, n), np.nan)
         figures = Scores(*columns, np.zeros(n, np.bool_))  # type: ignore[call-arg]
         figures.reward[:] = -np.inf
         done = 0
         while done < n and not self.spent:
-            room = int(min(n - done, self._block, self.limits.evaluations - self.limits.count))
-            rows = slice(done, done + room)
+            block = int(min(n - done, self._block, self.limits.evaluations - self.limits.count))
+            rows = slice(done, done + block)
             began = time.monotonic()
             columns[:, rows] = self.objective.scores(subsets[rows])[:6]
-            took = max(time.monotonic() - began, 1e-9)  # one set may take 0.1 ms, or a minute
+            duration_s = max(time.monotonic() - began, 1e-9)  # one set may take 0.1 ms, or a minute
             affordable = (
-                min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * room / took
+                min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed))
+                * block
+                / duration_s
             )
-            self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))
+            self._block = int(np.clip(affordable, 1, min(MAX_BLOCK, 4 * self._block)))
             self._keep(subsets[rows], figures.reward[rows])
-            self.limits.count += room
-            done += room
+            self.limits.count += block
+            done += block
         return figures
 
     def rewards(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """Rewards of sets, -inf where the limits left no room."""
+        """Rewards of sets, -inf beyond the limits."""
         return self.figures(subsets).reward
 
-    def settle(self, chosen: list[int]) -> None:
-        """Take this set for the answer, whatever its score and the limits."""
-        self.best = as_rows([chosen], self.size)[0]
+    def settle(self, members: list[int]) -> None:
+        """Make this set the answer, regardless of its score and the limits."""
+        self.best = as_rows([members], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1
         self.limits.record(self.reward)
@@ -146,16 +150,17 @@ class Progress:
         front: tuple[Score, ...] = (),
         by_size: tuple[Score, ...] = (),
     ) -> Result:
-        """Best set so far, the incumbent, as the answer."""
+        """Incumbent as the answer."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
-        history = self.limits.history(self.reward)
-        known = self.limits.count, self.limits.elapsed, front, by_size
         return Result(
-            method,
-            best,
-            history,
-            certificate,
-            *known,
+            method=method,
+            best=best,
+            history=self.limits.history(self.reward),
+            certificate=certificate,
+            evaluations=self.limits.count,
+            seconds=self.limits.elapsed,
+            front=front,
+            by_size=by_size,
             origin=self.objective.describe_origin(best.subset),
         )
 
@@ -164,34 +169,33 @@ class Progress:
         return Certificate("none", self.reward, note=note)
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
-        better = np.flatnonzero(rewards > self.reward)
-        before = self.reward
-        if better.size:
-            fits = self.objective.feasible(subsets[better]) & (
-                subsets[better].sum(axis=1) <= self.budget
+        candidates = np.flatnonzero(rewards > self.reward)
+        previous = self.reward
+        if candidates.size:
+            is_valid = self.objective.feasible(subsets[candidates]) & (
+                subsets[candidates].sum(axis=1) <= self.budget
             )
-            for row in better[
-                fits
-            ].tolist():  # one after another, so that batch size does not change the history
+            # one after another, so that batch size does not change the history
+            for row in candidates[is_valid].tolist():
                 if rewards[row] > self.reward:
                     self.best = subsets[row].copy()
                     self.reward = float(rewards[row])
                     self.limits.record(self.reward, at=self.limits.count + row + 1)
-        if self.reward > before and self.objective.watch is not None:
+        if self.reward > previous and self.objective.watch is not None:
             self.objective.watch(tuple(np.flatnonzero(self.best).tolist()), self.reward, 0)
 
 
 def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
     """Sets of indices as rows of booleans."""
     rows = np.zeros((len(sets), size), bool)
-    for row, chosen in zip(rows, sets, strict=True):
-        row[list(chosen)] = True
+    for row, members in zip(rows, sets, strict=True):
+        row[list(members)] = True
     return rows
 
 
-def add_each(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Sets:
-    """The set `chosen` with each of the options added."""
+def add_each(members: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Sets:
+    """The set `members` with each of the options added."""
     rows = np.zeros((len(options), size), bool)
-    rows[:, list(chosen)] = True
+    rows[:, list(members)] = True
     rows[np.arange(len(options)), options] = True
     return rows

@@ -17,35 +17,42 @@ from toolkit.runtime.files import read_json, replace_infinite, write_text
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
-VERSION = 1  # of result files
+VERSION = 1  # version of result files
 _Row = dict[str, Any]  # JSON values of a file
-Measure = Literal["reward", "coverage", "price", "hits"]  # what a certificate's figures are of
+Measure = Literal["reward", "coverage", "price", "hits"]  # meaning of a certificate's figures
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Best reward after each improvement, and at the end. evaluations: sets scored; seconds: since
-    the search began."""
+    """Best reward after each improvement, and at the end.
+
+    evaluations: sets scored; seconds: since the search began.
+    """
 
     evaluations: Int64[np.ndarray, " n"]
     seconds: Float64[np.ndarray, " n"]
     reward: Float64[np.ndarray, " n"]
 
     def at(self, *, evaluations: float = np.inf, seconds: float = np.inf) -> float:
-        """Best reward at a number of sets or seconds. Before the first entry it is 0, the empty
-        set's."""
-        known = (self.evaluations <= evaluations) & (self.seconds <= seconds)
-        return float(self.reward[known][-1]) if known.any() else 0.0
+        """Best reward at a number of sets or seconds; 0, as for the empty set, before the first
+        entry."""
+        is_reached = (self.evaluations <= evaluations) & (self.seconds <= seconds)
+        return float(self.reward[is_reached][-1]) if is_reached.any() else 0.0
 
 
 @dataclass(frozen=True)
 class Certificate:
     """Evidence of how good an answer is.
 
-    kind: "optimal", no feasible set is better; "bound", none is better than `bound`; "local
-    optimum", none that differs in one sensor is better; "none", nothing is known; value, bound: of
-    the answer and of all feasible sets, in `measure`; ratio: share of the optimum that the method
-    is sure to reach before it starts, 0 where none; note: in words, with the conditions."""
+    Attributes:
+        kind: "optimal", no feasible set is better; "bound", no set is better than `bound`; "local
+            optimum", none that differs in one sensor is better; "none", nothing is known.
+        value: Figure of the answer, in `measure`.
+        bound: Bound on all feasible sets, in `measure`.
+        ratio: Share of the optimum that the method is sure to reach before it starts, 0 for none.
+        note: Evidence in words, with the conditions.
+        measure: Meaning of `value` and `bound`.
+    """
 
     kind: Literal["optimal", "bound", "local optimum", "none"]
     value: float
@@ -58,7 +65,7 @@ class Certificate:
     def from_bound(
         value: float, bound: float, note: str, measure: Measure = "reward"
     ) -> "Certificate":
-        """Certificate of an answer that is optimal where it equals its bound."""
+        """Certificate of an answer that is optimal if it equals its bound."""
         return Certificate(
             "optimal" if value == bound else "bound",
             value,
@@ -70,18 +77,25 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """Most by which the optimum may be better, in `measure`; 0 where the answer is optimal.
-        Prices fall."""
-        return max(
-            0.0, self.value - self.bound if self.measure == "price" else self.bound - self.value
-        )
+        """Largest improvement the bound leaves open, in `measure`; 0 for an optimal answer.
+
+        For prices it is the largest fall."""
+        difference = self.bound - self.value
+        return max(0.0, -difference if self.measure == "price" else difference)
 
 
 @dataclass(frozen=True)
 class Contender:
-    """Answer of some searches of a portfolio, or its winner. searches: empty where it is a
-    neighbour. predicted: AP by the searched objective; ap, low, high: by the judge on traffic that
-    neither searches nor race saw."""
+    """Answer of some searches of a portfolio, or its winner.
+
+    Attributes:
+        searches: Names of the searches, empty for a neighbour of their answers.
+        subset: Indices of the candidates.
+        predicted: AP by the searched objective.
+        ap: AP by the judge on traffic that neither searches nor race used.
+        low: Lower end of the 95 % interval.
+        high: Upper end of the 95 % interval.
+    """
 
     searches: tuple[str, ...]
     subset: tuple[int, ...]
@@ -92,7 +106,7 @@ class Contender:
 
     @property
     def curse(self) -> float:
-        """The winner's curse: the search's overestimate, in AP."""
+        """Overestimate of the search in AP (the winner's curse)."""
         return self.predicted - self.ap
 
 
@@ -108,14 +122,28 @@ class ProfileAP:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Judgement of a portfolio's answer on traffic that neither searches nor race saw.
+    """Assessment of a portfolio's answer on traffic that neither searches nor race used.
 
-    by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit:
-    of the whole set; objects, frames: used to judge it; predicted: AP by the searched objective;
-    confidence: that no entrant is better by more than `tolerance`, NaN from too few frames or
-    objects; `asked` is the level to reach; entrants: sets that raced; raced: frames that the winner
-    was raced on; contenders: judged answers of searches; by_errors: AP at each of several error
-    profiles, from which `ap` is the "worst" or the "mean", as `errors_by` says."""
+    Attributes:
+        by: Fidelity of race and assessment.
+        ap: AP of the answer.
+        low: Lower end of its 95 % interval.
+        high: Upper end of its 95 % interval.
+        kbit: Data of the whole set per frame.
+        objects: Number of objects in these frames.
+        frames: Number of frames.
+        predicted: AP by the searched objective.
+        confidence: Confidence that no entrant is better by more than `tolerance`, NaN if there are
+            too few frames or objects.
+        asked: Level of confidence to reach.
+        tolerance: AP difference that is ignored.
+        entrants: Number of sets that raced.
+        raced: Frames that the winner was raced on.
+        contenders: Assessed answers of searches.
+        expected: AP expected after the race.
+        by_errors: AP at each of several error profiles.
+        errors_by: "worst" or "mean", which gives `ap` from `by_errors`.
+    """
 
     by: str
     ap: float
@@ -143,13 +171,23 @@ class Assessment:
 
 @dataclass(frozen=True, eq=False)
 class Result(Displayed):
-    """Answer of a search. evaluations: sets scored, repeated ones too; sensors: in continuous
-    poses.
+    """Answer of a search.
 
-    front: scored sets that no other beats in AP, kbit and price at once, by price and kbit, and
-    by_size: the best set of 1, 2, ... sensors (exhaustive only); assessment: on fresh traffic
-    (portfolio only); origin: site, frames and seed of the traffic, version, and the best set's
-    sensors by name, see `Objective.describe_origin`."""
+    Attributes:
+        method: Name of the search.
+        best: Best set and its score.
+        history: Best reward over time.
+        certificate: Evidence of how good the answer is.
+        evaluations: Number of scored sets, repeated ones too.
+        seconds: Duration of the search.
+        front: Scored sets that no other beats in AP, kbit and price together, by price and kbit
+            (exhaustive only).
+        by_size: Best set of 1, 2, ... sensors (exhaustive only).
+        sensors: Sensors in continuous poses.
+        assessment: Assessment on fresh traffic (portfolio only).
+        origin: Site, frames and seed of the traffic, version, and names of the best set's sensors
+            (`Objective.describe_origin`).
+    """
 
     method: str
     best: Score
@@ -164,8 +202,10 @@ class Result(Displayed):
     origin: dict[str, Any] = field(default_factory=dict)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite
-        values. Raises FileExistsError for a file that may not be overwritten."""
+        """Write the result as JSON, completely or not at all; null means a non-finite value.
+
+        Raises FileExistsError for a file that may not be overwritten.
+        """
         if Path(path).exists() and not overwrite:
             raise FileExistsError(f"{path} exists: save to another file, or pass overwrite=True")
         content = {"coview_result": VERSION} | asdict(self)
@@ -175,8 +215,10 @@ class Result(Displayed):
 
     @staticmethod
     def load(path: str | Path) -> "Result":
-        """Read a file that `save` wrote. Raises OSError, or ValueError in one line for a damaged or
-        foreign file."""
+        """Read a file that `save` wrote.
+
+        Raises OSError, or ValueError in one line for a damaged or foreign file.
+        """
         content = read_json(path)
         if not isinstance(content, dict) or content.get("coview_result") != VERSION:
             raise ValueError(
@@ -187,9 +229,9 @@ class Result(Displayed):
                 {name: value for name, value in content.items() if name != "coview_result"}
             )
         except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-            said = str(error).partition("\n")[0][:120]
+            problem = str(error).partition("\n")[0][:120]
             raise ValueError(
-                f"{path} is no result of a search ({said}): restore the file"
+                f"{path} is no result of a search ({problem}): restore the file"
             ) from None
 
     def _card(self) -> Card:
@@ -198,19 +240,23 @@ class Result(Displayed):
         if self.assessment is not None:
             contenders = self.assessment.contenders
             tables = {"contenders": lambda: _tabulate(contenders)} | tables
-        named = self.origin.get("sensors") or [sensor.name for sensor in self.sensors]
-        facts = fact, *([f"sensors {', '.join(named)}"] if named else [])
+        facts: tuple[str, ...] = (fact,)
+        if names := self.origin.get("sensors") or [sensor.name for sensor in self.sensors]:
+            facts = (fact, f"sensors {', '.join(names)}")
         return Card(f"Result of {title}", facts, tables, "placement_env.report.charts:draw_history")
 
     def __str__(self) -> str:
-        known = self.certificate
-        judged = self.assessment
-        end = "least" if known.measure == "price" else "most"
-        bound = f", at {end} {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
+        certificate = self.certificate
+        assessment = self.assessment
+        bound_word = "least" if certificate.measure == "price" else "most"
+        bound = ""
+        if np.isfinite(certificate.bound):
+            bound = f", at {bound_word} {certificate.bound:.4f} {certificate.measure}"
         figure = f"reward {self.best.reward:.4f}"
-        if judged is not None:
-            figure = f"AP {format_share(judged.ap, judged.objects)} by the {judged.by}"
-        kind = "nothing is proven" if known.kind == "none" else known.kind
+        if assessment is not None:
+            ap = format_share(assessment.ap, assessment.objects)
+            figure = f"AP {ap} by the {assessment.by}"
+        kind = "nothing is proven" if certificate.kind == "none" else certificate.kind
         return (
             f"{self.method}: {{{', '.join(map(str, self.best.subset))}}} {figure} after "
             f"{self.evaluations} sets and {self.seconds:.1f} s ({kind}{bound})"
@@ -219,12 +265,13 @@ class Result(Displayed):
 
 def _tabulate(rows: Sequence[Score | Contender]) -> Table:
     """Columns of plain values."""
-    names = (
-        [each.name for each in fields(rows[0]) if each.name not in ("terms", "class_ap")]
-        if rows
-        else []
-    )
-    return {name: [getattr(row, name) for row in rows] for name in names}
+    if not rows:
+        return {}
+    names = [column.name for column in fields(rows[0]) if column.name not in ("terms", "class_ap")]
+    table: dict[str, list[object]] = {}
+    for name in names:
+        table[name] = [getattr(row, name) for row in rows]
+    return table
 
 
 def _describe_sensor(sensor: Sensor) -> _Row:
@@ -244,52 +291,55 @@ def _describe_sensor(sensor: Sensor) -> _Row:
 def _build_result(content: _Row) -> Result:
     history = content["history"]
     certificate = content["certificate"]
-    assessment = content["assessment"]
     rows = {
         "best": load_score(content["best"]),
         "history": History(
             np.array(history["evaluations"], np.int64),
-            *(np.array(history[name], np.float64) for name in ("seconds", "reward")),
+            np.array(history["seconds"], np.float64),
+            np.array(history["reward"], np.float64),
         ),
         "certificate": Certificate(
             **certificate | {"bound": _number(certificate["bound"], math.inf)}
         ),
         "front": tuple(map(load_score, content["front"])),
         "by_size": tuple(map(load_score, content["by_size"])),
-        "sensors": tuple(
-            Sensor(
-                row["name"],
-                make_model(row["model"], row["values"]),
-                np.array(row["pose"], np.float64),
-            )
-            for row in content["sensors"]
-        ),
+        "sensors": tuple(map(_build_sensor, content["sensors"])),
     }
-    if assessment is not None:
-        for each in (assessment, *assessment["contenders"], *assessment.get("by_errors", ())):
-            each |= {name: _number(each[name], math.nan) for name in ("low", "high")}
-        for each in assessment["contenders"]:
-            each |= {name: tuple(each[name]) for name in ("searches", "subset")}
-        judged = {
-            "expected": _number(assessment.get("expected"), math.nan),
-            "confidence": _number(assessment["confidence"], math.nan),
-            "contenders": tuple(Contender(**each) for each in assessment["contenders"]),
-            "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
-        }
-        rows["assessment"] = known = Assessment(**assessment | judged)
-        judged_sets: tuple[Assessment | Contender | ProfileAP, ...] = (
-            known,
-            *known.contenders,
-            *known.by_errors,
-        )
-        figures = [each for some in judged_sets for each in (some.ap, some.low, some.high)]
-        _check_figures((*figures, known.confidence), (known.kbit, known.objects, known.frames))
+    if content["assessment"] is not None:
+        rows["assessment"] = _build_assessment(content["assessment"])
     result = Result(**content | rows)
-    _check_figures(
-        (),
-        (result.evaluations, result.seconds, *result.history.evaluations, *result.history.seconds),
-    )
+    amounts = [result.evaluations, result.seconds]
+    _check_figures((), [*amounts, *result.history.evaluations, *result.history.seconds])
     return result
+
+
+def _build_sensor(row: _Row) -> Sensor:
+    return Sensor(
+        row["name"], make_model(row["model"], row["values"]), np.array(row["pose"], np.float64)
+    )
+
+
+def _build_assessment(row: _Row) -> Assessment:
+    contender_rows = row["contenders"]
+    profile_rows = row.get("by_errors", ())
+    for figures in (row, *contender_rows, *profile_rows):
+        figures |= {name: _number(figures[name], math.nan) for name in ("low", "high")}
+    for contender in contender_rows:
+        contender |= {name: tuple(contender[name]) for name in ("searches", "subset")}
+    values = {
+        "expected": _number(row.get("expected"), math.nan),
+        "confidence": _number(row["confidence"], math.nan),
+        "contenders": tuple(Contender(**contender) for contender in contender_rows),
+        "by_errors": tuple(ProfileAP(**profile) for profile in profile_rows),
+    }
+    assessment = Assessment(**row | values)
+    shares = [assessment.ap, assessment.low, assessment.high]
+    judged_sets: list[Contender | ProfileAP] = [*assessment.contenders, *assessment.by_errors]
+    for judged in judged_sets:
+        shares += [judged.ap, judged.low, judged.high]
+    amounts = (assessment.kbit, assessment.objects, assessment.frames)
+    _check_figures([*shares, assessment.confidence], amounts)
+    return assessment
 
 
 def load_score(row: _Row) -> Score:
@@ -307,12 +357,12 @@ def load_score(row: _Row) -> Score:
 
 def _check_figures(shares: Iterable[float], amounts: Iterable[float]) -> None:
     """Raise ValueError for a share outside 0..1, such as an AP, or an amount below 0."""
-    if wrong := [each for each in shares if not 0 <= each <= 1 and each == each]:
+    if wrong := [figure for figure in shares if not 0 <= figure <= 1 and figure == figure]:
         raise ValueError(f"AP, recall and confidence must lie in 0..1, got {wrong[0]}")
-    if wrong := [each for each in amounts if not each >= 0]:
+    if wrong := [figure for figure in amounts if not figure >= 0]:
         raise ValueError(f"kbit, prices, counts and times must be at least 0, got {wrong[0]}")
 
 
 def _number(value: float | None, absent: float) -> float:
-    """Number from a file; null means not finite. JSON has no non-finite numbers."""
+    """Number from a file; null means not finite, since JSON has no non-finite numbers."""
     return absent if value is None else float(value)

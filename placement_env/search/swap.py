@@ -1,10 +1,9 @@
-"""Swap local search: change one sensor at a time until nothing improves, from greedy's answer and
-others.
+"""Swap local search: change one sensor at a time until nothing improves, from several starts.
 
-The set is taken as `budget` places, each with one sensor or none. A step scores every alternative
-for one place at once and takes the best, so it may swap, add or drop a sensor. When no place can be
-improved the set is a local optimum under such changes, and the search restarts from a random
-set."""
+The set is a list of `budget` places, each with one sensor or empty. A step scores every alternative
+for one place and takes the best, so it may swap, add or drop a sensor. When no place can be
+improved, the set is a local optimum under such changes, and the search restarts from a random set.
+"""
 
 import sys
 from collections.abc import Callable, Iterable
@@ -19,15 +18,22 @@ from placement_env.search.greedy import grow
 from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate, Result
 
-STARTS = 5
-SECOND = 0.5  # chance of each further sensor, where mounts carry several and the drawn set has room
-EMPTY = -1  # a place without a sensor
+DEFAULT_STARTS = 5
+EXTRA_SENSOR_CHANCE = 0.5  # chance of each further sensor on mounts that carry several
+EMPTY_PLACE = -1  # a place without a sensor
 
 
 @dataclass
 class Climb:
-    """A climb in progress. before: best reward until it began; waiting: places (a candidate or
-    `EMPTY`) to change."""
+    """Climb in progress.
+
+    Attributes:
+        start: Number of the start.
+        before: Best reward until it began.
+        places: A candidate or `EMPTY_PLACE` each.
+        waiting: Places that are still to be changed.
+        reward: Reward of the current set.
+    """
 
     start: int
     before: float
@@ -47,43 +53,43 @@ def search(
     start: Iterable[int | str] | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The best local optimum of several starts: greedy's set or `start`, then sets drawn from
-    `seed`.
+    """Best local optimum of several starts: greedy's set or `start`, then sets drawn from `seed`.
 
-    start: candidates by index or name; those that do not fit beside earlier ones are left out;
-    starts: their number; None for as many as the limits allow, or `STARTS` without a limit;
-    checkpoint: where the state of the search is kept. The certificate is "local optimum" where the
-    neighbourhood of the best set was searched completely. Raises ValueError where `starts` is below
-    1 and for an unknown candidate."""
+    start: candidates by index or name; those that do not fit with earlier ones are left out;
+    starts: their number; None for as many as the limits allow, or `DEFAULT_STARTS` without a limit;
+    checkpoint: keeps the state of the search. The certificate is "local optimum" if the
+    neighbourhood of the best set was searched completely. Raises ValueError if `starts` is below 1,
+    and for an unknown candidate.
+    """
     if starts is not None:
         check_whole("starts", starts, least=1)
     progress = Progress(objective, budget, seconds, evaluations)
     rng = np.random.default_rng(seed)
     if starts is None:
-        starts = STARTS if seconds is None and evaluations is None else sys.maxsize
-    first = 0
+        starts = DEFAULT_STARTS if seconds is None and evaluations is None else sys.maxsize
+    first_number = 0
     proven = False
     climb = None
 
     def state() -> KeptState:
-        now = {"progress": progress.state(), "rng": rng.bit_generator.state, "proven": proven}
-        return now | ({} if climb is None else {"climb": vars(climb)})
+        values = {"progress": progress.state(), "rng": rng.bit_generator.state, "proven": proven}
+        return values | ({} if climb is None else {"climb": vars(climb)})
 
-    if (kept := checkpoint.load()) is not None:
-        progress.resume(kept["progress"])
-        rng.bit_generator.state = kept["rng"]
-        proven = kept["proven"]
-        climb = Climb(**kept["climb"])
-        first = climb.start
-    for number in range(first, starts):
+    if (saved := checkpoint.load()) is not None:
+        progress.resume(saved["progress"])
+        rng.bit_generator.state = saved["rng"]
+        proven = saved["proven"]
+        climb = Climb(**saved["climb"])
+        first_number = climb.start
+    for start_number in range(first_number, starts):
         if climb is None:
-            if progress.spent and number:
+            if progress.spent and start_number:
                 break
-            before = progress.reward if number else -np.inf
-            chosen = draw_set(objective, budget, rng) if number else _first(progress, start)
-            reward = float(progress.rewards(as_rows([chosen], progress.size))[0])
-            places = chosen + [EMPTY] * (budget - len(chosen))
-            climb = Climb(number, before, places, list(range(len(places))), reward)
+            before = progress.reward if start_number else -np.inf
+            members = draw_set(objective, budget, rng) if start_number else _first(progress, start)
+            reward = float(progress.rewards(as_rows([members], progress.size))[0])
+            places = members + [EMPTY_PLACE] * (budget - len(members))
+            climb = Climb(start_number, before, places, list(range(len(places))), reward)
         finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
         climb = None
@@ -96,69 +102,71 @@ def search(
 
 
 def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
-    """Members of a given set that fit beside earlier ones; else the best set on greedy's way, the
-    last if none pays."""
+    """Members of a given set that fit with earlier ones; without one, the best set on greedy's way.
+
+    If no set on greedy's way pays, it is the last one.
+    """
     if start is None:
         grown, _ = grow(progress)
         return np.flatnonzero(progress.best).tolist() or grown
     objective = progress.objective
     fitting = list[int]()
     members = np.flatnonzero(objective.row(start))
-    first = np.isin(objective.candidates.mount[members], objective.kept)
-    for member in [*members[first].tolist(), *members[~first].tolist()]:
+    is_required = np.isin(objective.candidates.mount[members], objective.kept)
+    for member in members[is_required].tolist() + members[~is_required].tolist():
         if len(fitting) < progress.budget and objective.next_allowed(fitting)[member]:
             fitting.append(member)
-    return (
-        fitting
-        if objective.keeps(objective.row(fitting)[None])[0]
-        else grow(progress, start=fitting)[0]
-    )
+    if objective.keeps(objective.row(fitting)[None])[0]:
+        return fitting
+    return grow(progress, start=fitting)[0]
 
 
 def _climb(
-    progress: Progress, climb: Climb, rng: np.random.Generator, between: Callable[[], None]
+    progress: Progress, climb: Climb, rng: np.random.Generator, save_state: Callable[[], None]
 ) -> bool:
     """Change places one by one until none improves; True if this ended before the limits did."""
     places = climb.places
     while climb.waiting:
-        between()
-        place = climb.waiting.pop(0)
-        others = [c for i, c in enumerate(places) if i != place and c != EMPTY]
-        options = np.flatnonzero(progress.objective.allowed(others))
+        save_state()
+        position = climb.waiting.pop(0)
+        members = [c for i, c in enumerate(places) if i != position and c != EMPTY_PLACE]
+        options = np.flatnonzero(progress.objective.allowed(members))
         subsets = np.vstack(
-            [as_rows([others], progress.size), add_each(others, options, progress.size)]
+            [as_rows([members], progress.size), add_each(members, options, progress.size)]
         )
         keeps = progress.objective.keeps(subsets)
-        options = np.r_[EMPTY, options][keeps]
+        options = np.r_[EMPTY_PLACE, options][keeps]
         rewards = progress.rewards(subsets[keeps])
         best = int(rewards.argmax()) if len(rewards) else 0
         if len(rewards) and rewards[best] > climb.reward:
             climb.reward = float(rewards[best])
-            places[place] = int(options[best])
-            climb.waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
+            places[position] = int(options[best])
+            climb.waiting = [i for i in rng.permutation(len(places)).tolist() if i != position]
         if not np.isfinite(rewards).all():
             return False
     if climb.reward == progress.reward:  # among equal sets the one whose neighbourhood was searched
-        progress.best = as_rows([[c for c in places if c != EMPTY]], progress.size)[0]
+        progress.best = as_rows([[c for c in places if c != EMPTY_PLACE]], progress.size)[0]
     return True
 
 
 def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
-    """Random feasible set: mounts in random order, those to be kept first, an affordable candidate
-    of each."""
+    """Random feasible set: mounts in random order, required ones first, an affordable candidate of
+    each."""
     candidates = objective.candidates
-    free = np.flatnonzero(objective.allowed([]))
-    mount = candidates.mount[free]
-    chosen: list[int] = []
-    places = rng.permutation(np.unique(mount))
-    for place in places[np.argsort(~np.isin(places, objective.kept), kind="stable")].tolist():
-        options = free[mount == place]
-        options = options[objective.next_allowed(chosen)[options]]
-        if len(chosen) < budget and options.size:
-            chosen.append(int(rng.choice(options)))
-    while candidates.several and len(chosen) < budget and rng.random() < SECOND:
-        options = np.flatnonzero(objective.allowed(chosen))
+    allowed = np.flatnonzero(objective.allowed([]))
+    mount = candidates.mount[allowed]
+    members: list[int] = []
+    mounts = rng.permutation(np.unique(mount))
+    for chosen_mount in mounts[
+        np.argsort(~np.isin(mounts, objective.kept), kind="stable")
+    ].tolist():
+        options = allowed[mount == chosen_mount]
+        options = options[objective.next_allowed(members)[options]]
+        if len(members) < budget and options.size:
+            members.append(int(rng.choice(options)))
+    while candidates.several and len(members) < budget and rng.random() < EXTRA_SENSOR_CHANCE:
+        options = np.flatnonzero(objective.allowed(members))
         if not options.size:
             break
-        chosen.append(int(rng.choice(options)))
-    return chosen
+        members.append(int(rng.choice(options)))
+    return members

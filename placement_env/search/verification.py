@@ -1,5 +1,4 @@
-"""Score a fast result, and sets that differ from it in one sensor, again by an accurate
-fidelity."""
+"""Accurate scores of a fast result and of the sets that differ from it in one sensor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64, Shaped
 from toolkit.sensors.sensor import Sensor
 
-RACING = 27  # sets in a race by some of the frames
+MAX_RACED_SETS = 27  # that race if the accurate fidelity can score some of the frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +31,13 @@ class Verified:
 def verified(
     fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5
 ) -> Verified:
-    """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
+    """The `best` sets among a set and its feasible neighbours, ranked by the accurate reward.
 
     The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the
-    better set. Where the accurate fidelity can score some of the frames, the `RACING` best sets by
-    the fast reward race. Sets that tie with the last of the best by the fast reward are ranked too.
-    Raises ValueError where the candidates differ, and for `best` below 1."""
+    better set. If the accurate fidelity can score some of the frames, the `MAX_RACED_SETS` best
+    sets by the fast reward race. Sets that tie with the last of the best by the fast reward are
+    ranked too. Raises ValueError if the candidates differ, and for `best` below 1.
+    """
     check_whole("best", best, least=1)
     if fast.candidates.digest() != accurate.candidates.digest():
         raise ValueError(
@@ -46,18 +46,20 @@ def verified(
     sets = neighbours(subset, len(fast.candidates))
     sets = sets[fast.feasible(sets)] if fast.feasible(sets[:1])[0] else sets[:1]
     if isinstance(accurate.scored_by, ByFrames):
-        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:RACING]]
+        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:MAX_RACED_SETS]]
         sets = sets[accurate.race(sets, keep=best).winners]
     guesses = fast.scores(sets).reward
-    few = find_best(guesses, best)
-    figures = accurate.scores(sets[few]).reward
-    ranked = find_best(figures, len(few))
-    return Verified(sets[few[ranked]], guesses[few[ranked]], figures[ranked])
+    best_rows = find_best(guesses, best)
+    figures = accurate.scores(sets[best_rows]).reward
+    ranked = find_best(figures, len(best_rows))
+    return Verified(sets[best_rows[ranked]], guesses[best_rows[ranked]], figures[ranked])
 
 
 def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
-    """Best accurate score of a result and its neighbours, and their number. Moved sensors have no
-    neighbours."""
+    """Best accurate score of a result and its neighbours, and the number of these sets.
+
+    Moved sensors have no neighbours.
+    """
     if result.sensors:
         return score_result(accurate, result), 1
     ranking = verified(fast, accurate, np.array(result.best.subset))
@@ -65,9 +67,11 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
 
 
 def score_result(accurate: Objective, result: Result) -> Score:
-    """Score a result by another objective of the same candidates; moved sensors are scored in their
-    poses. Raises ValueError where they were moved and the objective has no site, or they may not be
-    built there."""
+    """Score a result by another objective of the same candidates; moved sensors keep their poses.
+
+    Raises ValueError if sensors were moved and the objective has no site, or they may not be built
+    there.
+    """
     if not result.sensors:
         return accurate.score(result.best.subset)
     from placement_env.search.cmaes import build_pose_scorer
@@ -85,58 +89,60 @@ def score_result(accurate: Objective, result: Result) -> Score:
 def ap_at_profiles(
     objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> dict[str, float]:
-    """AP of a set at each of several error profiles, by name. moved: its sensors in poses of their
-    own."""
+    """AP of a set at each of several error profiles, by name. moved: its sensors in other poses."""
     scored_by = objective.scored_by
-    made = objective.preparation
+    preparation = objective.preparation
     if not isinstance(scored_by, CasesFidelity) or len(scored_by.cases.names) == 1 or not subset:
         return {}
-    if not moved or made is None:
+    if not moved or preparation is None:
         return {
-            name: float(each.ap[0])
-            for name, each in scored_by.at_each(objective.row(subset)[None]).items()
+            name: float(estimate.ap[0])
+            for name, estimate in scored_by.at_each(objective.row(subset)[None]).items()
         }
     from placement_env.search.cmaes import build_pose_scorer
 
-    found = {}
+    aps = {}
     for name, profile in zip(scored_by.cases.names, scored_by.cases.profiles, strict=True):
-        there = replace(
-            made, setting=replace(made.setting, cases=replace(scored_by.cases, errors=profile))
+        at_profile = replace(
+            preparation,
+            setting=replace(preparation.setting, cases=replace(scored_by.cases, errors=profile)),
         )
-        vars(there).update(traffic=made.traffic, detector=made.detector)
-        (score,) = build_pose_scorer(there, objective.weights)([tuple(moved)])
+        vars(at_profile).update(traffic=preparation.traffic, detector=preparation.detector)
+        (score,) = build_pose_scorer(at_profile, objective.weights)([tuple(moved)])
         if score is not None:
-            found[name] = score.ap
-    return found
+            aps[name] = score.ap
+    return aps
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
-    """A set, and variants with one member replaced."""
+    """A set, and its variants with one member replaced."""
     row = as_rows([subset.tolist()], candidates)
-    others = np.flatnonzero(~row[0])
-    sets = np.repeat(row, 1 + len(subset) * len(others), axis=0)
+    outside = np.flatnonzero(~row[0])
+    sets = np.repeat(row, 1 + len(subset) * len(outside), axis=0)
     swaps = np.arange(1, len(sets))
-    sets[swaps, np.repeat(subset, len(others))] = False
-    sets[swaps, np.tile(others, len(subset))] = True
+    sets[swaps, np.repeat(subset, len(outside))] = False
+    sets[swaps, np.tile(outside, len(subset))] = True
     return sets
 
 
-def best_of_equals(
-    progress: Progress, chosen: Sequence[int], count: Callable[[Sets], Shaped[np.ndarray, " n"]]
+def improve_among_equals(
+    progress: Progress, members: Sequence[int], count: Callable[[Sets], Shaped[np.ndarray, " n"]]
 ) -> list[int]:
-    """Best set by the objective that changes of one sensor reach within the limits while they keep
-    the count. Coverage has many optima (one set of coverage 1.000 has AP 0.918, its neighbour
-    0.98): a solver answers with any."""
-    best = sorted(int(c) for c in chosen)
+    """Best set by the objective among sets that changes of one sensor reach without a lower count.
+
+    Coverage has many optima, and a solver answers with any: one set of coverage 1.000 has AP 0.918,
+    its neighbour 0.98. The limits of the search hold.
+    """
+    best = sorted(int(c) for c in members)
     if not best:
         return best
     row = as_rows([best], progress.size)
-    least = count(row)[0]
+    min_count = count(row)[0]
     reward = float(progress.rewards(row)[0])
     while not progress.spent:
         sets = neighbours(np.array(best), progress.size)[1:]
         sets = sets[progress.objective.feasible(sets)]
-        sets = sets[count(sets) >= least]
+        sets = sets[count(sets) >= min_count]
         rewards = progress.rewards(sets)
         if not len(sets) or not rewards.max() > reward:
             break

@@ -1,14 +1,15 @@
-"""The cheapest set that reaches an AP, with a proven bound on the price of any such set (CP-SAT).
+"""Cheapest set that reaches an AP, with a proven bound on the price of any such set (CP-SAT).
 
-By coverage the programme is exact. By a surrogate, AP is no sum over objects but never exceeds the
-recall: a set that reaches the AP also reaches it in expected hits, and in steps above their
-probability. The cheapest set of that relaxation is the bound. The answer comes from steps in the
-middle of the curve, with a demand that rises until the AP is reached, and is then pruned; its AP is
-the surrogate's own in every case of failure and share of the traffic.
+For coverage the programme is exact. For a surrogate, AP is not a sum over objects, but it never
+exceeds the recall: a set that reaches the AP also reaches it in expected hits, and in steps above
+their probability. The cheapest set of that relaxation is the bound. The answer comes from steps in
+the middle of the curve, with a demand that rises until the AP is reached, and is then pruned. Its
+AP is the surrogate's in every case of failure and share of the traffic.
 
 A pole whose sensor fails is a separate case, in which the steps must be reached without it. Few
-cases bind, so those that an answer violates join one after another. When none is violated it
-answers all cases, and every bound until then is valid."""
+cases bind, so cases that an answer violates are added one after another. An answer that violates
+none satisfies all cases, and every bound until then is valid.
+"""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from placement_env.cases import TIE, Cases
+from placement_env.cases import TIE_SHARE, Cases
 from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST, Coverage
 from placement_env.fidelity.surrogate import Surrogate
@@ -26,8 +27,8 @@ from placement_env.objective import Objective
 from placement_env.protocol import Estimate, Fidelity
 from placement_env.search import swap
 from placement_env.search.exact.programme import (
-    GAINS,
-    SECONDS,
+    DEFAULT_SOLVER_S,
+    GAIN_UNITS,
     Levels,
     Prices,
     Programme,
@@ -41,20 +42,23 @@ from placement_env.search.result import Certificate, Result
 from placement_env.subsets import SetFunction, Sets
 from toolkit.arrays import Bool, Float64, Int64
 
-TRIES = 10  # tries with steps in the middle of the curve
-ASKED_MORE = 0.5  # share of the missing AP that the next try adds to its demand
+MAX_TRIES = 10  # tries with steps in the middle of the curve
+DEMAND_STEP_SHARE = 0.5  # part of the missing AP that the next try adds to its demand
 PRICE_UNITS = 1 << 30  # whole units of the highest price
-BOUNDING = 0.5  # share of the time that a bound under conditions may take
-MET = 1e-9  # largest effect of rounding on an AP
+BOUND_TIME_SHARE = 0.5  # that a bound under conditions may take
+ROUNDING_AP = 1e-9  # largest effect of rounding
 
 
 @dataclass(frozen=True)
 class Demand:
-    """Conditions that the cheapest set must meet. Raises ValueError where these do not fit.
+    """Conditions that the cheapest set must meet. Raises ValueError if they do not fit.
 
-    at_least: AP, or share covered; failing: sensors that may fail, 0 or 1; parts, levels: number of
-    consecutive parts of the traffic, or of its levels by the number of road users, that must each
-    reach it."""
+    Attributes:
+        at_least: AP, or covered share.
+        failing: Number of sensors that may fail, 0 or 1.
+        parts: Number of consecutive parts of the traffic that must each reach `at_least`.
+        levels: Number of levels of traffic, by road users, that must each reach it.
+    """
 
     at_least: float = 0.9
     failing: int = 0
@@ -78,49 +82,53 @@ class Demand:
             )
 
     def describe(self, shares: int) -> str:
-        """The conditions in words. shares: their number."""
-        what = f" in each of {shares} parts of the traffic" if self.parts > 1 else ""
-        what += f" at each of {shares} levels of traffic" if self.levels > 1 else ""
-        return what + (", whichever sensor fails" if self.failing else "")
+        """Conditions in words. shares: number of parts or levels."""
+        conditions = f" in each of {shares} parts of the traffic" if self.parts > 1 else ""
+        conditions += f" at each of {shares} levels of traffic" if self.levels > 1 else ""
+        return conditions + (", whichever sensor fails" if self.failing else "")
 
     def shares(self, objective: Objective, seen: Visibility) -> list[Int64[np.ndarray, " _"]]:
-        """Frames of each share of the traffic with a counted object. seen: these; they give levels
-        without traffic."""
-        there = np.bincount(seen.frame, minlength=seen.frames)
-        found: Sequence[Int64[np.ndarray, " _"]]
-        if self.levels == 1:
-            part = np.arange(seen.frames) * self.parts // max(1, seen.frames)
-            found = [np.flatnonzero(part == k) for k in range(self.parts)]
-        elif objective.preparation is not None:
-            found = objective.preparation.split(self.levels)
-        else:
-            found = Cases(levels=self.levels).split(there)
-        return [frames for frames in found if there[frames].any()]
+        """Frames of each share of the traffic with a counted object.
 
-    def reach(self, by: Sequence[Fidelity], sets: Sets) -> Float64[np.ndarray, " n"]:
-        """Least AP of each set over failures and shares; 0 if a failure leaves nothing. by:
-        fidelity of each share."""
+        seen: visibility of these objects; it gives levels without traffic.
+        """
+        object_counts = np.bincount(seen.frame, minlength=seen.frames)
+        shares: Sequence[Int64[np.ndarray, " _"]]
+        if self.levels == 1:
+            part_of_frame = np.arange(seen.frames) * self.parts // max(1, seen.frames)
+            shares = [np.flatnonzero(part_of_frame == k) for k in range(self.parts)]
+        elif objective.preparation is not None:
+            shares = objective.preparation.split(self.levels)
+        else:
+            shares = Cases(levels=self.levels).split(object_counts)
+        return [frames for frames in shares if object_counts[frames].any()]
+
+    def reach(self, fidelities: Sequence[Fidelity], sets: Sets) -> Float64[np.ndarray, " n"]:
+        """Lowest AP of each set over failures and shares; 0 if a failure leaves nothing.
+
+        fidelities: one for each share.
+        """
         if not len(sets):
             return np.zeros(0)
         cases = Cases(failing=self.failing)
         rows, owners = cases.expand(sets)
-        return cases.over_failures(np.min([each(rows).ap for each in by], axis=0), owners, tie=0.0)
+        ap = np.min([fidelity(rows).ap for fidelity in fidelities], axis=0)
+        return cases.over_failures(ap, owners, tie=0.0)
 
 
 class DemandFidelity:
-    """Score sets by the least AP of a demand over shares (`by`); recall and kbit are of intact sets
-    in all traffic."""
+    """Score sets by the lowest AP of a demand over shares; recall and kbit are for intact sets."""
 
-    def __init__(self, whole: Fidelity, by: Sequence[Fidelity], demand: Demand) -> None:
+    def __init__(self, whole: Fidelity, fidelities: Sequence[Fidelity], demand: Demand) -> None:
         self._whole = whole
-        self._by = tuple(by)
+        self._by = tuple(fidelities)
         self._demand = demand
         self.name = whole.name
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Least AP of each set. A trace of the intact set's AP separates equal ones."""
+        """Lowest AP of each set. A trace of the intact set's AP separates equal ones."""
         intact = self._whole(subsets)
-        return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE * intact.ap)
+        return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE_SHARE * intact.ap)
 
 
 def search(
@@ -133,15 +141,18 @@ def search(
     demand: Demand = Demand(),
     effort: float | None = None,
 ) -> Result:
-    """The cheapest set of at most `budget` sensors that meets a demand; the certificate is of the
+    """Cheapest set of at most `budget` sensors that meets a demand, with a certificate of its
     price.
 
-    Fewest sensors decide among equally cheap sets; the empty set answers where none meets it.
-    seconds: 60 if None, of which the bound may take `BOUNDING` under conditions; evaluations: of
-    the search for an answer by a surrogate; effort: OR-Tools' deterministic seconds of each
-    programme, None for unlimited. Raises ValueError for fidelities other than coverage and
-    surrogate (early, late fusion), ImportError without OR-Tools."""
-    progress = Progress(objective, budget, SECONDS if seconds is None else seconds, evaluations)
+    Of equally cheap sets the one with the fewest sensors is chosen; the empty set means that no set
+    meets the demand. seconds: 60 if None; under conditions the bound may take `BOUND_TIME_SHARE` of
+    it; evaluations: for the search for an answer by a surrogate; effort: OR-Tools' deterministic
+    seconds of each programme, None for unlimited. Raises ValueError for fidelities other than
+    coverage and surrogate (early, late fusion), ImportError without OR-Tools.
+    """
+    progress = Progress(
+        objective, budget, DEFAULT_SOLVER_S if seconds is None else seconds, evaluations
+    )
     prices = Prices.in_units(
         objective, max(float(objective.candidates.prices.max(initial=0.0)), 1e-300) / PRICE_UNITS
     )
@@ -169,24 +180,24 @@ def _by_coverage(
         )
     seen = objective.visibility.of_classes(objective.classes.labels)
     shares = demand.shares(objective, seen)
-    parties = np.array([np.isin(seen.frame, frames) for frames in shares]).reshape(
+    share_rows = np.array([np.isin(seen.frame, frames) for frames in shares]).reshape(
         len(shares), len(seen.frame)
     )
-    needs = np.ceil(demand.at_least * parties.sum(axis=1) - MET).astype(np.int64)
-    # equal needs: each party gets one more object, seen by all and worth the amount by which its
-    # need is smaller
-    known = np.pad(
+    needs = np.ceil(demand.at_least * share_rows.sum(axis=1) - ROUNDING_AP).astype(np.int64)
+    # equal needs: each share gets one more object that all candidates see, whose gain is the amount
+    # by which its need is smaller
+    views = np.pad(
         (seen.points >= LEAST).astype(np.int64), ((0, 0), (0, len(needs))), constant_values=1
     )
     threshold = np.pad(np.ones((1, len(seen.frame)), np.int64), ((0, 0), (0, len(needs))))
     gain = np.append(threshold[0, : len(seen.frame)], needs.max() - needs)[None]
     levels = Levels(
-        known, threshold, gain, np.hstack([parties, np.eye(len(needs), dtype=np.bool_)])
+        views, threshold, gain, np.hstack([share_rows, np.eye(len(needs), dtype=np.bool_)])
     )
     programme = Programme.of(objective, progress.budget, levels, failing=demand.failing)
-    found = _solve(progress, programme, int(needs.max()), prices, limits)
-    what = f"covers {demand.at_least:.0%} of the objects{demand.describe(len(parties))}"
-    return _result(progress, found, prices.unit, what)
+    solution = _solve(progress, programme, int(needs.max()), prices, limits)
+    condition = f"covers {demand.at_least:.0%} of the objects{demand.describe(len(share_rows))}"
+    return _result(progress, solution, prices.unit, condition)
 
 
 def _by_surrogate(
@@ -194,7 +205,7 @@ def _by_surrogate(
 ) -> Result:
     objective = progress.objective
     shares = [surrogate]
-    plain = demand == Demand(demand.at_least)
+    is_plain = demand == Demand(demand.at_least)
     if max(demand.parts, demand.levels) > 1:
         if objective.visibility is None:
             raise ValueError(
@@ -204,55 +215,72 @@ def _by_surrogate(
         seen = objective.visibility.of_classes(objective.classes.labels)
         shares = [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
 
-    def reached(sets: Sets) -> Float64[np.ndarray, " n"]:
-        return objective.scores(sets).ap if plain else demand.reach(shares, sets)
+    def score_ap(sets: Sets) -> Float64[np.ndarray, " n"]:
+        return objective.scores(sets).ap if is_plain else demand.reach(shares, sets)
 
-    def reach(chosen: list[int]) -> float:
-        return float(reached(objective.row(chosen)[None])[0])
-
-    what = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"
-    lost: list[Bool[np.ndarray, " C"]] | None = [] if demand.failing else None
-    levels = (
-        join_levels([build_levels(share, above=each) for share in shares]) for each in (True, False)
-    )
-    above, steps = (Programme.of(objective, progress.budget, each, lost=lost) for each in levels)
-    need = math.floor(demand.at_least * GAINS)
-    until = 1.0 if plain else BOUNDING
-    relaxed = _solve(progress, above, need, prices, limits, until)
+    condition = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"
+    lost_cases: list[Bool[np.ndarray, " C"]] | None = [] if demand.failing else None
+    above = join_levels([build_levels(share, above=True) for share in shares])
+    middle = join_levels([build_levels(share, above=False) for share in shares])
+    relaxation = Programme.of(objective, progress.budget, above, lost=lost_cases)
+    programme = Programme.of(objective, progress.budget, middle, lost=lost_cases)
+    need = math.floor(demand.at_least * GAIN_UNITS)
+    time_share = 1.0 if is_plain else BOUND_TIME_SHARE
+    relaxed = _solve(progress, relaxation, need, prices, limits, time_share)
     if relaxed.chosen is None and relaxed.optimal:
-        return _result(progress, relaxed, prices.unit, what)
-    asked = demand.at_least
-    answer: list[int] | None = None
-    for _ in range(TRIES):
-        found = _solve(progress, steps, math.ceil(asked * GAINS), prices, limits)
-        if found.chosen is None or progress.spent:
-            break
-        short = demand.at_least - reach(found.chosen)
-        if short <= MET:
-            answer = found.chosen
-            break
-        asked += max(0.002, ASKED_MORE * short)
+        return _result(progress, relaxed, prices.unit, condition)
+    answer = _raise_demand(progress, programme, prices, limits, demand.at_least, score_ap)
     if answer is None:
-        scored = objective
-        if not plain:
+        search_objective = objective
+        if not is_plain:
             scored_by = DemandFidelity(surrogate, shares, demand)
             setting = replace(
                 objective.setting, candidates=objective.candidates, fidelity=scored_by
             )
-            scored = Objective(setting, objective.run, visibility=objective.visibility)
-        chosen = list(
-            swap.search(
-                scored, progress.budget, seed=limits.seed, starts=2, evaluations=20_000
-            ).best.subset
+            search_objective = Objective(setting, objective.run, visibility=objective.visibility)
+        swapped = swap.search(
+            search_objective, progress.budget, seed=limits.seed, starts=2, evaluations=20_000
         )
-        answer = chosen if chosen and reach(chosen) >= demand.at_least - MET else None
+        members = list(swapped.best.subset)
+        if members and _score_one(objective, score_ap, members) >= demand.at_least - ROUNDING_AP:
+            answer = members
     if answer is None:
-        return _result(progress, Solved(None, 0, relaxed.bound, False), prices.unit, what)
-    answer = _prune(objective, answer, demand.at_least, reached)
-    said = "" if plain else f"; by the surrogate it is AP {reach(answer):.4f} in the worst case"
+        return _result(progress, Solved(None, 0, relaxed.bound, False), prices.unit, condition)
+    answer = _prune(objective, answer, demand.at_least, score_ap)
+    remark = ""
+    if not is_plain:
+        worst_ap = _score_one(objective, score_ap, answer)
+        remark = f"; by the surrogate it is AP {worst_ap:.4f} in the worst case"
     price = prices.total(answer)
     solved = Solved(answer, price, min(relaxed.bound, price), relaxed.bound >= price)
-    return _result(progress, solved, prices.unit, what, said)
+    return _result(progress, solved, prices.unit, condition, remark)
+
+
+def _raise_demand(
+    progress: Progress,
+    programme: Programme,
+    prices: Prices,
+    limits: SolverLimits,
+    at_least: float,
+    score_ap: SetFunction,
+) -> list[int] | None:
+    """Cheapest set of the programme whose AP reaches a value, with a demand that rises until then.
+
+    None if the tries or the time run out."""
+    demanded_ap = at_least
+    for _ in range(MAX_TRIES):
+        solution = _solve(progress, programme, math.ceil(demanded_ap * GAIN_UNITS), prices, limits)
+        if solution.chosen is None or progress.spent:
+            return None
+        missing_ap = at_least - _score_one(progress.objective, score_ap, solution.chosen)
+        if missing_ap <= ROUNDING_AP:
+            return solution.chosen
+        demanded_ap += max(0.002, DEMAND_STEP_SHARE * missing_ap)
+    return None
+
+
+def _score_one(objective: Objective, score_ap: SetFunction, members: list[int]) -> float:
+    return float(score_ap(objective.row(members)[None])[0])
 
 
 def _solve(
@@ -261,90 +289,108 @@ def _solve(
     need: int,
     prices: Prices,
     limits: SolverLimits,
-    until: float = 1.0,
+    time_share: float = 1.0,
 ) -> Solved:
-    """The cheapest set that meets the need, in the rest of a share of the time, in all cases that
-    may be `lost`. Those that bind join them. No set is cheaper than the bound, even if time runs
-    out before a set satisfies all cases."""
-    mount = progress.objective.candidates.mount
+    """Cheapest set that meets the need in all cases that may be `lost`, within a share of the time.
+
+    Cases that an answer violates are added to `lost`. No set is cheaper than the bound, even if
+    time runs out before a set satisfies all cases."""
     bound = 0
-    # a failing sensor takes all candidates of such a pole
-    alone = progress.objective.candidates.places[mount] == 1
     while True:
-        left = max(0.1, until * progress.limits.seconds - progress.limits.elapsed)
-        found = solve(programme, replace(limits, seconds=left), at_least=need, cost=prices)
-        bound = max(bound, found.bound)
-        if found.chosen is None:
-            return found._replace(bound=bound)
-        missing = []
-        for c in found.chosen if programme.lost is not None else ():
-            gone = mount == mount[c] if alone[c] else np.arange(len(mount)) == c
-            known = any((gone == each).all() for each in programme.lost or ())
-            if (
-                not known
-                and programme.levels.worth([other for other in found.chosen if not gone[other]])
-                < need
-            ):
-                missing.append(gone)
-        if programme.lost is None or not missing:
-            return found._replace(bound=min(bound, found.figure))
-        if progress.limits.elapsed >= until * progress.limits.seconds:
+        remaining_s = max(0.1, time_share * progress.limits.seconds - progress.limits.elapsed)
+        timed = replace(limits, seconds=remaining_s)
+        solution = solve(programme, timed, at_least=need, cost=prices)
+        bound = max(bound, solution.bound)
+        if solution.chosen is None:
+            return solution._replace(bound=bound)
+        violated = _list_violated(progress, programme, solution.chosen, need)
+        if programme.lost is None or not violated:
+            return solution._replace(bound=min(bound, solution.figure))
+        if progress.limits.elapsed >= time_share * progress.limits.seconds:
             return Solved(None, 0, bound, False)
-        programme.lost.extend(missing)
+        programme.lost.extend(violated)
+
+
+def _list_violated(
+    progress: Progress, programme: Programme, members: list[int], need: int
+) -> list[Bool[np.ndarray, " C"]]:
+    """New cases of failure in which a set does not meet the need, as rows of lost candidates."""
+    if programme.lost is None:
+        return []
+    candidates = progress.objective.candidates
+    mount = candidates.mount
+    # a failing sensor takes all candidates of a pole with one place
+    has_one_place = candidates.places[mount] == 1
+    violated = []
+    for failed in members:
+        is_lost = (
+            mount == mount[failed] if has_one_place[failed] else np.arange(len(mount)) == failed
+        )
+        if any((is_lost == case).all() for case in programme.lost):
+            continue
+        if programme.levels.worth([c for c in members if not is_lost[c]]) < need:
+            violated.append(is_lost)
+    return violated
 
 
 def join_levels(parts: Sequence[Levels]) -> Levels:
-    """Levels of the objects of several programmes over the same candidates. The parties of each
-    stay apart."""
-    known, threshold, gain, parties = zip(*parts, strict=True)
-    joined, least, worth = (np.concatenate(each, axis=1) for each in (known, threshold, gain))
-    return Levels(joined, least, worth, block_diag(*parties))
+    """Levels of the objects of several programmes over the same candidates, with separate
+    parties."""
+    return Levels(
+        known=np.concatenate([part.known for part in parts], axis=1),
+        threshold=np.concatenate([part.threshold for part in parts], axis=1),
+        gain=np.concatenate([part.gain for part in parts], axis=1),
+        parties=block_diag(*[part.parties for part in parts]),
+    )
 
 
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
-    """Steps of all classes. The mean of classes forms one party; the worst class gives one party
-    per class."""
-    evidence = surrogate.evidence()
-    levels = join_levels(
-        [levels_of_hits(powers, model, above=above) for powers, _, model, _ in evidence]
-    )
-    worst = surrogate.classes.combine == "worst"
-    scale = np.concatenate(
-        [of_size * (1.0 if worst else share) for _, of_size, _, share in evidence]
-    )
+    """Steps of all classes. The mean of classes forms one party, the worst class one party each."""
+    is_worst = surrogate.classes.combine == "worst"
+    class_levels = []
+    scales = []
+    for powers, size_factor, model, weight in surrogate.evidence():
+        class_levels.append(levels_of_hits(powers, model, above=above))
+        scales.append(size_factor * (1.0 if is_worst else weight))
+    levels = join_levels(class_levels)
+    scale = np.concatenate(scales)
     gain = (np.ceil if above else np.rint)(levels.gain * scale).astype(np.int64)
-    return levels._replace(
-        gain=gain, parties=levels.parties if worst else np.ones((1, len(scale)), np.bool_)
-    )
+    parties = levels.parties if is_worst else np.ones((1, len(scale)), np.bool_)
+    return levels._replace(gain=gain, parties=parties)
 
 
 def _prune(
-    objective: Objective, chosen: list[int], at_least: float, reached: SetFunction
+    objective: Objective, members: list[int], at_least: float, score_ap: SetFunction
 ) -> list[int]:
     """Drop unneeded sensors or replace them by cheaper ones, as long as the set gets cheaper."""
     prices = objective.candidates.prices
     while True:
         options: list[list[int]] = []
-        for gone in chosen:
-            rest = [c for c in chosen if c != gone]
-            cheaper = objective.allowed(rest) & (prices < prices[gone] - MET)
-            options += [rest, *([*rest, c] for c in np.flatnonzero(cheaper).tolist())]
+        for dropped in members:
+            remaining = [c for c in members if c != dropped]
+            cheaper = objective.allowed(remaining) & (prices < prices[dropped] - ROUNDING_AP)
+            options.append(remaining)
+            options += [[*remaining, c] for c in np.flatnonzero(cheaper).tolist()]
         sets = as_rows(options, len(prices))
-        sets = sets[objective.keeps(sets) & (reached(sets) >= at_least - MET)]
+        sets = sets[objective.keeps(sets) & (score_ap(sets) >= at_least - ROUNDING_AP)]
         if not len(sets):
-            return sorted(chosen)
-        chosen = np.flatnonzero(sets[objective.price(sets).argmin()]).tolist()
+            return sorted(members)
+        members = np.flatnonzero(sets[objective.price(sets).argmin()]).tolist()
 
 
-def _result(progress: Progress, found: Solved, unit: float, what: str, said: str = "") -> Result:
-    bound = found.bound * unit
-    if found.chosen is None:
-        sure = "no set within the budget " if found.optimal else "no set was found in time that "
-        return progress.result(
-            "cheapest", Certificate("none", 0.0, bound, note=f"{sure}{what}", measure="price")
+def _result(
+    progress: Progress, solution: Solved, unit: float, condition: str, remark: str = ""
+) -> Result:
+    bound = solution.bound * unit
+    if solution.chosen is None:
+        claim = (
+            "no set within the budget " if solution.optimal else "no set was found in time that "
         )
-    progress.settle(sorted(found.chosen))
+        return progress.result(
+            "cheapest", Certificate("none", 0.0, bound, note=f"{claim}{condition}", measure="price")
+        )
+    progress.settle(sorted(solution.chosen))
     price = float(progress.objective.price(progress.best[None])[0])
-    bound = price if found.optimal else min(bound, price)
-    note = f"{what} for {price:g}, and no set that does costs less than {bound:g}{said}"
+    bound = price if solution.optimal else min(bound, price)
+    note = f"{condition} for {price:g}, and no set that does costs less than {bound:g}{remark}"
     return progress.result("cheapest", Certificate.from_bound(price, bound, note, "price"))

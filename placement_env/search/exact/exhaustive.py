@@ -1,5 +1,6 @@
-"""Every set of up to 16 candidates. Yields the optimum, the best set of each size and the exact
-AP-kbit-price front."""
+"""Every set of up to 16 candidates: the optimum, the best set of each size and the exact
+AP-kbit-price front.
+"""
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from placement_env.search.result import Certificate, Result
 from placement_env.subsets import Sets, all_subsets
 from toolkit.arrays import Float
 
-LARGEST = 16  # candidates, 65 536 sets
+MAX_CANDIDATES = 16  # candidates, 65 536 sets
 
 
 def search(
@@ -20,16 +21,18 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """The best set of at most `budget` sensors, proven; the smaller one, then the first among
-    equals. budget: None for any number; seed: not used. Nothing is proven if a limit stops it.
-    Raises ValueError above 16 candidates."""
+    """Best set of at most `budget` sensors, proven; the smaller of equal sets, then the first.
+
+    budget: None for any number; seed: not used. Nothing is proven if a limit stops it. Raises
+    ValueError above 16 candidates.
+    """
     size = len(objective.candidates)
-    if size > LARGEST:
+    if size > MAX_CANDIDATES:
         raise ValueError(
-            f"exhaustive search takes at most {LARGEST} candidates, got {size}: select some"
+            f"exhaustive search takes at most {MAX_CANDIDATES} candidates, got {size}: select some"
         )
     progress = Progress(objective, size if budget is None else budget, seconds, evaluations)
-    subsets = every_set(size, progress.budget)
+    subsets = list_sets(size, progress.budget)
     subsets = subsets[objective.feasible(subsets)]
     figures = progress.figures(subsets)
     scored = np.flatnonzero(np.isfinite(figures.reward))
@@ -54,8 +57,8 @@ def search(
     return progress.result("exhaustive", certificate, scores(front), scores(best))
 
 
-def every_set(size: int, budget: int) -> Sets:
-    """All sets of 1 to `budget` of `size` candidates, small ones first."""
+def list_sets(size: int, budget: int) -> Sets:
+    """All sets of 1 to `budget` members from `size` candidates, small ones first."""
     sets = all_subsets(size)[1:]
     count = sets.sum(axis=1)
     order = np.argsort(count, kind="stable")
@@ -63,12 +66,14 @@ def every_set(size: int, budget: int) -> Sets:
 
 
 def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
-    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the
-    first is kept."""
-    # what comes first is never beaten by what follows
+    """Rows that no other row beats: no higher in any column and lower in one.
+
+    Of equal rows the first stays.
+    """
+    # no row is beaten by a later one in this order
     order = np.lexsort((np.arange(len(points)), *points.T[::-1]))
-    kept = []
+    front = []
     while order.size:
-        kept.append(order[0])
+        front.append(order[0])
         order = order[(points[order] < points[order[0]]).any(axis=1)]
-    return np.sort(np.array(kept, np.int64))
+    return np.sort(np.array(front, np.int64))

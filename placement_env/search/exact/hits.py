@@ -1,6 +1,9 @@
-"""The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by
-CP-SAT. Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective
-decides among equal sets."""
+"""Most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by
+CP-SAT.
+
+Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective decides
+among equal sets.
+"""
 
 import numpy as np
 
@@ -8,10 +11,16 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.exact.cheapest import build_levels
-from placement_env.search.exact.programme import GAINS, SECONDS, Programme, SolverLimits, solve
+from placement_env.search.exact.programme import (
+    DEFAULT_SOLVER_S,
+    GAIN_UNITS,
+    Programme,
+    SolverLimits,
+    solve,
+)
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
-from placement_env.search.verification import best_of_equals
+from placement_env.search.verification import improve_among_equals
 from placement_env.subsets import Sets
 from toolkit.arrays import Int64
 
@@ -24,12 +33,13 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """The set of most expected hits, and its score by the objective; the certificate is of the
-    share of hits in steps.
+    """Set with the most expected hits, and its score, with a certificate of the share of hits in
+    steps.
 
-    The search starts at greedy's set; seconds: 60 if None; evaluations: of greedy and of the choice
-    among equals. Raises ValueError for fidelities other than the surrogate, or hybrid fusion;
-    ImportError without OR-Tools."""
+    The search starts at greedy's set. seconds: 60 if None; evaluations: for greedy and for the
+    choice among equals. Raises ValueError for fidelities other than the surrogate, or hybrid
+    fusion; ImportError without OR-Tools.
+    """
     surrogate = objective.scored_by
     if not isinstance(surrogate, Surrogate):
         raise ValueError(
@@ -39,25 +49,27 @@ def search(
     levels = build_levels(surrogate, above=False)
     progress = Progress(objective, budget, seconds, evaluations)
     start, _ = greedy.grow(progress)
-    left = max(0.1, min(SECONDS, progress.limits.seconds - progress.limits.elapsed))
-    found = solve(Programme.of(objective, budget, levels), SolverLimits(left, seed), start=start)
-    ways = [
-        each
-        for each in (found.chosen, start)
-        if each and objective.feasible(objective.row(each)[None])[0]
+    remaining_s = max(0.1, min(DEFAULT_SOLVER_S, progress.limits.seconds - progress.limits.elapsed))
+    solution = solve(
+        Programme.of(objective, budget, levels), SolverLimits(remaining_s, seed), start=start
+    )
+    answers = [
+        subset
+        for subset in (solution.chosen, start)
+        if subset and objective.feasible(objective.row(subset)[None])[0]
     ]
-    chosen = max(ways, key=levels.worth, default=[])
-    value = levels.worth(chosen)
-    bound = max(value, found.bound) if found.chosen is not None else levels.whole
+    members = max(answers, key=levels.worth, default=[])
+    value = levels.worth(members)
+    bound = max(value, solution.bound) if solution.chosen is not None else levels.whole
 
     def worth(sets: Sets) -> Int64[np.ndarray, " n"]:
         return np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets], np.int64)
 
-    progress.settle(best_of_equals(progress, chosen, worth))
-    share = value / GAINS
-    most = bound / GAINS
+    progress.settle(improve_among_equals(progress, members, worth))
+    share = value / GAIN_UNITS
+    max_share = bound / GAIN_UNITS
     note = (
         f"{share:.4f} of the objects are expected to be hit, in steps, and no set has more than "
-        f"{most:.4f}"
+        f"{max_share:.4f}"
     )
-    return progress.result("hits", Certificate.from_bound(share, most, note, "hits"))
+    return progress.result("hits", Certificate.from_bound(share, max_share, note, "hits"))

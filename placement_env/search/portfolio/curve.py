@@ -1,9 +1,10 @@
 """Budget curve: the best AP on fresh traffic for every number of sensors or amount of money.
 
-The searches of a portfolio run for each budget. Its entrants race each other, and those of an
-amount also the winner of the amount before. All winners are judged together on the third part of
-traffic, with the same resamples, so their AP is comparable. A checkpoint keeps the progress of
-searches and the winners of finished races."""
+The searches of a portfolio run for each budget. Its entrants race each other, and the entrants of
+an amount also race the winner of the amount before. All winners are judged together on the third
+part of traffic, with the same resamples, so their AP is comparable. A checkpoint keeps the progress
+of searches and the winners of finished races.
+"""
 
 import math
 from collections.abc import Iterator
@@ -11,15 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.analysis.intervals import FEWEST_SURE_OBJECTS, is_comparable, share_beyond_reach
+from placement_env.analysis.intervals import MIN_SURE_OBJECTS, is_comparable, share_beyond_reach
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
+from placement_env.racing import Contest
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, keep_entrants
-from placement_env.search.portfolio.evaluators import Schedule, race_order
+from placement_env.search.portfolio.evaluators import CasesEvaluator, Schedule, race_order
 from placement_env.search.portfolio.portfolio import (
-    SEARCHES,
-    SET_FRAMES,
+    MAX_SET_FRAMES,
+    SEARCH_COUNT,
     Judging,
     aps_at_profiles,
     contest,
@@ -28,19 +30,31 @@ from placement_env.search.portfolio.portfolio import (
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
 
-AMOUNTS = 12  # largest number of amounts of money to search
-SUMS = 4096  # resolution of prices
+MAX_AMOUNTS = 12  # amounts of money to search
+MAX_SUMS = 4096  # sums of prices that are kept exactly; beyond it, cells on the way to the limit
 
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """The best set for one number of sensors, or amount of money (infinite for numbers).
+    """Best set for one number of sensors, or amount of money (infinite for numbers).
 
-    searches: that answered with it, empty for a neighbour; predicted: AP by the searched objective;
-    ap, low, high: on traffic that neither searches nor race saw, where there are so many objects;
-    confidence: that no other entrant of this budget is better by more than 0.01, NaN from too few
-    frames; pays: whether no set of the curve costs as little or less and has as much AP; by_errors:
-    AP at each of several error profiles."""
+    Attributes:
+        sensors: Number of sensors.
+        subset: Indices of the candidates.
+        price: Price of the set.
+        kbit: Data of the whole set per frame.
+        searches: Searches that answered with it, empty for a neighbour.
+        predicted: AP by the searched objective.
+        ap: AP on traffic that neither searches nor race used.
+        low: Lower end of the 95 % interval.
+        high: Upper end of the 95 % interval.
+        confidence: Confidence that no other entrant of this budget is better by more than 0.01, NaN
+            from too few frames.
+        pays: Whether no set of the curve costs as little or less and has as much AP.
+        money: Amount of money.
+        by_errors: AP at each of several error profiles.
+        objects: Number of objects in the judged frames.
+    """
 
     sensors: int
     subset: tuple[int, ...]
@@ -69,85 +83,96 @@ def budget_curve(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> tuple[CurvePoint, ...]:
-    """Points of a budget curve, one for each number of sensors from 1 to `most` with a feasible
-    set.
+    """Points of a budget curve, one for each number of sensors up to `most` with a feasible set.
 
-    Where `amounts` of money are given (`list_amounts`), there is one for each amount with a new
-    best set of at most `most` sensors. Other arguments, and errors, as in
+    With `amounts` of money (`list_amounts`), there is one for each amount with a new best set of at
+    most `most` sensors. Other arguments and errors are as in
     `placement_env.search.portfolio.portfolio.search`."""
     check_whole("budget", most, least=1)
     objective.setting.check_budget(most)
     Limits(seconds, evaluations)
     schedule = Schedule.of(seconds, objective.run)
-    count = len(objective.candidates)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
-    each = schedule.searching(SEARCHES * (len(amounts) or most))
+    search_s = schedule.searching(SEARCH_COUNT * (len(amounts) or most))
     sizes = (most,) if amounts else tuple(range(1, most + 1))
-    groups = list(
-        _groups(
-            objective,
-            Effort(sizes, each, evaluations, judging.neighbours),
-            amounts,
-            seed,
-            checkpoint,
-        )
-    )
+    effort = Effort(sizes, search_s, evaluations, judging.neighbours)
+    groups = list(_groups(objective, effort, amounts, seed, checkpoint))
     races = checkpoint.part("races")
-    kept: KeptState = races.load() or {"ended": 0, "winners": []}
-    winners: list[KeptState] = kept["winners"]
-    for n, (money, found) in enumerate(groups[kept["ended"] :], kept["ended"]):
-        timed = schedule.limit(racing, 1 / (len(groups) - n + 1), 1)
-        before = as_rows([winners[-1]["subset"]] if amounts and winners else [], count)
-        sets = np.concatenate([found.sets, before])
-        enough = SET_FRAMES if seconds is None else math.inf
-        ran = contest(objective, sets, timed, confidence=judging.confidence, seed=seed, most=enough)
-        first = int(ran.ranking[0])
-        members = np.flatnonzero(sets[first]).tolist()
-        if not (len(before) and members == winners[-1]["subset"]):
-            sure = (
-                ran.confidence if is_comparable(int(ran.frames[0]), FEWEST_SURE_OBJECTS) else None
-            )
-            own = {"predicted": float(found.predicted[first]), "confidence": sure}
-            winners.append(
-                {
-                    "subset": members,
-                    "searches": list(found.searches[first]),
-                    "money": float(money),
-                    **own,
-                }
-            )
-        races.save({"ended": n + 1, "winners": winners})
+    saved: KeptState = races.load() or {"ended": 0, "winners": []}
+    winners: list[KeptState] = saved["winners"]
+    for number, (money, entrants) in enumerate(groups[saved["ended"] :], saved["ended"]):
+        evaluator = schedule.limit(racing, 1 / (len(groups) - number + 1), 1)
+        earlier = winners[-1]["subset"] if amounts and winners else None
+        previous = as_rows([] if earlier is None else [earlier], entrants.sets.shape[1])
+        sets = np.concatenate([entrants.sets, previous])
+        race = contest(
+            objective,
+            sets,
+            evaluator,
+            confidence=judging.confidence,
+            seed=seed,
+            most=MAX_SET_FRAMES if seconds is None else math.inf,
+        )
+        row = int(race.ranking[0])
+        members = np.flatnonzero(sets[row]).tolist()
+        if members != earlier:
+            winners.append(_describe_winner(entrants, row, members, money, race))
+        races.save({"ended": number + 1, "winners": winners})
     if not winners:
         return ()
-    rows = as_rows([won["subset"] for won in winners], count)
-    order = np.arange(final.frames) if seconds is None else race_order(final.frames)
+    return _judge_winners(objective, winners, final, schedule)
+
+
+def _describe_winner(
+    entrants: Entrants, row: int, members: list[int], money: float, race: Contest
+) -> KeptState:
+    is_sure = is_comparable(int(race.frames[0]), MIN_SURE_OBJECTS)
+    return {
+        "subset": members,
+        "searches": list(entrants.searches[row]),
+        "money": float(money),
+        "predicted": float(entrants.predicted[row]),
+        "confidence": race.confidence if is_sure else None,
+    }
+
+
+def _judge_winners(
+    objective: Objective, winners: list[KeptState], final: CasesEvaluator, schedule: Schedule
+) -> tuple[CurvePoint, ...]:
+    """Judge all winners together on the same frames."""
+    rows = as_rows([winner["subset"] for winner in winners], len(objective.candidates))
+    order = np.arange(final.frames) if schedule.seconds is None else race_order(final.frames)
     judged = schedule.limit(final).evaluate(
         rows, order, objective.run.stage("frames judged", final.frames)
     )
-    by_errors = aps_at_profiles(final, rows, order[: judged.frames])
+    frames = order[: judged.frames]
+    by_errors = aps_at_profiles(final, rows, frames)
     price = objective.price(rows)
-    objects = final.count_objects(order[: judged.frames])
+    objects = final.count_objects(frames)
     cost = weigh_costs(objective, rows, judged.kbit)
     points = []
-    for place, (won, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
-        low, high = final.interval(ap, judged.resamples[place], order[: judged.frames])
-        sure = math.nan if won["confidence"] is None else won["confidence"]
+    for number, (winner, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
+        low, high = final.interval(ap, judged.resamples[number], frames)
+        confidence = math.nan if winner["confidence"] is None else winner["confidence"]
         if not math.isnan(low):
-            sure = max(sure, share_beyond_reach(judged.resamples[place] - cost[place]))
-        rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
+            share = share_beyond_reach(judged.resamples[number] - cost[number])
+            confidence = max(confidence, share)
+        is_rival = (price <= price[number]) & (np.arange(len(rows)) != number)
         point = CurvePoint(
-            sensors=len(won["subset"]),
-            price=float(price[place]),
-            kbit=float(judged.kbit[place]),
+            sensors=len(winner["subset"]),
+            subset=tuple(winner["subset"]),
+            price=float(price[number]),
+            kbit=float(judged.kbit[number]),
+            searches=tuple(winner["searches"]),
+            predicted=winner["predicted"],
             ap=ap,
             low=low,
             high=high,
-            pays=not bool((judged.ap[rivals] >= ap).any()),
-            by_errors=by_errors[place],
+            confidence=confidence,
+            pays=not bool((judged.ap[is_rival] >= ap).any()),
+            money=winner["money"],
+            by_errors=by_errors[number],
             objects=objects,
-            **won
-            | {"confidence": sure}
-            | {name: tuple(won[name]) for name in ("subset", "searches")},
         )
         points.append(point)
     return tuple(points)
@@ -164,43 +189,52 @@ def _groups(
     for money in sorted(amounts):
         limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
         others = at_other_ious(limited)
-        part = checkpoint.part(f"{money!r}")
-        found = keep_entrants(limited, effort, others=others, seed=seed, checkpoint=part)
-        if len(found.sets):
-            yield money, found
+        budget_checkpoint = checkpoint.part(f"{money!r}")
+        entrants = keep_entrants(
+            limited, effort, others=others, seed=seed, checkpoint=budget_checkpoint
+        )
+        if len(entrants.sets):
+            yield money, entrants
     if not amounts:
         others = at_other_ious(objective)
-        found = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
-        sizes = found.sets.sum(axis=1)
+        entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
+        sizes = entrants.sets.sum(axis=1)
         for rows in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
-            searches = tuple(found.searches[row] for row in rows)
+            searches = tuple(entrants.searches[row] for row in rows)
             yield (
                 np.inf,
-                Entrants(found.sets[rows], found.predicted[rows], searches, found.considered),
+                Entrants(
+                    entrants.sets[rows], entrants.predicted[rows], searches, entrants.considered
+                ),
             )
 
 
 def list_amounts(
-    objective: Objective, most: int, money: float, count: int = AMOUNTS
+    objective: Objective, most: int, money: float, count: int = MAX_AMOUNTS
 ) -> tuple[float, ...]:
     """Amounts of money for a curve, ascending, each the price of some set of at most `most`
-    sensors. These are all up to `money`, or else `count` of them, evenly spread and as large as
-    possible."""
+    sensors.
+
+    They are all such prices up to `money`, or `count` of them, evenly spread and as large as
+    possible.
+    """
     check_whole("budget", most, least=1)
     candidates = objective.candidates
-    alone = objective.allowed([])
-    prices = np.unique(candidates.prices[alone])
+    is_allowed = objective.allowed([])
+    prices = np.unique(candidates.prices[is_allowed])
     if candidates.several:
-        prices = np.union1d(prices, candidates.model_prices[alone])
+        prices = np.union1d(prices, candidates.model_prices[is_allowed])
     sums = np.zeros(1)
     for _ in range(most):
         sums = np.unique(np.concatenate([sums, (sums[:, None] + prices).ravel()]))
         sums = sums[sums <= money * (1 + 1e-9)]
-        cells = np.floor(sums / max(money, 1e-300) * (1 << 30 if len(sums) <= SUMS else SUMS))
+        cells = np.floor(
+            sums / max(money, 1e-300) * (1 << 30 if len(sums) <= MAX_SUMS else MAX_SUMS)
+        )
         sums = sums[np.append(np.diff(cells) > 0, True)]  # those that differ
     sums = sums[sums > 0]
     if len(sums) > count:
         steps = np.linspace(0.0, money, count + 1)[1:]
-        place = np.searchsorted(sums, steps * (1 + 1e-9)) - 1
-        sums = sums[np.unique(place[place >= 0])]
+        sum_rows = np.searchsorted(sums, steps * (1 + 1e-9)) - 1
+        sums = sums[np.unique(sum_rows[sum_rows >= 0])]
     return tuple(sums.tolist())

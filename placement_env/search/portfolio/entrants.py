@@ -1,14 +1,14 @@
-"""Entrants: sensor sets worth a detector's judgement, found by several searches with a fast
-fidelity.
+"""Entrants: sensor sets for a detector to judge, found by several searches with a fast fidelity.
 
 No fast score is right everywhere, and a search exploits the errors of its score. So greedy and swap
 use the objective, swap also perception entropy (Ma, Liu, Li) and the objective at other IoU
-thresholds, CP-SAT coverage, greedy also the points on each object. Every set is tried where
-candidates are few, and where prices differ a thrifty search looks for cheaper sets. Where an AP is
-required, cheap sets join that reach it, or some AP around it, since the objective may be off: the
-exact search's and swap's, in which more AP than that gains nothing. Neighbours join their answers:
+thresholds, CP-SAT coverage, greedy also the points on each object. Every set is scored if
+candidates are few, and if prices differ a thrifty search looks for cheaper sets. If an AP is
+required, cheap sets from the exact search and from swap join that reach it or some AP around it,
+since the objective may be wrong; more AP than that gains nothing. Neighbours join these answers:
 the best by the objective, and those that no other beats in the objective's reward, perception
-entropy and coverage at once."""
+entropy and coverage together.
+"""
 
 import json
 import math
@@ -17,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -39,29 +40,36 @@ from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64
 from toolkit.runtime.cache import Cache, code_digest, make_key
 
-ENTRANTS = 9  # neighbours for each number of sensors, beside the searches' own answers
+DEFAULT_NEIGHBOURS = 9  # for each number of sensors, in addition to the searches' answers
 SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
-OTHER_IOUS: dict[str, tuple[float, ...]] = {  # thresholds beside the objective's own
+OTHER_IOUS: dict[str, tuple[float, ...]] = {  # thresholds in addition to the objective's
     "swap at IoU 0.7": (0.7,),
     "swap at IoU 0.9": (0.9,),
     "swap at mean IoU": IOUS,
 }
-OTHERS_SHARE = 4  # part of the sets that swap may score at other thresholds
-EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
-USUAL_SIZES = 4  # numbers of sensors that have this effort each; more share it
-SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
-THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
-NEIGHBOURS_AT_ONCE = 50_000
-AROUND = (-0.05, 0.0, 0.05, 0.1)  # AP beside a required one that cheap sets are to reach
-SOLVING_CHEAPEST = 5.0  # s of CP-SAT's deterministic time for each programme
-FRONT_OF = 400  # best neighbours of an answer by reward, searched for the front
+OTHER_IOU_DIVISOR = 4  # at other thresholds swap may score a fourth of the sets
+MAX_EXHAUSTIVE_SETS = 20_000  # up to this number every set is scored
+FULL_EFFORT_SIZES = 4  # numbers of sensors with this effort each; more share it
+CPSAT_EFFORT_S = 10.0  # CP-SAT's deterministic time for each number of sensors
+THRIFT_AP = 0.02  # that the mean price of a candidate costs in the thrifty search
+MAX_SCORED_NEIGHBOURS = 50_000  # per answer
+AP_OFFSETS = (-0.05, 0.0, 0.05, 0.1)  # from a required AP to those that cheap sets are to reach
+DEFAULT_SOLVING_S = 600.0  # of a solver without a time limit
+CHEAPEST_EFFORT_S = 5.0  # CP-SAT's deterministic time for each programme
+MAX_FRONT_NEIGHBOURS = 400  # best neighbours of an answer by reward, searched for the front
+NamedSearch = tuple[str, Callable[[], Result]]
 
 
 @dataclass(frozen=True, eq=False)
 class Entrants:
-    """Sets that enter a race, all feasible and different, small ones first, with the searches that
-    answered with each. predicted: AP by the fidelity of the searches; considered: number of sets
-    scored in all."""
+    """Sets that enter a race, all feasible and different, small ones first.
+
+    Attributes:
+        sets: Sets of candidates.
+        predicted: AP by the fidelity of the searches.
+        searches: Searches that answered with each set.
+        considered: Number of sets scored in all.
+    """
 
     sets: Sets
     predicted: Float64[np.ndarray, " n"]
@@ -71,21 +79,25 @@ class Entrants:
 
 @dataclass(frozen=True)
 class Effort:
-    """Limits of the searches. sizes: most sensors of each run; neighbours: number that join the
-    answers of each size.
+    """Limits of the searches.
 
-    min_ap: required AP that cheap sets are to reach, None for none; seconds, evaluations: of each
-    search at each size, None for its default."""
+    Attributes:
+        sizes: Largest number of sensors of each run.
+        seconds: Time of each search at each size, None for its default.
+        evaluations: Scored sets of each search at each size, None for its default.
+        neighbours: Number of neighbours that join the answers of each size.
+        min_ap: Required AP that cheap sets are to reach, None for no requirement.
+    """
 
     sizes: tuple[int, ...]
     seconds: float | None = None
     evaluations: int | None = None
-    neighbours: int = ENTRANTS
+    neighbours: int = DEFAULT_NEIGHBOURS
     min_ap: float | None = None
 
 
 class _EnoughAP:
-    """Score sets by their AP, of which more than enough gains nothing."""
+    """Score sets by their AP, with more than enough counting as enough."""
 
     def __init__(self, fidelity: Fidelity, enough: float) -> None:
         self.name = fidelity.name
@@ -93,32 +105,32 @@ class _EnoughAP:
         self._enough = enough
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        found = self._fidelity(subsets)
-        return found._replace(ap=np.minimum(found.ap, self._enough))
+        estimate = self._fidelity(subsets)
+        return estimate._replace(ap=np.minimum(estimate.ap, self._enough))
 
 
 def at_other_ious(
     objective: Objective, preparation: Preparation | None = None
 ) -> dict[str, Objective]:
-    """Same objective at other IoU thresholds than its own, by name; none where no surrogate scores
-    it.
+    """Same objective at other IoU thresholds, by name; empty if no surrogate scores it.
 
-    preparation: for an objective that does not know its own."""
-    made = objective.preparation or preparation
-    if made is None or made.setting.fidelity != "surrogate" or objective.visibility is None:
+    preparation: for an objective that does not know its preparation.
+    """
+    source = objective.preparation or preparation
+    if source is None or source.setting.fidelity != "surrogate" or objective.visibility is None:
         return {}
-    others = dict[str, Objective]()
-    cases = made.setting.cases
+    by_iou = dict[str, Objective]()
+    cases = source.setting.cases
     for name, ious in OTHER_IOUS.items():
         if ious == cases.ious:
             continue
         with suppress(ValueError, FileNotFoundError):  # no surrogate at this IoU
-            there = made.at_cases(replace(cases, iou=ious, failing=0, levels=1))
+            at_ious = source.at_cases(replace(cases, iou=ious, failing=0, levels=1))
             moved = Objective.of_moved(
-                there, objective.candidates, objective.visibility, objective.weights
+                at_ious, objective.candidates, objective.visibility, objective.weights
             )
-            others[name] = moved.weighed(objective.weights, most_price=objective.most_price)
-    return others
+            by_iou[name] = moved.weighed(objective.weights, most_price=objective.most_price)
+    return by_iou
 
 
 def keep_entrants(
@@ -131,49 +143,48 @@ def keep_entrants(
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """Entrants, from a cache where possible; an objective made from a site knows its own.
+    """Entrants, from a cache if possible; an objective made from a site knows its cache.
+
     depends_on: digest of the objective's traffic and other inputs; others: objectives whose answers
-    enter too (`at_other_ious`)."""
-    if (made := objective.preparation) is not None:
+    enter too (`at_other_ious`).
+    """
+    if (preparation := objective.preparation) is not None:
         cache = objective.run.memo
-        depends_on = made.traffic.digest()
-    asked = (objective.provenance, objective.most_price, vars(effort), seed, [*others])
-    key = make_key("entrants", code_digest(__name__), depends_on, *asked)
-    if cache is not None and (kept := cache.get([key])[0]) is not None:
-        sets, predicted, names, considered = kept
+        depends_on = preparation.traffic.digest()
+    conditions = (objective.provenance, objective.most_price, vars(effort), seed, [*others])
+    key = make_key("entrants", code_digest(__name__), depends_on, *conditions)
+    if cache is not None and (cached := cache.get([key])[0]) is not None:
+        searches = [tuple(json.loads(str(search_names))) for search_names in cached[2]]
         return Entrants(
-            sets,
-            predicted,
-            tuple(tuple(json.loads(str(each))) for each in names),
-            int(considered[0]),
+            sets=cached[0],
+            predicted=cached[1],
+            searches=tuple(searches),
+            considered=int(cached[3][0]),
         )
-    found = entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
+    fresh = entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     if cache is not None:
-        names = np.array([json.dumps(each) for each in found.searches], np.str_)
-        cache.put({key: (found.sets, found.predicted, names, np.array([found.considered]))})
-    return found
+        names = np.array([json.dumps(search_names) for search_names in fresh.searches], np.str_)
+        cache.put({key: (fresh.sets, fresh.predicted, names, np.array([fresh.considered]))})
+    return fresh
 
 
-def join_entrants(objectives: Sequence[Objective], found: Sequence[Entrants]) -> Entrants:
-    """Entrants of several searches over the same candidates as one; predictions are means over the
-    objectives."""
-    if len(found) == 1:
-        return found[0]
+def join_entrants(objectives: Sequence[Objective], groups: Sequence[Entrants]) -> Entrants:
+    """Entrants of several searches over the same candidates in one; predictions are means."""
+    if len(groups) == 1:
+        return groups[0]
     searches: dict[bytes, dict[str, None]] = {}
-    for each in found:
-        for row, names in zip(each.sets, each.searches, strict=True):
+    for group in groups:
+        for row, names in zip(group.sets, group.searches, strict=True):
             searches.setdefault(row.tobytes(), {}).update(dict.fromkeys(names))
-    sets = np.array([np.frombuffer(row, np.bool_) for row in searches]).reshape(
-        -1, found[0].sets.shape[1]
-    )
+    rows = [np.frombuffer(row, np.bool_) for row in searches]
+    sets = np.array(rows).reshape(-1, groups[0].sets.shape[1])
     order = np.argsort(sets.sum(axis=1), kind="stable")
-    answers = [tuple(each) for each in searches.values()]
-    predicted = np.mean([each.scores(sets[order]).ap for each in objectives], axis=0)
+    answers = [tuple(names) for names in searches.values()]
     return Entrants(
-        sets[order],
-        predicted,
-        tuple(answers[i] for i in order),
-        sum(each.considered for each in found),
+        sets=sets[order],
+        predicted=np.mean([objective.scores(sets[order]).ap for objective in objectives], axis=0),
+        searches=tuple(answers[i] for i in order),
+        considered=sum(group.considered for group in groups),
     )
 
 
@@ -185,39 +196,45 @@ def entrants(
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """Entrants of all sizes, empty where nothing may be built. others: objectives whose answers
-    enter too; checkpoint: keeps answers of finished searches."""
+    """Entrants of all sizes, empty if nothing may be built.
+
+    others: objectives whose answers enter too; checkpoint: keeps answers of finished searches.
+    """
     ended: KeptState = checkpoint.load() or {}
-    # searches of each set in order, none of a neighbour
+    # searches of each set in order, empty for a neighbour
     answers: dict[tuple[int, ...], dict[str, None]] = {}
     considered = 0
     count = len(objective.candidates)
     sizes = [size for size in effort.sizes if size >= len(objective.kept)]
     searches_done = 0
-    for place, size in enumerate(sizes):
-        own: dict[tuple[int, ...], None] = {}
+    for position, size in enumerate(sizes):
+        size_answers: dict[tuple[int, ...], None] = {}
         runs = list(_searches(objective, size, effort, seed, checkpoint, others))
-        report = objective.run.stage("searches", searches_done + (len(sizes) - place) * len(runs))
+        report = objective.run.stage(
+            "searches", searches_done + (len(sizes) - position) * len(runs)
+        )
         for name, run in runs:
             if report is not None:
                 report(searches_done)
-            part = f"{size} {name}"
-            if part not in ended:
+            run_key = f"{size} {name}"
+            if run_key not in ended:
                 result = run()
-                ended[part] = [list(result.best.subset), result.evaluations]
+                ended[run_key] = [list(result.best.subset), result.evaluations]
                 checkpoint.save(ended)
-            members = tuple(ended[part][0])
-            scored = ended[part][1]
-            considered += scored
+            members = tuple(ended[run_key][0])
+            set_count = ended[run_key][1]
+            considered += set_count
             if members and objective.feasible(as_rows([members], count))[0]:
-                own[members] = None
+                size_answers[members] = None
                 answers.setdefault(members, {})[name] = None
             searches_done += 1
-        if not own:
+        if not size_answers:
             break
-        near, scored = _neighbours(objective, as_rows(list(own), count), effort.neighbours)
-        considered += scored
-        for row in near:
+        near_sets, set_count = _neighbours(
+            objective, as_rows(list(size_answers), count), effort.neighbours
+        )
+        considered += set_count
+        for row in near_sets:
             answers.setdefault(tuple(np.flatnonzero(row).tolist()), {})
         if report is not None:
             report(searches_done)
@@ -234,54 +251,41 @@ def _searches(
     seed: int,
     checkpoint: Checkpoint,
     others: Mapping[str, Objective] = {},
-) -> Iterator[tuple[str, Callable[[], Result]]]:
-    seconds = effort.seconds
-    evaluations = effort.evaluations
-    share = min(1.0, USUAL_SIZES / len(effort.sizes))
-    most = int(SWAP_EVALUATIONS * share) if evaluations is None else evaluations
+) -> Iterator[NamedSearch]:
+    """Yield the searches for sets of a size by name, each to be called without arguments."""
+    share = min(1.0, FULL_EFFORT_SIZES / len(effort.sizes))
+    max_sets = effort.evaluations
+    if max_sets is None:
+        max_sets = int(SWAP_EVALUATIONS * share)
     swapping = partial(
-        swap.search, seed=seed, starts=swap.STARTS, seconds=seconds, evaluations=most
+        swap.search,
+        seed=seed,
+        starts=swap.DEFAULT_STARTS,
+        seconds=effort.seconds,
+        evaluations=max_sets,
     )
-    count = len(objective.candidates)
-    if (
-        count <= exhaustive.LARGEST
-        and sum(math.comb(count, k) for k in range(1, size + 1)) <= EXHAUSTIVE_SETS
-    ):
-        yield (
-            "exhaustive",
-            partial(exhaustive.search, objective, size, seconds=seconds, evaluations=evaluations),
-        )
-    yield (
-        "greedy",
-        partial(greedy.search, objective, size, seconds=seconds, evaluations=evaluations),
-    )
+    yield from _exact_and_greedy(objective, size, effort)
     yield "swap", partial(swapping, objective, size, checkpoint=checkpoint.part(f"{size}.swap"))
     if (by_entropy := entropy_objective(objective)) is not None:
         entropy = partial(swapping, by_entropy, size, checkpoint=checkpoint.part(f"{size}.entropy"))
         yield "swap by perception entropy", entropy
-    for name, other in others.items():
-        few = max(1, most // OTHERS_SHARE)
-        yield (
-            name,
-            partial(
-                swapping, other, size, evaluations=few, checkpoint=checkpoint.part(f"{size}.{name}")
-            ),
-        )
+    for name, iou_objective in others.items():
+        few_sets = max(1, max_sets // OTHER_IOU_DIVISOR)
+        iou_checkpoint = checkpoint.part(f"{size}.{name}")
+        search = partial(swapping, iou_objective, size, evaluations=few_sets)
+        yield name, partial(search, checkpoint=iou_checkpoint)
     if (by_points := points_objective(objective)) is not None:
+        search = partial(greedy.search, by_points, size)
         yield (
             "greedy by points",
-            partial(greedy.search, by_points, size, seconds=seconds, evaluations=evaluations),
+            partial(search, seconds=effort.seconds, evaluations=effort.evaluations),
         )
+    solver_s = DEFAULT_SOLVING_S if effort.seconds is None else effort.seconds
     if objective.visibility is not None and find_spec("ortools"):
-        solving = 600.0 if seconds is None else seconds
-        yield (
-            "cpsat",
-            partial(
-                cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING * share
-            ),
-        )
+        solve = partial(cpsat.search, objective, size, seed=seed, seconds=solver_s)
+        yield "cpsat", partial(solve, effort=CPSAT_EFFORT_S * share)
     prices = objective.candidates.prices
-    thrift = Weights(price=THRIFT / max(float(prices.mean()), 1e-300))
+    thrift = Weights(price=THRIFT_AP / max(float(prices.mean()), 1e-300))
     if np.ptp(prices) > 0:
         thrifty = objective.weighed(thrift)
         yield (
@@ -290,44 +294,43 @@ def _searches(
         )
     if effort.min_ap is None or size < max(effort.sizes):
         return
-    for asked in (
-        each for each in np.round(effort.min_ap + np.array(AROUND), 6).tolist() if 0 < each < 1
-    ):
-        enough = replace(objective.setting, candidates=objective.candidates, weights=thrift)
-        enough = replace(enough, fidelity=_EnoughAP(objective.scored_by, asked))
-        scored = Objective(enough, objective.run, visibility=objective.visibility)
-        part = checkpoint.part(f"{size}.{asked:g}")
-        yield (
-            f"swap for AP {asked:g}",
-            partial(swapping, scored, size, evaluations=most // 3, checkpoint=part),
-        )
+    for aimed_ap in np.round(effort.min_ap + np.array(AP_OFFSETS), 6).tolist():
+        if not 0 < aimed_ap < 1:
+            continue
+        setting = replace(objective.setting, candidates=objective.candidates, weights=thrift)
+        setting = replace(setting, fidelity=_EnoughAP(objective.scored_by, aimed_ap))
+        enough = Objective(setting, objective.run, visibility=objective.visibility)
+        ap_checkpoint = checkpoint.part(f"{size}.{aimed_ap:g}")
+        search = partial(swapping, enough, size, evaluations=max_sets // 3)
+        yield f"swap for AP {aimed_ap:g}", partial(search, checkpoint=ap_checkpoint)
         if find_spec("ortools") and isinstance(objective.scored_by, Surrogate):
-            demand = cheapest.Demand(asked)
-            until = 600.0 if seconds is None else seconds
-            solve = partial(
-                cheapest.search,
-                seed=seed,
-                seconds=until,
-                demand=demand,
-                effort=SOLVING_CHEAPEST * share,
-            )
-            yield f"cheapest for AP {asked:g}", partial(solve, objective, size)
+            demand = cheapest.Demand(aimed_ap)
+            solve = partial(cheapest.search, seed=seed, seconds=solver_s, demand=demand)
+            solve = partial(solve, effort=CHEAPEST_EFFORT_S * share)
+            yield f"cheapest for AP {aimed_ap:g}", partial(solve, objective, size)
+
+
+def _exact_and_greedy(objective: Objective, size: int, effort: Effort) -> Iterator[NamedSearch]:
+    limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
+    count = len(objective.candidates)
+    set_count = sum(math.comb(count, k) for k in range(1, size + 1))
+    if count <= exhaustive.MAX_CANDIDATES and set_count <= MAX_EXHAUSTIVE_SETS:
+        yield "exhaustive", partial(exhaustive.search, objective, size, **limits)
+    yield "greedy", partial(greedy.search, objective, size, **limits)
 
 
 def entropy_objective(objective: Objective) -> Objective | None:
-    """Same objective scored by published perception entropy. None where the candidates' visibility
-    is unknown."""
+    """Same objective scored by published perception entropy; None if visibility is unknown."""
     return _rescore(objective, PerceptionEntropy)
 
 
 def points_objective(objective: Objective) -> Objective | None:
-    """Same objective scored by the points on each object. None where the candidates' visibility is
-    unknown."""
+    """Same objective scored by the points on each object; None if visibility is unknown."""
     return _rescore(objective, PointCount)
 
 
 def _rescore(objective: Objective, kind: type[PerceptionEntropy | PointCount]) -> Objective | None:
-    """Same objective scored by a fidelity that needs no more than the visibility of its classes."""
+    """Same objective scored by a fidelity that needs only the visibility of its classes."""
     seen = objective.visibility
     if seen is None:
         return None
@@ -339,30 +342,31 @@ def _rescore(objective: Objective, kind: type[PerceptionEntropy | PointCount]) -
 def _neighbours(
     objective: Objective, answers: Sets, count: int
 ) -> tuple[list[Bool[np.ndarray, " C"]], int]:
-    """Best feasible neighbours of some answers, at most one per change of mount, and the number of
-    sets scored. Where visibility is known, up to half of them are sets that no other beats in
-    reward, entropy and coverage at once."""
-    best: list[tuple[float, Bool[np.ndarray, " C"]]] = []
+    """Best feasible neighbours of some answers, and the number of sets scored.
+
+    There is at most one for each change of mounts. If visibility is known, up to half of them are
+    sets that no other beats in reward, entropy and coverage together."""
+    rewards: list[float] = []
+    rows: list[Bool[np.ndarray, " C"]] = []
     considered = 0
     for answer in answers:
-        sets = neighbours(np.flatnonzero(answer), len(answer))[1:][:NEIGHBOURS_AT_ONCE]
+        sets = neighbours(np.flatnonzero(answer), len(answer))[1:][:MAX_SCORED_NEIGHBOURS]
         sets = sets[objective.feasible(sets)]
         considered += len(sets)
         if len(sets):
             reward = objective.scores(sets).reward
-            ranked_rows = np.argsort(-reward, kind="stable")[:FRONT_OF]
-            # a view would hold all sets in memory
-            best += [(float(reward[i]), sets[i].copy()) for i in ranked_rows]
-    best.sort(key=lambda pair: -pair[0])
-    ranked = [row for _, row in best]
-    kept: dict[bytes, Bool[np.ndarray, " C"]] = {}  # by the mounts that it uses
+            for row in np.argsort(-reward, kind="stable")[:MAX_FRONT_NEIGHBOURS]:
+                rewards.append(float(reward[row]))
+                rows.append(sets[row].copy())  # a view would hold all sets in memory
+    order = sorted(range(len(rows)), key=lambda number: -rewards[number])
+    ranked = [rows[number] for number in order]
+    by_mounts: dict[bytes, Bool[np.ndarray, " C"]] = {}  # one set for each choice of mounts
 
-    def keep(rows: Iterable[Bool[np.ndarray, " C"]], most: int) -> None:
-        for row in rows:
-            if len(kept) < most:
-                kept.setdefault(
-                    np.packbits(objective.candidates.per_mount(row[None])[0] > 0).tobytes(), row
-                )
+    def keep(sets: Iterable[Bool[np.ndarray, " C"]], max_count: int) -> None:
+        for row in sets:
+            if len(by_mounts) < max_count:
+                is_used = objective.candidates.per_mount(row[None])[0] > 0
+                by_mounts.setdefault(np.packbits(is_used).tobytes(), row)
 
     by_entropy = entropy_objective(objective)
     seen = objective.visibility
@@ -375,4 +379,4 @@ def _neighbours(
         figures = (objective.scores(sets).reward, by_entropy.scores(sets).ap, coverage(sets).ap)
         keep(sets[exhaustive.find_front(-np.stack(figures, axis=1))], count)
     keep(ranked, count)
-    return list(kept.values()), considered
+    return list(by_mounts.values()), considered

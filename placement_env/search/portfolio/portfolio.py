@@ -1,11 +1,11 @@
-"""Portfolio: several searches whose answers, and neighbours of these, race by the detector on
-traffic of its own.
+"""Portfolio: several searches whose answers and neighbours race by the detector on fresh traffic.
 
-Traffic has three parts. The searches see the objective's own; the entrants race on the second until
-the best is known confidently enough (`placement_env.racing.race_until`); the figures of the answer
-come from the third. So the stated AP carries neither the optimism of the searches nor that of the
-race. Picking the best of many by noisy or biased scores overrates it (the winner's curse), by the
-amount that `Contender.curse` gives for each search."""
+Traffic has three parts. The searches use the objective's; the entrants race on the second until the
+best is known confidently enough (`placement_env.racing.race_until`); the figures of the answer come
+from the third. So the stated AP carries neither the optimism of the searches nor of the race.
+Picking the best of many by noisy or biased scores overrates it (the winner's curse), by the amount
+that `Contender.curse` gives for each search.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ from placement_env.protocol import FidelityName
 from placement_env.racing import Contest, RaceRules, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import (
-    ENTRANTS,
+    DEFAULT_NEIGHBOURS,
     Effort,
     Entrants,
     at_other_ious,
@@ -51,32 +51,35 @@ from toolkit.arrays import Float64
 
 RACE_FRAMES = 96
 JUDGED_FRAMES = 120
-# lead in AP that other IoU thresholds may outweigh; the rest is left to chance
-NEAR_TIE = 0.75 * AP_TOLERANCE
-# frames of the race's first rung, and by how much the next ones are longer
-FIRST = 12
-ETA = 2
-LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
-SET_FRAMES = 480.0  # set-frames that a race may score without a time limit, beyond its first rungs
-SEARCHES = 8  # searches that share their time
+NEAR_TIE_AP = 0.75 * AP_TOLERANCE  # lead that other IoU thresholds may outweigh
+FIRST_RUNG_FRAMES = 12
+RUNG_GROWTH = 2  # ratio of each rung's frames to the rung before
+MIN_RACE_FRAMES = 24  # on fewer frames the luckiest of many sets wins
+MAX_SET_FRAMES = 480.0  # that a race may score without a time limit, beyond its first rungs
+SEARCH_COUNT = 8  # searches that share their time
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judging:
-    """Race and assessment of a portfolio. Raises ValueError for a confidence that does not lie
-    between 0 and 1.
+    """Race and assessment of a portfolio. Raises ValueError for a confidence outside 0 to 1.
 
-    by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than
-    `AP_TOLERANCE`; race_frames, final_frames: of parts 1 and 2 of the traffic of the run;
-    neighbours: entrants that join the answers; contenders: judge the answer of each search beside
-    the winner; setting: asked of both, None for the objective's; evaluators: of both, in place of
-    most of these."""
+    Attributes:
+        by: Fidelity of both.
+        confidence: Confidence at which the race ends that no entrant is better by more than
+            `AP_TOLERANCE`.
+        race_frames: Frames of the race, part 1 of the run's traffic.
+        final_frames: Frames of the assessment, part 2 of the run's traffic.
+        neighbours: Number of neighbours that join the answers.
+        contenders: Whether to assess the answer of each search in addition to the winner.
+        setting: Setting of both, None for the objective's.
+        evaluators: Evaluators of both, in place of most other attributes.
+    """
 
     by: FidelityName = "detector"
     confidence: float = 0.95
     race_frames: int = RACE_FRAMES
     final_frames: int = JUDGED_FRAMES
-    neighbours: int = ENTRANTS
+    neighbours: int = DEFAULT_NEIGHBOURS
     contenders: bool = False
     setting: Setting | None = None
     evaluators: tuple[CasesEvaluator, CasesEvaluator] | None = None
@@ -90,8 +93,10 @@ class Judging:
     def build_evaluators(
         self, objective: Objective, schedule: Schedule, *, seed: int = 0
     ) -> tuple[CasesEvaluator, CasesEvaluator]:
-        """Evaluators of race and assessment within a schedule. Raises ValueError without a site to
-        simulate traffic."""
+        """Evaluators of race and assessment within a schedule.
+
+        Raises ValueError without a site to simulate traffic.
+        """
         if self.evaluators is not None:
             return self.evaluators
         if self.setting is None and objective.preparation is None:
@@ -100,11 +105,14 @@ class Judging:
             )
         setting = self.setting or objective.setting.with_fidelity(self.by)
         run = objective.run
-        parts = enumerate((self.race_frames, self.final_frames), 1)
-        runs = [run.part(number, schedule.frames(count)) for number, count in parts]
-        prepared = (Preparation(setting, each, compares=n == 0) for n, each in enumerate(runs))
-        race, final = (build_evaluator(each, self.by, seed=seed) for each in prepared)
-        return race, final
+        race_run = run.part(1, schedule.frames(self.race_frames))
+        final_run = run.part(2, schedule.frames(self.final_frames))
+        race = Preparation(setting, race_run, compares=True)
+        final = Preparation(setting, final_run, compares=False)
+        return (
+            build_evaluator(race, self.by, seed=seed),
+            build_evaluator(final, self.by, seed=seed),
+        )
 
 
 def search(
@@ -119,25 +127,28 @@ def search(
 ) -> Result:
     """Winner of the race: its score by the objective, and the judge's assessment.
 
-    seconds: of searches, race and assessment together; with less time there are fewer frames;
-    evaluations: of each search; checkpoint: keeps the progress of the searches. Raises ValueError
-    where these do not fit."""
+    seconds: for searches, race and assessment together; with less time there are fewer frames;
+    evaluations: for each search; checkpoint: keeps the progress of the searches. Raises ValueError
+    if these do not fit.
+    """
     check_whole("budget", budget, least=1)
     objective.setting.check_budget(budget)
     limits = Limits(seconds, evaluations)
     confidence = judging.confidence
     schedule = Schedule.of(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
-    effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, judging.neighbours)
+    effort = Effort((budget,), schedule.searching(SEARCH_COUNT), evaluations, judging.neighbours)
     others = at_other_ious(objective)
-    found = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
+    entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     if objective.preparation is not None and not objective.setting.cases.plain:
-        # what is best intact, in all traffic, may be best at its worst too
-        made = objective.preparation
-        intact = Objective(replace(made.plain.setting, candidates=objective.candidates), made.run)
+        # the best set without failures, in all traffic, may also be the best in the worst case
+        preparation = objective.preparation
+        intact = Objective(
+            replace(preparation.plain.setting, candidates=objective.candidates), preparation.run
+        )
         unharmed = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
-        found = join_entrants([objective], [found, unharmed])
-    limits.count = found.considered
+        entrants = join_entrants([objective], [entrants, unharmed])
+    limits.count = entrants.considered
 
     def answer(subset: list[int], note: str) -> Result:
         best = objective.score(subset)
@@ -145,34 +156,48 @@ def search(
         history = limits.history(best.reward)
         origin = objective.describe_origin(best.subset)
         return Result(
-            "portfolio", best, history, certificate, found.considered, limits.elapsed, origin=origin
+            "portfolio",
+            best,
+            history,
+            certificate,
+            entrants.considered,
+            limits.elapsed,
+            origin=origin,
         )
 
-    if not len(found.sets):
+    if not len(entrants.sets):
         return answer([], "no search found a set that may be built and pays")
-    timed = schedule.limit(racing, 1 / 2, 1)
-    most = SET_FRAMES if seconds is None else math.inf
-    ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most)
+    timed_evaluator = schedule.limit(racing, 1 / 2, 1)
+    max_set_frames = MAX_SET_FRAMES if seconds is None else math.inf
+    race = contest(
+        objective,
+        entrants.sets,
+        timed_evaluator,
+        confidence=confidence,
+        seed=seed,
+        most=max_set_frames,
+    )
     if (
-        ran.figures[0] <= 0
+        race.figures[0] <= 0
         and not len(objective.kept)
         and (objective.weights.comm or objective.weights.price)
     ):
         return answer(
             [],
             (
-                f"by the {racing.name} none of the {len(found.sets)} compared sets is worth what "
-                "it costs"
+                f"by the {racing.name} none of the {len(entrants.sets)} compared sets is worth "
+                "what it costs"
             ),
         )
-    members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
+    members = np.flatnonzero(entrants.sets[race.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     note = (
-        f"the best of {len(found.sets)} sets compared by the {racing.name}; an estimate ruled out "
-        "the others"
+        f"the best of {len(entrants.sets)} sets compared by the {racing.name}; an estimate ruled "
+        "out the others"
     )
     return replace(
-        answer(members, note), assessment=_assess(objective, found, ran, (final, schedule), judging)
+        answer(members, note),
+        assessment=_assess(objective, entrants, race, (final, schedule), judging),
     )
 
 
@@ -183,39 +208,48 @@ def contest(
     *,
     confidence: float = 0.95,
     seed: int = 0,
-    most: float = SET_FRAMES,
+    most: float = MAX_SET_FRAMES,
     frames: int | None = None,
 ) -> Contest:
-    """Race sets by their reward, of an evaluator's AP and the objective's prediction.
+    """Race sets by their reward, from an evaluator's AP and the objective's prediction.
 
     most: set-frames to be scored; frames: to race on at most, None for all of the evaluator's.
 
-    Of the sets that end within `NEAR_TIE` of the first, that of the greatest mean AP over the
-    detector's IoU thresholds wins, then the cheapest."""
+    Among the sets that end within `NEAR_TIE_AP` of the first, the set with the greatest mean AP
+    over the detector's IoU thresholds wins, then the cheapest.
+    """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
-        found = evaluator.evaluate(rows, frames, objective.run.stage("frames raced", len(frames)))
-        cost = weigh_costs(objective, rows, found.kbit)
-        blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
+        evaluated = evaluator.evaluate(
+            rows, frames, objective.run.stage("frames raced", len(frames))
+        )
+        cost = weigh_costs(objective, rows, evaluated.kbit)
+        blocks = float(len(np.unique(frames[: evaluated.frames] // BLOCK_FRAMES)))
         if objective.watch is not None:
-            best = int((found.ap - cost).argmax())
+            best = int((evaluated.ap - cost).argmax())
             ahead = tuple(np.flatnonzero(rows[best]).tolist())
-            objective.watch(ahead, float(found.ap[best] - cost[best]), len(frames[: found.frames]))
-        return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
+            objective.watch(
+                ahead, float(evaluated.ap[best] - cost[best]), len(frames[: evaluated.frames])
+            )
+        return Resampled(
+            evaluated.ap - cost, evaluated.resamples - cost[:, None], evaluated.frames, blocks
+        )
 
     order = race_order(evaluator.frames, seed=seed)[:frames]
-    first = min(FIRST, evaluator.frames)
-    rules = RaceRules(confidence, AP_TOLERANCE, first, ETA, least=LEAST_RACED, most=most)
-    ran = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
-    close = np.flatnonzero(
-        (ran.frames == ran.frames[0]) & (ran.expected >= ran.expected[0] - NEAR_TIE)
+    first_rung = min(FIRST_RUNG_FRAMES, evaluator.frames)
+    rules = RaceRules(
+        confidence, AP_TOLERANCE, first_rung, RUNG_GROWTH, least=MIN_RACE_FRAMES, most=most
     )
-    rows = sets[ran.ranking[close]]
-    mean_ap = evaluator.mean_ap(rows, order[: ran.frames[0]]) if len(close) > 1 else np.zeros(1)
-    won = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
-    first = np.r_[won, np.delete(np.arange(len(ran.ranking)), won)]
-    own = ("ranking", "figures", "frames", "expected")
-    reordered = replace(ran, **{name: getattr(ran, name)[first] for name in own})
+    race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
+    close = np.flatnonzero(
+        (race.frames == race.frames[0]) & (race.expected >= race.expected[0] - NEAR_TIE_AP)
+    )
+    rows = sets[race.ranking[close]]
+    mean_ap = evaluator.mean_ap(rows, order[: race.frames[0]]) if len(close) > 1 else np.zeros(1)
+    winner_row = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
+    ranking_rows = np.r_[winner_row, np.delete(np.arange(len(race.ranking)), winner_row)]
+    columns = ("ranking", "figures", "frames", "expected")
+    reordered = replace(race, **{name: getattr(race, name)[ranking_rows] for name in columns})
     return replace(reordered, confidence=reordered.sureness(int(reordered.ranking[0])))
 
 
@@ -231,65 +265,71 @@ def weigh_costs(
 
 def _assess(
     objective: Objective,
-    found: Entrants,
-    ran: Contest,
+    entrants: Entrants,
+    race: Contest,
     judge: tuple[CasesEvaluator, Schedule],
     judging: Judging,
 ) -> Assessment:
-    """Judge the winner first, then any contenders as far as time allows, on the third part of the
+    """Judge the winner, then any contenders as far as time allows, on the third part of the
     traffic."""
-    winner, (final, schedule) = int(ran.ranking[0]), judge
-    others = enumerate(found.searches) if judging.contenders else ()
-    rows = np.array([winner, *(i for i, names in others if names and i != winner)])
+    winner = int(race.ranking[0])
+    final, schedule = judge
+    judged_rows = [winner]
+    if judging.contenders:
+        answered = [row for row, names in enumerate(entrants.searches) if names]
+        judged_rows += [row for row in answered if row != winner]
+    rows = np.array(judged_rows)
     judged, frames = _judge_in_time(
-        found.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
+        entrants.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
     )
     contenders = []
     for row, ap, resamples in zip(
         rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False
     ):
         interval = final.interval(ap, resamples, frames)
-        members = tuple(np.flatnonzero(found.sets[row]).tolist())
+        members = tuple(np.flatnonzero(entrants.sets[row]).tolist())
         contenders.append(
-            Contender(found.searches[row], members, float(found.predicted[row]), ap, *interval)
+            Contender(
+                entrants.searches[row], members, float(entrants.predicted[row]), ap, *interval
+            )
         )
-    own = contenders[0]
-    chosen = found.sets[[winner]]
+    answer = contenders[0]
+    winner_row = entrants.sets[[winner]]
     objects = final.count_objects(frames)
-    names = [objective.names[c] for c in np.flatnonzero(chosen[0])]
-    cost = float(weigh_costs(objective, chosen, judged.kbit[:1])[0])
-    race_frames = int(ran.frames[0])
+    names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
+    cost = float(weigh_costs(objective, winner_row, judged.kbit[:1])[0])
+    race_frames = int(race.frames[0])
     if final.name == "detector" and final.cases.plain and len(final.profiles) == 1:
         raced_objects = round(objects * race_frames / len(frames))
-        before = StageFigure(
-            "in the race", float(ran.figures[0]) + cost, raced_objects, race_frames
+        raced_figure = StageFigure(
+            "in the race", float(race.figures[0]) + cost, raced_objects, race_frames
         )
         check_agreement(
-            names, before, StageFigure("in the judgement", own.ap, objects, len(frames))
+            names, raced_figure, StageFigure("in the judgement", answer.ap, objects, len(frames))
         )
     confidence = math.nan
     if is_comparable(race_frames, objects):
-        reach = 0.0 if math.isnan(own.low) else share_beyond_reach(judged.resamples[0] - cost)
-        confidence = max(ran.confidence, reach)
-    by_errors = aps_at_profiles(final, chosen, frames)[0]
+        reach = 0.0 if math.isnan(answer.low) else share_beyond_reach(judged.resamples[0] - cost)
+        confidence = max(race.confidence, reach)
+    by_errors = aps_at_profiles(final, winner_row, frames)[0]
     return Assessment(
         by=final.name,
-        ap=own.ap,
-        low=own.low,
-        high=own.high,
+        ap=answer.ap,
+        low=answer.low,
+        high=answer.high,
         kbit=float(judged.kbit[0]),
         objects=objects,
         frames=len(frames),
-        predicted=own.predicted,
+        predicted=answer.predicted,
         confidence=confidence,
         asked=judging.confidence,
         tolerance=AP_TOLERANCE,
-        entrants=len(found.sets),
-        raced=int(ran.frames[0]),
-        contenders=tuple(each for each in contenders if each.searches)
+        entrants=len(entrants.sets),
+        raced=int(race.frames[0]),
+        contenders=tuple(contender for contender in contenders if contender.searches)
         if judging.contenders
         else (),
-        expected=float(ran.expected[0] + weigh_costs(objective, chosen, judged.kbit[:1])[0]),
+        expected=float(race.expected[0] + weigh_costs(objective, winner_row, judged.kbit[:1])[0]),
         by_errors=by_errors,
         errors_by=final.cases.errors_by if by_errors else "",
     )
@@ -301,31 +341,36 @@ def aps_at_profiles(
     """AP of each set at each of several error profiles separately."""
     if len(final.profiles) == 1:
         return [()] * len(sets)
-    aps, _, resamples = final.at_profiles(sets, frames)
-    found = []
+    profiles = final.at_profiles(sets, frames)
+    by_set = []
     for n in range(len(sets)):
-        each = zip(final.cases.names, aps[:, n].tolist(), resamples[:, n], strict=True)
-        intervals = ((name, ap, *final.interval(ap, drawn, frames)) for name, ap, drawn in each)
-        found.append(tuple(ProfileAP(*figures) for figures in intervals))
-    return found
+        figures = []
+        for row, name in enumerate(final.cases.names):
+            ap = float(profiles.ap[row, n])
+            interval = final.interval(ap, profiles.resamples[row, n], frames)
+            figures.append(ProfileAP(name, ap, *interval))
+        by_set.append(tuple(figures))
+    return by_set
 
 
 def _judge_in_time(
     sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
 ) -> tuple[Evaluated, Frames]:
-    """Figures of the sets judged in time, the first in any case, and the frames, the same for
-    all."""
-    every = np.arange(final.frames)
+    """Figures of the sets judged in time, and the frames, the same for all sets.
+
+    The first set is always judged.
+    """
+    frame_numbers = np.arange(final.frames)
     if schedule.seconds is None:
-        return final.evaluate(sets, every, report), every
+        return final.evaluate(sets, frame_numbers, report), frame_numbers
     order = race_order(final.frames)
     frames = order[: schedule.limit(final).evaluate(sets[:1], order, report).frames]
-    done = 1
-    for each in sets[1:]:
+    judged_count = 1
+    for row in sets[1:]:
         if (
             schedule.left <= 0
-            or schedule.limit(final).evaluate(each[None], frames).frames is not None
+            or schedule.limit(final).evaluate(row[None], frames).frames is not None
         ):
             break
-        done += 1
-    return final.evaluate(sets[:done], frames), frames
+        judged_count += 1
+    return final.evaluate(sets[:judged_count], frames), frames
