@@ -31,14 +31,14 @@ def parse_heading(site: Site, text: str, present: float | None = None) -> float:
     >>> parse_heading(site, "90.0", present=0.0001)
     0.0001
     """
-    named = text.startswith(HEADING_PREFIX)
+    is_heading = text.startswith(HEADING_PREFIX)
     degrees = _parse_degrees(text.removeprefix(HEADING_PREFIX))
     if degrees is None or abs(degrees) > MAX_TURN_DEG:
         rule = "a bearing must be degrees clockwise from north, from 0 to 360, such as 315"
         raise ValueError(
             f"{rule}, got {text!r:.40}: a heading from +x is written {HEADING_PREFIX}135"
         )
-    heading = math.radians(degrees) if named else heading_from_bearing(site, degrees)
+    heading = math.radians(degrees) if is_heading else heading_from_bearing(site, degrees)
     if present is not None and abs(_turn_between(heading, present)) <= _half(PRINTED_ANGLE_DEG):
         return present
     return heading
@@ -77,9 +77,9 @@ def _half(step: float) -> float:
     return step / 2 + SLACK
 
 
-def _turn_between(heading: float, other: float) -> float:
+def _turn_between(first: float, second: float) -> float:
     """Angle between two headings (degrees)."""
-    return math.degrees(math.remainder(heading - other, math.tau))
+    return math.degrees(math.remainder(first - second, math.tau))
 
 
 def _parse_degrees(text: str) -> float | None:

@@ -28,7 +28,7 @@ from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
-from placement_env.handover.mounted import MBIT, RATE, LinkLoad, build_load
+from placement_env.handover.mounted import FRAME_RATE_HZ, KBIT_PER_MBIT, LinkLoad, build_load
 from placement_env.links import link_load, max_load
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float64, Int64
@@ -120,7 +120,7 @@ class LiveAnswer:
         return replace(self, what=what, change=change, change_low=low, change_high=high)
 
 
-def widen(figure: float, ends: Interval, spread: float) -> Interval:
+def widen_interval(figure: float, ends: Interval, spread: float) -> Interval:
     """Interval of a predicted share, from the ends over frames and its standard error; those ends
     where it is NaN."""
     if math.isnan(ends.low):
@@ -141,57 +141,59 @@ class Meter:
 
     def objective(self, candidates: Candidates, visibility: Visibility) -> Objective:
         """Objective of sensors whose view is known."""
-        made = self.preparation
-        return Objective.of_moved(made, candidates, visibility, made.setting.weights)
+        preparation = self.preparation
+        return Objective.of_moved(preparation, candidates, visibility, preparation.setting.weights)
 
     def judge(
-        self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]
+        self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
     ) -> tuple[float, int]:
         """AP and number of problems alone, which take a tenth of the time."""
         objective = self.objective(candidates, seen)
-        return float(objective.scores(standing[None]).ap[0]), len(_list_problems(objective))
+        return float(objective.scores(is_working[None]).ap[0]), len(_list_problems(objective))
 
     def measure(
-        self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]
+        self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
     ) -> LiveAnswer:
         """Figures of all sensors, of which some have failed. Its change is 0."""
         objective = self.objective(candidates, seen)
-        whole = standing[None]
-        members = np.flatnonzero(standing)
-        left = np.repeat(whole, len(members), axis=0)
-        left[np.arange(len(members)), members] = False
-        scores = objective.scores(np.concatenate([whole, left]))
-        lost = int(scores.ap[1:].argmin()) if len(members) else -1
+        all_working = is_working[None]
+        members = np.flatnonzero(is_working)
+        remaining = np.repeat(all_working, len(members), axis=0)
+        remaining[np.arange(len(members)), members] = False
+        scores = objective.scores(np.concatenate([all_working, remaining]))
+        worst_index = int(scores.ap[1:].argmin()) if len(members) else -1
         surrogate = cast(Surrogate, objective.scored_by)
         worst = 0.0
-        least = standing
+        without_worst = is_working
         spread = 0.0
-        left_spread = 0.0
+        worst_spread = 0.0
         if len(members):
-            worst = float(scores.ap[1:][lost])
-            least = left[lost]
-            spread, left_spread = surrogate.spread(np.stack([standing, least])).tolist()
-        classes, resamples, probability = self._by_class(surrogate, standing, seen, spread)
+            worst = float(scores.ap[1:][worst_index])
+            without_worst = remaining[worst_index]
+            spread, worst_spread = surrogate.spread(np.stack([is_working, without_worst])).tolist()
+        classes, resamples, probability = self._by_class(surrogate, is_working, seen, spread)
         ap = float(scores.ap[0])
         objects = len(probability)
-        own = {"blocks": self.blocks, "objects": objects, "fewest": LEAST_BLOCKS}
-        ends = widen(ap, figure_interval(ap, resamples, **own), spread)
-        left_draws = self._resample(surrogate, least)[0]
-        left_ends = widen(worst, figure_interval(worst, left_draws, **own), left_spread)
-        hidden = seen.points[standing].sum(axis=0) == 0
+        sample = {"blocks": self.blocks, "objects": objects, "fewest": LEAST_BLOCKS}
+        bounds = widen_interval(ap, figure_interval(ap, resamples, **sample), spread)
+        worst_resamples = self._resample(surrogate, without_worst)[0]
+        worst_bounds = widen_interval(
+            worst, figure_interval(worst, worst_resamples, **sample), worst_spread
+        )
+        hidden = seen.points[is_working].sum(axis=0) == 0
         return LiveAnswer(
             what="",
-            sensors=len(standing),
+            sensors=len(is_working),
             ap=ap,
-            low=ends.low,
-            high=ends.high,
+            low=bounds.low,
+            high=bounds.high,
             recall=float(scores.recall[0]),
             kbit=float(scores.kbit[0]),
-            price=float(objective.price(np.ones_like(whole))[0]),
+            price=float(objective.price(np.ones_like(all_working))[0]),
             worst=worst,
-            worst_low=left_ends.low,
-            worst_high=left_ends.high,
-            worst_sensor=objective.names[members[lost]] if len(members) else "",
+            worst_low=worst_bounds.low,
+            worst_high=worst_bounds.high,
+            worst_sensor=objective.names[members[worst_index]] if len(members) else "",
             spread=spread,
             change=0.0,
             change_low=0.0,
@@ -199,7 +201,7 @@ class Meter:
             classes=classes,
             approaches=self._by_group(*self._approaches, probability),
             levels=self._by_group(*self._levels, probability),
-            links=self._loads(candidates, seen, standing),
+            links=self._loads(candidates, seen, is_working),
             objects=objects,
             frames=seen.frames,
             unseen=int(hidden.sum()),
@@ -225,7 +227,7 @@ class Meter:
     def _by_class(
         self,
         surrogate: Surrogate,
-        standing: Bool[np.ndarray, " C"],
+        is_working: Bool[np.ndarray, " C"],
         seen: Visibility,
         spread: float,
     ) -> tuple[
@@ -233,89 +235,99 @@ class Meter:
     ]:
         """Each class, resampled AP of all, and the hit probability of each object. spread: the
         prediction's."""
-        resamples, drawn = self._resample(surrogate, standing)
+        resamples, drawn = self._resample(surrogate, is_working)
         probability = np.zeros(len(seen.boxes))
         rows = []
-        aps = surrogate.by_class(standing[None]).ap[0].tolist()
+        aps = surrogate.by_class(is_working[None]).ap[0].tolist()
         for k, (name, hits) in enumerate(
-            zip(surrogate.classes.names, surrogate.hits(standing), strict=True)
+            zip(surrogate.classes.names, surrogate.hits(is_working), strict=True)
         ):
             probability[seen.labels == surrogate.classes.labels[k]] = hits
-            ends = Interval(np.nan, np.nan)
+            bounds = Interval(np.nan, np.nan)
             if len(hits):
                 frames = figure_interval(
                     aps[k], drawn[k], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS
                 )
-                ends = widen(aps[k], frames, spread)
+                bounds = widen_interval(aps[k], frames, spread)
             recall = float(hits.mean()) if len(hits) else np.nan
-            rows.append(FoundShare(name, aps[k], recall, *ends, len(hits)))
+            rows.append(FoundShare(name, aps[k], recall, *bounds, len(hits)))
         return tuple(rows), resamples, probability
 
     def _resample(
-        self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"]
+        self, surrogate: Surrogate, is_working: Bool[np.ndarray, " C"]
     ) -> tuple[Float64[np.ndarray, " resamples"], list[Float64[np.ndarray, " resamples"]]]:
         """AP of all and of each class over the draws of frames."""
         labels = surrogate.classes.labels
-        hits = surrogate.hits(standing)
+        hits = surrogate.hits(is_working)
         drawn = [
             resample_ap(
-                each, model.false_alarms, self._draws, self._block[self.unseen.labels == label]
+                probability,
+                model.false_alarms,
+                self._draws,
+                self._block[self.unseen.labels == label],
             )
-            for label, model, each in zip(labels, surrogate.models, hits, strict=True)
+            for label, model, probability in zip(labels, surrogate.models, hits, strict=True)
         ]
         return surrogate.classes.combined(np.stack(drawn, axis=1)), drawn
 
     def _by_group(
         self,
         names: tuple[str, ...],
-        place: Int64[np.ndarray, " O"],
+        group: Int64[np.ndarray, " O"],
         probability: Float64[np.ndarray, " O"],
     ) -> tuple[FoundShare, ...]:
-        """Share found of each group of objects. place: group of each."""
-        cell = place * self.blocks + self._block
+        """Share found of each group of objects. group: group of each."""
+        cell = group * self.blocks + self._block
         rows = []
-        counts, sums = (
-            np.bincount(cell, each, len(names) * self.blocks).reshape(len(names), -1)
-            for each in (None, probability)
-        )
+        shape = (len(names), self.blocks)
+        counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
+        sums = np.bincount(cell, probability, math.prod(shape)).reshape(shape)
         for k in np.flatnonzero(counts.any(axis=1)).tolist():
             objects = int(counts[k].sum())
-            whole = self._draws @ counts[k]
+            drawn_counts = self._draws @ counts[k]
             shares = np.divide(
-                self._draws @ sums[k], whole, out=np.full(len(whole), np.nan), where=whole > 0
+                self._draws @ sums[k],
+                drawn_counts,
+                out=np.full(len(drawn_counts), np.nan),
+                where=drawn_counts > 0,
             )
             recall = float(sums[k].sum() / objects)
-            ends = figure_interval(
+            bounds = figure_interval(
                 recall, shares, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS
             )
-            rows.append(FoundShare(names[k], None, recall, *ends, objects))
+            rows.append(FoundShare(names[k], None, recall, *bounds, objects))
         return tuple(rows)
 
     @cached_property
     def _approaches(self) -> tuple[tuple[str, ...], np.ndarray]:
-        found = find_approaches(self.preparation.setting.place)
-        return found.names, found.locate(self.unseen.boxes)
+        approaches = find_approaches(self.preparation.setting.place)
+        return approaches.names, approaches.locate(self.unseen.boxes)
 
     @cached_property
     def _levels(self) -> tuple[tuple[str, ...], np.ndarray]:
         level = np.zeros(self.preparation.frames, np.int64)
-        for k, part in enumerate(self.preparation.split(LEVELS)):
-            level[part] = k
+        for k, frames in enumerate(self.preparation.split(LEVELS)):
+            level[frames] = k
         return LEVEL_NAMES[LEVELS], level[self.unseen.frame]
 
     def _loads(
-        self, candidates: Candidates, seen: Visibility, standing: np.ndarray
+        self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
     ) -> tuple[LinkLoad, ...]:
         setting = self.preparation.setting
         loads = []
-        kbit = sent_per_frame(seen, setting.fusion, setting.codec) * standing[:, None] * RATE / MBIT
+        kbit = (
+            sent_per_frame(seen, setting.fusion, setting.codec)
+            * is_working[:, None]
+            * FRAME_RATE_HZ
+            / KBIT_PER_MBIT
+        )
         for mount in np.unique(candidates.mount).tolist():
             rows = kbit[candidates.mount == mount]
             pole = candidates.mounts[mount]
             mean = float(rows.mean(axis=1).sum())
             peak = float(rows.max(axis=1, initial=0).sum())
             load = float(link_load(rows, setting.link_share).sum())
-            capacity = pole.capacity * RATE / MBIT
+            capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
             limited = setting.fusion.sends_points
             loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
         return tuple(loads)
@@ -324,26 +336,26 @@ class Meter:
 def _list_problems(objective: Objective) -> tuple[str, ...]:
     """Sentences on what keeps all candidates from being built together."""
     candidates = objective.candidates
-    every = np.ones((1, len(objective.candidates)), np.bool_)
-    said = [
+    all_sensors = np.ones((1, len(objective.candidates)), np.bool_)
+    problems = [
         f"{name} sends more than its link carries"
         for name in np.array(objective.names)[~objective.linked]
     ]
-    per_mount = candidates.per_mount(every)[0]
-    price = float(objective.price(every)[0])
+    per_mount = candidates.per_mount(all_sensors)[0]
+    price = float(objective.price(all_sensors)[0])
     crowded = [
         m.name
         for m, count in zip(candidates.mounts, per_mount, strict=True)
         if count > m.max_sensors
     ]
-    said += [f"{name} carries more sensors than it may" for name in crowded]
+    problems += [f"{name} carries more sensors than it may" for name in crowded]
     if (loads := objective.shared_links) is not None:
-        sums = candidates.per_mount(every, loads)[0]
+        sums = candidates.per_mount(all_sensors, loads)[0]
         mounts = zip(candidates.mounts, sums, per_mount, strict=True)
         narrow = [m.name for m, load, count in mounts if count > 1 and load > max_load(m.capacity)]
-        said += [
+        problems += [
             f"the sensors on {name} together send more than its link carries" for name in narrow
         ]
     if not objective.affordable(np.array([price]))[0]:
-        said.append(f"it costs {price:g}, more than {objective.most_price:g}")
-    return tuple(said)
+        problems.append(f"it costs {price:g}, more than {objective.most_price:g}")
+    return tuple(problems)

@@ -53,23 +53,23 @@ class GroundPicture:
                 f"picture.file must be picture- and twelve digits and .jpg, got {self.file!r:.60}"
             )
 
-    def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> "GroundPicture":
+    def place(self, spots: Sequence[Sequence[float]], numbers: Sequence[float]) -> "GroundPicture":
         """Scale, turn and shift it by two points.
 
-        spots: where they lie now (m); given: x, y, x, y of where they belong, or their distance
+        spots: where they lie now (m); numbers: x, y, x, y of where they belong, or their distance
         alone, about the first of them. Raises ValueError for points that are closer than `NEAREST`,
         and for other numbers."""
         (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
-        if len(given) == 1:
-            far = start + given[0] * (end - start) / max(abs(end - start), 1e-9)
-            given = start.real, start.imag, far.real, far.imag
-        if len(given) != 4 or not np.isfinite(given).all():
+        if len(numbers) == 1:
+            far = start + numbers[0] * (end - start) / max(abs(end - start), 1e-9)
+            numbers = start.real, start.imag, far.real, far.imag
+        if len(numbers) != 4 or not np.isfinite(numbers).all():
             raise ValueError(
                 "two points need x y x y or their distance (m), got "
-                f"{' '.join(map(str, given))!r:.60}"
+                f"{' '.join(map(str, numbers))!r:.60}"
             )
-        first = complex(*given[:2])
-        last = complex(*given[2:])
+        first = complex(*numbers[:2])
+        last = complex(*numbers[2:])
         if min(abs(end - start), abs(last - first)) < NEAREST:
             raise ValueError(f"the two points must be {NEAREST:g} m apart or more: choose others")
         ratio = (last - first) / (end - start)
@@ -90,21 +90,21 @@ def keep_picture(
     `MOST_PIXELS`."""
     check_name(name)
     if len(content) > MOST_PICTURE_BYTES:
-        most = f"{MOST_PICTURE_BYTES // 10**6} MB"
+        limit = f"{MOST_PICTURE_BYTES // 10**6} MB"
         raise ValueError(
-            f"a picture must have at most {most}, got {len(content) / 1e6:.0f}: shrink it"
+            f"a picture must have at most {limit}, got {len(content) / 1e6:.0f}: shrink it"
         )
     from PIL import Image
 
-    shown = Image.fromarray(_decode(content, name))
-    shown.thumbnail((SHOWN_PIXELS, SHOWN_PIXELS))
-    made = BytesIO()
-    shown.save(made, "JPEG", quality=85)
+    picture = Image.fromarray(_decode(content, name))
+    picture.thumbnail((SHOWN_PIXELS, SHOWN_PIXELS))
+    content_kept = BytesIO()
+    picture.save(content_kept, "JPEG", quality=85)
     file = f"picture-{sha256(content).hexdigest()[:12]}.jpg"
-    write_bytes(folder / file, made.getvalue())
+    write_bytes(folder / file, content_kept.getvalue())
     xmin, ymin, xmax, ymax = area.tolist()
     middle = (xmin + xmax) / 2, (ymin + ymax) / 2
-    return GroundPicture(name, file, *shown.size, *middle, (xmax - xmin) / shown.width)
+    return GroundPicture(name, file, *picture.size, *middle, (xmax - xmin) / picture.width)
 
 
 def _decode(content: bytes, name: str) -> UInt8[np.ndarray, "height width 3"]:
@@ -116,7 +116,7 @@ def _decode(content: bytes, name: str) -> UInt8[np.ndarray, "height width 3"]:
                 raise ValueError("it has too many pixels")
             return np.asarray(picture.convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        most = f"{MOST_PIXELS // 10**6} million pixels"
+        limit = f"{MOST_PIXELS // 10**6} million pixels"
         raise ValueError(
-            f"{name} is no whole PNG or JPEG picture of up to {most}: save it again"
+            f"{name} is no whole PNG or JPEG picture of up to {limit}: save it again"
         ) from None

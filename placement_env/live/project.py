@@ -23,7 +23,7 @@ from placement_env.handover.mounted import format_sensors, mounted_site, unused_
 from placement_env.live.picture import GroundPicture
 from placement_env.live.planner import LivePlanner
 from placement_env.live.variant import Variant, check_name
-from placement_env.report.planning.plan_folder import CONTENT
+from placement_env.report.planning.plan_folder import PLAN_FILE
 from toolkit.runtime.files import name_errors, read_json, take, write_text, writing_together
 from toolkit.runtime.json_object import JsonObject
 from toolkit.sites.files import format_site
@@ -45,12 +45,12 @@ class ProjectFile:
         self.planner = planner
         self._site = sha256(format_site(planner.yard.site).encode()).hexdigest()
         path.parent.mkdir(parents=True, exist_ok=True)
-        held = take(path.with_name(f".{path.name}.lock"))
-        if held is None:
+        lock = take(path.with_name(f".{path.name}.lock"))
+        if lock is None:
             raise ValueError(
                 f"{path} is open in another coview live: close that, or give another --project"
             )
-        self._held: int | None = held
+        self._held: int | None = lock
         self._saved = ""
         self._when = 0.0
         try:
@@ -94,38 +94,39 @@ class ProjectFile:
     def _format(self) -> str:
         planner = self.planner
         picture = None if planner.picture is None else asdict(planner.picture)
-        known = {
+        head = {
             "coview_live": PROJECT_VERSION,
             "site": planner.yard.site.name,
             "site_sha256": self._site,
         }
-        known |= {"current": planner.current, "question": planner.question, "picture": picture}
+        head |= {"current": planner.current, "question": planner.question, "picture": picture}
         variants = ", ".join(
-            f"{json.dumps(name)}: {_format(each)}" for name, each in planner.variants.items()
+            f"{json.dumps(name)}: {_format(variant)}" for name, variant in planner.variants.items()
         )
         past = ", ".join(
-            f"[{json.dumps(name)}, {_format(each)}]" for name, each in planner.past[-SAVED_STEPS:]
+            f"[{json.dumps(name)}, {_format(variant)}]"
+            for name, variant in planner.past[-SAVED_STEPS:]
         )
         return (
-            f'{json.dumps(known, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": '
+            f'{json.dumps(head, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": '
             f"[{past}]}}"
         )
 
     def _load(self, path: Path) -> None:
-        found = None
+        content = None
         try:
-            found = read_json(path)
+            content = read_json(path)
             with name_errors(path):
-                self._take_over(found)
+                self._take_over(content)
         except FileNotFoundError:
             raise ValueError(f"there is no {path}: start without --last-good") from None
         except ValueError as error:
-            other = (
+            hint = (
                 " coview live with --last-good goes on from the state before"
                 if self.before.is_file()
                 else ""
             )
-            spare = other if path == self.path else ""
+            spare = hint if path == self.path else ""
             raise ValueError(f"{error};{spare or ' give another --project'}") from None
 
     def _take_over(self, content: object) -> None:
@@ -140,11 +141,12 @@ class ProjectFile:
         past = project.get("past", list)
         if not 0 < len(variants.value) <= MOST_VARIANTS:
             raise ValueError(f"it needs 1 to {MOST_VARIANTS} variants, and past steps")
-        named = {
-            check_name(name): Variant.of_dict(each, name) for name, each in variants.value.items()
+        variants_by_name = {
+            check_name(name): Variant.of_dict(document, name)
+            for name, document in variants.value.items()
         }
         steps = [self._read_step(step, number) for number, step in enumerate(past)][-SAVED_STEPS:]
-        self.planner.restore(named, project.get("current", str), steps)
+        self.planner.restore(variants_by_name, project.get("current", str), steps)
         laid = project.value.get("picture")
         self.planner.picture = None if laid is None else self._read_picture(project.node("picture"))
         question = project.node("question") if "question" in project.value else JsonObject({})
@@ -216,14 +218,14 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
 
 def _check_export(folder: Path) -> None:
     """Raise ValueError where an export would replace the files of a plan, or somebody's site."""
-    if (folder / CONTENT).exists():
+    if (folder / PLAN_FILE).exists():
         raise ValueError(
             f"{folder} is the folder of a plan, which an export would change: start with another "
             "--out"
         )
     if (folder / SITE).exists() and not (folder / SCHEDULE).exists():
-        made = f"{folder} holds a {SITE} that no export wrote"
-        raise ValueError(f"{made}: rename it, or start with another --out")
+        problem = f"{folder} holds a {SITE} that no export wrote"
+        raise ValueError(f"{problem}: rename it, or start with another --out")
 
 
 def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
@@ -237,10 +239,10 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
 
     candidates = planner.yard.candidates(planner.variant)
     mounted = mounted_site(planner.yard.site, candidates, range(len(candidates)))
-    given = planner.sold
+    stock = planner.sold
     poles = tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))
     setting = replace(
-        planner.asked, site=mounted, candidates=replace(given, candidates=candidates), keep=poles
+        planner.asked, site=mounted, candidates=replace(stock, candidates=candidates), keep=poles
     )
     run = replace(
         planner.preparation.run, frames=None if planner.plan is None else planner.plan.given_frames

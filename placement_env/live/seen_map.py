@@ -58,16 +58,16 @@ class SeenMaps:
     def _in_view(self, sensor: Sensor) -> Bool[np.ndarray, " cells"]:
         return np.asarray(sensor.model.in_view(transform(invert(sensor.pose), self._targets)))
 
-    def _in_sight(self, place: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
+    def _in_sight(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
         """A bit for each frame in which the way from a place to each cell is free."""
-        key = place.round(3).tobytes()
+        key = eye.round(3).tobytes()
         bits: Shaped[np.ndarray, " cells"] | None = self._kept.get(key)
         if bits is None:
             live = self._preparation.live
             traffic = self._preparation.traffic
             with live.casting if live is not None else nullcontext():
                 ways = np.concatenate(
-                    [np.broadcast_to(place, self._targets.shape), self._targets - place], axis=1
+                    [np.broadcast_to(eye, self._targets.shape), self._targets - eye], axis=1
                 )
                 lines = ways.astype(np.float32)
                 free = np.flatnonzero(~build_renderer(traffic).still_hides(lines))

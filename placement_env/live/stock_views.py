@@ -87,37 +87,37 @@ class StockViews:
         self,
         base: Candidates,
         seen: Visibility,
-        standing: Bool[np.ndarray, " B"],
+        is_working: Bool[np.ndarray, " B"],
         objective: Callable[[Candidates, Visibility], Objective],
     ) -> list[int]:
-        """Known poses that may join a set, the best first. base, seen: of the set; standing: not
+        """Known poses that may join a set, the best first. base, seen: of the set; is_working: not
         failed."""
         rows = list(self._rows)
         if not rows:
             return []
-        known = np.concatenate([group for group, _ in rows])
+        indices = np.concatenate([group for group, _ in rows])
         count = len(base)
-        columns = {
-            name: np.concatenate([getattr(seen, name), *(getattr(v, name) for _, v in rows)])
-            for name in VIEW_COLUMNS
-        }
-        stock = self._stock.select(known)
+        columns = {}
+        for name in VIEW_COLUMNS:
+            views = [getattr(view, name) for _, view in rows]
+            columns[name] = np.concatenate([getattr(seen, name), *views])
+        stock = self._stock.select(indices)
         names = {sensor.name for sensor in base.sensors}
         sensors = [
             replace(s, name=f"{s.name} of the stock") if s.name in names else s
             for s in stock.sensors
         ]
-        aim = np.zeros((count + len(known), 3))
+        aim = np.zeros((count + len(indices), 3))
         mount = np.concatenate([base.mount, stock.mount])
-        every = Candidates.of_poses(
+        candidates = Candidates.of_poses(
             [*base.sensors, *sensors], mount, aim, replace(self._stock, mounts=base.mounts)
         )
-        scored = objective(every, replace(seen, **columns))
-        sets = np.zeros((len(known), len(every)), np.bool_)
+        scored = objective(candidates, replace(seen, **columns))
+        sets = np.zeros((len(indices), len(candidates)), np.bool_)
         sets[:, :count] = True
-        sets[np.arange(len(known)), count + np.arange(len(known))] = True
+        sets[np.arange(len(indices)), count + np.arange(len(indices))] = True
         fits = scored.feasible(sets)
-        sets[:, :count] = standing
+        sets[:, :count] = is_working
         reward = np.where(fits, scored.scores(sets).reward, -np.inf)
         order = np.argsort(-reward, kind="stable")
-        return known[order[np.isfinite(reward[order])]].tolist()
+        return indices[order[np.isfinite(reward[order])]].tolist()

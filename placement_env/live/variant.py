@@ -74,12 +74,40 @@ class Variant:
         names = ", ".join(sensor.name for sensor in self.sensors) or "none"
         raise ValueError(f"there is no sensor {name!r}: the sensors are {names}")
 
+    def find_unlocked(self, name: str) -> LiveSensor:
+        """Return a sensor by name. Raises ValueError for an unknown or locked one."""
+        sensor = self.find(name)
+        if sensor.locked:
+            raise ValueError(f"{name} is locked: unlock it first")
+        return sensor
+
     def with_sensor(self, sensor: LiveSensor) -> "Variant":
         """Return the variant with a sensor in place of the one of its name."""
         return replace(
             self,
-            sensors=tuple(sensor if each.name == sensor.name else each for each in self.sensors),
+            sensors=tuple(
+                sensor if present.name == sensor.name else present for present in self.sensors
+            ),
         )
+
+    def without_sensor(self, name: str) -> "Variant":
+        """Return the variant without a sensor."""
+        return replace(self, sensors=tuple(s for s in self.sensors if s.name != name))
+
+    def without_idle_poles(self) -> "Variant":
+        """Return the variant without the poles of one's own that carry no sensor."""
+        mounts_in_use = {sensor.mount for sensor in self.sensors}
+        return replace(self, poles=tuple(p for p in self.poles if p.name in mounts_in_use))
+
+    @property
+    def movable(self) -> list[str]:
+        """Names of the sensors that are neither locked nor failed."""
+        return [s.name for s in self.sensors if not s.locked and not s.failed]
+
+    @property
+    def working(self) -> "Variant":
+        """The variant without the sensors that have failed."""
+        return replace(self, sensors=tuple(s for s in self.sensors if not s.failed))
 
     def as_dict(self) -> dict[str, object]:
         """Return what JSON keeps."""
@@ -92,16 +120,16 @@ class Variant:
         }
 
     @staticmethod
-    def of_dict(found: object, where: str = "") -> "Variant":
+    def of_dict(document: object, where: str = "") -> "Variant":
         """Read what `as_dict` gave. where: its path in a file. Raises ValueError that names what
         does not fit."""
-        variant = JsonObject(found, where)
+        variant = JsonObject(document, where)
         variant.check_keys(("sensors", "poles", "keep_out"))
         sensors = tuple(_read_sensor(row) for row in variant.nodes("sensors", MAX_VARIANT_SENSORS))
         poles = tuple(_read_pole(row) for row in variant.nodes("poles", MAX_VARIANT_POLES))
         areas = variant.get("keep_out", list) if "keep_out" in variant.value else []
         with name_errors(variant.where("keep_out")):
-            return Variant(sensors, poles, tuple(map(check_area, areas)))
+            return Variant(sensors, poles, tuple(map(check_keep_out, areas)))
 
 
 def _read_sensor(row: JsonObject) -> LiveSensor:
@@ -137,7 +165,7 @@ def check_name(name: str) -> str:
     return name
 
 
-def check_area(corners: Iterable[Iterable[float]]) -> Corners:
+def check_keep_out(corners: Iterable[Iterable[float]]) -> Corners:
     """Return the corners of an area. Raises ValueError unless they are three or more around a plain
     shape."""
     rule = "an area needs three corners or more (x, y), and no edge may cross another"
@@ -162,15 +190,15 @@ class Yard:
     @cached_property
     def models(self) -> dict[str, SensorModel]:
         """Sensor models that may be bought, by name."""
-        found: dict[str, SensorModel] = {}
+        by_name: dict[str, SensorModel] = {}
         for model in self.stock.axes.models:
             plain = name_in_words(type(model).__name__)
-            found[
+            by_name[
                 plain
-                if plain not in found
-                else f"{plain} {1 + sum(n.startswith(plain) for n in found)}"
+                if plain not in by_name
+                else f"{plain} {1 + sum(n.startswith(plain) for n in by_name)}"
             ] = model
-        return found
+        return by_name
 
     @cached_property
     def mounts(self) -> dict[str, Mount]:
@@ -179,17 +207,17 @@ class Yard:
 
     def find_mount(self, variant: Variant, name: str) -> Mount:
         """Return a pole of the stock or of one's own. Raises ValueError for an unknown one."""
-        every = self.mounts | {pole.name: pole for pole in variant.poles}
-        if name not in every:
+        mounts = self.mounts | {pole.name: pole for pole in variant.poles}
+        if name not in mounts:
             raise ValueError(
-                f"there is no pole {name!r}: {', '.join(list(every)[:8])} and others are there"
+                f"there is no pole {name!r}: {', '.join(list(mounts)[:8])} and others are there"
             )
-        return every[name]
+        return mounts[name]
 
     def name_model(self, model: SensorModel) -> str:
         """Return the name of a model. Raises ValueError where the stock lacks it."""
-        for name, each in self.models.items():
-            if each == model:
+        for name, known_model in self.models.items():
+            if known_model == model:
                 return name
         raise ValueError(f"the stock has no {model}: it has {', '.join(self.models)}")
 
@@ -207,15 +235,20 @@ class Yard:
         mounts = list(stock.mounts)
         for mount in site.mounts:
             carries = any(np.hypot(*(s.position[:2] - mount.position[:2])) <= SNAP for s in sensors)
-            if carries and mount.name not in {each.name for each in mounts}:
+            if carries and mount.name not in {mounted.name for mounted in mounts}:
                 mounts.append(mount)
-        more = tuple(dict.fromkeys(s.model for s in sensors if s.model not in axes.models))
-        prices = (*axes.prices, *[0.0] * len(more)) if axes.prices else ()
-        axes = Axes(axes.heights, axes.headings, axes.tilts, (*axes.models, *more), prices)
+        further_models = tuple(
+            dict.fromkeys(s.model for s in sensors if s.model not in axes.models)
+        )
+        prices = (*axes.prices, *[0.0] * len(further_models)) if axes.prices else ()
+        axes = Axes(
+            axes.heights, axes.headings, axes.tilts, (*axes.models, *further_models), prices
+        )
         yard = Yard(site, replace(stock, axes=axes, mounts=tuple(mounts)), tuple(keep_out))
-        here = Counter(each.mount for each in yard.place(sensors).sensors)
+        sensors_on = Counter(mounted.mount for mounted in yard.place(sensors).sensors)
         mounts = [
-            replace(mount, max_sensors=max(mount.max_sensors, here[mount.name])) for mount in mounts
+            replace(mount, max_sensors=max(mount.max_sensors, sensors_on[mount.name]))
+            for mount in mounts
         ]
         return replace(yard, stock=replace(yard.stock, mounts=tuple(mounts)))
 
@@ -232,22 +265,24 @@ class Yard:
                 _find_step(axes.tilts, float(tilt)),
             )
             name = free_name(variant, sensor.name)
-            made = LiveSensor(name, self.name_model(sensor.model), mount.name, x, y, height, *aim)
-            variant = replace(variant, sensors=(*variant.sensors, made))
+            live_sensor = LiveSensor(
+                name, self.name_model(sensor.model), mount.name, x, y, height, *aim
+            )
+            variant = replace(variant, sensors=(*variant.sensors, live_sensor))
         return variant
 
     def _mount_near(
         self, variant: Variant, spot: tuple[float, float], within: float
     ) -> tuple[Mount, Variant]:
-        every = [*self.stock.mounts, *variant.poles]
-        away = [float(np.hypot(*(mount.position[:2] - spot))) for mount in every]
-        nearest = every[int(np.argmin(away))]
-        if min(away) <= within:
+        mounts = [*self.stock.mounts, *variant.poles]
+        distances = [float(np.hypot(*(mount.position[:2] - spot))) for mount in mounts]
+        nearest = mounts[int(np.argmin(distances))]
+        if min(distances) <= within:
             return nearest, variant
         foot = np.array([*spot, float(self.site.ground(np.array(spot)))])
         name = "own pole 1"
         number = 1
-        while name in {mount.name for mount in every}:
+        while name in {mount.name for mount in mounts}:
             name = f"own pole {number + 1}"
             number = number + 1
         price = max(mount.price for mount in self.stock.mounts)
@@ -263,11 +298,21 @@ class Yard:
         else:
             spot = float(where[0]), float(where[1])
             mount, after = self._mount_near(variant, spot, SNAP)
-            if after is not variant and (said := self.refuse(spot)):
-                raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {said}")
+            if after is not variant and (reason := self.refuse(spot)):
+                raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {reason}")
         if self.bars(variant, mount):
             raise ValueError(f"{mount.name} cannot be used: {KEPT_OUT}")
         return mount, after
+
+    def has_room(self, variant: Variant, mount: str) -> bool:
+        """True if a pole may carry one more sensor."""
+        max_sensors = self.find_mount(variant, mount).max_sensors
+        return sum(sensor.mount == mount for sensor in variant.sensors) < max_sensors
+
+    def check_room(self, variant: Variant, mount: str) -> None:
+        """Raise ValueError for a pole that carries as many sensors as it may."""
+        if not self.has_room(variant, mount):
+            raise ValueError(f"{mount} carries all the sensors that it may: take another pole")
 
     def bars(self, variant: Variant, mount: Mount) -> bool:
         """True for a pole in a keep-out area of the variant."""
@@ -282,34 +327,39 @@ class Yard:
         xmin, ymin, xmax, ymax = self.site.area.tolist()
         if point.distance(shapely.box(xmin, ymin, xmax, ymax)) > FARTHEST:
             return f"it is more than {FARTHEST:g} m from the detection area"
-        for said, area in self._barred.items():
+        for reason, area in self._barred.items():
             if area.distance(point) < KERB_GAP:
-                return said
+                return reason
         return ""
 
     @cached_property
     def _barred(self) -> dict[str, shapely.Geometry]:
         solid = [
-            shapely.Polygon(each.footprint)
-            for each in self.site.solids
-            if each.kind not in PASSABLE
+            shapely.Polygon(shape.footprint)
+            for shape in self.site.solids
+            if shape.kind not in PASSABLE
         ]
         lanes = [shapely.Polygon(lane) for lane in self.site.lanes]
         areas = {"it is on a lane": lanes, "something stands there": solid, KEPT_OUT: self.keep_out}
-        found = {said: shapely.union_all(list(each)) for said, each in areas.items() if len(each)}
-        for each in found.values():
-            shapely.prepare(each)
-        return found
+        barred = {
+            reason: shapely.union_all(list(shape)) for reason, shape in areas.items() if len(shape)
+        }
+        for shape in barred.values():
+            shapely.prepare(shape)
+        return barred
 
     def candidates(self, variant: Variant) -> Candidates:
         """Sensors of a variant as candidates."""
         mounts = (*self.stock.mounts, *variant.poles)
         index = {mount.name: k for k, mount in enumerate(mounts)}
-        sensors = [self.build_sensor(variant, each) for each in variant.sensors]
+        sensors = [self.build_sensor(variant, live_sensor) for live_sensor in variant.sensors]
         aim = np.array(
-            [(each.height, each.heading, each.tilt) for each in variant.sensors]
+            [
+                (live_sensor.height, live_sensor.heading, live_sensor.tilt)
+                for live_sensor in variant.sensors
+            ]
         ).reshape(-1, 3)
-        rows = np.array([index[each.mount] for each in variant.sensors], np.int64)
+        rows = np.array([index[live_sensor.mount] for live_sensor in variant.sensors], np.int64)
         stock = replace(self.stock, mounts=mounts) if variant.poles else self.stock
         return Candidates.of_poses(sensors, rows, aim, stock)
 
@@ -342,13 +392,13 @@ class Yard:
         return variant
 
     def _check_pole(self, pole: Mount) -> None:
-        place = pole.position[:2]
-        there = any(np.hypot(*(spot - place)) <= SNAP for spot in self._present)
-        away = shapely.box(*self.site.area.tolist()).distance(shapely.Point(place))
-        if away > FARTHEST and not there:
-            far = f"{pole.name} stands {away:.6g} m from the detection area"
+        foot_xy = pole.position[:2]
+        is_present = any(np.hypot(*(spot - foot_xy)) <= SNAP for spot in self._present)
+        distance_m = shapely.box(*self.site.area.tolist()).distance(shapely.Point(foot_xy))
+        if distance_m > FARTHEST and not is_present:
+            far = f"{pole.name} stands {distance_m:.6g} m from the detection area"
             raise ValueError(f"{far}, more than {FARTHEST:g} m: move it, or leave it out")
-        foot = float(self.site.ground(place))
+        foot = float(self.site.ground(foot_xy))
         if abs(pole.position[2] - foot) > MAX_FOOT_GAP_M:
             raise ValueError(
                 f"{pole.name} has its foot at z = {pole.position[2]:g} m, but the ground is at "
@@ -356,22 +406,25 @@ class Yard:
             )
 
     def _check_place(self, sensor: LiveSensor, mount: Mount) -> None:
-        away = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
-        if away > SNAP:
-            said = (
-                f"{sensor.name} hangs {away:.6g} m from its pole {mount.name}, more than {SNAP:g} m"
+        distance_m = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
+        if distance_m > SNAP:
+            problem = (
+                f"{sensor.name} hangs {distance_m:.6g} m from its pole {mount.name}, more than "
+                f"{SNAP:g} m"
             )
-            raise ValueError(f"{said}: give it the place of its pole, or carry it to another one")
+            raise ValueError(
+                f"{problem}: give it the place of its pole, or carry it to another one"
+            )
         usual = mount.min_height, mount.max_height
         low, high = (
             pick(pick(usual), *self._heights.get(mount.name, usual)) for pick in (min, max)
         )
         if not low - SLACK_M <= sensor.height <= high + SLACK_M:
-            said = (
+            problem = (
                 f"{sensor.name} hangs {sensor.height:.6g} m up, but {mount.name} takes {low:g} to "
                 f"{high:g} m"
             )
-            raise ValueError(f"{said}: give another height")
+            raise ValueError(f"{problem}: give another height")
         if not abs(sensor.tilt) <= np.pi / 2 + SLACK_M:
             raise ValueError(
                 f"{sensor.name} is tilted by {np.rad2deg(sensor.tilt):.4g} degrees, more than 90"
@@ -418,12 +471,12 @@ def name_on_pole(variant: Variant, pole: str) -> str:
     )
 
 
-def free_name(variant: Variant, wanted: str) -> str:
+def free_name(variant: Variant, stem: str) -> str:
     """Name that no sensor has yet."""
     names = {sensor.name for sensor in variant.sensors}
-    name = wanted[:LONGEST_NAME]
+    name = stem[:LONGEST_NAME]
     number = 1
     while name in names:
         number += 1
-        name = f"{wanted.rstrip('0123456789').rstrip() or wanted} {number}"
+        name = f"{stem.rstrip('0123456789').rstrip() or stem} {number}"
     return name

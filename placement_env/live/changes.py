@@ -1,0 +1,156 @@
+"""Changes of a variant by hand: sensors moved, added, removed, locked or failed, and keep-out
+areas.
+
+Each function takes the yard and the variant, and returns the variant that follows."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from placement_env.live.variant import (
+    TILT_SPAN,
+    Corners,
+    LiveSensor,
+    Variant,
+    Where,
+    Yard,
+    check_keep_out,
+    check_name,
+    name_on_pole,
+)
+
+DEFAULT_TILT_RAD = 0.26  # of a sensor that is added
+
+
+class VariantChange(NamedTuple):
+    """Variant after a change, and what changed."""
+
+    variant: Variant
+    what: str
+
+
+def move_sensor(
+    yard: Yard,
+    variant: Variant,
+    name: str,
+    *,
+    heading: float | None = None,
+    tilt: float | None = None,
+    height: float | None = None,
+    position: Where | None = None,
+) -> VariantChange:
+    """Turn, tilt, raise or carry a sensor, see `LivePlanner.move`."""
+    sensor = variant.find_unlocked(name)
+    if position is not None:
+        mount, variant = yard.stand(variant, position)
+        if mount.name != sensor.mount:
+            yard.check_room(variant, mount.name)
+            x, y, _ = mount.position.tolist()
+            sensor = replace(sensor, mount=mount.name, x=x, y=y)
+    mount = yard.find_mount(variant, sensor.mount)
+    new_height = sensor.height if height is None else _check_finite("height", height)
+    new_heading = sensor.heading if heading is None else _check_finite("heading", heading)
+    new_tilt = sensor.tilt if tilt is None else _check_tilt(tilt)
+    min_tilt = min(TILT_SPAN[0], sensor.tilt)
+    max_tilt = max(TILT_SPAN[1], sensor.tilt)
+    low, high = mount.min_height, mount.max_height
+    if position is None:  # a sensor may stay where it is, beyond the heights of its pole
+        low = min(low, sensor.height)
+        high = max(high, sensor.height)
+    is_turned = new_heading != sensor.heading
+    moved = replace(
+        sensor,
+        height=float(np.clip(new_height, low, high)),
+        heading=math.remainder(new_heading, math.tau) if is_turned else new_heading,
+        tilt=float(np.clip(new_tilt, min_tilt, max_tilt)),
+    )
+    return VariantChange(variant.with_sensor(moved), f"{name} moved")
+
+
+def mount_sensor(
+    yard: Yard,
+    variant: Variant,
+    mount: Where,
+    heading: float = 0.0,
+    tilt: float = DEFAULT_TILT_RAD,
+    height: float | None = None,
+    *,
+    model: str | None = None,
+    name: str | None = None,
+) -> VariantChange:
+    """Mount a sensor on a pole or place, see `LivePlanner.add`."""
+    model = model or next(iter(yard.models))
+    if name is not None and name in {sensor.name for sensor in variant.sensors}:
+        raise ValueError(f"there is a sensor {name!r} already: give another name")
+    pole, with_pole = yard.stand(variant, mount)
+    name = check_name(name) if name else name_on_pole(variant, pole.name)
+    yard.check_room(with_pole, pole.name)
+    new_height = pole.max_height
+    if height is not None:
+        new_height = float(np.clip(height, pole.min_height, pole.max_height))
+    x, y, _ = pole.position.tolist()
+    new_tilt = float(np.clip(_check_tilt(tilt), *TILT_SPAN))
+    new_heading = _check_finite("heading", heading)
+    mounted = LiveSensor(name, model, pole.name, x, y, new_height, new_heading, new_tilt)
+    after = yard.check(replace(with_pole, sensors=(*with_pole.sensors, mounted)))
+    return VariantChange(after, f"{name} added")
+
+
+def remove_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
+    """Take a sensor away. Raises ValueError for an unknown or locked one."""
+    variant.find_unlocked(name)
+    return VariantChange(variant.without_sensor(name), f"{name} removed")
+
+
+def duplicate_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
+    """Mount a copy of a sensor on the nearest pole with room. Raises ValueError if none has."""
+    sensor = variant.find(name)
+    poles = (*yard.stock.mounts, *variant.poles)
+    free_poles = [pole for pole in poles if yard.has_room(variant, pole.name)]
+    if not free_poles:
+        raise ValueError(
+            "no pole has room for another sensor: remove one, or give a place of its own"
+        )
+    foot = (sensor.x, sensor.y)
+    nearest = min(free_poles, key=lambda pole: float(np.hypot(*(pole.position[:2] - foot))))
+    aim = (sensor.heading, sensor.tilt, sensor.height)
+    return mount_sensor(yard, variant, nearest.name, *aim, model=sensor.model)
+
+
+def lock_sensor(yard: Yard, variant: Variant, name: str, locked: bool = True) -> VariantChange:
+    """Keep a sensor from being moved, or let it be moved again."""
+    sensor = replace(variant.find(name), locked=locked)
+    return VariantChange(variant.with_sensor(sensor), f"{name} {'' if locked else 'un'}locked")
+
+
+def fail_sensor(yard: Yard, variant: Variant, name: str, failed: bool = True) -> VariantChange:
+    """Let a sensor fail, or work again."""
+    sensor = replace(variant.find(name), failed=failed)
+    return VariantChange(
+        variant.with_sensor(sensor), f"{name} {'failed' if failed else 'works again'}"
+    )
+
+
+def keep_out_of(yard: Yard, variant: Variant, areas: Iterable[Corners]) -> VariantChange:
+    """Let no pole be used within areas. Raises ValueError for what is no area."""
+    return VariantChange(
+        replace(variant, keep_out=tuple(map(check_keep_out, areas))), "keep-out areas"
+    )
+
+
+def _check_finite(name: str, value: float) -> float:
+    if not np.isfinite(value):
+        raise ValueError(f"{name} must be a finite number, got {value}")
+    return float(value)
+
+
+def _check_tilt(tilt: float) -> float:
+    if not abs(_check_finite("tilt", tilt)) <= np.pi / 2 + 1e-9:
+        raise ValueError(
+            f"a tilt must lie within pi/2 rad of the horizon, got {tilt:g}: give degrees as "
+            "np.deg2rad(25)"
+        )
+    return float(tilt)

@@ -1,0 +1,237 @@
+"""`VariantEditor`: sensors on poles that are changed by hand, each change answered by figures."""
+
+from collections.abc import Callable, Iterable
+from copy import copy as copied
+from threading import RLock
+from typing import Any
+
+from placement_env.live.changes import (
+    DEFAULT_TILT_RAD,
+    VariantChange,
+    duplicate_sensor,
+    fail_sensor,
+    keep_out_of,
+    lock_sensor,
+    mount_sensor,
+    move_sensor,
+    remove_sensor,
+)
+from placement_env.live.figures import LiveAnswer
+from placement_env.live.history import Step, VariantHistory
+from placement_env.live.picture import GroundPicture
+from placement_env.live.scorer import LiveScorer
+from placement_env.live.suggestions import Suggestion, apply_suggestion
+from placement_env.live.variant import Corners, LiveSensor, Variant, Where, Yard
+
+
+class VariantEditor:
+    """Change variants by hand, and undo it.
+
+    A copy, also one that is pickled, has the same variants, views and steps to undo, and goes on
+    without the original: its changes are told to nobody.
+
+    Attributes:
+        yard: site and stock.
+        scorer: figures of variants.
+        history: variants and steps.
+        picture: under the scene, or None.
+        tell: called after every change, before its answer; True during a drag.
+    """
+
+    def __init__(self, yard: Yard, scorer: LiveScorer) -> None:
+        self.yard = yard
+        self.scorer = scorer
+        self.history = VariantHistory(yard.place(yard.site.sensors))
+        self.picture: GroundPicture | None = None
+        self._stand_alone()
+
+    def _stand_alone(self) -> None:
+        """Begin without threads and listeners."""
+        self._lock = RLock()
+        self.tell: Callable[[bool], None] = _tell_nobody
+
+    def __getstate__(self) -> dict[str, Any]:
+        with self.scorer.all_frames.fetching, self._lock:
+            state = dict(self.__dict__)
+        for name in ("_lock", "tell"):
+            del state[name]
+        for name in ("scorer", "history"):
+            state[name] = copied(state[name])
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._stand_alone()
+
+    # what is shown
+
+    @property
+    def variants(self) -> dict[str, Variant]:
+        """Variants by name."""
+        return self.history.variants
+
+    @property
+    def current(self) -> str:
+        """Name of the variant that is shown."""
+        return self.history.current
+
+    @property
+    def variant(self) -> Variant:
+        """The variant that is shown."""
+        return self.history.variant
+
+    @property
+    def sensors(self) -> tuple[LiveSensor, ...]:
+        """Sensors of the variant."""
+        return self.variant.sensors
+
+    @property
+    def past(self) -> tuple[Step, ...]:
+        """Steps that can be undone, the last one last."""
+        return self.history.past
+
+    # changes
+
+    def move(
+        self,
+        name: str,
+        heading: float | None = None,
+        tilt: float | None = None,
+        height: float | None = None,
+        position: Where | None = None,
+        *,
+        dragging: bool = False,
+    ) -> LiveAnswer:
+        """Turn (rad), tilt (rad below the horizon), raise (m above the foot) or carry a sensor to a
+        pole or place. Heights and tilts stay within those of the pole and `TILT_SPAN`. dragging:
+        moves of one sensor in a row are undone as one. Raises ValueError for an unknown or locked
+        sensor, a tilt beyond straight down, and a place where no pole can stand."""
+        aim = {"heading": heading, "tilt": tilt, "height": height}
+        with self._lock:
+            change = move_sensor(self.yard, self.variant, name, **aim, position=position)
+            continues_drag = dragging and self.history.is_dragged(name)
+            answer = self._take(change, continues_drag=continues_drag)
+            if dragging:
+                self.history.drag(name)
+            return answer
+
+    def add(
+        self,
+        mount: Where,
+        heading: float = 0.0,
+        tilt: float = DEFAULT_TILT_RAD,
+        height: float | None = None,
+        *,
+        model: str | None = None,
+        name: str | None = None,
+    ) -> LiveAnswer:
+        """Mount a sensor on a pole or place. height: None for the highest; model: name in the
+        stock, None for its first; name: None for a free one. Raises ValueError as `move`."""
+        aim = (heading, tilt, height)
+        return self._change(mount_sensor, mount, *aim, model=model, name=name)
+
+    def remove(self, name: str) -> LiveAnswer:
+        """Take a sensor away. Raises ValueError for an unknown or locked one."""
+        return self._change(remove_sensor, name)
+
+    def duplicate(self, name: str) -> LiveAnswer:
+        """Mount a copy of a sensor on the nearest pole with room. Raises ValueError where none
+        has."""
+        return self._change(duplicate_sensor, name)
+
+    def lock(self, name: str, locked: bool = True) -> LiveAnswer:
+        """Keep a sensor from being moved, or let it be moved again."""
+        return self._change(lock_sensor, name, locked)
+
+    def fail(self, name: str, failed: bool = True) -> LiveAnswer:
+        """Let a sensor fail, or work again."""
+        return self._change(fail_sensor, name, failed)
+
+    def set_keep_out(self, areas: Iterable[Corners]) -> LiveAnswer:
+        """Let no pole be used within areas, each given by its corners. Raises ValueError for what
+        is no area."""
+        return self._change(keep_out_of, areas)
+
+    def accept(self, suggestion: Suggestion) -> LiveAnswer:
+        """Make a suggested change."""
+        return self._change(apply_suggestion, suggestion)
+
+    def _change(
+        self, change: Callable[..., VariantChange], *arguments: Any, **options: Any
+    ) -> LiveAnswer:
+        with self._lock:
+            return self._take(change(self.yard, self.variant, *arguments, **options))
+
+    def _take(self, change: VariantChange, *, continues_drag: bool = False) -> LiveAnswer:
+        """Show what a change leads to, without the poles that it leaves idle."""
+        before = self.scorer.recall(self.variant)
+        variant = change.variant.without_idle_poles()
+        if self.history.change(variant, continues_drag=continues_drag):
+            self.scorer.compare_with(before)
+        self.tell(continues_drag)
+        return self.answer(change.what)
+
+    def end_drag(self) -> None:
+        """Let the next move be a step of its own, and save."""
+        self.history.end_drag()
+        self.tell(False)
+
+    def lay(self, picture: GroundPicture | None) -> None:
+        """Lay a picture under the scene, or take it away."""
+        self.picture = picture
+        self.tell(False)
+
+    # steps and variants
+
+    def undo(self) -> LiveAnswer:
+        """Take the last change back. Raises ValueError where there is none."""
+        return self._step(self.history.undo, "undo")
+
+    def redo(self) -> LiveAnswer:
+        """Do the last change again that was taken back. Raises ValueError where there is none."""
+        return self._step(self.history.redo, "redo")
+
+    def _step(self, step: Callable[[], None], what: str) -> LiveAnswer:
+        with self._lock:
+            before = self.scorer.recall(self.variant)
+            step()
+            self.scorer.compare_with(before)
+            self.tell(False)
+            return self.answer(what)
+
+    def show(self, name: str, *, copy: bool = False) -> LiveAnswer:
+        """Show a variant. copy: a new one, like the present. Raises ValueError for an unknown name,
+        or a taken one."""
+        with self._lock:
+            self.history.check_name(name, copy=copy)
+            before = self.answer()
+            self.history.show(name, copy=copy)
+            self.scorer.compare_with(before)
+            self.tell(False)
+            return self.answer(f"variant {name}")
+
+    def restore(self, variants: dict[str, Variant], current: str, past: Iterable[Step]) -> None:
+        """Take over variants and steps that were kept. Raises ValueError where they do not fit the
+        site and stock."""
+        steps = list(past)
+        for variant in (*variants.values(), *(step_variant for _, step_variant in steps)):
+            self.yard.check(variant)
+        if current not in variants:
+            raise ValueError(f"the shown variant {current!r} must be one of {', '.join(variants)}")
+        with self._lock:
+            self.history.restore(variants, current, steps)
+            self.scorer.compare_with(None)
+
+    def answer(self, what: str = "") -> LiveAnswer:
+        """Figures of the variant that is shown, and what changed since those before."""
+        with self._lock:
+            return self.scorer.answer(self.variant, what)
+
+    def estimate(self, variant: Variant) -> LiveAnswer:
+        """Figures of any variant."""
+        with self._lock:
+            return self.scorer.estimate(variant)
+
+
+def _tell_nobody(dragging: bool) -> None:
+    pass

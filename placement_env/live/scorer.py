@@ -1,0 +1,221 @@
+"""`LiveScorer`: figures of variants, for one question after another in the same traffic."""
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.seeing import see
+from placement_env.fidelity.traffic import FRAMES
+from placement_env.fidelity.visibility import Visibility
+from placement_env.live.figures import LiveAnswer, Meter
+from placement_env.live.suggestions import Suggester
+from placement_env.live.variant import Variant, Yard
+from placement_env.live.views import AllFrames, SensorViews, hold_back
+from placement_env.objective import Score
+from placement_env.setting import Rendering, Setting
+from toolkit.runtime.run import Run
+
+MAX_ANSWERS = 128  # figures of variants in memory
+
+
+class LiveScorer:
+    """Figures of variants by the surrogate.
+
+    A copy has the same views and figures, and goes on without the original.
+
+    Attributes:
+        first: question at the start.
+        asked: present question.
+        setting: present question, about the yard's stock, by the surrogate.
+        preparation: traffic of the present question.
+        views: of sensors in that traffic.
+        all_frames: while figures of the first few are shown.
+    """
+
+    preparation: Preparation
+    views: SensorViews
+
+    def __init__(
+        self,
+        yard: Yard,
+        setting: Setting,
+        run: Run,
+        *,
+        first_frames: int | None,
+        currency: str,
+        max_sensors: float,
+    ) -> None:
+        self._yard = yard
+        self._currency = currency
+        self._max_sensors = max_sensors
+        self._before: LiveAnswer | None = None
+        self.first = setting
+        fewer = first_frames is not None and first_frames < run.frames_or(FRAMES)
+        self._open(setting, replace(run, frames=first_frames, cache=None) if fewer else run)
+        self.all_frames = AllFrames(replace(self.preparation, run=run) if fewer else None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(self.__dict__)
+        for name in ("views", "all_frames", "_answers"):
+            state[name] = copy(state[name])
+        return state
+
+    def _open(self, question: Setting, run: Run, before: Preparation | None = None) -> None:
+        """Prepare for a question, in the traffic of the preparation before."""
+        if len(question.cases.ious) > 1:
+            raise ValueError(f"live figures are of one IoU, got {question.cases.iou}: give one")
+        setting = replace(question, candidates=self._yard.stock).with_fidelity("surrogate")
+        preparation = Preparation(setting, run)
+        preparation.check()
+        live_before = None if before is None else self.preparation.live
+        self.asked = question
+        self.setting = setting
+        self.preparation = preparation.plain
+        if before is not None:
+            self.preparation.take_traffic(before)
+        self._meter = Meter(self.preparation, self._currency)
+        self._answers = dict[Variant, LiveAnswer]()
+        if live_before is None or live_before is not self.preparation.live:
+            self.views = SensorViews(self._yard, self._meter)
+
+    def ask(self, changes: dict[str, Any]) -> None:
+        """Score by another question, see `LivePlanner.ask`."""
+        before = self.preparation
+        self._open(replace(self.asked, **changes), before.run, before)
+        self._before = None
+
+    @property
+    def question(self) -> dict[str, object]:
+        """Changes of the question since the start, for JSON."""
+        first = _describe_question(self.first)
+        now = _describe_question(self.asked)
+        return {name: value for name, value in now.items() if value != first[name]}
+
+    @property
+    def unseen(self) -> Visibility:
+        """The road users that count, in all frames."""
+        return self._meter.unseen
+
+    def answer(self, variant: Variant, what: str) -> LiveAnswer:
+        """Figures of a variant, and their change since those before."""
+        return self.estimate(variant).since(self._before, what)
+
+    def compare_with(self, before: LiveAnswer | None) -> None:
+        """Let the next answers state the change since these figures."""
+        self._before = before
+
+    def recall(self, variant: Variant) -> LiveAnswer | None:
+        """Figures of a variant that are in memory, else None."""
+        return self._answers.get(variant)
+
+    def estimate(self, variant: Variant) -> LiveAnswer:
+        """Figures of any variant."""
+        answer = self._answers.get(variant)
+        return answer if answer is not None and not answer.coarse else self._estimate(variant)
+
+    def _estimate(self, variant: Variant) -> LiveAnswer:
+        view = self.views.see(variant)
+        answer = self._meter.measure(view.candidates, view.seen, view.is_working)
+        answer = replace(
+            answer,
+            coarse=view.coarse or self.all_frames.are_awaited,
+            problems=answer.problems + self._list_problems(variant),
+        )
+        if len(self._answers) > MAX_ANSWERS:
+            self._answers.clear()
+        self._answers[variant] = answer
+        return answer
+
+    def _list_problems(self, variant: Variant) -> tuple[str, ...]:
+        """Problems that no figure shows: sensors in keep-out areas, and too many of them."""
+        problems = []
+        for sensor in variant.sensors:
+            if self._yard.bars(variant, self._yard.find_mount(variant, sensor.mount)):
+                problems.append(f"{sensor.name} hangs in a keep-out area")
+        if len(variant.sensors) > self._max_sensors:
+            problems.append(
+                f"it has {len(variant.sensors)} sensors, more than the {self._max_sensors} of "
+                "its plan"
+            )
+        return tuple(problems)
+
+    def is_coarse(self, variant: Variant) -> bool:
+        """True if figures are of few frames, or a view is not from its very height."""
+        return self.all_frames.are_awaited or self.views.see(variant).coarse
+
+    def score(self, variant: Variant) -> Score:
+        """The objective's score of the sensors that work, see `LivePlanner.score`."""
+        candidates = self._yard.candidates(variant.working)
+        rendering = self.setting.rendering
+        chosen_rendering: Rendering = "panorama" if rendering == "auto" else rendering
+        seen = see(
+            self.preparation.traffic,
+            candidates,
+            labels=self.setting.counted.labels,
+            rendering=chosen_rendering,
+        )
+        return self._meter.objective(candidates, seen).score(range(len(candidates)))
+
+    def measure(self, variant: Variant, predicted: LiveAnswer) -> LiveAnswer:
+        """Figures by the detector in place of the surrogate's."""
+        from placement_env.report.planning.judging import Judge
+
+        working = variant.working
+        setting = replace(
+            self.asked,
+            site=self._yard.site,
+            candidates=self._yard.candidates(working),
+            fidelity="detector",
+        )
+        judge = Judge.from_preparation(
+            Preparation(setting, self.preparation.run), self.preparation.run.seed
+        )
+        judgement = judge.judge(np.ones((1, len(working.sensors)), np.bool_))[0]
+        return replace(
+            predicted,
+            what="measured",
+            ap=judgement.ap,
+            low=judgement.low,
+            high=judgement.high,
+            recall=judgement.recall,
+        )
+
+    def hold_back(self, hold: Callable[[], bool]) -> None:
+        """Let panoramas wait between frames while `hold` is true and no other needs rays."""
+        for preparation in (self.preparation, self.all_frames.preparation):
+            hold_back(preparation, hold)
+
+    def fetch(
+        self, list_variants: Callable[[], tuple[Variant, ...]], lock: AbstractContextManager[object]
+    ) -> None:
+        """Make one of the views of all frames that are missing; if none is, show their figures,
+        under a lock."""
+
+        def show(preparation: Preparation) -> None:
+            with lock:
+                self._open(self.asked, preparation.run, preparation)
+                self.all_frames.end()
+                self._before = None
+
+        def list_candidates() -> list[Candidates]:
+            return [self._yard.candidates(variant) for variant in list_variants()]
+
+        self.all_frames.fetch(list_candidates, show)
+
+    def make_suggester(self, estimate: Callable[[Variant], LiveAnswer]) -> Suggester:
+        """Suggester by the present question. estimate: figures of any variant."""
+        return Suggester(self._yard, self._meter, self.views, estimate)
+
+
+def _describe_question(setting: Setting) -> dict[str, object]:
+    cases = setting.cases
+    max_price = None if math.isinf(setting.most_price) else setting.most_price
+    question = {"classes": [*setting.counted.names], "iou": [*cases.ious], "errors": [*cases.names]}
+    return {**question, "scheme": setting.fusion.name, "most_price": max_price}
