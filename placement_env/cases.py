@@ -1,21 +1,22 @@
 """`Cases`: circumstances under which sets are scored, and how their figures become one.
 
-Four kinds of case cross: IoU thresholds, sensors that fail, levels of traffic and error profiles of
-the sensors. A figure of m sets in all of them is an array [profile, level, iou, set]; the axes are
-reduced from the last:
+Four kinds of case are combined: IoU thresholds, sensors that fail, levels of traffic and error
+profiles of the sensors. A figure of m sets in all of them is an array [profile, level, iou, set];
+the axes are reduced from the last:
 
-    IoU thresholds   mean, as in COCO, so that no threshold alone decides what is built
-    levels           worst or mean over parts of the frames, by how many road users are there at
-                     once; NaN is left out
+    IoU thresholds   mean, as in COCO, so that no single threshold decides what is built
+    levels           worst or mean over parts of the frames, by the number of road users in them;
+                     NaN is left out
     failures         worst or mean over which sensors fail (N-1, N-2); a set that may lose all its
                      sensors keeps nothing
-    error profiles   the profile of least AP gives all figures of a set, or the mean over profiles
+    error profiles   the profile with the lowest AP gives all figures of a set, or the mean
 
-Resamples of a paired bootstrap are reduced in the same way, each by itself, as a trailing axis.
-Fields that do not fit raise ValueError."""
+Resamples of a paired bootstrap are reduced in the same way along a trailing axis. Fields that do
+not fit raise ValueError.
+"""
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -35,18 +36,19 @@ else:
     Profiles = tuple[str, ...]  # what the command line reads
 
 IoUs = float | tuple[float, ...]  # one threshold, or several whose mean counts
-MOST_FAILING = 2
-MOST_LEVELS = 4
+MAX_FAILING = 2
+MAX_LEVELS = 4
 LEVEL_NAMES: dict[int, tuple[str, ...]] = {
     1: ("all traffic",),
     2: ("thin traffic", "dense traffic"),
     3: ("thin traffic", "middling traffic", "dense traffic"),
     4: ("thin traffic", "lighter traffic", "heavier traffic", "dense traffic"),
 }
-COCO_STEP = 0.05  # of IoU, between the ends of a range
-# share of the intact set's AP, so that a search that adds one sensor after another does not begin
-# blindly
-TIE = 1e-6
+COCO_IOU_STEP = 0.05
+# The intact set's AP counts with this share, so that a search that adds one sensor at a time can
+# distinguish sets that fail completely.
+TIE_SHARE = 1e-6
+_COMBINED_TEXTS = {"worst": "at the worst of", "mean": "averaged over"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,21 +75,20 @@ class Cases:
         ious = _thresholds(self.iou)
         object.__setattr__(self, "iou", ious[0] if len(ious) == 1 else ious)
         errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
-        given = [find_profile(each) for each in errors]  # named where they have a name of their own
-        short = tuple(each.name if PROFILES.get(each.name) == each else each for each in given)
-        object.__setattr__(self, "errors", short)
-        if not whole(self.failing) or not 0 <= self.failing <= MOST_FAILING:
-            raise ValueError(f"failing must be 0 to {MOST_FAILING} sensors, got {self.failing!r}")
-        if not whole(self.levels) or not 1 <= self.levels <= MOST_LEVELS:
-            raise ValueError(f"traffic has 1 to {MOST_LEVELS} levels, got {self.levels!r}")
+        profiles = [find_profile(profile) for profile in errors]
+        errors_named = tuple(
+            profile.name if PROFILES.get(profile.name) == profile else profile
+            for profile in profiles
+        )
+        object.__setattr__(self, "errors", errors_named)
+        if not whole(self.failing) or not 0 <= self.failing <= MAX_FAILING:
+            raise ValueError(f"failing must be 0 to {MAX_FAILING} sensors, got {self.failing!r}")
+        if not whole(self.levels) or not 1 <= self.levels <= MAX_LEVELS:
+            raise ValueError(f"traffic has 1 to {MAX_LEVELS} levels, got {self.levels!r}")
         for name in ("failures", "levels_by", "errors_by"):
             check_choice(name, getattr(self, name), get_args(Combine))
-        if (
-            not len(self.profiles)
-            == len(set(self.names))
-            == len({each.digest for each in self.profiles})
-            > 0
-        ):
+        digests = {profile.digest for profile in self.profiles}
+        if not len(self.profiles) == len(set(self.names)) == len(digests) > 0:
             names = ", ".join(self.names) or "none"
             raise ValueError(f"error profiles must be different ones, got {names}: name each once")
 
@@ -98,48 +99,50 @@ class Cases:
 
     @property
     def threshold(self) -> IoUs:
-        """The IoU threshold, or all of several."""
+        """IoU threshold, or all of several."""
         return cast(IoUs, self.iou)
 
     @cached_property
     def profiles(self) -> tuple[ErrorProfile, ...]:
         """Error profiles."""
-        return tuple(
-            find_profile(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors)
-        )
+        errors = cast("tuple[str | ErrorProfile, ...]", self.errors)
+        return tuple(find_profile(profile) for profile in errors)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the error profiles."""
-        return tuple(each.name for each in self.profiles)
+        return tuple(profile.name for profile in self.profiles)
 
     @property
     def plain(self) -> bool:
-        """True for one threshold, no failures and undivided traffic, whatever the errors."""
+        """True if there is one threshold, no failures and undivided traffic, whatever the
+        errors."""
         return len(self.ious) == 1 and not self.failing and self.levels == 1
 
     @property
     def noise_only(self) -> bool:
-        """True where sensors have no errors but their models' own noise."""
+        """True if sensors have no errors except their models' noise."""
         return all(map(only_own_noise, self.profiles))
 
     @property
     def origin(self) -> dict[str, object]:
         """Thresholds, failures and levels as results state them."""
-        failing = (
-            {"failing": {"sensors": self.failing, "combine": self.failures}} if self.failing else {}
-        )
-        levels = (
-            {"levels": {"count": self.levels, "combine": self.levels_by}} if self.levels > 1 else {}
-        )
-        return {"iou": self.iou if len(self.ious) == 1 else list(self.ious), **failing, **levels}
+        origin: dict[str, object] = {"iou": self.iou if len(self.ious) == 1 else list(self.ious)}
+        if self.failing:
+            origin["failing"] = {"sensors": self.failing, "combine": self.failures}
+        if self.levels > 1:
+            origin["levels"] = {"count": self.levels, "combine": self.levels_by}
+        return origin
 
     @property
     def errors_origin(self) -> dict[str, object]:
         """Error profiles as results state them."""
         if len(self.profiles) == 1:
             return dict(self.profiles[0].origin)
-        return {"profiles": [each.origin for each in self.profiles], "combine": self.errors_by}
+        return {
+            "profiles": [profile.origin for profile in self.profiles],
+            "combine": self.errors_by,
+        }
 
     @cached_property
     def errors_text(self) -> str:
@@ -147,57 +150,58 @@ class Cases:
         return join_names(self.names)
 
     def describe_failures(self) -> str:
-        """Words for what is left of a set."""
-        what = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
+        """Words for the sensors that remain of a set."""
+        failure = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
         return (
             f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} "
-            f"when {what}"
+            f"when {failure}"
         )
 
     def describe_levels(self) -> str:
         """Words for how levels of traffic become one."""
-        return f"{_HOW[self.levels_by]} {self.levels} levels of traffic"
+        return f"{_COMBINED_TEXTS[self.levels_by]} {self.levels} levels of traffic"
 
     def describe_errors(self) -> str:
         """Words for how error profiles become one."""
-        return f"{_HOW[self.errors_by]} the error profiles {self.errors_text}"
+        return f"{_COMBINED_TEXTS[self.errors_by]} the error profiles {self.errors_text}"
 
     def class_ious(self, classes: Classes, name: str) -> IoUs:
-        """IoU threshold or thresholds of one class: its own where it has one."""
-        own = tuple(sorted({classes.get_iou(name, iou) for iou in self.ious}))
-        return own[0] if len(own) == 1 else own
+        """IoU threshold or thresholds of one class, which may differ from the objective's."""
+        ious = tuple(sorted({classes.get_iou(name, iou) for iou in self.ious}))
+        return ious[0] if len(ious) == 1 else ious
 
     def split(self, objects: Int64[np.ndarray, " frames"]) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level, thin traffic first, in parts as equal as can be. objects: number in
-        each frame."""
+        """Frames of each level, thin traffic first, in nearly equal parts.
+
+        objects: number in each frame.
+        """
         order = np.argsort(objects, kind="stable")
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
         """Sets followed by what each failure leaves of them, and the set that each row belongs to.
+
         A set that may lose all its sensors has one case, the empty set."""
-        rows = [*sets]
+        rows = list(sets)
         owners = list(range(len(sets)))
         for n, row in enumerate(sets) if self.failing else ():
-            members = np.flatnonzero(row)
-            for lost in (
-                combinations(members.tolist(), self.failing)
-                if len(members) > self.failing
-                else [members]
-            ):
+            members = np.flatnonzero(row).tolist()
+            failures: list[Sequence[int]] = [members]
+            if len(members) > self.failing:
+                failures = list(combinations(members, self.failing))
+            for failed in failures:
                 rows.append(row.copy())
-                rows[-1][list(lost)] = False
+                rows[-1][list(failed)] = False
                 owners.append(n)
-        return np.array(rows, np.bool_).reshape(len(rows), sets.shape[1]), np.array(
-            owners, np.int64
-        )
+        expanded = np.array(rows, np.bool_).reshape(len(rows), sets.shape[1])
+        return expanded, np.array(owners, np.int64)
 
     def over_levels(
         self, figures: Float64[np.ndarray, "levels *rest"]
     ) -> Float64[np.ndarray, "*rest"]:
-        """Figures of the levels as one; NaN where all are."""
+        """Figures of the levels as one; NaN only if all levels are NaN."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of levels that are all NaN
+            warnings.simplefilter("ignore", RuntimeWarning)  # if all levels are NaN
             return np.asarray(
                 np.nanmin(figures, axis=0)
                 if self.levels_by == "worst"
@@ -209,70 +213,73 @@ class Cases:
         figures: Float64[np.ndarray, "m *rest"],
         owners: Int64[np.ndarray, " m"],
         *,
-        tie: float = TIE,
+        tie: float = TIE_SHARE,
     ) -> Float64[np.ndarray, "n *rest"]:
-        """Figures of n sets, of rows and owners as `expand` gives them. tie: share of the intact
-        set's to add."""
+        """Figures of n sets over failures, from rows and owners that `expand` returns.
+
+        tie: share of the intact set's figures to add."""
         if not self.failing:
             return figures
         count = int(owners.max(initial=-1)) + 1
         cases = figures[count:]
-        of = owners[count:]
+        case_owners = owners[count:]
         reduce = np.mean if self.failures == "mean" else np.min
-        left = (
-            np.stack([reduce(cases[of == n], axis=0) for n in range(count)])
-            if count
-            else figures[:0]
-        )
-        return np.asarray(left + tie * figures[:count]) if tie else left
+        remaining = figures[:0]
+        if count:
+            remaining = np.stack([reduce(cases[case_owners == n], axis=0) for n in range(count)])
+        return np.asarray(remaining + tie * figures[:count]) if tie else remaining
 
     def at_profiles(
         self,
         figures: Float64[np.ndarray, "P L I m *rest"],
         owners: Int64[np.ndarray, " m"],
         *,
-        tie: float = TIE,
+        tie: float = TIE_SHARE,
     ) -> Float64[np.ndarray, "P n *rest"]:
         """Figures of n sets at each error profile, over thresholds, levels and failures."""
         ious = figures.shape[2]
         mean = figures[:, :, 0] if ious == 1 else sum(figures[:, :, i] for i in range(ious)) / ious
-        levels = (at[0] if len(at) == 1 else self.over_levels(at) for at in mean)
-        return np.stack([self.over_failures(each, owners, tie=tie) for each in levels])
+        levels = (
+            level_figures[0] if len(level_figures) == 1 else self.over_levels(level_figures)
+            for level_figures in mean
+        )
+        return np.stack(
+            [self.over_failures(profile_figures, owners, tie=tie) for profile_figures in levels]
+        )
 
     def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
-        """Least or mean of each figure over the error profiles."""
+        """Lowest or mean value of each figure over the error profiles."""
         return np.asarray(
             figures.min(axis=0) if self.errors_by == "worst" else figures.mean(axis=0)
         )
 
     def shares(self, ap: Float64[np.ndarray, "P n"]) -> Float64[np.ndarray, "P n"]:
-        """Share with which each error profile counts for each set: all for that of least AP, or all
-        alike."""
+        """Weight of each error profile for each set: 1 for the profile with the lowest AP, or equal
+        weights."""
         if self.errors_by == "mean":
             return np.full(ap.shape, 1 / len(ap))
         return (np.arange(len(ap))[:, None] == ap.argmin(axis=0)).astype(np.float64)
 
 
-_HOW = {"worst": "at the worst of", "mean": "averaged over"}
-
-
 def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
     if isinstance(iou, str):
         try:
-            ends = [float(each) for each in iou.split(":")]
+            ends = [float(threshold) for threshold in iou.split(":")]
         except ValueError:
             ends = []
         if len(ends) not in (1, 2) or not 0 < ends[0] <= ends[-1] <= 1:
             raise ValueError(f"iou must lie in (0, 1], as 0.7 or 0.5:0.95, got {iou}")
         if len(ends) == 1:
             return (ends[0],)
-        return tuple(np.round(np.arange(ends[0], ends[1] + COCO_STEP / 2, COCO_STEP), 2).tolist())
-    found: tuple[float, ...] = tuple(sorted(iou)) if isinstance(iou, Iterable) else (iou,)
-    for each in found:
-        check_iou(each)
-    if not found or len(set(found)) < len(found):
+        return tuple(
+            np.round(np.arange(ends[0], ends[1] + COCO_IOU_STEP / 2, COCO_IOU_STEP), 2).tolist()
+        )
+    thresholds: tuple[float, ...] = tuple(sorted(iou)) if isinstance(iou, Iterable) else (iou,)
+    for threshold in thresholds:
+        check_iou(threshold)
+    if not thresholds or len(set(thresholds)) < len(thresholds):
         raise ValueError(f"IoU thresholds must be one or several different ones, got {iou!r}")
-    return tuple(float(each) for each in found)
+    return tuple(float(threshold) for threshold in thresholds)
 
 
 def iou_text(iou: IoUs) -> str:

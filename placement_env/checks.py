@@ -1,4 +1,4 @@
-"""Rules for numbers that users give, each in one place."""
+"""Rules for numbers that users give."""
 
 from collections.abc import Collection
 from numbers import Real
@@ -10,14 +10,18 @@ from toolkit.runtime.run import check_whole as check_whole
 
 
 def whole(value: object) -> TypeGuard[int]:
-    """Return True for a whole number; truth values do not count."""
+    """True if a value is a whole number; truth values do not count."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def check_range(name: str, value: object, *, least: int, unit: str) -> None:
     """Raise ValueError unless a number, or both ends of a range, are whole and at least `least`."""
-    ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
-    if len(ends) != 2 or not all(whole(end) and end >= least for end in ends) or ends[0] > ends[1]:
+    limits = tuple(value) if isinstance(value, list | tuple) else (value, value)
+    if (
+        len(limits) != 2
+        or not all(whole(limit) and limit >= least for limit in limits)
+        or limits[0] > limits[1]
+    ):
         rule = f"{name} must be at least {least} {unit}, a whole number or (lowest, highest) of two"
         raise ValueError(f"{rule}, got {value!r}")
 
@@ -29,6 +33,6 @@ def check_choice(name: str, value: object, choices: Collection[str]) -> None:
 
 
 def check_iou(iou: object) -> None:
-    """Raise ValueError unless an IoU threshold lies in (0, 1]."""
+    """Raise ValueError unless an IoU threshold is in (0, 1]."""
     if not isinstance(iou, Real) or isinstance(iou, bool) or not 0 < float(iou) <= 1:
         raise ValueError(f"iou must lie in (0, 1], got {iou!r}: the paper has 0.7")

@@ -1,16 +1,17 @@
 """`Classes`: the road users that count for an objective, their weights, and how their figures
 become one.
 
-The figure of a sensor set is the weighted mean of those of its classes,
+The figure of a sensor set is the weighted mean of its classes' figures,
 
     AP = Σ_c w_c · AP_c / Σ_c w_c                 combine "mean"
     AP = min_c AP_c                               combine "worst": max-min, no class is bought at
                                                   another's expense
 
-over the classes that have anything to find; recall is combined like AP. A detection counts from the
-usual IoU of its class: the objective's for vehicles and heavy vehicles, `SMALL_IOU` for cyclists
-and pedestrians, whose boxes lose far more IoU by the same few centimetres (as in KITTI and Waymo);
-or from a given one."""
+over the classes that have any objects; recall is combined like AP. A detection counts from the
+usual IoU of its class, or a given one. The usual IoU is the objective's for vehicles and heavy
+vehicles, and `SMALL_IOU` for cyclists and pedestrians, whose boxes lose far more IoU by the same
+few centimetres (as in KITTI and Waymo).
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -26,17 +27,20 @@ from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, VEHICLE, label_index
 from toolkit.runtime.cache import make_key
 
 Combine = Literal["mean", "worst"]
-SMALL = (LABELS[CYCLIST], LABELS[PEDESTRIAN])
+SMALL_CLASSES = (LABELS[CYCLIST], LABELS[PEDESTRIAN])
 SMALL_IOU = 0.5
 
 
 @dataclass(frozen=True)
 class Classes:
-    """Classes of road users that count.
+    """Classes of road users that count. Raises ValueError if the fields do not fit.
 
-    names: of `toolkit.objects.LABELS`, in that order; weights: of each, equal if none are given,
-    scaled to sum to 1; ious: of each, None for the usual one. Raises ValueError where these do not
-    fit."""
+    Attributes:
+        names: Names from `toolkit.objects.LABELS`, in that order.
+        weights: Weight of each class, equal if empty, scaled to sum to 1.
+        combine: Whether the mean or the worst class counts.
+        ious: IoU of each class, None for the usual one.
+    """
 
     names: tuple[str, ...] = (LABELS[VEHICLE],)
     weights: tuple[float, ...] = ()
@@ -55,10 +59,10 @@ class Classes:
         check_classes(names)
         weights = weights or (1.0,) * len(names)
         if len(weights) != len(names) or not all(0 < weight < math.inf for weight in weights):
-            said = (
+            rule = (
                 f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}"
             )
-            raise ValueError(f"{said}: leave out a class that does not count")
+            raise ValueError(f"{rule}: leave out a class that does not count")
         check_choice("combine", self.combine, get_args(Combine))
         if self.combine == "worst" and len(set(weights)) > 1:
             raise ValueError(
@@ -81,9 +85,9 @@ class Classes:
         total = float(sum(weights))
         object.__setattr__(self, "names", tuple(names[k] for k in order))
         object.__setattr__(self, "weights", tuple(float(weights[k]) / total for k in order))
-        object.__setattr__(
-            self, "ious", tuple(None if ious[k] is None else float(ious[k] or 0) for k in order)
-        )
+        ordered = [ious[k] for k in order]
+        class_ious = tuple(None if iou is None else float(iou) for iou in ordered)
+        object.__setattr__(self, "ious", class_ious)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -109,34 +113,40 @@ class Classes:
         return make_key(self.origin).hex()
 
     def get_iou(self, name: str, iou: float) -> float:
-        """IoU at which a detection of a class counts. iou: of the objective."""
-        own = self.ious[self.names.index(name)]
-        return own if own is not None else SMALL_IOU if name in SMALL else iou
+        """IoU at which a detection of a class counts. iou: the objective's."""
+        class_iou = self.ious[self.names.index(name)]
+        if class_iou is not None:
+            return class_iou
+        return SMALL_IOU if name in SMALL_CLASSES else iou
 
     def described(self, iou: float | tuple[float, ...] | None = None) -> str:
-        """Describe in words. iou: of the objective; other ones are named beside a class, None to
-        name none."""
-        each = list(self.names)
+        """Description in words.
+
+        iou: the objective's; a different IoU is named with its class, None to name none.
+        """
+        texts = list(self.names)
         if iou is not None:
-            own = [self.get_iou(name, 0.0) for name in each]  # 0 where it is the objective's
-            each = [
-                name if at in (0.0, iou) else f"{name} (IoU {at:g})"
-                for name, at in zip(each, own, strict=True)
+            class_ious = [self.get_iou(name, 0.0) for name in texts]  # 0 for the objective's
+            texts = [
+                name if class_iou in (0.0, iou) else f"{name} (IoU {class_iou:g})"
+                for name, class_iou in zip(texts, class_ious, strict=True)
             ]
-        if len(each) == 1:
-            return each[0]
+        if len(texts) == 1:
+            return texts[0]
         if self.combine == "mean" and len(set(self.weights)) > 1:
-            each = [f"{weight:.2f} {text}" for weight, text in zip(self.weights, each, strict=True)]
-        return f"{self.combine} of {join_names(each)}"
+            texts = [
+                f"{weight:.2f} {text}" for weight, text in zip(self.weights, texts, strict=True)
+            ]
+        return f"{self.combine} of {join_names(texts)}"
 
     def combined(self, figures: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, " n"]:
-        """Combine each row, a figure of each class, to one; NaN stands for nothing to find."""
+        """Combine each row, a figure of each class, to one; NaN means no objects."""
         if len(self) == 1:
             return figures[:, 0]
         defined = ~np.isnan(figures)
         if self.combine == "worst":
-            least = np.where(defined, figures, np.inf).min(axis=1)
-            return np.where(defined.any(axis=1), least, np.nan)
+            worst = np.where(defined, figures, np.inf).min(axis=1)
+            return np.where(defined.any(axis=1), worst, np.nan)
         weights = np.where(defined, self.weights, 0.0)
         total = weights.sum(axis=1)
         sums = (np.where(defined, figures, 0.0) * weights).sum(axis=1)
@@ -154,7 +164,7 @@ def join_names(names: Sequence[str]) -> str:
 
 
 def find_classes(classes: Classes | Iterable[str] | str) -> Classes:
-    """Return classes as they are, or those of these names, or of this one, with equal weights."""
+    """Classes as they are, or classes with these names, or one name, with equal weights."""
     if isinstance(classes, Classes):
         return classes
     if not isinstance(classes, Iterable):

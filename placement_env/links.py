@@ -1,10 +1,10 @@
-"""The rule for links, one for searches, plans, live figures and environments.
+"""Rule for links, shared by searches, plans, live figures and environments.
 
-What a sensor sends differs from frame to frame. Its load is the least amount that it does not
-exceed in a stated share of the frames: `LINK_SHARE`, unless a setting asks for another. Loads of
-sensors on one mount add up, and a link carries them if their sum is within its capacity. Only
-points count: boxes fit any link. Where a mean is all that is known, as of a table, it stands for
-the load."""
+The data that a sensor sends differs from frame to frame. Its load is the smallest amount that it
+does not exceed in a stated share of the frames: `LINK_SHARE`, unless a setting asks for another.
+Loads of sensors on one mount add up, and a link carries them if their sum is within its capacity.
+Only points count: boxes fit any link. If only a mean is known, as in a table, it is the load.
+"""
 
 from typing import TypeVar
 
@@ -12,16 +12,15 @@ import numpy as np
 
 from toolkit.arrays import Float64
 
-LINK_SHARE = 0.95  # part of the frames in which a link must carry what is sent
-ROUNDING_SHARE = 1e-9  # part of a capacity by which rounding may exceed it
+LINK_SHARE = 0.95  # frames in which a link must carry all data
+ROUNDING_SHARE = 1e-9  # excess over a capacity that rounding may cause
 Capacity = TypeVar("Capacity", float, np.ndarray)
 
 
 def link_load(
     kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE
 ) -> Float64[np.ndarray, "*n"]:
-    """Return the load (kbit per frame) of what is sent in each frame: not exceeded in `share` of
-    the frames.
+    """Load (kbit per frame) of the data sent in each frame: not exceeded in `share` of the frames.
 
     >>> float(link_load(np.array([100.0, 300.0, 200.0, 400.0]), 0.75))
     300.0
@@ -30,8 +29,7 @@ def link_load(
 
 
 def max_load(capacity: Capacity) -> Capacity:
-    """Return the greatest load that links of some capacity carry, in its unit: the capacity, but
-    for rounding."""
+    """Greatest load that links of some capacity carry: the capacity plus rounding."""
     return capacity * (1 + ROUNDING_SHARE)
 
 
@@ -45,5 +43,5 @@ def check_link_share(share: float) -> None:
 
 
 def describe_share(share: float) -> str:
-    """Words for the frames in which a link must carry what is sent."""
+    """Words for the frames in which a link must carry all data."""
     return "every frame" if share == 1 else f"{100 * share:.10g} % of the frames"

@@ -3,10 +3,11 @@
 Reward = AP − λ_comm · kbit per sensor − λ_price · price.
 
 kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of
-a set sends in a frame, averaged over frames and sensors. A set is feasible when its mounts have
-room for its sensors, no sensor sends more than the link of its mount carries
-(`placement_env.links`), its mounts and sensors cost no more than the money available, and every
-mount that must carry a sensor has one."""
+a set sends in a frame, averaged over frames and sensors. A set is feasible if its mounts have room
+for its sensors, no sensor sends more than the link of its mount carries (`placement_env.links`),
+its mounts and sensors cost no more than the maximum price, and every mount that must carry a sensor
+has one.
+"""
 
 import json
 import math
@@ -36,17 +37,30 @@ from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 from toolkit.sites.site import Site
 
-Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
-# of better sets, their reward, and frames of a race or 0
+Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # members of a set, by index or name
+# called with better sets, their reward, and frames of a race or 0
 Observer = Callable[[tuple[int, ...], float, int], None]
-ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
-MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
+PRICE_ROUNDING_SHARE = 1e-9  # excess over a price that rounding of sums may cause
+MAX_REMEMBERED = 200_000  # sets kept in memory, which is emptied when there are more
 
 
 @dataclass(frozen=True)
 class Score:
-    """Score of one set (ascending indices). Its `terms` add up to the reward; class_ap: NaN without
-    an object."""
+    """Score of one set. Its `terms` add up to the reward.
+
+    Attributes:
+        subset: Indices of the candidates, ascending.
+        ap: Average precision.
+        recall: Recall.
+        kbit_per_sensor: Data that each sensor sends per frame, on average.
+        kbit: Data that all sensors send per frame.
+        price: Price of sensors and mounts.
+        reward: AP minus costs.
+        terms: Terms of the reward by name.
+        fidelity: Name of the fidelity.
+        cache_hit: Whether the set was scored before.
+        class_ap: AP of each class, NaN without an object.
+    """
 
     subset: tuple[int, ...]
     ap: float
@@ -73,13 +87,22 @@ class Scores(NamedTuple):
     cache_hit: Mask
 
 
-class Objective:
-    """Score sets of candidate sensors for a setting, a site or the name of one.
+class _Weighed(NamedTuple):
+    """kbit per sensor, price and reward of each set."""
 
-    visibility: what the candidates see, for a setting with a custom fidelity. Without it, each
-    candidate is scored alone to find how much it sends. stride: step between the frames of the run
-    that count. `watch`, where it is set, is told better sets as searches find them. Raises
-    ValueError where the fidelity cannot score the setting this way."""
+    kbit_per_sensor: Float64[np.ndarray, " n"]
+    price: Float64[np.ndarray, " n"]
+    reward: Float64[np.ndarray, " n"]
+
+
+class Objective:
+    """Score of sets of candidate sensors for a setting, a site or the name of one.
+
+    visibility: view of the candidates, for a setting with a custom fidelity. Without it, each
+    candidate is scored separately to find how much it sends. stride: step between the frames of the
+    run that count. If `watch` is set, it is called with better sets as searches find them. Raises
+    ValueError if the fidelity cannot score the setting.
+    """
 
     def __init__(
         self,
@@ -107,8 +130,8 @@ class Objective:
         self.scheme = self.setting.fusion
         self.codec = scheme_codec(self.scheme, self.setting.codec)
         self.classes: Classes = getattr(self.scored_by, "classes", VEHICLES)
-        several = len(self.classes.names) if isinstance(self.scored_by, ByClass) else 1
-        self._width = 3 if several == 1 else 3 + several
+        class_count = len(self.classes.names) if isinstance(self.scored_by, ByClass) else 1
+        self._width = 3 if class_count == 1 else 3 + class_count
         self.forget()
 
     @classmethod
@@ -119,7 +142,7 @@ class Objective:
         visibility: Visibility,
         weights: Weights,
     ) -> "Objective":
-        """Objective of other candidates, whose visibility is known, in a preparation's traffic."""
+        """Objective of other candidates with known visibility, in a preparation's traffic."""
         fidelity = preparation.at(candidates, visibility).fidelity()
         setting = replace(
             preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights
@@ -128,26 +151,28 @@ class Objective:
 
     def __repr__(self) -> str:
         setting = self.setting
-        place = "" if self.site is None else f"{self.site.name!r}, "
-        shown = (
-            f"{place}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, "
+        site_name = "" if self.site is None else f"{self.site.name!r}, "
+        summary = (
+            f"{site_name}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, "
             f"fidelity={self.fidelity!r}"
         )
         classes = ", ".join(self.classes.names)
         iou = iou_text(setting.cases.threshold)
         limits = "" if math.isinf(self.most_price) else f", most_price={self.most_price:g}"
         limits += f", keep={setting.keep}" if setting.keep else ""
-        made = self.preparation
-        frames = "" if made is None else f", frames={made.frames}, seed={self.run.seed}"
+        preparation = self.preparation
+        frames = (
+            "" if preparation is None else f", frames={preparation.frames}, seed={self.run.seed}"
+        )
         weights = f"comm={self.weights.comm:g}, price={self.weights.price:g}"
-        return f"Objective({shown}, classes={classes!r}, iou={iou}, {weights}{limits}{frames})"
+        return f"Objective({summary}, classes={classes!r}, iou={iou}, {weights}{limits}{frames})"
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_known": self._empty(), "watch": None}
 
     @property
     def site(self) -> Site | None:
-        """The site, None where candidates alone are known."""
+        """Site, None if only candidates are known."""
         return self.setting.site if isinstance(self.setting.site, Site) else None
 
     @property
@@ -157,27 +182,28 @@ class Objective:
 
     @property
     def most_price(self) -> float:
-        """Most that a set may cost."""
+        """Largest price of a set."""
         return self.setting.most_price
 
     def weighed(self, weights: Weights, *, most_price: float | None = None) -> "Objective":
-        """Same objective with other weights, a price limit where given, and its own memory."""
-        other = copy(self)
-        most = self.most_price if most_price is None else most_price
-        other.setting = replace(self.setting, weights=weights, most_price=most)
-        vars(other.setting)["pool"] = self.candidates
-        other._known = dict(self._known)
-        other._scored = 0
-        other.watch = None
-        return other
+        """Same objective with other weights, optionally another price limit, and a separate
+        memory."""
+        reweighed = copy(self)
+        max_price = self.most_price if most_price is None else most_price
+        reweighed.setting = replace(self.setting, weights=weights, most_price=max_price)
+        vars(reweighed.setting)["pool"] = self.candidates
+        reweighed._known = dict(self._known)
+        reweighed._scored = 0
+        reweighed.watch = None
+        return reweighed
 
     def forget(self) -> None:
         """Empty the memory of scored sets."""
         self._known = self._empty()
 
     def _empty(self) -> dict[bytes, tuple[float, ...]]:
-        """Memory of the empty set alone: AP, recall, kbit and the AP of each of several classes
-        under a set's bits."""
+        """Memory of only the empty set: AP, recall, kbit and the AP of several classes under a
+        set's bits."""
         return {bytes(-(-len(self.candidates) // 8)): (0.0,) * self._width}
 
     @property
@@ -188,21 +214,23 @@ class Objective:
     @property
     def provenance(self) -> dict[str, Any]:
         """Origin of its scores."""
-        made = self.preparation
+        preparation = self.preparation
         cases = self.setting.cases
         detector = getattr(self.scored_by, "detector", None)
-        known: dict[str, Any] = {"keep": list(self.setting.keep)} if self.setting.keep else {}
+        facts: dict[str, Any] = {}
+        if self.setting.keep:
+            facts["keep"] = list(self.setting.keep)
         if self.site is not None:
-            known |= {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
-        if made is not None:
-            known |= {"frames": made.frames, "seed": self.run.seed}
-        if made is not None or cases != USUAL_CASES:
-            known |= cases.origin
-        if made is not None:
-            known["errors"] = cases.errors_origin
+            facts |= {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
+        if preparation is not None:
+            facts |= {"frames": preparation.frames, "seed": self.run.seed}
+        if preparation is not None or cases != USUAL_CASES:
+            facts |= cases.origin
+        if preparation is not None:
+            facts["errors"] = cases.errors_origin
         return settings_origin(
             self.codec,
-            **known,
+            **facts,
             candidates=self.candidates.digest(),
             scheme=self.scheme.digest,
             fidelity=self.fidelity,
@@ -212,9 +240,9 @@ class Objective:
         )
 
     def describe_origin(self, members: Iterable[int]) -> dict[str, Any]:
-        """Provenance of a set, as JSON keeps it, with the names of its sensors."""
-        known = self.provenance | {"sensors": [self.names[member] for member in members]}
-        return cast(dict[str, Any], json.loads(json.dumps(replace_infinite(known), default=str)))
+        """Provenance of a set as JSON values, with the names of its sensors."""
+        origin = self.provenance | {"sensors": [self.names[member] for member in members]}
+        return cast(dict[str, Any], json.loads(json.dumps(replace_infinite(origin), default=str)))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -231,7 +259,7 @@ class Objective:
 
     @cached_property
     def loads(self) -> Float64[np.ndarray, " C"]:
-        """kbit of a frame that each candidate takes up of a link; the mean where frames are not
+        """kbit per frame that each candidate takes up of a link; the mean if frames are not
         known."""
         if self.visibility is None or not self.scheme.sends_points:
             return self.sent
@@ -247,8 +275,10 @@ class Objective:
         return np.asarray(self.loads <= max_load(self.candidates.capacity))
 
     def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
-        """True if the links of a set carry what its sensors send. kbit: each sensor's, in frames of
-        any traffic."""
+        """True if the links of a set carry the data of its sensors.
+
+        kbit: data of each sensor in frames of any traffic.
+        """
         if not self.scheme.sends_points:
             return True
         mounts = self.candidates.mount[list(members)]
@@ -265,28 +295,37 @@ class Objective:
 
     @cached_property
     def _least_prices(self) -> Float64[np.ndarray, " M"]:
-        """Least price of a sensor on each mount, which is paid too; 0 where none may stand."""
-        least = np.full(len(self.candidates.mounts), np.inf)
+        """Lowest price of a mount plus one sensor; 0 for unusable mounts."""
+        lowest = np.full(len(self.candidates.mounts), np.inf)
         np.minimum.at(
-            least, self.candidates.mount[self.linked], self.candidates.prices[self.linked]
+            lowest, self.candidates.mount[self.linked], self.candidates.prices[self.linked]
         )
-        return np.where(np.isfinite(least), least, 0.0)
+        return np.where(np.isfinite(lowest), lowest, 0.0)
 
     def score(self, subset: Members) -> Score:
-        """Score of one set, given as indices or names of candidates. Raises ValueError for an
-        unknown one."""
+        """Score of one set, given as indices or names of candidates.
+
+        Raises ValueError for an unknown candidate."""
         row = self.row(subset)
         scores = self.scores(row[None])
-        ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
-        terms = {
-            "ap": ap,
-            "comm": 0 - self.weights.comm * per_sensor,
-            "price": 0 - self.weights.price * price,
-        }
-        members = tuple(np.flatnonzero(row).tolist())
-        by_class = dict(zip(self.classes.names, self.class_ap(row[None])[0].tolist(), strict=True))
-        figures = (ap, recall, per_sensor, kbit, price, reward)
-        return Score(members, *figures, terms, self.fidelity, bool(scores.cache_hit[0]), by_class)
+        class_ap = self.class_ap(row[None])[0].tolist()
+        return Score(
+            subset=tuple(np.flatnonzero(row).tolist()),
+            ap=float(scores.ap[0]),
+            recall=float(scores.recall[0]),
+            kbit_per_sensor=float(scores.kbit_per_sensor[0]),
+            kbit=float(scores.kbit[0]),
+            price=float(scores.price[0]),
+            reward=float(scores.reward[0]),
+            terms={
+                "ap": float(scores.ap[0]),
+                "comm": 0 - self.weights.comm * float(scores.kbit_per_sensor[0]),
+                "price": 0 - self.weights.price * float(scores.price[0]),
+            },
+            fidelity=self.fidelity,
+            cache_hit=bool(scores.cache_hit[0]),
+            class_ap=dict(zip(self.classes.names, class_ap, strict=True)),
+        )
 
     def class_ap(self, subsets: Sets) -> Float64[np.ndarray, "n k"]:
         """AP of each class for each set, NaN for a class without objects."""
@@ -298,14 +337,22 @@ class Objective:
         scores 0."""
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
-        per_sensor, price, reward = self._weigh(subsets, ap, kbit)
-        return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
+        weighed = self._weigh(subsets, ap, kbit)
+        return Scores(
+            ap=ap,
+            recall=recall,
+            kbit_per_sensor=weighed.kbit_per_sensor,
+            kbit=kbit,
+            price=weighed.price,
+            reward=weighed.reward,
+            cache_hit=cache_hit,
+        )
 
     def race(
         self, subsets: Sets, *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
     ) -> Race:
-        """Sets of the greatest reward, as by `racing.race`. Raises ValueError if the fidelity
-        cannot."""
+        """Sets with the greatest reward by `racing.race`. Raises ValueError if the fidelity cannot
+        race."""
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
             raise ValueError(
@@ -315,20 +362,21 @@ class Objective:
         def rewards(sets: Sets, frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
             estimate = scored_by.partial(sets, frames.tolist())
             self._tell(len(sets))
-            return self._weigh(sets, estimate.ap, estimate.kbit)[2]
+            return self._weigh(sets, estimate.ap, estimate.kbit).reward
 
         return race(rewards, subsets, scored_by.frames, keep=keep, first=first, eta=eta, seed=seed)
 
     def _weigh(
         self, subsets: Sets, ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
-    ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-        """kbit per sensor, price and reward of each set."""
+    ) -> "_Weighed":
+        """Costs and reward of each set."""
         per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)
         price = self.price(subsets)
-        return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
+        reward = ap - self.weights.comm * per_sensor - self.weights.price * price
+        return _Weighed(per_sensor, price, reward)
 
     def price(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """Price of the mounts, each paid once, and sensors of each set."""
+        """Price of the sensors of each set and their mounts, each mount paid once."""
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
         built[row, self.candidates.mount[candidate]] = True
@@ -337,13 +385,15 @@ class Objective:
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Mask:
         """Mask of prices within `most_price`, up to rounding."""
-        return np.asarray(prices <= self.most_price * (1 + ROUNDING))
+        return np.asarray(prices <= self.most_price * (1 + PRICE_ROUNDING_SHARE))
 
     def feasible(self, subsets: Sets) -> Mask:
         """Mask of sets that may be built."""
-        together = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
+        is_fitting = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
         return np.asarray(
-            together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets))
+            is_fitting
+            & ~(subsets & ~self.linked).any(axis=1)
+            & self.affordable(self.price(subsets))
         )
 
     def keeps(self, subsets: Sets) -> Mask:
@@ -353,20 +403,22 @@ class Objective:
         return np.asarray((self.candidates.per_mount(subsets)[:, self.kept] > 0).all(axis=1))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that keep a set feasible: with room on their mounts, and money left
-        for them."""
+        """Mask of candidates that keep a set feasible: there is room on their mounts, and money for
+        them."""
         return self._fitting(subset, 0.0)
 
     def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates to add next: on mounts that must carry a sensor until all do, which
-        leave money for these. Then any that is allowed."""
+        """Mask of candidates to add next.
+
+        Until all mounts that must carry a sensor have one, these are candidates on such mounts that
+        leave money for the others; then any that are allowed.
+        """
         mount = self.candidates.mount
-        bare = np.setdiff1d(self.kept, mount[self._row(subset)])
-        if not len(bare):
+        empty_mounts = np.setdiff1d(self.kept, mount[self._row(subset)])
+        if not len(empty_mounts):
             return self.allowed(subset)
-        return self._fitting(
-            subset, self._least_prices[bare].sum() - self._least_prices[mount]
-        ) & np.isin(mount, bare)
+        reserve = self._least_prices[empty_mounts].sum() - self._least_prices[mount]
+        return self._fitting(subset, reserve) & np.isin(mount, empty_mounts)
 
     def _fitting(
         self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
@@ -374,50 +426,48 @@ class Objective:
         """Mask of candidates that keep a set feasible and some money in reserve."""
         row = self._row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
-        room = room_beside(self.candidates, row[None], self.shared_links)[0]
-        return np.asarray(room & self.linked & self.affordable(price + reserve))
+        has_room = room_beside(self.candidates, row[None], self.shared_links)[0]
+        return np.asarray(has_room & self.linked & self.affordable(price + reserve))
 
     def _row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        return (
-            subset
-            if isinstance(subset, np.ndarray) and subset.dtype == np.bool_
-            else self.row(subset)
-        )
+        if isinstance(subset, np.ndarray) and subset.dtype == np.bool_:
+            return subset
+        return self.row(subset)
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """Load of each candidate, None unless sensors share the link of a mount and may send too
-        much together."""
+        """Load of each candidate if sensors may share the link of a mount and exceed it together,
+        else None."""
         return self.loads if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
-        """Row of booleans of a set of indices or names of candidates."""
+        """Row of booleans for a set of indices or names of candidates."""
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
             row[find_index(member, self.names)] = True
         return row
 
     def _figures(self, subsets: Sets) -> tuple[Float64[np.ndarray, "n _"], Mask]:
-        """AP, recall, kbit and the AP of each of several classes of each set, and whether it was
-        known before."""
-        if len(self._known) > MOST_REMEMBERED:
+        """AP, recall, kbit and the AP of several classes of each set, and whether it was known
+        before."""
+        if len(self._known) > MAX_REMEMBERED:
             self.forget()
         keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
         cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
-        fresh = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
-        if fresh:
-            sets = subsets[list(fresh.values())]
-            of_classes: tuple[np.ndarray, ...] = ()
+        new_rows = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
+        if new_rows:
+            sets = subsets[list(new_rows.values())]
+            class_columns: tuple[np.ndarray, ...] = ()
             if self._width == 3:
                 estimate = self.scored_by(sets)
             else:
-                each = cast(ByClass, self.scored_by).by_class(sets)
-                estimate = each.combined(self.classes)
-                of_classes = tuple(each.ap.T)
+                estimates = cast(ByClass, self.scored_by).by_class(sets)
+                estimate = estimates.combined(self.classes)
+                class_columns = tuple(estimates.ap.T)
             if not np.isfinite(estimate.ap).all():
-                there = " or ".join(self.classes.names)
+                nouns = " or ".join(self.classes.names)
                 raise ValueError(
-                    f"there is no {there} to find in these frames: say more --frames, or another "
+                    f"there is no {nouns} to find in these frames: say more --frames, or another "
                     "--seed"
                 )
             if not np.isfinite(estimate.kbit).all():
@@ -425,14 +475,14 @@ class Objective:
                     f"kbit must be finite, fidelity {self.fidelity!r} says "
                     f"{estimate.kbit.tolist()[:3]}"
                 )
-            columns = (estimate.ap, estimate.recall, estimate.kbit, *of_classes)
-            self._known.update(
-                zip(fresh, zip(*(column.tolist() for column in columns), strict=True), strict=True)
+            columns = np.stack(
+                [estimate.ap, estimate.recall, estimate.kbit, *class_columns], axis=1
             )
-            self._tell(len(fresh))
-        return np.array([self._known[key] for key in keys], np.float64).reshape(
-            -1, self._width
-        ), cache_hit
+            for key, row in zip(new_rows, columns.tolist(), strict=True):
+                self._known[key] = tuple(row)
+            self._tell(len(new_rows))
+        figures = np.array([self._known[key] for key in keys], np.float64)
+        return figures.reshape(-1, self._width), cache_hit
 
     def _tell(self, scored: int) -> None:
         """Count newly scored sets, on some frames or all."""

@@ -13,21 +13,23 @@ FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 
 
 class Estimate(NamedTuple):
-    """Figures of n sensor sets. kbit: sent by all sensors of a set in a frame, mean over the
-    frames."""
+    """Figures of n sensor sets. kbit: data that all sensors of a set send in a frame, on
+    average."""
 
     ap: Float64[np.ndarray, " n"]
     recall: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
 
     def without_nan(self) -> "Estimate":
-        """Figures with 0 where nothing was to be found."""
+        """Figures with 0 for sets without objects to detect."""
         return Estimate(np.nan_to_num(self.ap), np.nan_to_num(self.recall), self.kbit)
 
 
 class ClassEstimates(NamedTuple):
-    """Figures of n sensor sets for each of k classes, NaN where one has nothing to find. kbit: of
-    the whole set."""
+    """Figures of n sensor sets for each of k classes, NaN for a class without objects.
+
+    kbit: data of the whole set.
+    """
 
     ap: Float64[np.ndarray, "n k"]
     recall: Float64[np.ndarray, "n k"]
@@ -40,27 +42,29 @@ class ClassEstimates(NamedTuple):
 
 @runtime_checkable
 class Fidelity(Protocol):
-    """Scorer of sets of C candidates, given as rows of booleans. The same sets get the same
-    figures, in any order."""
+    """Scorer of sets of C candidates, given as rows of booleans.
+
+    The same sets get the same figures, in any order.
+    """
 
     @property
     def name(self) -> str:
         """Name: coverage, surrogate, detector or table."""
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Return the figures of each set; the empty set has AP 0 and sends nothing."""
+        """Figures of each set; the empty set has AP 0 and sends nothing."""
 
 
 @runtime_checkable
 class ByFrames(Fidelity, Protocol):
-    """Fidelity that can score sets on some frames alone, so that weak sets are dropped early."""
+    """Fidelity that can score sets on some of the frames, so that weak sets are dropped early."""
 
     @property
     def frames(self) -> int:
         """Number of frames."""
 
     def partial(self, subsets: Sets, frames: Sequence[int]) -> Estimate:
-        """Return the figures of each set over these frames, scoring no set on a frame twice."""
+        """Figures of each set over these frames, scoring no set on a frame twice."""
 
 
 @runtime_checkable
@@ -69,15 +73,15 @@ class ByClass(Fidelity, Protocol):
 
     @property
     def classes(self) -> Classes:
-        """The classes, and how they are combined."""
+        """Classes, and how they are combined."""
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Return the figures of each set for each class; combined they are those of the set."""
+        """Figures of each set for each class; combined they are the figures of the set."""
 
 
 @runtime_checkable
 class Doubting(Fidelity, Protocol):
-    """Fidelity that was fitted to data, and tells its uncertainty."""
+    """Fidelity that was fitted to data and estimates its uncertainty."""
 
     def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Standard error of each set's AP; NaN if unknown."""

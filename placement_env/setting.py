@@ -1,6 +1,7 @@
-"""`Setting`: what is asked, whatever the way to compute it: site, candidates, fusion, cases,
-fidelity and costs. With a `toolkit.runtime.run.Run` it makes what scores sets:
-`placement_env.objective.Objective(setting, run)`."""
+"""`Setting`: the question, independent of how it is computed: site, candidates, fusion, cases,
+fidelity and costs. With a `toolkit.runtime.run.Run` it makes the scorer of sets:
+`placement_env.objective.Objective(setting, run)`.
+"""
 
 import math
 from collections.abc import Callable, Iterable
@@ -47,18 +48,25 @@ AP_ONLY = Weights()
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Question that sets of sensors are scored by.
+    """Question that sets of sensors are scored by. Raises ValueError if a field does not fit.
 
-    site: a site, its name or file, None only with candidates and a fidelity of one's own;
-    candidates: None or "paper" for the site's own sensors, "pool" for its pool, a GeoJSON file of
-    poles, the candidates, or a function that makes them from the site; scheme, codec: of fusion and
-    of what is sent; classes: of road users that count; cases: IoU thresholds, failures, levels of
-    traffic and errors; fidelity: name of what scores a set, or an object that does; detector: of
-    fidelity "detector", None for the shipped network; surrogate, table: files for these fidelities,
-    None for the shipped ones; rendering: "auto", or all rays ("full") or panoramas wherever they
-    can be used; weights: costs in the reward; most_price: most that a set may cost; keep: names of
-    poles that must carry a sensor; link_share: of the frames, in which a link must carry what is
-    sent (`placement_env.links`). Raises ValueError where a field does not fit.
+    Attributes:
+        site: Site, its name or file; None only with candidates and a custom fidelity.
+        candidates: None or "paper" for the site's sensors, "pool" for its pool, a GeoJSON file of
+            poles, the candidates, or a function that makes them from the site.
+        scheme: Fusion scheme.
+        codec: Codec of the sent data.
+        classes: Classes of road users that count.
+        cases: IoU thresholds, failures, levels of traffic and errors.
+        fidelity: Name of a fidelity, or an object that scores sets.
+        detector: Detector of fidelity "detector", None for the shipped network.
+        surrogate: File for that fidelity, None for the shipped one.
+        table: File for that fidelity, None for the shipped one.
+        rendering: "auto", or all rays ("full") or panoramas wherever they can be used.
+        weights: Costs in the reward.
+        most_price: Largest price of a set.
+        keep: Names of poles that must carry a sensor.
+        link_share: Share of the frames in which a link must carry all data (`placement_env.links`).
 
     >>> Setting("tjunction", scheme="late", cases=Cases(iou=(0.7, 0.8))).scheme.name
     'late'
@@ -115,47 +123,52 @@ class Setting:
 
     @cached_property
     def place(self) -> Site:
-        """The site. Raises ValueError without one."""
+        """Site. Raises ValueError without one."""
         if not isinstance(self.site, Site):
             raise ValueError("this needs a site: Setting('tjunction'), or a site's file")
         return self.site
 
     @cached_property
     def pool(self) -> Candidates:
-        """The candidates. Raises ValueError and OSError where there are none, or no pole of a name
-        to be kept."""
-        asked = self.candidates
-        if callable(asked):
-            found = asked(self.place)
-        elif isinstance(asked, Candidates):
-            found = asked
+        """Candidates. Raises ValueError and OSError without candidates, or for an unknown pole to
+        keep."""
+        source = self.candidates
+        if callable(source):
+            candidates = source(self.place)
+        elif isinstance(source, Candidates):
+            candidates = source
         else:
-            found = choose_candidates(self.place, "paper" if asked is None else asked)
-        found.find_mounts(self.keep)
-        return found
+            candidates = choose_candidates(self.place, "paper" if source is None else source)
+        candidates.find_mounts(self.keep)
+        return candidates
 
     @property
     def fusion(self) -> Scheme:
-        """The scheme."""
+        """Fusion scheme."""
         return find_scheme(self.scheme)
 
     @property
     def counted(self) -> Classes:
-        """The classes that count."""
+        """Classes that count."""
         return find_classes(self.classes)
 
     def check_budget(self, budget: int) -> None:
-        """Raise ValueError where fewer sensors are allowed than poles must carry one."""
+        """Raise ValueError if fewer sensors are allowed than poles that must carry one."""
         if self.keep and budget < len(self.keep):
-            said = f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed"
-            raise ValueError(f"{said}: raise the budget, or keep fewer poles")
+            problem = (
+                f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed"
+            )
+            raise ValueError(f"{problem}: raise the budget, or keep fewer poles")
 
     def with_fidelity(self, fidelity: FidelityName) -> "Setting":
-        """Same question for another fidelity, without files and errors that it does not know."""
-        cases = (
-            self.cases if fidelity == "detector" else replace(self.cases, errors=USUAL_CASES.errors)
+        """Same question for another fidelity, without files and errors that it does not use."""
+        cases = self.cases
+        if fidelity != "detector":
+            cases = replace(cases, errors=USUAL_CASES.errors)
+        return replace(
+            self,
+            fidelity=fidelity,
+            cases=cases,
+            surrogate=self.surrogate if fidelity == "surrogate" else None,
+            table=self.table if fidelity == "table" else None,
         )
-        surrogate, table = (
-            getattr(self, name) if name == fidelity else None for name in ("surrogate", "table")
-        )
-        return replace(self, fidelity=fidelity, cases=cases, surrogate=surrogate, table=table)

@@ -1,5 +1,4 @@
-"""Sets of candidates as rows of booleans: all of them, and sums over the members of many at
-once."""
+"""Sets of candidates as rows of booleans: all of them, and sums over the members of many sets."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -9,20 +8,20 @@ from toolkit.arrays import Bool, Float64, Shaped
 
 Sets = Bool[np.ndarray, "n C"]  # sensor sets, a row of candidates each
 SetFunction = Callable[[Sets], Float64[np.ndarray, " n"]]  # a figure of each set
-MOST_SENSORS = 16  # all whose sets can be listed: 65536
-BLOCK = 1 << 17  # figures worked on at once, so that they stay in the processor's cache
+MAX_LISTED_SENSORS = 16  # with 65536 sets
+BLOCK_FIGURES = 1 << 17  # figures in one step, so that they stay in the processor's cache
 
 
 def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     """List all 2^n sets of n sensors; sensor i is in set k if bit i of k is 1."""
-    if not 0 <= sensors <= MOST_SENSORS:
-        said = f"too many sets: they are listed for at most {MOST_SENSORS} sensors"
-        raise ValueError(f"{said}, got {sensors}; choose some, or use estimate_worth")
+    if not 0 <= sensors <= MAX_LISTED_SENSORS:
+        rule = f"too many sets: they are listed for at most {MAX_LISTED_SENSORS} sensors"
+        raise ValueError(f"{rule}, got {sensors}; choose some, or use estimate_worth")
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 
 def find_index(member: object, names: Sequence[str]) -> int:
-    """Return the candidate that an index or name means. Raises ValueError for any other value."""
+    """Candidate that an index or name means. Raises ValueError for any other value."""
     if isinstance(member, str) and member in names:
         return names.index(member)
     if (
@@ -37,18 +36,19 @@ def find_index(member: object, names: Sequence[str]) -> int:
 
 
 class MemberSums:
-    """Sums of the rows (C, w) of each set's members, in the type of the rows, the same beside any
-    other sets.
+    """Sums of the rows (C, w) of each set's members, in the type of the rows.
 
-    Raises ValueError unless sets are rows of one boolean per candidate."""
+    A set's sum does not depend on the other sets. Raises ValueError unless sets are rows of one
+    boolean per candidate.
+    """
 
     def __init__(self, rows: Shaped[np.ndarray, "C w"]) -> None:
-        # the last for no member
+        # the last row is for no member
         self._rows = np.concatenate([rows, np.zeros((1, rows.shape[1]), rows.dtype)])
 
     @property
     def rows(self) -> Shaped[np.ndarray, "C w"]:
-        """The given rows."""
+        """Given rows."""
         return self._rows[:-1]
 
     def __call__(self, subsets: Sets) -> Shaped[np.ndarray, "n w"]:
@@ -58,7 +58,7 @@ class MemberSums:
             np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1)
         )
         sizes = np.bincount(owner, minlength=n)
-        # of each set, at least one column
+        # members of each set, at least one column
         members = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)
         members[owner, np.arange(len(owner)) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = member
         sums = self._rows[members[:, 0]]
@@ -67,12 +67,11 @@ class MemberSums:
         return sums
 
     def blocks(self, subsets: Sets) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
-        """Yield the sums of as many sets at a time as fit the processor's cache, and their
-        slice."""
+        """Yield slices of as many sets as fit the processor's cache, and their sums."""
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
-            said = f"sets must be rows of {candidates} booleans, one for each candidate"
-            raise ValueError(f"{said}, got {subsets.dtype} {subsets.shape}")
-        step = max(1, BLOCK // max(1, self._rows.shape[1]))
+            rule = f"sets must be rows of {candidates} booleans, one for each candidate"
+            raise ValueError(f"{rule}, got {subsets.dtype} {subsets.shape}")
+        step = max(1, BLOCK_FIGURES // max(1, self._rows.shape[1]))
         blocks = (slice(first, first + step) for first in range(0, len(subsets), step))
         return ((block, self(subsets[block])) for block in blocks)

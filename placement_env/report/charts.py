@@ -1,4 +1,4 @@
-"""Charts of a plan as SVG text. AP is always shown with its interval and the number of vehicles."""
+"""Charts of a plan as SVG text. Each AP has its interval and its number of vehicles."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from placement_env.cases import iou_text
-from placement_env.handover.mounted import RATE, LinkLoad
+from placement_env.handover.mounted import FRAME_RATE_HZ, LinkLoad
 from placement_env.report import content
 from placement_env.search.result import Result
 from toolkit.plots import canvas
@@ -19,14 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# inches of a row, and above and below the rows
-ROW = 0.27
-HEAD = 0.7
-FOOT = 0.55
-LETTERS = 44  # of a row's name
-INTERVAL = f"lines: {content.CONFIDENCE:.0%} intervals"
-FRONT_HEIGHT = 4.3  # inches
-MOST_FIGURES = 14  # sensors up to which the cells of the table of pairs hold figures
+ROW_INCHES = 0.27  # height of a row
+HEAD_INCHES = 0.7  # above the rows
+FOOT_INCHES = 0.55  # below the rows
+MAX_NAME_LETTERS = 44  # longer names of rows are shortened
+INTERVAL_NOTE = f"lines: {content.CONFIDENCE:.0%} intervals"
+FRONT_INCHES = 4.3  # height of the front chart
+MAX_FIGURE_SENSORS = 14  # with more, the cells of the table of pairs hold no figures
 
 
 def interval_bars(
@@ -38,27 +37,28 @@ def interval_bars(
     hatched: bool = False,
     right: float = 1.7,
 ) -> str:
-    """Bar of AP for each row, with its interval and the number of vehicles.
+    """Draw a bar of AP for each row, with its interval and number of vehicles.
 
-    alt: for screen readers in place of the title; labels: in place of the usual ones beside the
-    bars; hatched: all bars but the first, whose AP is an upright line; right: inches kept free for
-    labels."""
+    alt: text for screen readers, if not the title; labels: texts right of the bars, if not the
+    usual ones; hatched: hatch all bars but the first, whose AP is an upright line; right: inches
+    kept free for labels."""
     names = [name for name, _ in rows]
-    judged = [each for _, each in rows]
+    judgements = [judgement for _, judgement in rows]
     with canvas.house_style():
-        subtitle = f"{describe_sample(judged)}{'; hatched: with failures' * hatched}"
+        hatch_note = "; hatched: with failures" if hatched else ""
+        subtitle = f"{describe_sample(judgements)}{hatch_note}"
         figure, axes = row_axes(title, subtitle, names, right=right)
         axes.set(xlim=(0, 1), xlabel="AP")
-        for row, each in enumerate(judged):
-            if each is None:
+        for row, judgement in enumerate(judgements):
+            if judgement is None:
                 axes.text(0.01, row, "not judged: no vehicles", va="center", fontsize=7.5)
                 continue
             hatch = "////" if hatched and row else None
             face = "white" if hatch else BAR
-            ends = [each.low, each.high]
+            interval = [judgement.low, judgement.high]
             axes.barh(
                 row,
-                each.ap,
+                judgement.ap,
                 height=0.62,
                 facecolor=face,
                 edgecolor=BAR,
@@ -67,17 +67,19 @@ def interval_bars(
                 zorder=2,
             )
             axes.plot(
-                ends, [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt"
+                interval, [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt"
             )
-            axes.plot(ends, [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1)
-            _write_beside(axes, row, labels[row] if labels else ap_label(each))
-        if hatched and judged[0]:
-            axes.axvline(judged[0].ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
+            axes.plot(
+                interval, [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1
+            )
+            _write_beside(axes, row, labels[row] if labels else ap_label(judgement))
+        if hatched and judgements[0]:
+            axes.axvline(judgements[0].ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
         return canvas.svg_text(figure, alt or title)
 
 
 def draw_history(result: Result, out: str | Path) -> None:
-    """Write the best reward of a search over the sets it scored as a picture."""
+    """Write a picture of the best reward over the number of sets that a search scored."""
     with canvas.house_style():
         figure, axes = curve_axes(f"{result.method}: best reward so far", 0)
         axes.step(
@@ -88,10 +90,13 @@ def draw_history(result: Result, out: str | Path) -> None:
 
 
 def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
-    """AP of the fusion schemes at each IoU, and the data they send."""
-    rows = [(f"{each.scheme}, IoU {iou_text(each.iou)}", each.judged) for each in schemes]
+    """Draw the AP of the fusion schemes at each IoU, and the data they send."""
+    rows = [
+        (f"{figures.scheme}, IoU {iou_text(figures.iou)}", figures.judged) for figures in schemes
+    ]
     labels = [
-        f"{ap_label(each.judged)}; {each.kbit_per_sensor:.4g} kbit/sensor" for each in schemes
+        f"{ap_label(figures.judged)}; {figures.kbit_per_sensor:.4g} kbit/sensor"
+        for figures in schemes
     ]
     return interval_bars(
         rows, "Fusion schemes", alt="AP of the fusion schemes", labels=labels, right=2.6
@@ -99,80 +104,82 @@ def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
 
 
 def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureCase]) -> str:
-    """AP left when sensors fail, beside the whole set's."""
-    rows = [
-        ("all work", intact),
-        *((f"without {set_label(each.failed)}", each.judged) for each in failures),
-    ]
+    """Draw the AP that remains after failures, next to the intact set's."""
+    rows: list[tuple[str, content.Judgement | None]] = [("all work", intact)]
+    rows += [(f"without {set_label(case.failed)}", case.judged) for case in failures]
     return interval_bars(
         rows, "What is left when sensors fail", alt="AP left when sensors fail", hatched=True
     )
 
 
 def link_chart(links: Sequence[LinkLoad]) -> str:
-    """Mbit/s of each link against its capacity."""
+    """Draw the Mbit/s of each link against its capacity."""
+    too_narrow: PlotStyle = {
+        "facecolor": "white",
+        "edgecolor": OUTCOME["missed"].colour,
+        "hatch": "xxxx",
+    }
     with canvas.house_style():
-        text = f"{RATE:g} frames a second; bar: mean, line: load, upright: capacity of the link"
-        figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
-        loads = [max(each.mbit_s, each.load_mbit_s) for each in links]
-        near = [
-            each.capacity_mbit_s
-            for each in links
-            if each.capacity_mbit_s <= 4 * max(loads, default=0.0)
-        ]
-        low, high = canvas.pad_limits([*loads, *near])
-        for row, each in enumerate(links):
-            face, edge, hatch = (
-                (BAR, None, None) if each.fits else ("white", OUTCOME["missed"].colour, "xxxx")
-            )
-            axes.barh(
-                row, each.mbit_s, height=0.5, zorder=2, facecolor=face, edgecolor=edge, hatch=hatch
-            )
+        subtitle = (
+            f"{FRAME_RATE_HZ:g} frames a second; bar: mean, line: load, upright: capacity of the "
+            "link"
+        )
+        poles = [link.pole for link in links]
+        figure, axes = row_axes("Load of the links", subtitle, poles, right=2.3)
+        loads = [max(link.mbit_s, link.load_mbit_s) for link in links]
+        max_shown = 4 * max(loads, default=0.0)
+        capacities = [link.capacity_mbit_s for link in links if link.capacity_mbit_s <= max_shown]
+        low, high = canvas.pad_limits([*loads, *capacities])
+        for row, link in enumerate(links):
+            style: PlotStyle = {"facecolor": BAR} if link.fits else too_narrow
+            axes.barh(row, link.mbit_s, height=0.5, zorder=2, **style)
             axes.plot(
-                [each.mbit_s, each.load_mbit_s], [row, row], color=INK, linewidth=1.4, zorder=3
+                [link.mbit_s, link.load_mbit_s], [row, row], color=INK, linewidth=1.4, zorder=3
             )
-            if each.capacity_mbit_s <= high:
+            if link.capacity_mbit_s <= high:
                 axes.plot(
-                    [each.capacity_mbit_s] * 2,
+                    [link.capacity_mbit_s] * 2,
                     [row - 0.33, row + 0.33],
                     color=INK,
                     linewidth=2.4,
                     zorder=3.2,
                 )
-            state = f"{each.share:.0%}: {'fits' if each.fits else 'TOO MUCH'}"
+            state = f"{link.share:.0%}: {'fits' if link.fits else 'TOO MUCH'}"
             _write_beside(
-                axes, row, f"{each.mbit_s:.3g} of {each.capacity_mbit_s:.3g} Mbit/s, {state}"
+                axes, row, f"{link.mbit_s:.3g} of {link.capacity_mbit_s:.3g} Mbit/s, {state}"
             )
         axes.set(xlim=(low, high), xlabel="Mbit/s")
         return canvas.svg_text(figure, "Load of the links")
 
 
 def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
-    """AP after each sensor built, over money spent."""
+    """Draw the AP after each sensor built, over the money spent."""
     with canvas.house_style():
-        judged = [each.judged for each in order]
-        figure = canvas.blank_figure(canvas.CHART_INCHES, HEAD + 2.9 + 0.2 * len(order))
+        judgements = [step.judged for step in order]
+        figure = canvas.blank_figure(canvas.CHART_INCHES, HEAD_INCHES + 2.9 + 0.2 * len(order))
         height = figure.get_size_inches()[1]
         below = (0.75 + 0.2 * len(order)) / height
-        axes = figure.add_axes((0.11, below, 0.85, 1 - below - HEAD / height))
-        canvas.draw_heading(figure, "Which sensor to build first", describe_sample(judged))
-        prices = [each.price for each in order]
-        ap = [each.ap for each in judged]
+        axes = figure.add_axes((0.11, below, 0.85, 1 - below - HEAD_INCHES / height))
+        canvas.draw_heading(figure, "Which sensor to build first", describe_sample(judgements))
+        prices = [step.price for step in order]
+        ap = [judgement.ap for judgement in judgements]
         axes.step([0.0, *prices], [0.0, *ap], where="post", color=BAR, zorder=2)
-        for number, (price, each) in enumerate(zip(prices, judged, strict=True)):
+        for number, (price, judgement) in enumerate(zip(prices, judgements, strict=True)):
             axes.plot(
                 [price, price],
-                [each.low, each.high],
+                [judgement.low, judgement.high],
                 "_-",
                 color=INK,
                 linewidth=1.3,
                 markersize=7,
                 zorder=3,
             )
-            axes.plot(price, each.ap, "o", color=BAR, markeredgecolor=INK, markersize=6, zorder=4)
+            axes.plot(
+                price, judgement.ap, "o", color=BAR, markeredgecolor=INK, markersize=6, zorder=4
+            )
             axes.annotate(
                 str(number + 1),
-                (price, each.ap),
+                (price, judgement.ap),
                 xytext=(6, -10),
                 textcoords="offset points",
                 fontsize=8,
@@ -189,16 +196,17 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
                 f"{number + 1}  {set_label([step.sensor])}: {step.price:g}, AP "
                 f"{ap_label(step.judged)}"
             )
-            place = 0.08 + 0.2 * (len(order) - 1 - number)
-            figure.text(0.11, place / height, line, fontsize=7.5, va="bottom")
+            bottom = 0.08 + 0.2 * (len(order) - 1 - number)
+            figure.text(0.11, bottom / height, line, fontsize=7.5, va="bottom")
         return canvas.svg_text(figure, "AP after each sensor built")
 
 
 def front_chart(
-    options: Sequence[content.PlanOption], chosen: content.PlanOption, currency: str
+    options: Sequence[content.PlanOption], chosen_set: content.PlanOption, currency: str
 ) -> str:
-    """AP over kbit per sensor and over price: judged sets with intervals, others hollow, the chosen
-    one marked."""
+    """Draw AP over kbit per sensor and over price, with the chosen set marked.
+
+    Judged sets have intervals; sets with a predicted AP are hollow."""
     from matplotlib.lines import Line2D
 
     dot: PlotStyle = {"marker": "o", "markersize": 6, "markeredgecolor": BAR, "linestyle": "none"}
@@ -209,78 +217,81 @@ def front_chart(
         "predicted only": {**dot, "markerfacecolor": "white"},
     }
     with canvas.house_style():
-        figure = canvas.blank_figure(canvas.CHART_INCHES, FRONT_HEIGHT)
-        everyone = [*(each for each in options if each != chosen), chosen]
-        count = f"N = {len(everyone)} sensor set{'s' * (len(everyone) > 1)}"
-        sample = describe_sample([each.judged for each in everyone])
+        figure = canvas.blank_figure(canvas.CHART_INCHES, FRONT_INCHES)
+        all_sets = [sensor_set for sensor_set in options if sensor_set != chosen_set]
+        all_sets.append(chosen_set)
+        set_count = f"N = {len(all_sets)} sensor set{'s' * (len(all_sets) > 1)}"
+        sample = describe_sample([sensor_set.judged for sensor_set in all_sets])
         canvas.draw_heading(
-            figure, "AP against what is sent and what it costs", f"{count}; {sample}"
+            figure, "AP against what is sent and what it costs", f"{set_count}; {sample}"
         )
-        for left, label, values in (
-            (0.09, "kbit per sensor and frame", [each.kbit_per_sensor for each in everyone]),
-            (0.57, price_label(currency), [each.price for each in everyone]),
-        ):
+        kbits = [sensor_set.kbit_per_sensor for sensor_set in all_sets]
+        prices = [sensor_set.price for sensor_set in all_sets]
+        panels = ((0.09, "kbit per sensor and frame", kbits), (0.57, price_label(currency), prices))
+        for left, label, values in panels:
             axes = figure.add_axes((left, 0.24, 0.4, 0.58))
-            for x, option in zip(values, everyone, strict=True):
-                is_chosen = option is chosen
+            for x, option in zip(values, all_sets, strict=True):
+                is_chosen = option is chosen_set
                 ap = option.predicted
                 if option.counted is not None:
                     ap = option.counted.ap
-                    ends = [option.counted.low, option.counted.high]
-                    axes.plot(
-                        [x, x], ends, color=INK, linewidth=1.6 if is_chosen else 0.8, zorder=3
-                    )
-                how = (
-                    "chosen"
-                    if is_chosen
-                    else "predicted only"
-                    if option.judged is None
-                    else "judged by the detector"
-                )
-                axes.plot(x, ap, zorder=5 if is_chosen else 4, **marks[how])
+                    interval = [option.counted.low, option.counted.high]
+                    width = 1.6 if is_chosen else 0.8
+                    axes.plot([x, x], interval, color=INK, linewidth=width, zorder=3)
+                status = "judged by the detector"
+                if is_chosen:
+                    status = "chosen"
+                elif option.judged is None:
+                    status = "predicted only"
+                axes.plot(x, ap, zorder=5 if is_chosen else 4, **marks[status])
             axes.grid()
             axes.set(xlim=canvas.pad_limits(values), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         lines = [Line2D([], [], **style) for style in marks.values()]
         figure.legend(lines, list(marks), loc="lower left", ncols=3, bbox_to_anchor=(0.07, 0.0))
-        return canvas.svg_text(figure, f"AP against kbit and price; {INTERVAL}")
+        return canvas.svg_text(figure, f"AP against kbit and price; {INTERVAL_NOTE}")
 
 
 def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
-    """Shapley values, and interactions of pairs: above 0, two sensors add more together than
-    apart."""
+    """Draw Shapley values of sensors and interactions of pairs.
+
+    An interaction above 0 means that two sensors add more together than apart."""
     with canvas.house_style():
-        labels = sensor_labels([each.sensor for each in worth])
+        labels = sensor_labels([sensor_worth.sensor for sensor_worth in worth])
         names = [
-            label if label == each.sensor else f"{canvas.shorten(each.sensor, 28)}  {label}"
-            for label, each in zip(labels, worth, strict=True)
+            label
+            if label == sensor_worth.sensor
+            else f"{canvas.shorten(sensor_worth.sensor, 28)}  {label}"
+            for label, sensor_worth in zip(labels, worth, strict=True)
         ]
-        side = ROW * max(len(names), 2)
-        text = 0.25 + 0.066 * max(map(len, names), default=0)
+        side = ROW_INCHES * max(len(names), 2)
+        label_inches = 0.25 + 0.066 * max(map(len, names), default=0)
         height = 0.85 + side + 0.55
         figure = canvas.blank_figure(canvas.CHART_INCHES, height)
         heading = f"Shapley value in AP, and interaction of pairs; N = {len(names)} sensors"
         canvas.draw_heading(figure, "What each sensor is worth", heading)
-        bars = figure.add_axes((text / canvas.CHART_INCHES, 0.55 / height, 0.3, side / height))
-        values = [each.shapley for each in worth]
+        bars = figure.add_axes(
+            (label_inches / canvas.CHART_INCHES, 0.55 / height, 0.3, side / height)
+        )
+        values = [sensor_worth.shapley for sensor_worth in worth]
         bars.barh(range(len(worth)), values, height=0.62, color=BAR, zorder=2)
         for row, value in enumerate(values):
-            place = (max(value, 0), row)
+            bar_end = (max(value, 0), row)
             bars.annotate(
                 f"{value:+.3f}",
-                place,
+                bar_end,
                 xytext=(3, 0),
                 textcoords="offset points",
                 va="center",
                 fontsize=7.5,
             )
         bars.axvline(0, color=INK, linewidth=0.8, zorder=3)
-        reach = max((abs(value) for value in values), default=0) or 1.0
+        longest_bar = max((abs(value) for value in values), default=0) or 1.0
         bars.set(ylim=(max(len(worth), 1) - 0.5, -0.5), xlabel="Shapley value (AP)")
-        bars.set_xlim(1.35 * min(0.0, *values, 0.0), 1.35 * max(reach * 0.2, *values, 0.0))
+        bars.set_xlim(1.35 * min(0.0, *values, 0.0), 1.35 * max(longest_bar * 0.2, *values, 0.0))
         bars.set_yticks(range(len(names)))
         bars.set_yticklabels(names)
         bars.grid(axis="x")
-        start = text / canvas.CHART_INCHES + 0.36
+        start = label_inches / canvas.CHART_INCHES + 0.36
         width = min(0.985 - start, side / canvas.CHART_INCHES * 1.6)
         _draw_pairs(figure.add_axes((start, 0.55 / height, width, side / height)), worth, labels)
         return canvas.svg_text(figure, "Shapley values and interactions of the sensors")
@@ -289,17 +300,28 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
 def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
     if not worth:
         return
-    pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth])
-    most = float(np.abs(np.nan_to_num(pairs)).max()) or 1.0
-    axes.imshow(pairs, cmap="PuOr_r", vmin=-most, vmax=most, aspect="auto", interpolation="none")
+    pairs = np.full((len(worth), len(worth)), np.nan)
+    for row, first in enumerate(worth):
+        for column, second in enumerate(worth):
+            pairs[row, column] = first.synergy.get(second.sensor, np.nan)
+    max_interaction = float(np.abs(np.nan_to_num(pairs)).max()) or 1.0
+    axes.imshow(
+        pairs,
+        cmap="PuOr_r",
+        vmin=-max_interaction,
+        vmax=max_interaction,
+        aspect="auto",
+        interpolation="none",
+    )
     axes.set_xticks(range(len(names)))
     axes.set_yticks([])
     axes.set_xticklabels(names, fontsize=7.5 if len(names) < 20 else 5)
     axes.set_title("interaction (AP)", fontsize=8.5, loc="left", pad=3)
     axes.tick_params(length=0)
-    for (row, column), value in np.ndenumerate(pairs if len(worth) <= MOST_FIGURES else pairs[:0]):
+    figures = pairs if len(worth) <= MAX_FIGURE_SENSORS else pairs[:0]
+    for (row, column), value in np.ndenumerate(figures):
         if np.isfinite(value):
-            colour = "white" if abs(value) > 0.6 * most else INK
+            colour = "white" if abs(value) > 0.6 * max_interaction else INK
             axes.text(
                 column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=colour
             )
@@ -308,13 +330,16 @@ def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Seque
 def row_axes(
     title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7
 ) -> "tuple[Figure, Axes]":
-    """Figure with a row for each name. right: inches kept free beside the rows."""
-    names, rows = [canvas.shorten(name, LETTERS) for name in names], max(len(names), 1)
+    """Return a figure with a row for each name. right: inches kept free right of the rows."""
+    names = [canvas.shorten(name, MAX_NAME_LETTERS) for name in names]
+    rows = max(len(names), 1)
     left = 0.35 + 0.066 * max(map(len, names), default=0)
-    height = HEAD + FOOT + ROW * rows
+    height = HEAD_INCHES + FOOT_INCHES + ROW_INCHES * rows
     figure = canvas.blank_figure(canvas.CHART_INCHES, height)
     width = (canvas.CHART_INCHES - left - right) / canvas.CHART_INCHES
-    axes = figure.add_axes((left / canvas.CHART_INCHES, FOOT / height, width, ROW * rows / height))
+    axes = figure.add_axes(
+        (left / canvas.CHART_INCHES, FOOT_INCHES / height, width, ROW_INCHES * rows / height)
+    )
     axes.set(ylim=(rows - 0.5, -0.5))
     axes.set_yticks(range(len(names)), [""] * len(names))
     axes.set_yticklabels(names)
@@ -325,38 +350,39 @@ def row_axes(
 
 
 def _write_beside(axes: "Axes", row: int, text: str) -> None:
-    place: PlotStyle = {
+    placement: PlotStyle = {
         "xycoords": ("axes fraction", "data"),
         "xytext": (8, 0),
         "textcoords": "offset points",
     }
-    axes.annotate(text, (1, row), **place, va="center", fontsize=7.5, annotation_clip=False)
+    axes.annotate(text, (1, row), **placement, va="center", fontsize=7.5, annotation_clip=False)
 
 
 def ap_label(judged: content.Judgement) -> str:
-    """AP and the number of vehicles."""
+    """Return the AP and its number of vehicles."""
     return f"{judged.format_ap()}, N = {judged.vehicles}"
 
 
-def describe_sample(judged: Sequence[content.Judgement | None]) -> str:
-    """Largest number of vehicles and frames behind figures."""
-    some = [each for each in judged if each is not None]
-    if not some:
+def describe_sample(judgements: Sequence[content.Judgement | None]) -> str:
+    """Describe the largest number of vehicles and frames behind figures."""
+    judged_sets = [judgement for judgement in judgements if judgement is not None]
+    if not judged_sets:
         return "no vehicles were judged"
-    vehicles = max(each.vehicles for each in some)
-    frames = max(each.frames for each in some)
-    up_to = "up to " if len({(each.vehicles, each.frames) for each in some}) > 1 else ""
+    vehicles = max(judgement.vehicles for judgement in judged_sets)
+    frames = max(judgement.frames for judgement in judged_sets)
+    samples = {(judgement.vehicles, judgement.frames) for judgement in judged_sets}
+    up_to = "up to " if len(samples) > 1 else ""
     return (
-        f"judged by the detector, N = {up_to}{vehicles} {some[0].kind}s in {frames} frames; "
-        f"{INTERVAL}"
+        f"judged by the detector, N = {up_to}{vehicles} {judged_sets[0].kind}s in {frames} frames; "
+        f"{INTERVAL_NOTE}"
     )
 
 
 def price_label(currency: str) -> str:
-    """Axis label of prices."""
+    """Return the axis label of prices."""
     return f"price ({canvas.shorten(currency, 12)})" if currency else "price (ordinary poles)"
 
 
 def set_label(names: Sequence[str]) -> str:
-    """Sensors of a set in a few letters."""
-    return canvas.shorten(", ".join(names) or "none", LETTERS)
+    """Return the names of a set's sensors, shortened."""
+    return canvas.shorten(", ".join(names) or "none", MAX_NAME_LETTERS)

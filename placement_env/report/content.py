@@ -1,9 +1,8 @@
-"""Contents of a plan: plain figures, names and sentences, from which plan.json, pages and drawings
-are made.
+"""Contents of a plan: figures, names and sentences for plan.json, pages and drawings.
 
 Nothing in it depends on the clock, so the same question has the same plan, byte for byte. kbit are
-per frame, 1 kbit = 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU
-unless a field says otherwise, always by the detector on traffic that no search saw. An undefined
+per frame, 1 kbit = 1000 bit. Prices are in the plan's currency. AP and recall are at the plan's IoU
+unless a field names another, and always by the detector on traffic that no search saw. An undefined
 figure is None."""
 
 import math
@@ -27,7 +26,7 @@ from toolkit.runtime.files import read_own_table
 from toolkit.sites.site import Site
 
 PLAN_VERSION = 1  # in plan.json
-CONFIDENCE = 0.95  # of every interval
+CONFIDENCE = 0.95  # level of every interval
 TEXTS: dict[str, Any] = read_own_table(__file__, "texts.toml")
 
 
@@ -35,9 +34,15 @@ TEXTS: dict[str, Any] = read_own_table(__file__, "texts.toml")
 class Judgement:
     """The detector's result for one sensor set.
 
-    low, high: interval of the AP from a bootstrap over blocks of frames, NaN for few of them;
-    vehicles, frames: to be detected, in how many frames; kind: of the objects, "vehicle", or
-    "object" if several classes count, whose AP and recall are combined."""
+    Attributes:
+        ap: Average precision, combined over the classes that count.
+        low: Lower end of the AP's interval, a bootstrap over blocks of frames; NaN for few blocks.
+        high: Upper end of the interval, NaN like `low`.
+        recall: Share of the vehicles that are detected, combined like the AP.
+        precision: Share of the detections that hit; None without detections.
+        vehicles: Number of objects to detect.
+        frames: Number of frames they are in.
+        kind: "vehicle", or "object" if several classes count."""
 
     ap: float
     low: float
@@ -50,41 +55,50 @@ class Judgement:
 
     @property
     def digits(self) -> int:
-        """Number of decimals that so many objects support."""
+        """Number of decimals that this many objects support."""
         return figure_digits(self.vehicles)
 
     @property
     def known(self) -> bool:
-        """True if there are frames enough for an interval, so that this AP may be compared with
-        others."""
+        """Return whether there are enough frames for an interval, so that the AP can be
+        compared."""
         return not math.isnan(self.low)
 
     def format_ap(self) -> str:
-        """AP with as many decimals as its objects support."""
+        """Format the AP with as many decimals as its objects support."""
         return format_share(self.ap, self.vehicles)
 
     def describe_interval(self) -> str:
-        """Words for its interval, with as many decimals as its objects support."""
+        """Describe its interval, with as many decimals as its objects support."""
         return describe_interval(self.low, self.high, self.digits)
 
 
-def overlap(one: Judgement, other: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap. Both must be `known`: without an interval
-    nothing is compared."""
-    return not (one.low > other.high or other.low > one.high)
+def overlap(first: Judgement, second: Judgement) -> bool:
+    """Return whether the intervals of two AP overlap. Both must be `known`."""
+    return not (first.low > second.high or second.low > first.high)
 
 
 @dataclass(frozen=True)
 class PlanOption:
     """A sensor set that was considered.
 
-    sensors: names of candidates; poles: their mounts; predicted: AP by the fidelity of the
-    searches; judged: intact, None if not judged; searches: those that found it; mean_ap: over IoU
-    0.7, 0.8 and 0.9. Three results are None unless the plan asks for them: left: with failed
-    sensors, over the levels of traffic if there are several; over_levels: intact, over the levels;
-    over_errors: over the error profiles, with failures and levels. All other figures are at the
-    first profile. fits_links: whether the links carry what is sent in the frames that it was judged
-    on."""
+    `left`, `over_levels` and `over_errors` are None unless the plan asks for them. All figures but
+    `over_errors` are at the first error profile.
+
+    Attributes:
+        sensors: Names of its candidates.
+        price: Total price, in the plan's currency.
+        kbit_per_sensor: Mean kbit per sensor and frame.
+        kbit: Mean kbit of the set per frame.
+        predicted: AP by the fidelity of the searches.
+        judged: Result of the intact set; None if it was not judged.
+        searches: Names of the searches that found it.
+        mean_ap: Mean AP over IoU 0.7, 0.8 and 0.9.
+        left: Result after failures, over the levels of traffic if there are several.
+        over_levels: Result of the intact set over the levels of traffic.
+        over_errors: Result over the error profiles, with failures and levels.
+        poles: Names of the sensors' mounts.
+        fits_links: Whether the links carry what is sent in the judged frames."""
 
     sensors: tuple[str, ...]
     price: float
@@ -108,8 +122,9 @@ class PlanOption:
 
 @dataclass(frozen=True)
 class BreakdownRow:
-    """The chosen set in one group: zone, range, approach, level or error profile. judged: None
-    without vehicles."""
+    """Result of the chosen set for one zone, range, approach, level or error profile.
+
+    judged: None without vehicles."""
 
     name: str
     judged: Judgement | None
@@ -118,8 +133,10 @@ class BreakdownRow:
 
 @dataclass(frozen=True)
 class DrawingResult:
-    """Result at one drawing of what no map knows. judged: the chosen set; poles: of the set chosen
-    at it alone."""
+    """Result at one drawing of what no map knows.
+
+    judged: result of the chosen set; poles: poles of the set that would be chosen at this drawing
+    only."""
 
     judged: Judgement
     poles: tuple[str, ...]
@@ -137,8 +154,9 @@ class ClassSeen:
 
 @dataclass(frozen=True)
 class ClassAP:
-    """Result of the chosen set for one class. weight: 0 if it does not count; iou: at which a
-    detection counts."""
+    """Result of the chosen set for one class.
+
+    weight: 0 if the class does not count; iou: IoU from which a detection counts."""
 
     label: str
     weight: float
@@ -148,8 +166,9 @@ class ClassAP:
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme. as_good: it cannot be told from the plan's own
-    scheme."""
+    """Result of the chosen set under one fusion scheme.
+
+    as_good: whether its AP cannot be distinguished from the AP of the plan's scheme."""
 
     scheme: str
     iou: IoUs
@@ -160,9 +179,14 @@ class SchemeFigures:
 
 @dataclass(frozen=True)
 class DrawnErrors:
-    """AP of the chosen set at one error profile whose errors are drawn several times, each for all
-    frames. aps: of each draw; mean: of these; tenth: AP below which one draw in ten falls; frames:
-    of each draw."""
+    """AP of the chosen set over several draws of one error profile.
+
+    Attributes:
+        profile: Name of the error profile.
+        aps: AP of each draw, whose errors are the same in all frames.
+        mean: Mean of `aps`.
+        tenth: AP below which one draw in ten falls.
+        frames: Number of frames of each draw."""
 
     profile: str
     aps: tuple[float, ...]
@@ -173,7 +197,7 @@ class DrawnErrors:
 
 @dataclass(frozen=True)
 class SensorWorth:
-    """Shapley value of one sensor, in AP, and its interaction with each other one."""
+    """Shapley value of one sensor, in AP, and its interaction with each other sensor."""
 
     sensor: str
     shapley: float
@@ -199,8 +223,10 @@ class BuildStep:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer in one sentence. met: the requirement, None without one; reasons: sentences on why
-    not."""
+    """The answer in one sentence.
+
+    met: whether the required AP is reached, None without a requirement; reasons: sentences that
+    explain why it is not."""
 
     met: bool | None
     sentence: str
@@ -211,18 +237,47 @@ class Verdict:
 class Plan(Displayed):
     """A deployment plan.
 
-    question: every option, in words or numbers; detector: in words; iou: at which a detection
-    counts, several for their mean; currency: of all prices, "" for units of one ordinary pole;
-    chosen: None if no set may be built; best: the set that is best where price does not count;
-    near_optimal: other sets that cannot be told from it on the same frames, cheap ones first;
-    confidence: with which the race of its size ended; front: sets that no other beats in AP, kbit
-    per sensor and price at once, by price; by_draw: at each error profile with errors; by_drawing:
-    at each of several drawings of the site, on the traffic of the comparison; running: what the
-    catalogue's rates add to the price; poles_unused: names; origins: number of things at the site
-    by origin ("mapped", "surveyed", "drawn") and kind; head: title, client, date and author, those
-    that the catalogue gives; blind_streets: m² of lanes that no sensor sees, by street; stock:
-    poles, models and prices that sets were chosen from, as `format_stock` gives them; assumptions,
-    unknown: sentences; provenance: digests of all inputs, seeds, versions."""
+    Attributes:
+        question: Every option, as words or numbers.
+        site: Name of the site.
+        detector: The detector in words.
+        iou: IoU from which a detection counts; several for their mean.
+        scheme: Name of the fusion scheme.
+        currency: Currency of all prices, "" for units of one ordinary pole.
+        verdict: The answer in one sentence.
+        chosen: The set to build, None if no set may be built.
+        best: The best set if price does not count.
+        confidence: Confidence with which the race of sets of its size ended.
+        why: Sentences that explain the choice.
+        sensors: Planned sensors, in the order of the chosen set.
+        considered: Every set that reached the comparison, best first.
+        near_optimal: Other sets that are as good as the best on the same frames, cheap ones first.
+        front: Sets that no other beats in AP, kbit per sensor and price together, by price.
+        schemes: Results under every fusion scheme.
+        by_zone: Results by zone of the area.
+        by_range: Results by distance from the nearest sensor.
+        by_approach: Results by lane approach.
+        by_level: Results by level of traffic.
+        by_errors: Results by error profile.
+        by_draw: Results over draws of each profile with errors.
+        by_drawing: Results at several drawings of the site, on the traffic of the comparison.
+        by_class: Coverage of each class.
+        class_ap: AP of each class.
+        worth: Shapley value of each sensor.
+        failures: Results after one or two failures.
+        links: Load of each link.
+        materials: Items to order.
+        running: What the catalogue's rates add to the price.
+        order: Order in which to build the sensors.
+        ground: Shares of the ground that sensors see.
+        blind_streets: Area of lanes (m²) that no sensor sees, by street.
+        poles_unused: Names of poles without a sensor.
+        origins: Number of things at the site by origin ("mapped", "surveyed", "drawn") and kind.
+        head: Title, client, date and author, as far as the catalogue gives them.
+        stock: Poles, models and prices that sets were chosen from, as by `format_stock`.
+        assumptions: Sentences on what the figures assume.
+        unknown: Sentences on what the plan does not know.
+        provenance: Digests of all inputs, seeds and versions."""
 
     question: dict[str, object]
     site: str
@@ -282,21 +337,21 @@ class Plan(Displayed):
         return Card(f"Plan for {self.site}", (self.verdict.sentence,), tables)
 
     def _list_sensors(self) -> Table:
-        names = ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit")
-        prices = [sensor.model_price + sensor.pole_price for sensor in self.sensors]
-        return {name: [getattr(sensor, name) for sensor in self.sensors] for name in names} | {
-            "price": prices
-        }
+        table: dict[str, list[Any]] = {}
+        for name in ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit"):
+            table[name] = [getattr(sensor, name) for sensor in self.sensors]
+        table["price"] = [sensor.model_price + sensor.pole_price for sensor in self.sensors]
+        return table
 
     def _list_options(self) -> Table:
-        plain = ("poles", "price", "kbit", "predicted")
-        judged = [option.counted for option in self.considered]
-        table = {name: [getattr(option, name) for option in self.considered] for name in plain}
-        figures = {
-            name: [getattr(each, name, None) for each in judged]
-            for name in ("ap", "low", "high", "recall")
-        }
-        return table | figures | {"sensors": [option.sensors for option in self.considered]}
+        table: dict[str, list[Any]] = {}
+        for name in ("poles", "price", "kbit", "predicted"):
+            table[name] = [getattr(option, name) for option in self.considered]
+        judgements = [option.counted for option in self.considered]
+        for name in ("ap", "low", "high", "recall"):
+            table[name] = [getattr(judgement, name, None) for judgement in judgements]
+        table["sensors"] = [option.sensors for option in self.considered]
+        return table
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for plan.json."""
@@ -305,9 +360,17 @@ class Plan(Displayed):
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """One frame for pictures. clouds: points of each sensor; *_hit, *_ignored: truths and
-    detections that hit, and those that do not count."""
+class SceneMoment:
+    """One frame for pictures.
+
+    Attributes:
+        clouds: Points of each sensor.
+        truth: Road users of the frame.
+        detections: Detections of the frame.
+        truth_hit: Whether each road user is detected.
+        truth_ignored: Whether each road user does not count.
+        detection_hit: Whether each detection hits.
+        detection_ignored: Whether each detection does not count."""
 
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
     truth: Objects
@@ -320,44 +383,50 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Planned(Displayed):
-    """A plan with the inputs of its pages and maps. site: with the chosen sensors mounted;
-    candidates: None without any; ground, moments: None and empty if no set may be built."""
+    """A plan with the inputs of its pages and maps.
+
+    Attributes:
+        plan: The plan.
+        site: The site with the chosen sensors mounted.
+        candidates: Candidate sensors, None without any.
+        ground: What the chosen sensors see, None if no set may be built.
+        moments: Frames for pictures, empty if no set may be built."""
 
     plan: Plan
     site: Site
     candidates: Candidates | None = None
     ground: Ground | None = None
-    moments: tuple[Moment, ...] = ()
+    moments: tuple[SceneMoment, ...] = ()
 
     def _card(self) -> Card:
-        drawn = self.plan.chosen is not None
-        return replace(
-            self.plan._card(), drawing="placement_env.report.maps:draw_planned" if drawn else ""
-        )
+        has_sensors = self.plan.chosen is not None
+        drawing = "placement_env.report.maps:draw_planned" if has_sensors else ""
+        return replace(self.plan._card(), drawing=drawing)
 
 
 def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
-    """Return a value with all its texts changed, except drawings."""
+    """Return a value with all its texts changed."""
     if isinstance(value, str):
         return change(value)
     if isinstance(value, Mapping):
         return {
-            replace_texts(key, change): replace_texts(each, change) for key, each in value.items()
+            replace_texts(key, change): replace_texts(item, change) for key, item in value.items()
         }
     if isinstance(value, tuple | list):
-        changed_rows = (replace_texts(each, change) for each in value)
-        return list(changed_rows) if isinstance(value, list) else tuple(changed_rows)
+        changed_items = [replace_texts(item, change) for item in value]
+        return changed_items if isinstance(value, list) else tuple(changed_items)
     if is_dataclass(value) and not isinstance(value, type):
-        changed = {
-            each.name: replace_texts(getattr(value, each.name), change) for each in fields(value)
-        }
-        return replace(value, **changed)
+        changed_fields = {}
+        for entry in fields(value):
+            changed_fields[entry.name] = replace_texts(getattr(value, entry.name), change)
+        return replace(value, **changed_fields)
     return value
 
 
 def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
-    """Return a plan with sensors renamed in all its texts. names: new ones by old ones, which are
-    whole words there."""
+    """Return a plan with sensors renamed in all its texts.
+
+    names: new names by old names; an old name is replaced only as a whole word."""
     if not names:
         return plan
     longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))

@@ -1,5 +1,4 @@
-"""View from each planned sensor: the empty site by distance, and the sensor's points on road users
-of one moment."""
+"""Views from planned sensors: the empty site by distance, and points on road users."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -7,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from placement_env.report.content import Moment
+from placement_env.report.content import SceneMoment
 from toolkit.arrays import Float, Float64
 from toolkit.boxes import points_in_boxes
 from toolkit.geometry import invert, transform
@@ -21,34 +20,35 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MAX_VIEWS = 8  # pictures of a report
-# width of a picture without its margins, and its least height
-VIEW_INCHES = 4.8
-MIN_VIEW_INCHES = 1.0
+VIEW_INCHES = 4.8  # width of a picture without its margins
+MIN_VIEW_INCHES = 1.0  # height of a picture without its title
 MAX_OFF_RAY = 0.02  # between a point's direction and the nearest ray, a chord of the unit sphere
-# distances that are shown lightest and darkest
-NEAR_M = 3.0
-FAR_M = 100.0
+NEAR_M = 3.0  # distance that is drawn lightest
+FAR_M = 100.0  # distance that is drawn darkest
 TITLE_INCHES = 0.3
 
 
 def draw_sensor_views(
-    site: Site, sensors: Sequence[Sensor], moments: Sequence[Moment]
+    site: Site, sensors: Sequence[Sensor], moments: Sequence[SceneMoment]
 ) -> list[str]:
-    """Draw what each sensor sees at the empty site, and its points on the vehicles of the first
-    moment, as SVG.
+    """Draw what each sensor sees at the empty site, and its points on vehicles, as SVG.
 
-    sensors: those behind the moments' clouds, in order. Points on what is found are green, else
-    red."""
-    shown = sensors[:MAX_VIEWS]
-    backgrounds = Renderer(site, (), shown).background
+    sensors: the sensors of the moments' clouds, in order. The vehicles are those of the first
+    moment: points on detected vehicles are green, points on others red."""
+    drawn_sensors = sensors[:MAX_VIEWS]
+    backgrounds = Renderer(site, (), drawn_sensors).background
+    moment = moments[0] if moments else None
     return [
-        _draw_view(sensor, background, moments[0] if moments else None, index)
-        for index, (sensor, background) in enumerate(zip(shown, backgrounds, strict=True))
+        _draw_view(sensor, backgrounds[index], moment, index)
+        for index, sensor in enumerate(drawn_sensors)
     ]
 
 
 def _draw_view(
-    sensor: Sensor, background: Float[np.ndarray, "rows columns"], moment: Moment | None, index: int
+    sensor: Sensor,
+    background: Float[np.ndarray, "rows columns"],
+    moment: SceneMoment | None,
+    index: int,
 ) -> str:
     rows, columns = background.shape
     height = max(VIEW_INCHES * rows / columns, MIN_VIEW_INCHES)
@@ -81,7 +81,7 @@ def _draw_view(
 
 
 def _starts_right(sensor: Sensor) -> bool:
-    """True where the first columns of the image look to the right of the sensor, as lidars' do."""
+    """Return whether the first columns of the image show the sensor's right, as lidars' do."""
     rays = sensor.model.rays()
     middle = rays[rays.shape[0] // 2] @ sensor.model.body_SE3_sensor[:3, :3].T
     quarter = max(len(middle) // 4, 1)
@@ -89,31 +89,27 @@ def _starts_right(sensor: Sensor) -> bool:
 
 
 def _shade(background: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
-    """Lightness of each pixel: light near by, dark far away, white where nothing returns."""
+    """Return the lightness of each pixel: light near, dark far, white without a return."""
     measured = np.asarray(background, np.float64)
-    there = np.isfinite(measured) & (measured > 0)
-    far = np.log(np.clip(np.where(there, measured, NEAR_M), NEAR_M, FAR_M) / NEAR_M) / np.log(
-        FAR_M / NEAR_M
-    )
-    return np.where(there, 0.92 - 0.75 * far, 1.0)
+    has_return = np.isfinite(measured) & (measured > 0)
+    distance = np.clip(np.where(has_return, measured, NEAR_M), NEAR_M, FAR_M)
+    log_distance = np.log(distance / NEAR_M) / np.log(FAR_M / NEAR_M)
+    return np.where(has_return, 0.92 - 0.75 * log_distance, 1.0)
 
 
-def _mark_points(axes: "Axes", sensor: Sensor, moment: Moment, index: int) -> None:
+def _mark_points(axes: "Axes", sensor: Sensor, moment: SceneMoment, index: int) -> None:
     cloud = moment.clouds[index]
     if not len(cloud):
         return
     rays = sensor.model.rays().reshape(-1, 3)
     directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     local = transform(invert(sensor.pose), cloud.astype(np.float64))
-    away, pixel = cKDTree(directions).query(local / np.linalg.norm(local, axis=1, keepdims=True))
+    point_directions = local / np.linalg.norm(local, axis=1, keepdims=True)
+    off_ray, pixel = cKDTree(directions).query(point_directions)
     columns = sensor.model.shape[1]
-    missed = ~moment.truth_hit & ~moment.truth_ignored
-    for boxes, colour in (
-        (moment.truth_hit, OUTCOME["hit"].colour),
-        (missed, OUTCOME["missed"].colour),
-    ):
-        inside = points_in_boxes(cloud, moment.truth.boxes[boxes]).any(axis=1) & (
-            away <= MAX_OFF_RAY
-        )
-        row, column = np.divmod(pixel[inside], columns)
+    is_missed = ~moment.truth_hit & ~moment.truth_ignored
+    colours = ((moment.truth_hit, OUTCOME["hit"].colour), (is_missed, OUTCOME["missed"].colour))
+    for is_drawn, colour in colours:
+        is_inside = points_in_boxes(cloud, moment.truth.boxes[is_drawn]).any(axis=1)
+        row, column = np.divmod(pixel[is_inside & (off_ray <= MAX_OFF_RAY)], columns)
         axes.plot(column, row, "s", markersize=1.6, markeredgewidth=0, color=colour)

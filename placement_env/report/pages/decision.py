@@ -1,4 +1,4 @@
-"""The first page of a report: the decision in words that an operator knows, with one map."""
+"""First page of a report: the decision in an operator's words, with one map."""
 
 import math
 from collections import Counter
@@ -6,14 +6,14 @@ from collections import Counter
 from placement_env.analysis.intervals import (
     AP_TOLERANCE,
     BLOCK_FRAMES,
-    FEWEST_BLOCKS,
+    MIN_BLOCKS,
     describe_sureness,
     frames_for_width,
 )
 from placement_env.cases import iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
-from placement_env.handover.mounted import RATE, describe_narrow_links
+from placement_env.handover.mounted import FRAME_RATE_HZ, describe_narrow_links
 from placement_env.links import describe_share
 from placement_env.report import content
 from placement_env.report.maps import plan_view
@@ -47,9 +47,9 @@ SENDS = {
     "late": "Sending boxes alone",
     "hybrid": "Sending boxes and distant points",
 }
-USUAL_WIDTH = 0.02  # of an interval that is narrow
-MOST_STREETS = 3  # with blind spots, by name
-MOST_KINDS = 5  # of drawn things, by name
+DEFAULT_WIDTH_AP = 0.02  # width of a narrow interval
+MAX_STREETS = 3  # streets with blind spots that are named
+MAX_DRAWN_KINDS = 5  # kinds of drawn things that are named
 NOT_PRICED = (
     "power",
     "cable",
@@ -61,46 +61,42 @@ NOT_PRICED = (
 
 
 def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
-    """Answer the question on one page: what to build, what it does, how sure that is, and what
-    comes next."""
-    chosen = plan.chosen
-    if chosen is None:
-        return say(
-            plan.verdict.sentence,
-            *((Bullets(plan.verdict.reasons),) if plan.verdict.reasons else ()),
-        )
-    facts = (
-        _describe_requirement(plan),
-        *_describe_classes(plan),
-        _describe_blind(plan),
-        _describe_failure(plan),
-    )
-    facts = (
-        *facts,
-        _describe_links(plan),
-        *_describe_confidence(plan, chosen),
-        _describe_drawn(plan),
-    )
-    facts = (*facts, _describe_price(plan), _describe_next(plan, chosen))
-    mounts = {mount.name for mount in site.mounts}
-    poles, free = ([n for n in names if n in mounts] for names in (_poles(plan), plan.poles_unused))
-    stay = "stays" if len(plan.poles_unused) == 1 else "stay"
-    view = Drawing(
-        plan_view(site, site.sensors, poles, free, ground),
-        f"{describe_count(len(plan.sensors), 'sensor')} on "
-        f"{describe_count(len(_poles(plan)), 'pole')}; "
-        f"{describe_count(len(plan.poles_unused), 'pole')} that could carry one {stay} free.",
-        (
-            f"The site from above with the sensors {join_names(chosen.sensors)}, their poles, and "
-            "the ground each sees"
-        ),
-    )
+    """Answer the question on one page: what to build, its results, their certainty, next steps."""
+    chosen_option = plan.chosen
+    if chosen_option is None:
+        if not plan.verdict.reasons:
+            return say(plan.verdict.sentence)
+        return say(plan.verdict.sentence, Bullets(plan.verdict.reasons))
+    facts = [_describe_requirement(plan)]
+    facts += _describe_classes(plan)
+    facts += [_describe_blind(plan), _describe_failure(plan), _describe_links(plan)]
+    facts += _describe_confidence(plan, chosen_option)
+    facts += [_describe_drawn(plan), _describe_price(plan), _describe_next(plan, chosen_option)]
     return say(
-        _describe_build(plan, chosen),
+        _describe_build(plan, chosen_option),
         Facts(tuple(filter(None, facts))),
-        view,
+        _draw_plan_view(plan, chosen_option, site, ground),
         Paragraph(_explain(plan)),
     )
+
+
+def _draw_plan_view(
+    plan: content.Plan, chosen_option: content.PlanOption, site: Site, ground: Ground | None
+) -> Drawing:
+    mounts = {mount.name for mount in site.mounts}
+    poles = [name for name in _poles(plan) if name in mounts]
+    free_poles = [name for name in plan.poles_unused if name in mounts]
+    stay = "stays" if len(plan.poles_unused) == 1 else "stay"
+    caption = (
+        f"{describe_count(len(plan.sensors), 'sensor')} on "
+        f"{describe_count(len(_poles(plan)), 'pole')}; "
+        f"{describe_count(len(plan.poles_unused), 'pole')} that could carry one {stay} free."
+    )
+    alt = (
+        f"The site from above with the sensors {join_names(chosen_option.sensors)}, their poles, "
+        "and the ground each sees"
+    )
+    return Drawing(plan_view(site, site.sensors, poles, free_poles, ground), caption, alt)
 
 
 def _poles(plan: content.Plan) -> list[str]:
@@ -108,7 +104,7 @@ def _poles(plan: content.Plan) -> list[str]:
 
 
 def count_sensors(count: int, model: str) -> str:
-    """Write a number of sensors of a model: kinds have a plural, names of products have none.
+    """Write a number of sensors of a model. Kinds have a plural; names of products do not.
 
     >>> count_sensors(2, "depth-camera"), count_sensors(2, "Ouster OS1")
     ('2 depth cameras', '2 × Ouster OS1')
@@ -118,38 +114,51 @@ def count_sensors(count: int, model: str) -> str:
     return f"{count} × {model}"
 
 
-def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
+def _describe_build(plan: content.Plan, option: content.PlanOption) -> str:
     models = Counter(sensor.model for sensor in plan.sensors)
-    things = join_names([count_sensors(count, model) for model, count in models.items()])
+    counted_models = join_names([count_sensors(count, model) for model, count in models.items()])
     poles = _poles(plan)
-    money = plan.question.get("money")
-    where = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
+    on_poles = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
     if len(poles) < len(plan.sensors):
-        where = f"on {describe_count(len(poles), 'pole')}: {join_names(poles)}"
-    most = plan.question.get("sensors")
-    limits = (
-        [f"at most {price_text(money, plan.currency)}"] if isinstance(money, int | float) else []
-    )
-    limits += [f"at most {describe_count(most, 'sensor')}"] if isinstance(most, int) else []
-    allowed = f" Allowed were {' and '.join(limits)}." if limits else ""
-    if isinstance(keep := plan.question.get("keep"), list) and keep:
-        allowed += f" {join_names(keep)} had to carry a sensor, as asked."
-    cost = describe_money(chosen.price, plan.currency)
-    price = f"The price is {cost if plan.currency else cost.replace('the price', 'that', 1)}."
-    narrow = describe_narrow_links(plan.links, plan.link_share)
-    answer = f"Build {things} {where}. {price}{allowed}{_compare_with_best(plan, chosen)}"
-    return f"{narrow} With wider links: {answer[0].lower()}{answer[1:]}" if narrow else answer
+        on_poles = f"on {describe_count(len(poles), 'pole')}: {join_names(poles)}"
+    cost = describe_money(option.price, plan.currency)
+    if not plan.currency:
+        cost = cost.replace("the price", "that", 1)
+    limits = _describe_limits(plan)
+    more_money = _compare_with_best(plan, option)
+    answer = f"Build {counted_models} {on_poles}. The price is {cost}.{limits}{more_money}"
+    narrow_links = describe_narrow_links(plan.links, plan.link_share)
+    if narrow_links:
+        return f"{narrow_links} With wider links: {answer[0].lower()}{answer[1:]}"
+    return answer
 
 
-def _compare_with_best(plan: content.Plan, chosen: content.PlanOption) -> str:
-    """Say what more money would have bought where the answer is not the best set."""
+def _describe_limits(plan: content.Plan) -> str:
+    """Describe the limits of money, sensors and poles that the question set."""
+    money = plan.question.get("money")
+    max_sensors = plan.question.get("sensors")
+    limits = []
+    if isinstance(money, int | float):
+        limits.append(f"at most {price_text(money, plan.currency)}")
+    if isinstance(max_sensors, int):
+        limits.append(f"at most {describe_count(max_sensors, 'sensor')}")
+    text = f" Allowed were {' and '.join(limits)}." if limits else ""
+    keep = plan.question.get("keep")
+    if isinstance(keep, list) and keep:
+        text += f" {join_names(keep)} had to carry a sensor, as asked."
+    return text
+
+
+def _compare_with_best(plan: content.Plan, option: content.PlanOption) -> str:
+    """Describe what more money would have bought, if the answer is not the best set."""
     best = plan.best
-    if best is None or best.sensors == chosen.sensors or best.price <= chosen.price:
+    if best is None or best.sensors == option.sensors or best.price <= option.price:
         return ""
-    more = price_text(best.price - chosen.price, plan.currency)
+    extra_price = price_text(best.price - option.price, plan.currency)
     count = describe_count(len(best.sensors), "sensor").capitalize()
     return (
-        f" {count} for {more} more would find hardly more: surely less than {AP_TOLERANCE:g} of AP."
+        f" {count} for {extra_price} more would find hardly more: surely less than "
+        f"{AP_TOLERANCE:g} of AP."
     )
 
 
@@ -164,36 +173,39 @@ def _describe_requirement(plan: content.Plan) -> Fact | None:
 
 
 def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
-    """Describe what is found of each class that counts, and name in red the classes that do not."""
+    """Describe what is found of each class that counts, and name other classes in red."""
     lines = [f"{_count_found(row)}." for row in plan.class_ap if row.weight]
     if not lines:
         return ()
     lines.append("A road user counts once in every frame in which it is in the area.")
     judged = {row.label for row in plan.class_ap}
-    missing = [_count_found(row) for row in plan.class_ap if not row.weight]
-    present = [row for row in plan.by_class if row.objects and row.label not in judged]
-    unknown = [f"{row.objects:,} {PLURALS[row.label]}" for row in present]
-    said = [f"Also found, but not counted in the choice: {'. '.join(missing)}."] if missing else []
-    said += (
-        [f"The detector does not know {join_names(unknown)} that crossed the area."]
-        if unknown
-        else []
-    )
-    return Fact("Finds", " ".join(lines)), *(
-        (Fact("Does not count", " ".join(said), alarm=True),) if said else ()
-    )
+    uncounted = [_count_found(row) for row in plan.class_ap if not row.weight]
+    unknown_rows = [row for row in plan.by_class if row.objects and row.label not in judged]
+    unknown_classes = [f"{row.objects:,} {PLURALS[row.label]}" for row in unknown_rows]
+    facts = [Fact("Finds", " ".join(lines))]
+    sentences = []
+    if uncounted:
+        sentences.append(f"Also found, but not counted in the choice: {'. '.join(uncounted)}.")
+    if unknown_classes:
+        names = join_names(unknown_classes)
+        sentences.append(f"The detector does not know {names} that crossed the area.")
+    if sentences:
+        facts.append(Fact("Does not count", " ".join(sentences), alarm=True))
+    return tuple(facts)
 
 
 def _count_found(row: content.ClassAP) -> str:
-    """Count what is found, missed and reported in error of one class."""
-    each = row.judged
-    found = round(each.recall * each.vehicles)
+    """Count the hits, misses and false reports of one class."""
+    judgement = row.judged
+    hits = round(judgement.recall * judgement.vehicles)
     text = (
-        f"{found:,} of {each.vehicles:,} {PLURALS[row.label]}; {each.vehicles - found:,} are missed"
+        f"{hits:,} of {judgement.vehicles:,} {PLURALS[row.label]}; {judgement.vehicles - hits:,} "
+        "are missed"
     )
-    if each.precision:
-        false = round(found / each.precision - found)
-        text += f", and {false or 'no'} {'report is' if false == 1 else 'reports are'} false"
+    if judgement.precision:
+        false_reports = round(hits / judgement.precision - hits)
+        reports_are = "report is" if false_reports == 1 else "reports are"
+        text += f", and {false_reports or 'no'} {reports_are} false"
     return text
 
 
@@ -201,78 +213,80 @@ def _describe_blind(plan: content.Plan) -> Fact | None:
     if plan.ground is None:
         return None
     streets = list(plan.blind_streets.items())
-    named = [f"{name} ({area:,.0f} m²)" for name, area in streets[:MOST_STREETS]]
-    others = sum(area for _, area in streets[MOST_STREETS:])
-    named += [f"elsewhere ({others:,.0f} m²)"] if others >= 0.5 else []
+    street_texts = [f"{name} ({area:,.0f} m²)" for name, area in streets[:MAX_STREETS]]
+    other_area = sum(area for _, area in streets[MAX_STREETS:])
+    if other_area >= 0.5:
+        street_texts.append(f"elsewhere ({other_area:,.0f} m²)")
     share = percent(plan.ground.blind_lanes)
     lanes = f"{share[0].upper()}{share[1:]} of the lanes is out of every sensor's sight"
-    lanes = f"{lanes}: {join_names(named)}." if named else f"{lanes}."
+    lanes = f"{lanes}: {join_names(street_texts)}." if street_texts else f"{lanes}."
     return Fact("Blind", f"{lanes} Of all open ground, {percent(plan.ground.blind)} is unseen.")
 
 
 def _describe_failure(plan: content.Plan) -> Fact:
-    alone = [case for case in plan.failures if len(case.failed) == 1]
-    if not alone:
+    single_failures = [case for case in plan.failures if len(case.failed) == 1]
+    if not single_failures:
         return Fact(
             "One failure", "There is no second sensor: if it fails, nothing is found.", alarm=True
         )
-    worst = min(alone, key=lambda case: case.judged.recall)
-    left = f"{round(worst.judged.recall * worst.judged.vehicles):,} of {worst.judged.vehicles:,}"
-    case = (
-        "whichever sensor fails"
-        if len({c.judged.recall for c in alone}) == 1
-        else f"if {worst.failed[0]} fails"
+    worst = min(single_failures, key=lambda case: case.judged.recall)
+    still_found = (
+        f"{round(worst.judged.recall * worst.judged.vehicles):,} of {worst.judged.vehicles:,}"
     )
-    return Fact("One failure", f"At worst, {case}, {left} are still found.")
+    recalls = {case.judged.recall for case in single_failures}
+    case = "whichever sensor fails" if len(recalls) == 1 else f"if {worst.failed[0]} fails"
+    return Fact("One failure", f"At worst, {case}, {still_found} are still found.")
 
 
 def _describe_links(plan: content.Plan) -> Fact | None:
     if not plan.links:
         return None
-    narrow = [each.pole for each in plan.links if not each.fits]
-    full = max(plan.links, key=lambda each: each.share)
+    narrow_poles = [link.pole for link in plan.links if not link.fits]
+    fullest = max(plan.links, key=lambda link: link.share)
     load = (
-        f"{number(full.load_mbit_s, 2)} of {number(full.capacity_mbit_s, 2)} Mbit/s at {RATE:g} "
-        "frames a second"
+        f"{number(fullest.load_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s at "
+        f"{FRAME_RATE_HZ:g} frames a second"
     )
-    less = _describe_cheaper_scheme(plan)
-    if narrow:
-        return Fact(
-            "Links",
-            f"Too narrow at {join_names(narrow)}; {full.pole} needs {load}.{less}",
-            alarm=True,
+    cheaper_scheme = _describe_cheaper_scheme(plan)
+    if narrow_poles:
+        text = (
+            f"Too narrow at {join_names(narrow_poles)}; {fullest.pole} needs "
+            f"{load}.{cheaper_scheme}"
         )
+        return Fact("Links", text, alarm=True)
     frames = describe_share(plan.link_share)
     return Fact(
-        "Links", f"Every link carries {frames}. The fullest, {full.pole}, needs {load}.{less}"
+        "Links",
+        f"Every link carries {frames}. The fullest, {fullest.pole}, needs {load}.{cheaper_scheme}",
     )
 
 
 def _describe_cheaper_scheme(plan: content.Plan) -> str:
-    """Name the scheme that sends least of those as good as the plan's own."""
+    """Name the scheme that sends the least among those as good as the plan's scheme."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
-    own = next((row for row in rows if row.scheme == plan.scheme), None)
-    least = min(
-        (row for row in rows if row.as_good), key=lambda row: row.kbit_per_sensor, default=own
-    )
-    if own is None or least is None or least.kbit_per_sensor >= own.kbit_per_sensor:
+    planned = next((row for row in rows if row.scheme == plan.scheme), None)
+    good_rows = [row for row in rows if row.as_good]
+    cheapest = min(good_rows, key=lambda row: row.kbit_per_sensor, default=planned)
+    if planned is None or cheapest is None or cheapest.kbit_per_sensor >= planned.kbit_per_sensor:
         return ""
-    sent = " instead of ".join(number(row.kbit_per_sensor, 1) for row in (least, own))
-    found = f"AP {least.judged.format_ap()} instead of {own.judged.format_ap()}"
-    as_well = f" {SENDS[least.scheme]} would do as well: {found}"
-    return f"{as_well}, for {sent} kbit per sensor and frame (--scheme {least.scheme})."
+    kbit_texts = " instead of ".join(number(row.kbit_per_sensor, 1) for row in (cheapest, planned))
+    ap_text = f"AP {cheapest.judged.format_ap()} instead of {planned.judged.format_ap()}"
+    alternative = f" {SENDS[cheapest.scheme]} would do as well: {ap_text}"
+    return (
+        f"{alternative}, for {kbit_texts} kbit per sensor and frame (--scheme {cheapest.scheme})."
+    )
 
 
-def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tuple[Fact, ...]:
-    judged = chosen.counted
-    if judged is None:
+def _describe_confidence(plan: content.Plan, option: content.PlanOption) -> tuple[Fact, ...]:
+    judgement = option.counted
+    if judgement is None:
         return (Fact("How sure", "The detector did not judge this set.", alarm=True),)
-    ends = f"{content.CONFIDENCE:.0%} interval {interval_text(judged)}"
+    interval = f"{content.CONFIDENCE:.0%} interval {interval_text(judgement)}"
     lines = [
-        f"AP {judged.format_ap()}, {'no interval' if math.isnan(judged.low) else ends}, from "
-        f"{describe_count(judged.frames, 'frame')} of simulated traffic; nothing was measured on "
-        "the street.",
-        _say_frames(plan, judged),
+        f"AP {judgement.format_ap()}, {'no interval' if math.isnan(judgement.low) else interval}, "
+        f"from {describe_count(judgement.frames, 'frame')} of simulated traffic; nothing was "
+        "measured on the street.",
+        _say_frames(plan, judgement),
     ]
     if plan.confidence is not None:
         lines.append(
@@ -280,39 +294,40 @@ def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tupl
             f"as many sensors, is better by more than {AP_TOLERANCE:g}."
         )
     lines.append("A recording from the site would test the detector itself.")
-    drawn = [
-        f"Mounted anew {len(each.aps)} times with errors of profile {each.profile}, the sensors "
-        f"reach AP {plan.format_drawn_ap(each.mean, each)} on average; one time in ten it falls "
-        f"below {plan.format_drawn_ap(each.tenth, each)}."
-        for each in plan.by_draw
+    draw_texts = [
+        f"Mounted anew {len(draws.aps)} times with errors of profile {draws.profile}, the sensors "
+        f"reach AP {plan.format_drawn_ap(draws.mean, draws)} on average; one time in ten it falls "
+        f"below {plan.format_drawn_ap(draws.tenth, draws)}."
+        for draws in plan.by_draw
     ]
-    return Fact("How sure", " ".join(filter(None, lines))), *(
-        (Fact("Mounting", " ".join(drawn)),) if drawn else ()
-    )
+    how_sure = Fact("How sure", " ".join(filter(None, lines)))
+    if not draw_texts:
+        return (how_sure,)
+    return how_sure, Fact("Mounting", " ".join(draw_texts))
 
 
-def _say_frames(plan: content.Plan, judged: content.Judgement) -> str:
-    """Say how many frames would narrow the interval."""
-    asked = plan.question.get("width")
-    width = asked if isinstance(asked, float) else USUAL_WIDTH
-    ends = judged.high - judged.low
-    if math.isnan(ends):
-        return f"An interval needs {FEWEST_BLOCKS * BLOCK_FRAMES} --frames or more."
-    if ends <= width:
+def _say_frames(plan: content.Plan, judgement: content.Judgement) -> str:
+    """Describe how many frames would narrow the interval."""
+    asked_width = plan.question.get("width")
+    width = asked_width if isinstance(asked_width, float) else DEFAULT_WIDTH_AP
+    interval_width = judgement.high - judgement.low
+    if math.isnan(interval_width):
+        return f"An interval needs {MIN_BLOCKS * BLOCK_FRAMES} --frames or more."
+    if interval_width <= width:
         return ""
-    frames = frames_for_width(judged.frames, ends, width)
+    frames = frames_for_width(judgement.frames, interval_width, width)
     return f"Some {frames:,} frames would narrow it to {width:g} (--width {width:g})."
 
 
 def _describe_drawn(plan: content.Plan) -> Fact | None:
-    drawn = plan.origins.get("drawn", {})
-    if not drawn:
+    drawn_counts = plan.origins.get("drawn", {})
+    if not drawn_counts:
         return None
-    common = sorted(drawn, key=lambda kind: -drawn[kind])[:MOST_KINDS]
-    others = sum(drawn.values()) - sum(drawn[kind] for kind in common)
-    things = describe_things({kind: drawn[kind] for kind in common}) + (
-        f" and {others} other things" if others else ""
-    )
+    common_kinds = sorted(drawn_counts, key=lambda kind: -drawn_counts[kind])[:MAX_DRAWN_KINDS]
+    other_count = sum(drawn_counts.values()) - sum(drawn_counts[kind] for kind in common_kinds)
+    things = describe_things({kind: drawn_counts[kind] for kind in common_kinds})
+    if other_count:
+        things += f" and {other_count} other things"
     text = (
         f"Drawn at random, in no map: {things}. They hide road users; survey what really stands "
         "there."
@@ -321,18 +336,21 @@ def _describe_drawn(plan: content.Plan) -> Fact | None:
 
 
 def _describe_drawings(plan: content.Plan) -> str:
-    """Say which poles are in the answer however the unknown things are drawn."""
+    """Describe which poles are in the answer at each drawing of the unknown things."""
     if not plan.by_drawing:
         return "With --drawings 3 the plan says which poles depend on them."
     count = len(plan.by_drawing)
-    judged = [each.judged for each in plan.by_drawing]
-    lowest, highest = (pick(judged, key=lambda each: each.ap) for pick in (min, max))
-    kept = [
-        f"{pole} in {sum(pole in each.poles for each in plan.by_drawing)}" for pole in _poles(plan)
-    ]
+    judgements = [drawing.judged for drawing in plan.by_drawing]
+    lowest = min(judgements, key=lambda judgement: judgement.ap)
+    highest = max(judgements, key=lambda judgement: judgement.ap)
+    pole_counts = []
+    for pole in _poles(plan):
+        drawings = sum(pole in drawing.poles for drawing in plan.by_drawing)
+        pole_counts.append(f"{pole} in {drawings}")
     return (
-        f"Planned for each of {count} drawings alone, the answer would use {join_names(kept)}. "
-        f"This set has AP {lowest.format_ap()} to {highest.format_ap()} at them."
+        f"Planned for each of {count} drawings alone, the answer would use "
+        f"{join_names(pole_counts)}. This set has AP {lowest.format_ap()} to "
+        f"{highest.format_ap()} at them."
     )
 
 
@@ -340,24 +358,25 @@ def _describe_price(plan: content.Plan) -> Fact:
     sold = "" if plan.currency else " Sensors cost nothing here, because no catalogue was given."
     rated = {item.item.split(" ")[0] for item in plan.running}
     missing = join_names([name for name in NOT_PRICED if name not in rated])
-    beside = ""
+    running = ""
     if plan.running:
         total = price_text(sum(item.price for item in plan.running), plan.currency)
-        beside = (
-            f"Beside it, {total}: {join_names([item.item for item in plan.running])}. Not known: "
-        )
-    text = f"{beside}{missing}.{sold}"
+        items = join_names([item.item for item in plan.running])
+        running = f"Beside it, {total}: {items}. Not known: "
+    text = f"{running}{missing}.{sold}"
     return Fact("Not in the price", f"{text[0].upper()}{text[1:]}")
 
 
-def _describe_next(plan: content.Plan, chosen: content.PlanOption) -> Fact:
-    first = plan.order[0].sensor if plan.order else chosen.sensors[0]
-    counted = {each.label for each in plan.class_ap if each.weight}
-    missing = any(row.objects for row in plan.by_class if row.label not in counted)
-    again = "Plan again with --classes for all road users that matter. " if missing else ""
+def _describe_next(plan: content.Plan, option: content.PlanOption) -> Fact:
+    first = plan.order[0].sensor if plan.order else option.sensors[0]
+    counted = {class_ap.label for class_ap in plan.class_ap if class_ap.weight}
+    has_uncounted = any(row.objects for row in plan.by_class if row.label not in counted)
+    plan_again = (
+        "Plan again with --classes for all road users that matter. " if has_uncounted else ""
+    )
     return Fact(
         "Next",
-        f"{again}Check the poles, their heights and the view from each on site. Mount {first} "
+        f"{plan_again}Check the poles, their heights and the view from each on site. Mount {first} "
         "first, record a day, and hold the detector against it with coview evaluate. To move "
         "sensors by hand, run: coview live FOLDER, with the folder of this report.",
     )

@@ -13,34 +13,34 @@ import shapely
 
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import PlannedSensor
-from placement_env.report.content import Moment, Plan
+from placement_env.report.content import Plan, SceneMoment
 from toolkit.arrays import ImageRanges
 from toolkit.mesh import Mesh, box, extrude, merge, triangulate, tube
 from toolkit.plots.canvas import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Site
+from toolkit.sites.site import Mount, Site
 from toolkit.viewing import scene
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
 
-MOST_DRAWN = 240_000  # points of all clouds in all frames together
+MAX_DRAWN_POINTS = 240_000  # of all clouds in all frames together
 # Darker than on maps, because the light of the scene whitens them.
 _SHADES = {**SOLID, "pond": "#a0c8dc", "tree": "#9fbf8c", "hedge": "#93b57f", "trunk": "#7a6554"}
 _FREE_POLE = "#8c8c8c"
 _LANE = "#b4b6ba"
 _BARE_GROUND = "#dfe2d8"
-GROUND_MARGIN = 25.0  # m of ground drawn around the area
-TILE = 4.0  # m; side of the tiles into which ground and streets are cut to follow the relief
-LONGEST_RUN = 8  # cells of visible ground in one rectangle
-NO_RETURN = 12.0  # m; length of rays that meet nothing
+GROUND_MARGIN_M = 25.0  # of ground drawn around the area
+TILE_M = 4.0  # side of the tiles into which ground and streets are cut to follow the relief
+MAX_RUN_CELLS = 8  # cells of visible ground in one rectangle
+NO_RETURN_M = 12.0  # length of rays that meet nothing
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A part that readers may hide. mark: how it is drawn, in words."""
+    """A part of the scene that readers may hide. mark: how it is drawn, in words."""
 
     name: str
     node: str
@@ -70,38 +70,34 @@ class Scene:
     frames: tuple[tuple[str, ...], ...]
 
 
-def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence[Moment]) -> Scene:
+def build_scene(
+    plan: Plan, site: Site, ground: Ground | None, moments: Sequence[SceneMoment]
+) -> Scene:
     """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`."""
     with scene.viser_server() as server:
         api = server.scene
         add_site(api, site, {sensor.pole for sensor in plan.sensors})
-        layers = [
-            _add_sensor(
-                api,
-                site,
-                sensor,
-                index,
-                seen=None if ground is None else seen_cells(site, ground, index),
-            )
-            for index, sensor in enumerate(plan.sensors)
-        ]
+        layers = []
+        for index, sensor in enumerate(plan.sensors):
+            seen = None if ground is None else seen_cells(site, ground, index)
+            layers.append(_add_sensor(api, site, sensor, index, seen=seen))
         _add_views(api, site, plan.sensors)
         _add_clouds(api, moments, len(plan.sensors))
         _add_boxes(api, moments)
         xmin, ymin, xmax, ymax = site.area.tolist()
         scene.set_view(server, *scene.overview((xmin, ymin, xmax, ymax)))
         html = scene.scene_html(server)
-    sensors = range(len(plan.sensors))
-    # some nodes may be missing, and hiding those does nothing
-    frames = tuple(
-        (*(f"/sensors/{s}/points {f}" for s in sensors), *(f"{layer.node}/{f}" for layer in BOXES))
-        for f in range(len(moments))
-    )
-    return Scene(html, (*layers, *BOXES), frames)
+    # some of these nodes may be missing; hiding them does nothing
+    frames = []
+    for frame in range(len(moments)):
+        nodes = [f"/sensors/{index}/points {frame}" for index in range(len(plan.sensors))]
+        nodes += [f"{layer.node}/{frame}" for layer in BOXES]
+        frames.append(tuple(nodes))
+    return Scene(html, (*layers, *BOXES), tuple(frames))
 
 
-def add_site(api: "SceneApi", site: Site, used: set[str]) -> None:
-    """Add ground, streets, solids and poles. used: names of poles drawn thicker."""
+def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
+    """Add ground, streets, solids and poles. used_poles: names of poles drawn thicker."""
     scene.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
@@ -111,15 +107,18 @@ def add_site(api: "SceneApi", site: Site, used: set[str]) -> None:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
     for kind, meshes in sorted(solids.items()):
         scene.add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
-    for name, radius, colour, mounts in (
-        ("free poles", 0.06, _FREE_POLE, [m for m in site.mounts if m.name not in used]),
-        ("poles in use", 0.12, POLE_INK, [m for m in site.mounts if m.name in used]),
-    ):
-        tubes = [
-            tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius)
-            for m in mounts
-        ]
-        scene.add_mesh(api, f"/site/{name}", merge(tubes), colour)
+    free_mounts = [mount for mount in site.mounts if mount.name not in used_poles]
+    used_mounts = [mount for mount in site.mounts if mount.name in used_poles]
+    scene.add_mesh(api, "/site/free poles", _pole_tubes(free_mounts, 0.06), _FREE_POLE)
+    scene.add_mesh(api, "/site/poles in use", _pole_tubes(used_mounts, 0.12), POLE_INK)
+
+
+def _pole_tubes(mounts: Sequence[Mount], radius: float) -> Mesh:
+    tubes = []
+    for mount in mounts:
+        top = mount.position + np.array([0.0, 0, mount.max_height])
+        tubes.append(tube(np.stack([mount.position, top]), radius))
+    return merge(tubes)
 
 
 def _add_sensor(
@@ -131,12 +130,14 @@ def _add_sensor(
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
     pole = tube(np.array([[sensor.x, sensor.y, foot], [sensor.x, sensor.y, sensor.z + 0.3]]), 0.1)
     scene.add_mesh(api, f"{node}/pole", pole, POLE_INK)
-    scene.add_mesh(
-        api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour
-    )
-    where = (sensor.x, sensor.y, sensor.z + 1.2)
+    housing = box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z))
+    scene.add_mesh(api, f"{node}/housing", housing, colour)
     api.add_label(
-        f"{node}/label", sensor.name, position=where, font_screen_scale=1.3, anchor="bottom-center"
+        f"{node}/label",
+        sensor.name,
+        position=(sensor.x, sensor.y, sensor.z + 1.2),
+        font_screen_scale=1.3,
+        anchor="bottom-center",
     )
     if seen is not None:
         scene.add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
@@ -145,31 +146,38 @@ def _add_sensor(
 
 def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) -> None:
     mounted = {sensor.name: sensor for sensor in site.sensors}
-    found = [
-        (index, mounted[each.name]) for index, each in enumerate(planned) if each.name in mounted
+    indexed_sensors = [
+        (index, mounted[planned_sensor.name])
+        for index, planned_sensor in enumerate(planned)
+        if planned_sensor.name in mounted
     ]
-    if not found:
+    if not indexed_sensors:
         return
-    renderer = Renderer(site, (), [sensor for _, sensor in found])
-    for (index, sensor), background in zip(found, renderer.background, strict=True):
+    renderer = Renderer(site, (), [sensor for _, sensor in indexed_sensors])
+    for (index, sensor), background in zip(indexed_sensors, renderer.background, strict=True):
         edges = view_edges(sensor, background)
         scene.add_lines(
             api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True
         )
 
 
-def _add_clouds(api: "SceneApi", moments: Sequence[Moment], sensors: int) -> None:
-    most = MOST_DRAWN // max(sum(len(moment.clouds) for moment in moments), 1)
+def _add_clouds(api: "SceneApi", moments: Sequence[SceneMoment], sensors: int) -> None:
+    max_points = MAX_DRAWN_POINTS // max(sum(len(moment.clouds) for moment in moments), 1)
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensors]):
             name = f"/sensors/{index}/points {frame}"
             colour = scene.rgb(sensor_colour(index))
             scene.add_points(
-                api, name, scene.thin_evenly(points, most), colour, size=0.09, visible=frame == 0
+                api,
+                name,
+                scene.thin_evenly(points, max_points),
+                colour,
+                size=0.09,
+                visible=frame == 0,
             )
 
 
-def _add_boxes(api: "SceneApi", moments: Sequence[Moment]) -> None:
+def _add_boxes(api: "SceneApi", moments: Sequence[SceneMoment]) -> None:
     """Add truth and detections in distinct colours, lines and marks."""
     for layer in BOXES:
         api.add_frame(layer.node, show_axes=False)
@@ -177,28 +185,23 @@ def _add_boxes(api: "SceneApi", moments: Sequence[Moment]) -> None:
         truth = moment.truth.boxes
         detections = moment.detections.boxes
         missed = truth[~moment.truth_hit & ~moment.truth_ignored]
-        wrong = detections[~moment.detection_hit & ~moment.detection_ignored]
-        drawn = (
+        missed_dashes = scene.dashes(scene.box_edges(missed), dash=0.6, gap=0.4)
+        false_alarms = detections[~moment.detection_hit & ~moment.detection_ignored]
+        false_dots = scene.dashes(scene.box_edges(false_alarms), dash=0.15, gap=0.3)
+        layer_lines = (
             scene.box_edges(truth),
             scene.box_edges(detections[moment.detection_hit]),
-            np.concatenate(
-                [
-                    scene.dashes(scene.box_edges(missed), dash=0.6, gap=0.4),
-                    scene.roof_crosses(missed),
-                ]
-            ),
-            np.concatenate(
-                [scene.dashes(scene.box_edges(wrong), dash=0.15, gap=0.3), scene.spikes(wrong)]
-            ),
+            np.concatenate([missed_dashes, scene.roof_crosses(missed)]),
+            np.concatenate([false_dots, scene.spikes(false_alarms)]),
         )
-        for layer, lines, width in zip(BOXES, drawn, (1.5, 3.0, 3.0, 3.0), strict=True):
+        for layer, lines, width in zip(BOXES, layer_lines, (1.5, 3.0, 3.0, 3.0), strict=True):
             scene.add_lines(
                 api, f"{layer.node}/{frame}", lines, layer.colour, width=width, visible=frame == 0
             )
 
 
 def ground_mesh(site: Site) -> Mesh:
-    """Ground in and around the area, open at ponds."""
+    """Return the ground in and around the area, with holes at ponds."""
     ponds = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
     return drape(site, [shapely.box(*_extent(site))], lift=0.0, without=ponds)
 
@@ -212,26 +215,25 @@ def drape(
 ) -> Mesh:
     """Drape polygons `lift` metres over the ground near the area."""
     xmin, ymin, xmax, ymax = _extent(site)
-    x, y = (
-        grid.ravel()
-        for grid in np.meshgrid(np.arange(xmin, xmax, TILE), np.arange(ymin, ymax, TILE))
-    )
+    x, y = np.meshgrid(np.arange(xmin, xmax, TILE_M), np.arange(ymin, ymax, TILE_M))
+    x, y = x.ravel(), y.ravel()
     covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
-    tiles = shapely.intersection(covered, shapely.box(x, y, x + TILE, y + TILE))
-    return _lift(
-        site, triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)]), lift
-    )
+    tiles = shapely.intersection(covered, shapely.box(x, y, x + TILE_M, y + TILE_M))
+    is_drawn = ~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)
+    return _lift(site, triangulate(tiles[is_drawn]), lift)
 
 
 def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
-    """Cells that a sensor sees, as rectangles; each sensor's lie a little above the last."""
+    """Return the cells that a sensor sees, as rectangles.
+
+    Each sensor's rectangles are a little above those of the sensor before."""
     half = ground.cell / 2
     boxes = []
     for row, y in zip(ground.seen[index], ground.y, strict=True):
         steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
         for first, end in steps.reshape(-1, 2):
-            for start in range(first, end, LONGEST_RUN):
-                last = min(start + LONGEST_RUN, end) - 1
+            for start in range(first, end, MAX_RUN_CELLS):
+                last = min(start + MAX_RUN_CELLS, end) - 1
                 boxes.append((ground.x[start] - half, y - half, ground.x[last] + half, y + half))
     x0, y0, x1, y1 = np.array(boxes, np.float64).reshape(-1, 4).T
     corners = np.stack(
@@ -246,26 +248,32 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
 
 
 def view_edges(sensor: Sensor, background: ImageRanges) -> scene.Segments:
-    """Outline of a sensor's view of the empty site (`background`, 0 without a return), and rays
-    that lead to it."""
+    """Return the outline of a sensor's view of the empty site, and rays that lead to it.
+
+    background: distances at the empty site, 0 without a return."""
     rows, columns = background.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
     picked = ring[np.linspace(0, len(ring), min(len(ring), 240), endpoint=False).astype(np.int64)]
     lengths = background.ravel()[picked].astype(np.float64)
-    lengths = np.where(lengths > 0, lengths, min(sensor.model.max_range, NO_RETURN))
+    lengths = np.where(lengths > 0, lengths, min(sensor.model.max_range, NO_RETURN_M))
     ends = sensor.position + sensor.world_rays.T[picked] * lengths[:, None]
     outline = np.stack([ends, np.roll(ends, -1, axis=0)], 1)
-    # to an object behind
-    jumps = np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths
+    # an edge that jumps to an object behind is left out
+    is_jump = np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths
     corner_rays = np.linspace(0, len(ends), 4, endpoint=False).astype(np.int64)
     rays = np.stack([np.broadcast_to(sensor.position, (len(corner_rays), 3)), ends[corner_rays]], 1)
-    return np.concatenate([outline[~jumps], rays])
+    return np.concatenate([outline[~is_jump], rays])
 
 
 def _extent(site: Site) -> tuple[float, float, float, float]:
     xmin, ymin, xmax, ymax = site.area.tolist()
-    return xmin - GROUND_MARGIN, ymin - GROUND_MARGIN, xmax + GROUND_MARGIN, ymax + GROUND_MARGIN
+    return (
+        xmin - GROUND_MARGIN_M,
+        ymin - GROUND_MARGIN_M,
+        xmax + GROUND_MARGIN_M,
+        ymax + GROUND_MARGIN_M,
+    )
 
 
 def _lift(site: Site, flat: Mesh, lift: float) -> Mesh:

@@ -1,9 +1,9 @@
-"""`PlanFolder`: a plan as its folder keeps it, the one reader of plans.
+"""`PlanFolder`: a plan read from its folder. This is the only reader of plans.
 
-plan.json states the question, the chosen set with its figures, and the stock: poles, sensor models
-and prices that the plan chose from. Every member that is used is checked; site.json beside it has
-the chosen sensors. A plan.json without `coview_plan`, from before there was a version, is refused
-by name, as it lacks prices and poles."""
+plan.json holds the question, the chosen set with its figures, and the stock: poles, sensor models
+and prices that the plan chose from. Every member that is used is checked. site.json in the same
+folder has the chosen sensors. A plan.json without `coview_plan` is from before there were versions;
+it is refused with that reason, because it lacks prices and poles."""
 
 import math
 from collections.abc import Callable
@@ -16,7 +16,7 @@ import shapely
 
 from placement_env.candidates.candidates import Axes, Candidates, aims, pool
 from placement_env.candidates.sensor_catalogue import RATES, PricedModel, SensorCatalogue
-from placement_env.cases import MOST_FAILING, MOST_LEVELS, Cases
+from placement_env.cases import MAX_FAILING, MAX_LEVELS, Cases
 from placement_env.classes import Classes
 from placement_env.handover.exchange import SITE
 from placement_env.report.content import PLAN_VERSION
@@ -31,15 +31,15 @@ from toolkit.runtime.json_object import Json, JsonObject
 from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.models import name_in_words
 from toolkit.sites.files import format_attitude, format_model, load_site, read_model, read_sensor
-from toolkit.sites.site import MOST_HEIGHT, ORIGINS, Mount, Site
+from toolkit.sites.site import MAX_BUILT_HEIGHT_M, ORIGINS, Mount, Site
 
-CONTENT = "plan.json"
+PLAN_FILE = "plan.json"
 MAX_STOCK_POLES = 5000
-MAX_MODELS = 100
-MAX_STEPS = 360
-MAX_SENSORS = 10_000
-MAX_AREAS = 1000
-MAX_STOCK_POSES = 400_000  # in a stock
+MAX_STOCK_MODELS = 100
+MAX_AIM_STEPS = 360
+MAX_STOCK_SENSORS = 10_000
+MAX_KEEP_OUT_AREAS = 1000
+MAX_STOCK_POSES = 400_000
 MAX_FRAMES = 100_000
 MAX_OBJECTS = 10**9
 MAX_SEED = 2**63 - 1
@@ -101,27 +101,28 @@ class PlanFolder:
         return None if self.detector == "shipped" else self.detector
 
     def ask(self, setting: Setting) -> "PlanFolder":
-        """The plan under another question, for which it states no figure."""
+        """Return the plan under another question, for which it states no figure."""
         names = ("fusion", "codec", "counted", "cases", "link_share")
         same = all(getattr(setting, name) == getattr(self.setting, name) for name in names)
         return replace(self, setting=setting, stated=self.stated if same else None)
 
 
 def is_plan_folder(where: object) -> bool:
-    """Return True for the path of a folder, which must be a plan's."""
+    """Return whether this is the path of a folder, which must then be a plan's folder."""
     return isinstance(where, str | Path) and Path(where).is_dir()
 
 
 def read_plan_folder(where: str | Path) -> PlanFolder:
-    """Read the plan in a folder. Raises FileNotFoundError for a folder without a plan; ValueError,
-    in one line with file, member, rule and value, for a damaged plan, one of another version, and
-    one without a set."""
+    """Read the plan in a folder.
+
+    Raises FileNotFoundError for a folder without a plan. Raises ValueError, in one line with file,
+    member, rule and value, for a damaged plan, another version, and a plan without a set."""
     folder = Path(where)
-    if not (folder / CONTENT).is_file():
+    if not (folder / PLAN_FILE).is_file():
         raise FileNotFoundError(
-            f"{where} is no folder of a plan: it needs {CONTENT} and {SITE} of coview plan"
+            f"{where} is no folder of a plan: it needs {PLAN_FILE} and {SITE} of coview plan"
         )
-    path = folder / CONTENT
+    path = folder / PLAN_FILE
     content = read_json(path)
     with name_errors(path):
         plan = JsonObject(content)
@@ -142,8 +143,7 @@ def read_plan_folder(where: str | Path) -> PlanFolder:
 
 
 def found_nothing(path: Path) -> bool:
-    """Return True for the plan.json of a plan without a set, in whose place another one may be
-    written."""
+    """Return whether a plan.json holds a plan without a set, which may be overwritten."""
     try:
         plan = JsonObject(read_json(path))
         return plan.node("verdict").value.get("met") is False
@@ -152,8 +152,9 @@ def found_nothing(path: Path) -> bool:
 
 
 def format_stock(question: Question, candidates: Candidates) -> Json:
-    """Stock of a plan for plan.json: poles, sensor models, prices, keep-out areas, in the site's
-    metres."""
+    """Return the stock of a plan for plan.json, in the site's metres.
+
+    The stock has poles, sensor models, prices and keep-out areas."""
     stock = question.stock
     axes = candidates.axes
     catalogue = stock.catalogue
@@ -161,18 +162,18 @@ def format_stock(question: Question, candidates: Candidates) -> Json:
     if catalogue is not None:
         names = [catalogue.get_name(model) for model in axes.models]
     prices = axes.prices or (None,) * len(axes.models)
-    rows = zip(names, axes.models, prices, strict=True)
-    product = stock.is_product
+    models = [
+        {"name": names[i], "price": prices[i], "model": format_model(model)}
+        for i, model in enumerate(axes.models)
+    ]
+    is_product = stock.is_product
     return {
         "poles": [_format_pole(mount) for mount in candidates.mounts],
-        "models": [
-            {"name": name, "price": price, "model": format_model(model)}
-            for name, model, price in rows
-        ],
-        "heights_m": axes.heights.tolist() if product else None,
-        "headings": len(axes.headings) if product else None,
-        "tilts_deg": np.rad2deg(axes.tilts).round(9).tolist() if product else None,
-        "sensors": None if product else _format_mounted(candidates),
+        "models": models,
+        "heights_m": axes.heights.tolist() if is_product else None,
+        "headings": len(axes.headings) if is_product else None,
+        "tilts_deg": np.rad2deg(axes.tilts).round(9).tolist() if is_product else None,
+        "sensors": None if is_product else _format_mounted(candidates),
         "keep_out_wkt": [area.wkt for area in stock.keep_out],
         "catalogue": None if catalogue is None else _format_catalogue(catalogue),
     }
@@ -180,9 +181,18 @@ def format_stock(question: Question, candidates: Candidates) -> Json:
 
 def _format_pole(mount: Mount) -> Json:
     x, y, z = mount.position.tolist()
-    heights = {"min_height": mount.min_height, "max_height": mount.max_height}
-    link = {"price": mount.price, "capacity_kbit": mount.capacity, "max_sensors": mount.max_sensors}
-    return {"name": mount.name, "x": x, "y": y, "z": z, **heights, **link, "origin": mount.origin}
+    return {
+        "name": mount.name,
+        "x": x,
+        "y": y,
+        "z": z,
+        "min_height": mount.min_height,
+        "max_height": mount.max_height,
+        "price": mount.price,
+        "capacity_kbit": mount.capacity,
+        "max_sensors": mount.max_sensors,
+        "origin": mount.origin,
+    }
 
 
 def _format_mounted(candidates: Candidates) -> list[Json]:
@@ -200,51 +210,53 @@ def _format_mounted(candidates: Candidates) -> list[Json]:
 
 
 def _format_catalogue(catalogue: SensorCatalogue) -> Json:
-    rates = {"rates": catalogue.rates, "years": catalogue.years}
     return {
         "currency": catalogue.currency,
         "pole_price": catalogue.pole_price,
-        **rates,
+        "rates": catalogue.rates,
+        "years": catalogue.years,
         "digest": catalogue.digest,
     }
 
 
 def _check_version(plan: JsonObject) -> None:
     if "coview_plan" not in plan.value:
-        old = (
+        raise ValueError(
             "it has no coview_plan, so it is of an earlier coview, without poles and prices, or "
-            "no plan"
+            f"no plan: {PLAN_AGAIN}"
         )
-        raise ValueError(f"{old}: {PLAN_AGAIN}")
     version = plan.get("coview_plan", int)
     if version > PLAN_VERSION:
-        newer = f"coview_plan is version {version!s:.20}, this coview reads up to {PLAN_VERSION}"
-        raise ValueError(f"{newer}: install a newer one")
+        raise ValueError(
+            f"coview_plan is version {version!s:.20}, this coview reads up to {PLAN_VERSION}: "
+            "install a newer one"
+        )
     if version < PLAN_VERSION:
         raise ValueError(f"coview_plan must be {PLAN_VERSION}, got {version!s:.20}: {PLAN_AGAIN}")
 
 
 def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
-    """Refuse a sensor whose pole is unknown or elsewhere."""
+    """Refuse a sensor whose pole is unknown or too far away."""
     poles = {mount.name: mount for mount in stock.mounts}
-    for row, sensor in zip(plan.nodes("sensors", MAX_SENSORS), site.sensors, strict=True):
+    for row, sensor in zip(plan.nodes("sensors", MAX_STOCK_SENSORS), site.sensors, strict=True):
         name = row.choice("pole", poles)
-        away = float(np.hypot(*(sensor.position - poles[name].position)[:2]))
-        if away > MAX_POLE_GAP_M:
-            apart = f"{sensor.name} hangs {away:.6g} m from its pole {name}"
+        distance = float(np.hypot(*(sensor.position - poles[name].position)[:2]))
+        if distance > MAX_POLE_GAP_M:
             raise ValueError(
-                f"{apart}, more than {MAX_POLE_GAP_M:g} m: the file is damaged, or {SITE} was "
-                "changed"
+                f"{sensor.name} hangs {distance:.6g} m from its pole {name}, more than "
+                f"{MAX_POLE_GAP_M:g} m: the file is damaged, or {SITE} was changed"
             )
 
 
 def _check_sensors(plan: JsonObject, site: Site) -> None:
-    names = [sensor.get("name", str) for sensor in plan.nodes("sensors", MAX_SENSORS)]
+    names = [sensor.get("name", str) for sensor in plan.nodes("sensors", MAX_STOCK_SENSORS)]
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted:
-        listed = f"{', '.join(names)[:80]} here, {', '.join(mounted)[:80] or 'none'} in {SITE}"
+        plan_names = ", ".join(names)[:80]
+        site_names = ", ".join(mounted)[:80] or "none"
         raise ValueError(
-            f"plan and site must have the same sensors, got {listed}: take both from one plan"
+            f"plan and site must have the same sensors, got {plan_names} here, {site_names} in "
+            f"{SITE}: take both from one plan"
         )
 
 
@@ -253,7 +265,9 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
     head = plan.node("head")
     texts = {key: head.get(key, str) for key in head.value}
     money = _read_optional(question, "money", lambda key: question.number(key, 0, MAX_PRICE))
-    sensors = _read_optional(question, "sensors", lambda key: question.whole(key, 0, MAX_SENSORS))
+    sensors = _read_optional(
+        question, "sensors", lambda key: question.whole(key, 0, MAX_STOCK_SENSORS)
+    )
     cases = _read_cases(question)
     setting = Setting(
         site,
@@ -285,7 +299,7 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
 
 
 def _read_optional(node: JsonObject, key: str, read: Callable[[str], Any]) -> Any:
-    """Member that may be null, but not missing."""
+    """Read a member that may be null, but not missing."""
     return None if node.value.get(key, ...) is None else read(key)
 
 
@@ -295,17 +309,17 @@ def _read_cases(question: JsonObject) -> Cases:
     errors = question.texts("errors")
     for name in errors:
         if name not in PROFILES:
-            known = ", ".join(PROFILES)
+            profile_names = ", ".join(PROFILES)
             raise ValueError(
-                f"question.errors has a profile {name[:60]!r} that is not one of {known}: "
+                f"question.errors has a profile {name[:60]!r} that is not one of {profile_names}: "
                 f"{PLAN_AGAIN}"
             )
     with name_errors("question"):
         return Cases(
             iou=ious,
-            failing=question.whole("failing", 0, MOST_FAILING),
+            failing=question.whole("failing", 0, MAX_FAILING),
             failures=question.choice("failures", ("worst", "mean")),  # type: ignore[arg-type]
-            levels=question.whole("levels", 1, MOST_LEVELS),
+            levels=question.whole("levels", 1, MAX_LEVELS),
             levels_by=question.choice("levels_by", ("worst", "mean")),  # type: ignore[arg-type]
             errors=tuple(errors),
             errors_by=question.choice("errors_by", ("worst", "mean")),  # type: ignore[arg-type]
@@ -315,22 +329,24 @@ def _read_cases(question: JsonObject) -> Cases:
 def _read_classes(question: JsonObject, cases: Cases) -> Classes:
     names = question.texts("classes")
     weights = question.numbers("class_weights")
-    stated = question.get("class_ious", list)
+    stated_ious = question.get("class_ious", list)
     with name_errors("question"):
         combine = question.choice("combine", ("mean", "worst"))
         plain = Classes(tuple(names), tuple(weights), combine)  # type: ignore[arg-type]
-        if len(stated) != len(plain.names):
+        if len(stated_ious) != len(plain.names):
             raise ValueError(
-                f"class_ious must hold one for each of {', '.join(plain.names)}, got {len(stated)}"
+                f"class_ious must hold one for each of {', '.join(plain.names)}, got "
+                f"{len(stated_ious)}"
             )
         ious = [
             _find_class_iou(cases, plain, name, iou)
-            for name, iou in zip(plain.names, stated, strict=True)
+            for name, iou in zip(plain.names, stated_ious, strict=True)
         ]
         return replace(plain, ious=tuple(ious))
 
 
 def _find_class_iou(cases: Cases, plain: Classes, name: str, stated: object) -> float | None:
+    """Return the IoU of a class, None if it is the usual one."""
     usual = cases.class_ious(plain, name)
     if stated == usual or stated == list(np.atleast_1d(usual)):
         return None
@@ -352,27 +368,30 @@ def _read_codec(question: JsonObject) -> Codec:
     )
 
 
-def _read_stated(chosen: JsonObject, errors: str) -> StatedFigure:
-    judged = chosen.node("judged")
-    ends = [_read_optional(judged, key, judged.number) for key in ("low", "high")]
-    low, high = (math.nan if end is None else end for end in ends)
-    frames = judged.whole("frames", 1, MAX_FRAMES)
-    objects = judged.whole("vehicles", 0, MAX_OBJECTS)
+def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:
+    judgement = chosen_set.node("judged")
+    low = _read_optional(judgement, "low", judgement.number)
+    high = _read_optional(judgement, "high", judgement.number)
     return StatedFigure(
-        judged.number("ap", 0, 1), low, high, frames, objects, errors, chosen.number("predicted")
+        frames=judgement.whole("frames", 1, MAX_FRAMES),
+        objects=judgement.whole("vehicles", 0, MAX_OBJECTS),
+        predicted=chosen_set.number("predicted"),
+        ap=judgement.number("ap", 0, 1),
+        low=math.nan if low is None else low,
+        high=math.nan if high is None else high,
+        errors=errors,
     )
 
 
 def _read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
     poles = tuple(_read_pole(pole) for pole in stock.nodes("poles", MAX_STOCK_POLES))
-    models = [_read_priced(model) for model in stock.nodes("models", MAX_MODELS)]
+    models = [_read_priced(model) for model in stock.nodes("models", MAX_STOCK_MODELS)]
     if not poles or not models:
         raise ValueError("stock must hold a pole and a model: the file is damaged")
-    areas = tuple(
-        _read_area(text, i) for i, text in enumerate(stock.texts("keep_out_wkt")[: MAX_AREAS + 1])
-    )
-    if len(areas) > MAX_AREAS:
-        raise ValueError(f"stock.keep_out_wkt must hold at most {MAX_AREAS} areas")
+    area_texts = stock.texts("keep_out_wkt")[: MAX_KEEP_OUT_AREAS + 1]
+    areas = tuple(_read_area(text, i) for i, text in enumerate(area_texts))
+    if len(areas) > MAX_KEEP_OUT_AREAS:
+        raise ValueError(f"stock.keep_out_wkt must hold at most {MAX_KEEP_OUT_AREAS} areas")
     catalogue = None
     if stock.value.get("catalogue", ...) is not None:
         catalogue = _read_catalogue(stock.node("catalogue"), models, head)
@@ -387,12 +406,13 @@ def _read_pole(pole: JsonObject) -> Mount:
     name = pole.get("name", str)
     origin = pole.choice("origin", ORIGINS)
     position = np.array([pole.number(axis, -MAX_COORDINATE_M, MAX_COORDINATE_M) for axis in "xyz"])
-    low, high = pole.number("min_height", 0, MOST_HEIGHT), pole.number("max_height", 0, MOST_HEIGHT)
+    min_height = pole.number("min_height", 0, MAX_BUILT_HEIGHT_M)
+    max_height = pole.number("max_height", 0, MAX_BUILT_HEIGHT_M)
     price = pole.number("price", 0, MAX_PRICE)
     capacity = pole.number("capacity_kbit", 0, MAX_KBIT)
-    places = pole.whole("max_sensors", 1, MAX_SENSORS)
+    max_sensors = pole.whole("max_sensors", 1, MAX_STOCK_SENSORS)
     with name_errors(pole.path):
-        return Mount(name, position, low, high, price, capacity, places, origin)
+        return Mount(name, position, min_height, max_height, price, capacity, max_sensors, origin)
 
 
 def _read_priced(row: JsonObject) -> tuple[PricedModel, bool]:
@@ -410,25 +430,24 @@ def _read_area(text: str, number: int) -> shapely.Geometry:
         raise ValueError(
             f"{where} must be a polygon as well-known text, got {text[:60]!r}"
         ) from None
-    sound = (
-        area is not None
-        and area.geom_type in ("Polygon", "MultiPolygon")
-        and area.is_valid
-        and not area.is_empty
-    )
-    if (
-        not sound
-        or not np.isfinite(area.bounds).all()
-        or max(map(abs, area.bounds)) > MAX_COORDINATE_M
-    ):
+    if not _is_sound(area):
         raise ValueError(f"{where} must be a sound polygon in the site's metres, got {text[:60]!r}")
     return area
+
+
+def _is_sound(area: shapely.Geometry | None) -> bool:
+    """Return whether an area is a valid polygon with coordinates within bounds."""
+    if area is None or area.geom_type not in ("Polygon", "MultiPolygon"):
+        return False
+    if not area.is_valid or area.is_empty or not np.isfinite(area.bounds).all():
+        return False
+    return max(map(abs, area.bounds)) <= MAX_COORDINATE_M
 
 
 def _read_catalogue(
     node: JsonObject, models: list[tuple[PricedModel, bool]], head: dict[str, str]
 ) -> SensorCatalogue:
-    if not all(priced for _, priced in models):
+    if not all(is_priced for _, is_priced in models):
         raise ValueError(
             "stock.models must all have a price where there is a catalogue: the file is damaged"
         )
@@ -450,21 +469,26 @@ def _read_pool(
 ) -> Candidates:
     heights = stock.numbers("heights_m")
     tilts = stock.numbers("tilts_deg")
-    headings = stock.whole("headings", 1, MAX_STEPS)
-    if max(len(heights), len(tilts)) > MAX_STEPS:
-        raise ValueError(f"stock.heights_m and tilts_deg must hold at most {MAX_STEPS} numbers")
+    headings = stock.whole("headings", 1, MAX_AIM_STEPS)
+    if max(len(heights), len(tilts)) > MAX_AIM_STEPS:
+        raise ValueError(f"stock.heights_m and tilts_deg must hold at most {MAX_AIM_STEPS} numbers")
     poses = len(poles) * len(heights) * headings * len(tilts) * len(models)
     if poses > MAX_STOCK_POSES:
         raise ValueError(
             f"stock must have at most {MAX_STOCK_POSES} poses, got {poses}: leave out poles"
         )
-    offer: Any = [each.model for each, _ in models]
-    if all(priced for _, priced in models):
-        offer = {each.model: each.price for each, _ in models}
+    models_offered: Any = [priced_model.model for priced_model, _ in models]
+    if all(is_priced for _, is_priced in models):
+        models_offered = {priced_model.model: priced_model.price for priced_model, _ in models}
     radians = np.deg2rad(tilts).tolist()
     with name_errors("stock"):
         return pool(
-            site, heights=heights, headings=headings, tilts=radians, models=offer, mounts=poles
+            site,
+            heights=heights,
+            headings=headings,
+            tilts=radians,
+            models=models_offered,
+            mounts=poles,
         )
 
 
@@ -473,7 +497,7 @@ def _read_mounted(
 ) -> Candidates:
     sensors = []
     factors = []
-    for row in stock.nodes("sensors", MAX_SENSORS):
+    for row in stock.nodes("sensors", MAX_STOCK_SENSORS):
         pole = row.whole("pole", 0, len(poles) - 1)
         model = row.whole("model", 0, len(models) - 1)
         sensor = read_sensor(row.numbers("position", 3), row, models[model][0].model)
@@ -485,13 +509,14 @@ def _read_mounted(
     headings, tilts = aims(sensors)
     heights = [
         sensor.position[2] - poles[pole].position[2]
-        for sensor, (pole, _) in zip(sensors, factors, strict=True)
+        for sensor, pole in zip(sensors, mount.tolist(), strict=True)
     ]
-    prices = tuple(each.price for each, _ in models) if all(priced for _, priced in models) else ()
-    nothing = np.zeros(0)
-    axes = Axes(nothing, nothing, nothing, tuple(each.model for each, _ in models), prices)
+    prices: tuple[float, ...] = ()
+    if all(is_priced for _, is_priced in models):
+        prices = tuple(priced_model.price for priced_model, _ in models)
+    sensor_models = tuple(priced_model.model for priced_model, _ in models)
+    axes = Axes(np.zeros(0), np.zeros(0), np.zeros(0), sensor_models, prices)
     empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
+    poses = np.column_stack([heights, headings, tilts])
     with name_errors("stock"):
-        return Candidates.of_poses(
-            sensors, mount, np.column_stack([heights, headings, tilts]), empty
-        )
+        return Candidates.of_poses(sensors, mount, poses, empty)

@@ -20,21 +20,24 @@ from toolkit.runtime.run import Run
 from toolkit.sites.maps import redraw
 from toolkit.sites.site import Site
 
-# usual numbers for the three parts of traffic
-PART_FRAMES = {"search": 60, "comparison": 120, "judgement": 120}
-USUAL_SENSORS = 4
-DRAWING_SEED = 7000  # before the seeds of other drawings
+PART_FRAMES = {"search": 60, "comparison": 120, "judgement": 120}  # default frames of each part
+DEFAULT_SENSORS = 4
+DRAWING_SEED = 7000  # the other drawings have the seeds after it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stock:
     """Sensors and prices. Call it with a site to get the candidates.
 
-    candidates: "pool", "paper" for the site's own sensors, a GeoJSON file of poles, or candidates
-    with their prices and links; catalogue: sensor models and prices, None for the paper's camera at
-    no price; keep_out: areas where no sensor may stand; capacity_kbit: every mount's link, None for
-    each mount's own; only: names of the candidates to take, none for all. Raises ValueError if a
-    field does not fit."""
+    Raises ValueError if a field does not fit.
+
+    Attributes:
+        candidates: "pool", "paper" for the site's sensors, a GeoJSON file of poles, or candidates
+            with their prices and links.
+        catalogue: Sensor models and prices, None for the paper's camera at no price.
+        keep_out: Areas without sensors.
+        capacity_kbit: Capacity of every mount's link, None for the capacity in the map.
+        only: Names of the candidates to use, empty for all."""
 
     candidates: str | Path | Candidates = "pool"
     catalogue: SensorCatalogue | None = None
@@ -52,18 +55,20 @@ class Stock:
             )
 
     def __call__(self, site: Site) -> Candidates:
-        """Candidates with prices and links. Raises `NoCandidates` if no pole or pose is left,
-        ValueError and OSError for a damaged file."""
+        """Return candidates with prices and links.
+
+        Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged
+        file."""
         if isinstance(self.candidates, Candidates):
             return self.candidates
-        found = choose_candidates(
+        pool = choose_candidates(
             site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out
         )
         if self.only:
             names = set(self.only)
-            found = found.select(np.flatnonzero([sensor.name in names for sensor in found.sensors]))
+            pool = pool.select(np.flatnonzero([sensor.name in names for sensor in pool.sensors]))
         price = None if self.catalogue is None else self.catalogue.pole_price
-        return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)
+        return with_terms(pool, 1.0 if price is None else price, self.capacity_kbit)
 
     @property
     def currency(self) -> str:
@@ -77,19 +82,17 @@ class Stock:
 
     @property
     def is_product(self) -> bool:
-        """True for every pose on some poles, False for sensors in poses of their own."""
+        """True if the candidates are all poses on some poles, not sensors in single poses."""
         return not isinstance(self.candidates, Candidates) and self.candidates != "paper"
 
     @property
     def name(self) -> str:
-        """Name of the candidates: pool, paper, a file, or "given" for those that a caller made."""
+        """Name of the candidates: pool, paper, a file, or "given" for `Candidates`."""
         if isinstance(self.candidates, Candidates):
             return "given"
-        return (
-            str(self.candidates)
-            if self.candidates in ("pool", "paper")
-            else Path(self.candidates).name
-        )
+        if self.candidates in ("pool", "paper"):
+            return str(self.candidates)
+        return Path(self.candidates).name
 
     @property
     def poles_digest(self) -> str | None:
@@ -103,23 +106,28 @@ class Stock:
 class Question:
     """Question that a plan answers.
 
-    setting: site, candidates (a `Stock`, or a name for one), scheme, codec, classes, cases,
-    detector, and spending limit, in the catalogue's currency, else in prices of one ordinary pole.
-    Its error profiles apply when sets are compared and the answer is judged; searches know only the
-    sensors' own noise. run: its seed is that of the first of three parts of traffic; its frames are
-    those of each part, None for `PART_FRAMES`. sensors: largest number, None for as many as the
-    money buys; min_ap: AP that the cheapest set must reach, None for the best set within the
-    budget; max_kbit: most that one sensor may send in the setting's `link_share` of frames;
-    confidence: that no set of as many sensors is better by more than 0.01, at which a comparison
-    ends; width: widest interval of the stated AP, for which the last part of the traffic gets as
-    many frames as it takes, None for a fixed number; drawings: of what no map knows at the site,
-    over which sets are searched, compared and judged.
+    Error profiles apply when sets are compared and the answer is judged; searches know only the
+    noise of the sensors. Raises ValueError in one line if a field does not fit.
 
-    Raises ValueError in one line if a field does not fit."""
+    Attributes:
+        setting: Site, candidates (a `Stock`, or a name for one), scheme, codec, classes, cases,
+            detector, and spending limit, in the catalogue's currency or in prices of one ordinary
+            pole.
+        run: Its seed is for the first of three parts of traffic; its frames are for each part,
+            None for `PART_FRAMES`.
+        sensors: Largest number of sensors, None for as many as the money buys.
+        min_ap: AP that the cheapest set must reach, None for the best set within the budget.
+        max_kbit: Most kbit that one sensor may send in the setting's `link_share` of frames.
+        confidence: Confidence at which a comparison ends: that no set of as many sensors is better
+            by more than 0.01.
+        width: Greatest width of the stated AP's interval, for which the last part of the traffic
+            gets more frames; None for a fixed number of frames.
+        drawings: Number of drawings of what no map knows at the site, over which sets are searched,
+            compared and judged."""
 
     setting: Setting
     run: Run = Run()
-    sensors: int | None = USUAL_SENSORS
+    sensors: int | None = DEFAULT_SENSORS
     min_ap: float | None = None
     max_kbit: float | None = None
     confidence: float = 0.95
@@ -153,14 +161,14 @@ class Question:
         check_whole("drawings", self.drawings, least=1)
         if self.drawings > 1 and self.site.furnished == "none":
             raise ValueError(f"nothing was drawn at site {self.site.name!r}: leave --drawings out")
-        given = self.setting.candidates
-        if given is None or isinstance(given, str | Path):
-            stock = Stock(candidates="paper" if given is None else given)
+        candidates = self.setting.candidates
+        if candidates is None or isinstance(candidates, str | Path):
+            stock = Stock(candidates="paper" if candidates is None else candidates)
             object.__setattr__(self, "setting", replace(self.setting, candidates=stock))
-        elif not isinstance(given, Stock):
+        elif not isinstance(candidates, Stock):
             raise ValueError(
-                f"a plan needs a Stock of candidates, got {given!r}: take Stock(...), 'pool' or "
-                "'paper'"
+                f"a plan needs a Stock of candidates, got {candidates!r}: take Stock(...), 'pool' "
+                "or 'paper'"
             )
 
     @property
@@ -191,8 +199,7 @@ class Question:
 
     @cached_property
     def searched(self) -> Setting:
-        """Setting of the searches. It uses the surrogate if available, else coverage; no errors but
-        noise."""
+        """Setting of the searches: by surrogate if available, else by coverage, with noise only."""
         cases = replace(self.cases, errors=("paper",))
         plain = replace(self.setting, cases=cases, candidates=self.setting.pool, detector=None)
         try:
@@ -203,22 +210,19 @@ class Question:
 
     @cached_property
     def at_drawings(self) -> "tuple[Question, ...]":
-        """The question at each drawing of the site, the first as it is."""
-        sites = [redraw(self.site, DRAWING_SEED + n) for n in range(1, self.drawings)]
-        return (
-            self,
-            *(
-                replace(self, setting=replace(self.setting, site=site), drawings=1)
-                for site in sites
-            ),
-        )
+        """The question at each drawing of the site; the first drawing is the site itself."""
+        questions = [self]
+        for number in range(1, self.drawings):
+            site = redraw(self.site, DRAWING_SEED + number)
+            questions.append(replace(self, setting=replace(self.setting, site=site), drawings=1))
+        return tuple(questions)
 
     def judged(self, candidates: Candidates) -> Setting:
-        """Setting of the judges, for candidates of the stock."""
+        """Return the setting of the judges, for candidates of the stock."""
         return replace(self.setting, candidates=candidates, fidelity="detector")
 
     def part(self, name: str) -> Run:
-        """Run of one of the three parts of traffic."""
+        """Return the run of one of the three parts of traffic."""
         return self.run.part(list(PART_FRAMES).index(name), self.run.frames_or(PART_FRAMES[name]))
 
     def as_dict(self) -> dict[str, object]:
@@ -227,12 +231,19 @@ class Question:
         cases = self.cases
         stock = self.stock
         counted = self.setting.counted
+        models = None
+        if stock.catalogue is not None:
+            models = [model.name for model in stock.catalogue.models]
+        detector = "shipped"
+        if setting.detector is not None:
+            detector = detector_origin(setting.detector)["detector"]
         return {
             "site": self.site.name,
-            **{
-                name: getattr(self, name)
-                for name in ("sensors", "money", "currency", "min_ap", "max_kbit")
-            },
+            "sensors": self.sensors,
+            "money": self.money,
+            "currency": self.currency,
+            "min_ap": self.min_ap,
+            "max_kbit": self.max_kbit,
             "keep": list(setting.keep),
             "link_share": setting.link_share,
             "capacity_kbit": stock.capacity_kbit,
@@ -243,20 +254,16 @@ class Question:
             "scheme": setting.fusion.name,
             "codec": setting.codec.digest,
             "iou": cases.ious[0] if len(cases.ious) == 1 else list(cases.ious),
-            **{
-                name: getattr(cases, name)
-                for name in ("failing", "failures", "levels", "levels_by")
-            },
+            "failing": cases.failing,
+            "failures": cases.failures,
+            "levels": cases.levels,
+            "levels_by": cases.levels_by,
             "errors": list(cases.names),
             "errors_by": cases.errors_by if len(cases.names) > 1 else "worst",
             "candidates": stock.name,
-            "catalogue": None
-            if stock.catalogue is None
-            else [each.name for each in stock.catalogue.models],
+            "catalogue": models,
             "keep_out_areas": len(stock.keep_out),
-            "detector": "shipped"
-            if setting.detector is None
-            else detector_origin(setting.detector)["detector"],
+            "detector": detector,
             "frames": [self.part(name).frames for name in PART_FRAMES],
             "seed": self.run.seed,
             "confidence": self.confidence,

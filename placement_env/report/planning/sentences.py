@@ -10,7 +10,7 @@ from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, P
 from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
 from placement_env.search.first_look import LOOK_FRAMES
-from placement_env.search.order import FEWEST_AT_LEVEL, describe_money
+from placement_env.search.order import MIN_LEVEL_OBJECTS, describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.display import describe_count
@@ -18,37 +18,42 @@ from toolkit.objects import LABELS
 from toolkit.sites.site import Site
 from toolkit.sites.surroundings import count_things, describe_things
 
-FEWEST_OVERRATED = 3  # judged sets that show by how much predictions overrate
+MIN_OVERRATED_SETS = 3  # judged sets needed to measure by how much predictions overrate
 
 
 def refuse_question(question: Question) -> tuple[str, ...]:
-    """Reasons against any plan that need no simulation."""
+    """List reasons against any plan that need no simulation."""
     if question.sensors == 0:
         return ("The budget is 0 sensors, so there is nothing to build: allow 1 or more.",)
-    why = (
+    if question.site.network:
+        return ()
+    return (
         f"Site {question.site.name!r} has no road network, so there is no traffic to plan for: "
         "import one from a map, or build one with toolkit.sites.network.",
     )
-    return () if question.site.network else why
 
 
 def refuse_traffic(
-    question: Question, missing: Sequence[str], frames: int, part: str
+    question: Question, missing: Sequence[str], frames: int, part_name: str
 ) -> tuple[str, ...]:
-    """Reason that one part of the traffic lacks counted classes."""
+    """Explain that one part of the traffic lacks counted classes."""
     return (
         f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} "
-        f"in {describe_count(frames, 'frame')} of {part} traffic: increase --frames, change "
+        f"in {describe_count(frames, 'frame')} of {part_name} traffic: increase --frames, change "
         "--seed, or enlarge the area.",
     )
 
 
 def describe_cases(question: Question) -> str:
-    """Cases of the AP by which sets are compared, "" for usual ones."""
+    """Describe the cases of the compared AP, "" for the usual cases."""
     cases = question.cases
-    words = [cases.describe_failures()] if cases.failing else []
-    words += [cases.describe_levels()] if cases.levels > 1 else []
-    words += [cases.describe_errors()] if len(cases.names) > 1 else []
+    words = []
+    if cases.failing:
+        words.append(cases.describe_failures())
+    if cases.levels > 1:
+        words.append(cases.describe_levels())
+    if len(cases.names) > 1:
+        words.append(cases.describe_errors())
     return f", {', '.join(words)}," if words else ""
 
 
@@ -61,53 +66,57 @@ def build_verdict(
     *,
     links: Sequence[LinkLoad] = (),
 ) -> Verdict:
-    """The answer in words. compared, final: the chosen set when sets were compared, and in the
-    final traffic; links: their loads there."""
-    judged = final.counted
-    if judged is None:
+    """State the answer in words.
+
+    compared, final: the chosen set in the comparison and in the final traffic; links: loads of the
+    links in the final traffic."""
+    judgement = final.counted
+    if judgement is None:
         raise ValueError("the chosen set is not judged: judge it first")
     count = describe_count(len(final.sensors), "sensor")
     price = describe_money(final.price, question.currency)
-    vehicles = describe_count(judged.vehicles, judged.kind)
-    frames = describe_count(judged.frames, "frame")
-    ends = f"{'' if math.isnan(judged.low) else '95 % interval '}{judged.describe_interval()}"
+    vehicles = describe_count(judgement.vehicles, judgement.kind)
+    frames = describe_count(judgement.frames, "frame")
+    interval = judgement.describe_interval()
+    if not math.isnan(judgement.low):
+        interval = f"95 % interval {interval}"
     result = (
-        f"AP {judged.format_ap()} ({ends}, {vehicles} in {frames}){describe_cases(question)} at "
-        f"IoU {iou_text(question.cases.threshold)} with {count} for {price}"
+        f"AP {judgement.format_ap()} ({interval}, {vehicles} in "
+        f"{frames}){describe_cases(question)} at IoU {iou_text(question.cases.threshold)} with "
+        f"{count} for {price}"
     )
-    least = question.min_ap
-    narrow = describe_narrow_links(links, question.setting.link_share)
-    if least is None:
-        what = "cheapest set that cannot be told from the best" if rule == "as good" else "best set"
-        return Verdict(
-            None,
-            " ".join(filter(None, (narrow, f"The {what} found within the budget has {result}."))),
+    min_ap = question.min_ap
+    narrow_links = describe_narrow_links(links, question.setting.link_share)
+    links_before = f"{narrow_links} " if narrow_links else ""
+    if min_ap is None:
+        answer_text = (
+            "cheapest set that cannot be told from the best" if rule == "as good" else "best set"
         )
-    if judged.ap >= least:
-        unsure = "the interval reaches below it, so more traffic may say otherwise"
-        sure = "the whole interval lies above it" if judged.low >= least else unsure
-        met = f"The requirement of AP {least:g} is met: {result}; {sure}."
-        return Verdict(True, " ".join(filter(None, (narrow, met))))
-    reasons = (
-        *([narrow] if narrow else []),
-        *explain_shortfall(question, compared, judged, excluded),
-    )
-    return Verdict(
-        False,
-        f"The requirement of AP {least:g} is not met: the best set found has {result}.",
-        reasons,
-    )
+        sentence = f"The {answer_text} found within the budget has {result}."
+        return Verdict(None, f"{links_before}{sentence}")
+    if judgement.ap >= min_ap:
+        certainty = "the interval reaches below it, so more traffic may say otherwise"
+        if judgement.low >= min_ap:
+            certainty = "the whole interval lies above it"
+        sentence = f"The requirement of AP {min_ap:g} is met: {result}; {certainty}."
+        return Verdict(True, f"{links_before}{sentence}")
+    reasons = explain_shortfall(question, compared, judgement, excluded)
+    if narrow_links:
+        reasons = (narrow_links, *reasons)
+    sentence = f"The requirement of AP {min_ap:g} is not met: the best set found has {result}."
+    return Verdict(False, sentence, reasons)
 
 
 def explain_shortfall(
     question: Question, best: PlanOption, final: Judgement, excluded: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Explain why the required AP is not reached. best: as it was chosen; final: the same set in
-    the final traffic."""
+    """Explain why the required AP is not reached.
+
+    best: best set in the comparison; final: the same set in the final traffic."""
     price = describe_money(best.price, question.currency)
-    before = (
-        f" and {best.counted.format_ap()} in the traffic it was chosen on" if best.counted else ""
-    )
+    before = ""
+    if best.counted:
+        before = f" and {best.counted.format_ap()} in the traffic it was chosen on"
     reasons = [
         f"The best set found, {describe_count(len(best.sensors), 'sensor')} for {price}, has AP "
         f"{final.format_ap()} ({final.describe_interval()}){describe_cases(question)} on "
@@ -128,23 +137,23 @@ def explain_shortfall(
 def explain_choice(
     question: Question,
     plan: Plan,
-    chosen: PlanOption,
+    chosen_option: PlanOption,
     rule: Rule,
     *,
     considered: int,
     fidelity: str,
 ) -> tuple[str, ...]:
-    """Explain why this set, with figures. chosen: as it was when sets were compared; considered:
-    sets scored."""
-    judged = sum(option.judged is not None for option in plan.considered)
-    searches = " and ".join(chosen.searches) or "a neighbour of a search's answer"
-    second = chosen.counted
-    near = len(plan.near_optimal)
-    best = plan.best
+    """Explain with figures why this set was chosen.
+
+    chosen_option: the set with its figures from the comparison; considered: number of sets that
+    were scored."""
+    judged_count = sum(option.judged is not None for option in plan.considered)
+    search_names = " and ".join(chosen_option.searches) or "a neighbour of a search's answer"
+    compared_judgement = chosen_option.counted
     lines = [
         f"{considered:,} sets were scored by the {fidelity}, a quick estimate; "
         f"{len(plan.considered)} of them were compared by the detector on traffic that no search "
-        f"saw, the {judged} best of these on all of it.",
+        f"saw, the {judged_count} best of these on all of it.",
         TEXTS["rules"][rule],
     ]
     if cases := describe_cases(question).strip(", "):
@@ -153,91 +162,111 @@ def explain_choice(
             f"{'' if question.cases.failing else 'that '}{cases}."
         )
     score = "coverage" if fidelity == "coverage" else "predicted AP"
-    figures = second and (
-        f"; its {score} is {_describe_prediction(plan, chosen, fidelity)}, "
-        f"its AP among the judged sets {second.format_ap()} "
-        f"({second.describe_interval()})"
-    )
-    lines.append(f"It comes from {searches}{figures or ''}.")
-    if rule == "as good" and best is not None and best.counted is not None and second is not None:
-        price = describe_money(best.price, question.currency)
-        more = f"{best.counted.format_ap()} for {price}, {best.counted.ap - second.ap:+.3f}"
-        lines.append(f"The best set, {describe_count(len(best.sensors), 'sensor')}, has AP {more}.")
+    figures = ""
+    if compared_judgement is not None:
+        figures = (
+            f"; its {score} is {_describe_prediction(plan, chosen_option, fidelity)}, "
+            f"its AP among the judged sets {compared_judgement.format_ap()} "
+            f"({compared_judgement.describe_interval()})"
+        )
+    lines.append(f"It comes from {search_names}{figures}.")
+    if rule == "as good" and compared_judgement is not None:
+        lines += _describe_best(plan, compared_judgement, question.currency)
     if rule in ("best", "as good"):
-        others = (
-            f"{describe_count(near, 'other judged set')} {'is' if near == 1 else 'are'}"
-            if near
-            else "No other is"
-        )
-        lines.append(f"{others} surely within 0.01 of the best on the same frames.")
-    at = [row for row in plan.schemes if row.iou == plan.iou]
-    own = next((row for row in at if row.scheme == plan.scheme), None)
-    others = ", ".join(
-        f"{row.scheme} {row.judged.format_ap()} for {row.kbit_per_sensor:.1f} kbit"
-        for row in at
-        if row is not own
-    )
-    if own is not None and others:
-        lines.append(
-            f"{plan.scheme.capitalize()} fusion gives AP {own.judged.format_ap()} for "
-            f"{own.kbit_per_sensor:.1f} kbit per sensor and frame; with the same sensors: "
-            f"{others}."
-        )
-    alone = [case for case in plan.failures if len(case.failed) == 1]
-    if alone:
-        worst = min(alone, key=lambda case: case.judged.ap)
+        lines.append(_describe_near_sets(len(plan.near_optimal)))
+    lines += _describe_other_schemes(plan)
+    single_failures = [case for case in plan.failures if len(case.failed) == 1]
+    if single_failures:
+        worst = min(single_failures, key=lambda case: case.judged.ap)
         lines.append(
             f"The failure of {worst.failed[0]} hurts most: AP {worst.judged.format_ap()} is left."
         )
     return tuple(lines)
 
 
-def _describe_prediction(plan: Plan, chosen: PlanOption, fidelity: str) -> str:
-    """Prediction of the searches, less what predictions overrate the judged sets by."""
-    off = [
+def _describe_best(plan: Plan, chosen: Judgement, currency: str) -> list[str]:
+    """Compare the best set with the chosen one, if it is known."""
+    best = plan.best
+    if best is None or best.counted is None:
+        return []
+    count = describe_count(len(best.sensors), "sensor")
+    price = describe_money(best.price, currency)
+    gain = best.counted.ap - chosen.ap
+    return [f"The best set, {count}, has AP {best.counted.format_ap()} for {price}, {gain:+.3f}."]
+
+
+def _describe_near_sets(count: int) -> str:
+    """Describe how many other sets are as good as the best."""
+    other_sets = "No other is"
+    if count:
+        other_sets = f"{describe_count(count, 'other judged set')} {'is' if count == 1 else 'are'}"
+    return f"{other_sets} surely within 0.01 of the best on the same frames."
+
+
+def _describe_other_schemes(plan: Plan) -> list[str]:
+    """Compare the planned fusion scheme with the others at the plan's IoU."""
+    rows = [row for row in plan.schemes if row.iou == plan.iou]
+    planned = next((row for row in rows if row.scheme == plan.scheme), None)
+    other_schemes = ", ".join(
+        f"{row.scheme} {row.judged.format_ap()} for {row.kbit_per_sensor:.1f} kbit"
+        for row in rows
+        if row is not planned
+    )
+    if planned is None or not other_schemes:
+        return []
+    return [
+        f"{plan.scheme.capitalize()} fusion gives AP {planned.judged.format_ap()} for "
+        f"{planned.kbit_per_sensor:.1f} kbit per sensor and frame; with the same sensors: "
+        f"{other_schemes}."
+    ]
+
+
+def _describe_prediction(plan: Plan, chosen_option: PlanOption, fidelity: str) -> str:
+    """State the prediction of the searches, less their mean error on the judged sets."""
+    overrated_by = [
         option.predicted - option.counted.ap
         for option in plan.considered
         if option.counted is not None
     ]
-    if fidelity == "coverage" or len(off) < FEWEST_OVERRATED:
-        return f"{chosen.predicted:.3f}"
-    mean = sum(off) / len(off)
+    if fidelity == "coverage" or len(overrated_by) < MIN_OVERRATED_SETS:
+        return f"{chosen_option.predicted:.3f}"
+    mean = sum(overrated_by) / len(overrated_by)
     if mean <= 0:
-        return f"{chosen.predicted:.3f}"
+        return f"{chosen_option.predicted:.3f}"
     return (
-        f"{chosen.predicted - mean:.3f} ({mean:.3f} deducted, by which predictions overrate the "
-        "judged sets)"
+        f"{chosen_option.predicted - mean:.3f} ({mean:.3f} deducted, by which predictions "
+        "overrate the judged sets)"
     )
 
 
 def list_assumptions(
     question: Question, fidelity: str, detector: str, *, sampled: bool
 ) -> tuple[str, ...]:
-    """Assumptions behind the figures. sampled: whether the objective of the searches scored subsets
-    of the set."""
+    """List the assumptions behind the figures.
+
+    sampled: whether the objective of the searches scored subsets of the set."""
     setting = question.setting
     cases = question.cases
-    searched, compared, judged = (
-        question.part(name).seed for name in ("search", "comparison", "judgement")
-    )
+    search_seed = question.part("search").seed
+    comparison_seed = question.part("comparison").seed
+    judgement_seed = question.part("judgement").seed
     classes = setting.counted
     stock = question.stock
-    others = [label for label in LABELS if label not in classes.names]
-    one = (
-        "vehicles alone, heavy ones not counted,"
-        if classes.names == VEHICLES.names
-        else f"{classes.names[0]} alone,"
-    )
-    objects = f"of {one}" if len(classes) == 1 else f"the {classes.described(cases.threshold)},"
+    other_labels = [label for label in LABELS if label not in classes.names]
+    objects = f"of {classes.names[0]} alone,"
+    if len(classes) > 1:
+        objects = f"the {classes.described(cases.threshold)},"
+    elif classes.names == VEHICLES.names:
+        objects = "of vehicles alone, heavy ones not counted,"
     lines = [
         "Traffic is simulated (SUMO) and measurements are ray-cast with the noise of the "
         "sensors' models; nothing was measured at the place itself.",
         describe_origins(question.site),
         f"AP is {objects} centred in the detection area, by the detector {detector} at IoU "
         f"{iou_text(cases.threshold)} in {setting.fusion.name} fusion.",
-        f"Searches, comparison and judgement each have their own traffic (seeds {searched}, "
-        f"{compared} and {judged}): no AP stated for the chosen set is from traffic that it was "
-        "searched or chosen on.",
+        f"Searches, comparison and judgement each have their own traffic (seeds {search_seed}, "
+        f"{comparison_seed} and {judgement_seed}): no AP stated for the chosen set is from traffic "
+        "that it was searched or chosen on.",
         "Intervals are from a bootstrap over blocks of 8 frames, two lives of an object, widened "
         "for few blocks; they hold for this detector in this kind of traffic, not for other "
         "weather, traffic or sensors.",
@@ -245,22 +274,26 @@ def list_assumptions(
         _describe_errors(question),
     ]
     if len(cases.ious) > 1:
+        ious = ", ".join(f"{iou:g}" for iou in cases.ious)
         lines.append(
-            f"Every AP is the mean over IoU {', '.join(f'{iou:g}' for iou in cases.ious)}, as in "
-            "COCO, unless another IoU stands beside it; pictures of single frames show hits at "
-            f"IoU {cases.ious[0]:g}."
+            f"Every AP is the mean over IoU {ious}, as in COCO, unless another IoU stands beside "
+            f"it; pictures of single frames show hits at IoU {cases.ious[0]:g}."
         )
-    if others:
-        same = "the AP stated for them is that of the same detections"
-        lines.append(f"{join_names(others)} did not count in the choice; {same}.")
+    if other_labels:
+        lines.append(
+            f"{join_names(other_labels)} did not count in the choice; the AP stated for them is "
+            "that of the same detections."
+        )
     if stock.catalogue is None:
         lines.append(
             "No catalogue was given: sensors cost nothing besides their poles, prices are in "
             "ordinary poles."
         )
     elif stock.catalogue.pole_price is None:
-        taken = f"the prices of poles are taken to be in {question.currency or 'its unit'}"
-        lines.append(f"The catalogue names no pole_price: {taken}.")
+        lines.append(
+            "The catalogue names no pole_price: the prices of poles are taken to be in "
+            f"{question.currency or 'its unit'}."
+        )
     if stock.only:
         lines.append(
             f"The poles offer more poses than can be searched: the {len(stock.only):,} that see "
@@ -274,25 +307,28 @@ def list_assumptions(
             "knows; zones, classes, schemes, kbit and pictures are of the first."
         )
     if sampled:
-        go = "the worth of each sensor and the order of building go by the fidelity of the searches"
-        lines.append(f"For a set this large, {go}.")
+        lines.append(
+            "For a set this large, the worth of each sensor and the order of building go by the "
+            "fidelity of the searches."
+        )
     return tuple(lines)
 
 
 def describe_origins(site: Site) -> str:
-    """Sentence that lists drawn things of a site."""
+    """List the drawn things of a site in a sentence."""
     if site.road_origin == "drawn":
         return "Everything at the site is drawn at random, the road too: there is no such place."
-    drawn = {kind: n for kind, n in count_things(site)["drawn"].items() if kind != "pole"}
-    if not drawn:
+    drawn_counts = count_things(site)["drawn"]
+    drawn_counts.pop("pole", None)
+    if not drawn_counts:
         return (
             "Nothing at the site is marked as drawn; files from before there were marks have none."
         )
-    ground = (
-        f", and ground uneven within {site.relief.amplitude:g} m" if site.relief.amplitude else ""
-    )
+    ground = ""
+    if site.relief.amplitude:
+        ground = f", and ground uneven within {site.relief.amplitude:g} m"
     return (
-        f"In no map, but drawn at random: {describe_things(drawn)}{ground}. They hide road "
+        f"In no map, but drawn at random: {describe_things(drawn_counts)}{ground}. They hide road "
         "users as real ones would, and other things stand there in truth."
     )
 
@@ -314,41 +350,42 @@ def _describe_errors(question: Question) -> str:
     cases = question.cases
     if cases.noise_only:
         return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."
-    terms = [
-        ", ".join(dict.fromkeys(type(term).__name__ for term in each.terms))
-        for each in cases.profiles
-    ]
-    which = " and ".join(
-        f"of profile {name} ({words})" for name, words in zip(cases.names, terms, strict=True)
+    profile_texts = []
+    for name, profile in zip(cases.names, cases.profiles, strict=True):
+        terms = ", ".join(dict.fromkeys(type(term).__name__ for term in profile.terms))
+        profile_texts.append(f"of profile {name} ({terms})")
+    text = (
+        f"Sets are compared and judged with the sensors' errors {' and '.join(profile_texts)}, "
+        "drawn anew for every 4 frames as if the sensors were mounted again; searches, and the "
+        "kbit they weigh, know the noise of the sensors' models alone."
     )
-    first = (
-        f" The AP by which they are compared is that {cases.describe_errors()}; every other "
-        f"figure of the report, kbit and pictures are with profile {cases.names[0]}, the first "
-        "one given, unless another stands beside it."
-    )
-    return (
-        f"Sets are compared and judged with the sensors' errors {which}, drawn anew for every 4 "
-        "frames as if the sensors were mounted again; searches, and the kbit they weigh, know "
-        f"the noise of the sensors' models alone.{first if len(cases.names) > 1 else ''}"
-    )
+    if len(cases.names) > 1:
+        text += (
+            f" The AP by which they are compared is that {cases.describe_errors()}; every other "
+            f"figure of the report, kbit and pictures are with profile {cases.names[0]}, the first "
+            "one given, unless another stands beside it."
+        )
+    return text
 
 
 def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tuple[str, ...]:
-    """Questions that the plan cannot answer. levels: of traffic."""
+    """List questions that the plan cannot answer. levels: results by level of traffic."""
     lines = [
         "How the detector does on real measurements of this place.",
         "Whether a set that no search looked at would do better: nothing is proven optimal.",
         "Rain, fog, dirt, glare, and what grows, parks or is built there later.",
         "Power, permits, and what it costs to run the sensors.",
     ]
-    few = [
+    sparse_levels = [
         f"{row.name} ({row.judged.vehicles})"
         for row in levels
-        if row.judged and row.judged.vehicles < FEWEST_AT_LEVEL
+        if row.judged and row.judged.vehicles < MIN_LEVEL_OBJECTS
     ]
-    if few:
-        why = f"fewer than {FEWEST_AT_LEVEL} to find say little; increase --frames"
-        lines.append(f"What holds at {join_names(few)}: {why}.")
+    if sparse_levels:
+        lines.append(
+            f"What holds at {join_names(sparse_levels)}: fewer than {MIN_LEVEL_OBJECTS} to find "
+            "say little; increase --frames."
+        )
     if math.isnan(final.low):
         lines.append(f"How far AP {final.format_ap()} may be off: {final.describe_interval()}.")
     return tuple(lines)
