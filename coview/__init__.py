@@ -59,29 +59,28 @@ else:
             "plan",
         ),
         "toolkit": (
-            *(
-                "Detections",
-                "Objects",
-                "Renderer",
-                "Run",
-                "catalogue",
-                "crop",
-                "down_sample",
-                "evaluate_recording",
-            ),
-            *(
-                "from_depth",
-                "fuse",
-                "fuse_files",
-                "load_site",
-                "open_recording",
-                "points_per_box",
-                "save_site",
-            ),
-            *("sensor_numbers", "simulate"),
+            "Detections",
+            "Objects",
+            "Renderer",
+            "Run",
+            "catalogue",
+            "crop",
+            "down_sample",
+            "evaluate_recording",
+            "from_depth",
+            "fuse",
+            "fuse_files",
+            "load_site",
+            "open_recording",
+            "points_per_box",
+            "save_site",
+            "sensor_numbers",
+            "simulate",
         ),
     }
-    _HOMES = {name: face for face, names in _FACES.items() for name in names}
+    _HOMES: dict[str, str] = {}
+    for _face, _names in _FACES.items():
+        _HOMES.update(dict.fromkeys(_names, _face))
     __all__ = ["live", "make", "search", *sorted(_HOMES)]
 
     def __getattr__(name: str) -> object:
@@ -119,8 +118,8 @@ def search(
     """Search for the best set of at most `budget` sensors.
 
     method: portfolio, exhaustive, greedy, swap, cpsat or another of `placement_env.search`;
-    seconds, evaluations: limits, None for as many as the method takes by itself. Raises ValueError
-    for a method that cannot search this objective, ImportError if its package is missing."""
+    seconds, evaluations: limits, None for the method's default. Raises ValueError for a method that
+    cannot search this objective, ImportError if its package is missing."""
     from placement_env.search.methods import METHODS, load_search
 
     if method not in METHODS:
@@ -131,8 +130,10 @@ def search(
 
 
 def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any]":
-    """Make an environment: SensorSelect, SensorSubset or SensorPose. settings: of its
-    configuration, such as site="tjunction" and budget=3. Raises ImportError without Gymnasium."""
+    """Make an environment: SensorSelect, SensorSubset or SensorPose.
+
+    settings: fields of its configuration, such as site="tjunction" and budget=3. Raises
+    ImportError without Gymnasium."""
     try:
         import gymnasium
     except ImportError:
@@ -144,10 +145,11 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
 def live(
     site: "Setting | str", *, frames: int | None = None, seed: int | None = None, port: int = 8090
 ) -> "coview.live_start.LiveSession":
-    """Serve a page where sensors of a site, a setting or a plan's folder are moved by hand; in
-    Jupyter it shows in the cell. frames, seed: of the traffic, the plan's or 60 and 3 by default.
-    Raises ValueError where no surrogate scores the setting, OSError for a plan whose detector is
-    gone, ImportError without viser."""
+    """Serve a page on which sensors of a site, a setting or a plan's folder are moved by hand.
+
+    In Jupyter the page is shown in the cell. frames, seed: of the traffic; by default the plan's,
+    or 60 and 3. Raises ValueError if no surrogate scores the setting, OSError for a plan whose
+    detector is gone, ImportError without viser."""
     from dataclasses import replace
 
     from coview.live_start import LiveSession

@@ -9,11 +9,11 @@ Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects
 Combine = Literal["mean", "worst"]
 
 
-def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:
+def check_least(option: str, value: float | None, minimum: float, remedy: str = "") -> None:
     """Raise ValueError for a number below its minimum; None passes."""
-    if value is not None and not least <= value < float("inf"):
+    if value is not None and not minimum <= value < float("inf"):
         raise ValueError(
-            f"{option} must be at least {least:g}, got {value:g}{remedy and ': '}{remedy}"
+            f"{option} must be at least {minimum:g}, got {value:g}{remedy and ': '}{remedy}"
         )
 
 
@@ -55,7 +55,7 @@ def check_each_once(option: str, values: Sequence[object] | None) -> None:
 
 
 def check_ious(values: Iterable[float]) -> None:
-    """Raise ValueError where an IoU threshold is none."""
+    """Raise ValueError for a number that is no IoU threshold."""
     for value in values:
         if not 0 < value <= 1:
             raise ValueError(f"--iou must lie above 0 and at most at 1, got {value:g}")
@@ -73,17 +73,19 @@ def check_schemes(names: Iterable[str]) -> None:
 
 
 def sensor_set(text: str) -> list[int | str] | None:
-    """`all`, or numbers and names separated by commas."""
+    """Parse a sensor set: `all` (None), or numbers and names separated by commas."""
     names = [name.strip() for name in text.split(",")]
     if len(set(names)) < len(names):
         raise ValueError(
             f"each sensor may be named once in a set, got {text}: leave the repetition out"
         )
-    return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
+    if names == ["all"]:
+        return None
+    return [int(name) if name.isdecimal() else name for name in names]
 
 
 def site_file(site: str | None) -> list[Path]:
-    """File that a site is read from, if any."""
+    """Return the file that a site is read from, if any."""
     return [Path(site)] if site is not None and Path(site).is_file() else []
 
 

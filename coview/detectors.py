@@ -1,16 +1,15 @@
-"""Detectors that --detector names.
+"""Detectors by the names that --detector takes.
 
-Behind the name may stand, in any order,
+A name may end in these suffixes, in any order:
 
-    +background   a detector that knows the empty site: it leaves out what always stands there.
-                  `general` at a site whose scenery is known means that too, `general-background`
-                  the bare network; `coview detect` learns what stands in most frames for `general`
-                  where the site is unknown and the sensors stand still. Where nothing is known of
-                  the site, `general` reports pedestrians from a higher score on
+    +background   a detector that knows the empty site and leaves out what is always there.
+                  `general` has it at a site with known scenery, `general-background` has not.
+                  For `general`, `coview detect` learns what is in most frames if the site is
+                  unknown and the sensors do not move. If nothing is known about the site,
+                  `general` reports pedestrians from a higher score on
     +phases4      a network on four shifted grids, whose boxes are averaged
-    +bfloat16     a network in coarser numbers, in half the time, where the processor has
-                  instructions for them; `coview detect` does so by itself, unless +float32 stands
-                  there"""
+    +bfloat16     a network in coarser numbers, in half the time, if the processor has
+                  instructions for them; `coview detect` adds it unless +float32 is given"""
 
 import re
 import warnings
@@ -19,14 +18,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, SupportsFloat, cast
 
 BACKGROUND = "+background"
-BARE = "-background"
+NO_BACKGROUND = "-background"
 CLUSTER = "cluster"
 QUICK = "+bfloat16"
 EXACT = "+float32"
 GENERAL = "general"
-# and seconds, of recordings whose background is learnt: else all that waits is part
-FEWEST_FRAMES = 10
-SHORTEST = 60.0
+# shorter recordings would learn waiting vehicles as background
+MIN_LEARNING_FRAMES = 10
+MIN_LEARNING_S = 60.0
+_SUFFIXES = re.compile(r"(.+?)((?:\+background|-background|\+phases\d{1,3}|\+bfloat16|\+float32)*)")
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,12 +41,11 @@ if TYPE_CHECKING:
 
 
 class CloudDetector:
-    """Detector in clouds of any kind: Open3D's, tensor or legacy, or an array (n, 3) or (n, 4) that
-    begins x, y, z.
+    """Detector in clouds of Open3D (tensor or legacy) and in arrays (n, 3) or (n, 4) of x, y, z, ….
 
-    network: the detector of level points; level: "map" or "plane" puts each cloud on level ground
-    first, and boxes come back in the cloud's own frame. With None the ground is taken to be at
-    z = 0, and a warning says where the ground of the first cloud lies if that is elsewhere."""
+    network: detector in level points; level: "map" or "plane" puts each cloud on level ground
+    first, and boxes are in the cloud's frame. With None the ground must be at z = 0, and a warning
+    gives the height of the first cloud's ground if it is elsewhere."""
 
     def __init__(
         self, network: "VoxelNetDetector", level: Literal["map", "plane"] | None = None
@@ -62,8 +61,9 @@ class CloudDetector:
         self.digest = network.digest if level is None else f"{network.digest} {level}"
 
     def __call__(self, cloud: object, /) -> "Detections":
-        """Detect in one cloud. Raises ValueError for what is no cloud, or where no ground is found
-        to level."""
+        """Detect in one cloud.
+
+        Raises ValueError for another type, and if no ground to level is found."""
         from dataclasses import replace
 
         import numpy as np
@@ -74,8 +74,10 @@ class CloudDetector:
         if self.level is not None and len(points):
             points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
             ground = level(points, method=self.level)
-            found = self.network(ground.points(points).astype(np.float32))
-            return replace(found, boxes=ground.boxes_back(found.boxes)) if len(found) else found
+            detections = self.network(ground.points(points).astype(np.float32))
+            if not len(detections):
+                return detections
+            return replace(detections, boxes=ground.boxes_back(detections.boxes))
         if not self._checked and len(points):
             self._checked = True
             self._warn(points)
@@ -94,11 +96,12 @@ class CloudDetector:
     def _warn(self, points: "np.ndarray") -> None:
         from toolkit.calibration.ground import level_warning
 
-        said = level_warning(points)
-        if said is not None:
-            ours = said.removesuffix(": level the points first")
+        warning = level_warning(points)
+        if warning is not None:
+            problem = warning.removesuffix(": level the points first")
             warnings.warn(
-                f'not levelled: {ours}: load_detector(..., level="map") levels clouds', stacklevel=3
+                f'not levelled: {problem}: load_detector(..., level="map") levels clouds',
+                stacklevel=3,
             )
 
 
@@ -112,12 +115,11 @@ def load_detector(
     score_threshold: float | None = None,
     nms_threshold: float = 0.1,
 ) -> CloudDetector:
-    """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its
-    weights.
+    """Load a detector by shipped name or by the path of its weights.
 
-    level: see `CloudDetector`; the rest: see `models.load_detector`, which returns the bare
-    network. Raises FileNotFoundError for unknown weights, ValueError if they are damaged or for
-    another place."""
+    name: "tjunction", "roundabout", "general" or a path; level: see `CloudDetector`; other
+    parameters: see `models.load_detector`, which returns the bare network. Raises
+    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place."""
     from models import detector
 
     if Path(name).suffix == ".onnx":
@@ -139,17 +141,18 @@ def load_detector(
 
 
 class NamedDetector(NamedTuple):
-    """Detector as its name asks for it: without what stands behind the name, and that."""
+    """Parsed detector name: base name and options."""
 
     bare: str
-    known: bool = False  # the background of the site
-    phases: int = 1
+    known: bool = False  # whether it knows the site's background
+    phases: int = 1  # number of shifted grids
     bfloat16: bool = False
     unknown_site: bool = False  # nothing is known of what stands there
 
     def tune(self, detector: "Detector") -> "Detector":
-        """Return a detector on the grids and in the numbers asked for. Raises ValueError for one
-        that has no grid."""
+        """Return a detector with these grids and numbers.
+
+        Raises ValueError for a detector without a grid."""
         from toolkit.objects import quick_detector
 
         if self.phases != 1:
@@ -169,13 +172,14 @@ def recording_detector(
     place: "Place | None" = None,
     scenes: "Scenes | None" = None,
 ) -> "Detector":
-    """Return the detector for a recording: cluster, which learns its empty site, or one of
-    `site_detector`.
+    """Return the detector for a recording: cluster, or a detector of `site_detector`.
 
-    name: None for the one that plans take, `find_network`, at a known site, else general;
-    +background: the site's, or where the site has no scenery, of what the recording shows behind
-    all that moves; place: where it will detect, if not at the site itself; scenes: empty ones to
-    learn from."""
+    Cluster learns the recording's empty site. With +background the detector knows the site's
+    scenery, or what the recording shows behind all that moves.
+
+    name: name of the detector; None for `find_network`, which plans use, at a known site, else for
+    general; place: place of detection, if not at the site itself; scenes: empty scenes to learn
+    from."""
     from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
     from toolkit.detection.place import Place
@@ -189,43 +193,49 @@ def recording_detector(
         sensors = recording[0].sensors if len(recording) else site.sensors
         return load_shipped_detector(find_network(site, sensors), site)
     name = name or GENERAL
-    asked = parse_detector(name, site if at_site else None)
+    parsed = parse_detector(name, site if at_site else None)
     if site is not None and at_site:
         dataset = cast("CoopDataset", recording)
-        if asked.bare == CLUSTER:
-            return asked.tune(ClusterDetector.of(dataset))
-        detector = _bare_detector(asked, site)
-        return KnownBackground(detector, recording_background(dataset)) if asked.known else detector
-    if asked.bare != CLUSTER and not asked.known:
+        if parsed.bare == CLUSTER:
+            return parsed.tune(ClusterDetector.of(dataset))
+        detector = _bare_detector(parsed, site)
+        if not parsed.known:
+            return detector
+        return KnownBackground(detector, recording_background(dataset))
+    if parsed.bare != CLUSTER and not parsed.known:
         return place_detector(name, place)
     from toolkit.calibration import empty_scene
 
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
-    if asked.known:
+    if parsed.known:
         _check_long(recording)
     learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
-    if asked.bare == CLUSTER:
-        return asked.tune(learnt)
-    return KnownBackground(place_detector(name.replace(BACKGROUND, BARE), place), learnt.background)
+    if parsed.bare == CLUSTER:
+        return parsed.tune(learnt)
+    return KnownBackground(
+        place_detector(name.replace(BACKGROUND, NO_BACKGROUND), place), learnt.background
+    )
 
 
 def _check_long(recording: "Recording") -> None:
-    """Raise ValueError for a recording in which vehicles that wait cannot be told from the
-    scene."""
+    """Raise ValueError for a recording too short to distinguish waiting vehicles."""
     number = len(recording)
     seconds = recording[len(recording) - 1].time - recording[0].time
-    if number < FEWEST_FRAMES or 0 < seconds < SHORTEST:
-        lasting = f" in {seconds:.0f} s" if seconds > 0 else ""
+    if number < MIN_LEARNING_FRAMES or 0 < seconds < MIN_LEARNING_S:
+        duration = f" in {seconds:.0f} s" if seconds > 0 else ""
         raise ValueError(
-            f"{number} frames{lasting} do not tell what waits from what belongs to the site: give "
-            f"at least {FEWEST_FRAMES} frames over {SHORTEST:.0f} s, or leave {BACKGROUND} out"
+            f"{number} frames{duration} do not tell what waits from what belongs to the site: give "
+            f"at least {MIN_LEARNING_FRAMES} frames over {MIN_LEARNING_S:.0f} s, or leave "
+            f"{BACKGROUND} out"
         )
 
 
 def check_detector(name: str, place: "Place | None" = None) -> None:
-    """Raise FileNotFoundError for a name that stands for no detector, before any work. place: where
-    it will detect. Raises ValueError if its area is not that of the weights."""
+    """Raise FileNotFoundError for an unknown detector.
+
+    place: place of detection. Raises ValueError if its area differs from the area of the
+    weights."""
     bare = parse_detector(name).bare
     if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
         from models.detector import weights_file
@@ -245,23 +255,24 @@ def check_detector(name: str, place: "Place | None" = None) -> None:
 
 
 def site_detector(name: str, site: "Site") -> "Detector":
-    """Return a detector for a site. name: voxelnet for the site's own shipped network, a shipped
-    name, a file of weights or in ONNX, or package.module:callable, and what may stand behind it;
-    +background: of the site's scenery."""
-    asked = parse_detector(name, site)
-    detector = _bare_detector(asked, site)
-    if not asked.known:
+    """Return a detector for a site.
+
+    name: voxelnet for the site's shipped network, a shipped name, a file of weights or in ONNX, or
+    package.module:callable, with suffixes. With +background it knows the site's scenery."""
+    parsed = parse_detector(name, site)
+    detector = _bare_detector(parsed, site)
+    if not parsed.known:
         return detector
     from toolkit.detection.background import add_background
 
     return add_background(detector, site)
 
 
-def _bare_detector(asked: NamedDetector, site: "Site") -> "Detector":
-    """Detector for a site that knows no background."""
+def _bare_detector(parsed: NamedDetector, site: "Site") -> "Detector":
+    """Return a detector for a site, without its background."""
     from models.detector import load_detector, load_site_detector
 
-    name = asked.bare
+    name = parsed.bare
     if name == CLUSTER:
         raise ValueError(
             "detector cluster learns from a recording, of which there is none here: take voxelnet"
@@ -269,62 +280,61 @@ def _bare_detector(asked: NamedDetector, site: "Site") -> "Detector":
     if ":" in name:
         from toolkit.detection.detect import ImportedDetector
 
-        return asked.tune(ImportedDetector(name, site))
+        return parsed.tune(ImportedDetector(name, site))
     if name.endswith(".onnx"):
         from models.onnx_files import OnnxDetector
 
-        return asked.tune(OnnxDetector(name, site.area))
-    found = (
+        return parsed.tune(OnnxDetector(name, site.area))
+    network = (
         load_site_detector(site.name, site.area)
         if name == "voxelnet"
         else load_detector(name, area=site.area)
     )
-    return asked.tune(found)
+    return parsed.tune(network)
 
 
 def place_detector(name: str, place: "Place") -> "Detector":
-    """Return a detector for frames of any recording, of points counted from the middle of the
-    place."""
+    """Return a detector for frames of any recording, with points relative to the place."""
     import numpy as np
 
     from toolkit.sites.site import Site
 
-    asked = parse_detector(name)
-    if asked.known:
+    parsed = parse_detector(name)
+    if parsed.known:
         raise ValueError(
             f"{name} must see the site empty first: take coview detect, or leave {BACKGROUND} out"
         )
-    if asked.bare in ("voxelnet", CLUSTER):
+    if parsed.bare in ("voxelnet", CLUSTER):
         raise ValueError(
             f"{name} needs a site: take general, another shipped network, a weights file or your "
             "own"
         )
     x, y = place.half
-    return _bare_detector(asked, Site("recording", np.array([-x, -y, x, y])))
-
-
-_BEHIND = re.compile(r"(.+?)((?:\+background|-background|\+phases\d{1,3}|\+bfloat16|\+float32)*)")
+    return _bare_detector(parsed, Site("recording", np.array([-x, -y, x, y])))
 
 
 def parse_detector(name: str, site: "Site | None" = None) -> NamedDetector:
-    """Parse a detector's name."""
-    found = _BEHIND.fullmatch(name)
-    bare, behind = found.groups() if found else (name, "")
-    by_default = (
-        bare == GENERAL and BARE not in behind and site is not None and len(site.solids) > 0
+    """Parse a detector's name. site: site of detection, if it is known."""
+    match = _SUFFIXES.fullmatch(name)
+    bare, suffixes = match.groups() if match else (name, "")
+    has_scenery = site is not None and len(site.solids) > 0
+    knows_by_default = bare == GENERAL and NO_BACKGROUND not in suffixes and has_scenery
+    phases = re.search(r"phases(\d+)", suffixes)
+    known = BACKGROUND in suffixes or knows_by_default
+    is_bare = NO_BACKGROUND in suffixes
+    return NamedDetector(
+        bare,
+        known=known,
+        phases=int(phases[1]) if phases else 1,
+        bfloat16=QUICK in suffixes and EXACT not in suffixes,
+        unknown_site=bare == GENERAL and site is None and not known and not is_bare,
     )
-    phases = re.search(r"phases(\d+)", behind)
-    known = BACKGROUND in behind or by_default
-    coarse = QUICK in behind and EXACT not in behind
-    unknown_site = bare == GENERAL and BARE not in behind and site is None and not known
-    return NamedDetector(bare, known, int(phases[1]) if phases else 1, coarse, unknown_site)
 
 
 def learns_background(name: str) -> bool:
-    """Return True for a detector that learns what stands in a recording of an unknown site, by
-    default."""
+    """Return whether a detector learns the background of an unknown site by default."""
     parsed = parse_detector(name)
-    return parsed.bare == GENERAL and not parsed.known and BARE not in name
+    return parsed.bare == GENERAL and not parsed.known and NO_BACKGROUND not in name
 
 
 def check_digest(name: str, detector: "Detector", remedy: str) -> None:

@@ -31,7 +31,7 @@ class LiveCameras:
     browser's number."""
 
     def __init__(self, area: Float64[np.ndarray, "4"]) -> None:
-        eye, self.middle = (np.array(each) for each in scene.overview(tuple(area.tolist())))
+        eye, self.middle = (np.array(point) for point in scene.overview(tuple(area.tolist())))
         self.slant = AWAY * (eye - self.middle)
         self.aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}
 
@@ -44,8 +44,10 @@ class LiveCameras:
         def fit(
             _: Handle,
         ) -> None:  # the panel docks, or the window changes: fit what nobody has moved
-            away, aspect, phone, place = self.aimed[client.client_id]
-            if abs(camera.aspect - aspect) > 0.01 and np.allclose(camera.position, place, atol=0.1):
+            away, aspect, phone, position = self.aimed[client.client_id]
+            if abs(camera.aspect - aspect) > 0.01 and np.allclose(
+                camera.position, position, atol=0.1
+            ):
                 self.aim(client, away, phone=phone)
 
         camera.on_update(fit)

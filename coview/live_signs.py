@@ -72,11 +72,11 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     )
     low, high = site.area[:2] - MARGIN_M, site.area[2:] + MARGIN_M
     for k, street in enumerate(find_street_names(site, low, high)):
-        place = _lift(site, np.array([[street.x, street.y]]))[0]
+        position = _lift(site, np.array([[street.x, street.y]]))[0]
         api.add_label(
             f"/signs/streets/{k}",
             street.name,
-            position=place,
+            position=position,
             font_screen_scale=STREET_SCALE,
             anchor="center-center",
         )
@@ -193,8 +193,8 @@ def _add_scale(
     end = middle + half
     lines = np.array([[start, end], [start - tick, start + tick], [end - tick, end + tick]])
     _add_lines(api, "/signs/scale", site, lines, INK, width=3.0)
-    place = _lift(site, end[None])[0]
-    api.add_label("/signs/scale/length", f"{length:g} m", position=place, anchor="center-left")
+    position = _lift(site, end[None])[0]
+    api.add_label("/signs/scale/length", f"{length:g} m", position=position, anchor="center-left")
 
 
 def _arrow(

@@ -108,10 +108,10 @@ class StartPage:
             ) from None
         width, length = self._size.value
         piece = MapPiece(path, (x, y), (width, length), seed=0)
-        made = import_osm(piece) if path.suffix.lower() == ".osm" else import_opendrive(piece)
+        site = import_osm(piece) if path.suffix.lower() == ".osm" else import_opendrive(piece)
         target = self._folder / f"{path.stem}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
-        save_site(made, target)
+        save_site(site, target)
         return str(target)
 
 
@@ -123,11 +123,13 @@ def find_middle(path: Path) -> tuple[float, float]:
         "header": ("west", "east", "south", "north"),
     }
     with suppress(ElementTree.ParseError, KeyError):
-        for _, part in ElementTree.iterparse(path, events=("start",)):
-            if part.tag in ends:
-                west, east, south, north = (float(part.attrib[name]) for name in ends[part.tag])
+        for _, element in ElementTree.iterparse(path, events=("start",)):
+            if element.tag in ends:
+                west, east, south, north = (
+                    float(element.attrib[name]) for name in ends[element.tag]
+                )
                 return (west + east) / 2, (south + north) / 2
-            if part.tag in ("node", "road"):
+            if element.tag in ("node", "road"):
                 break
     raise ValueError(f"{path} states no bounds: give the centre")
 
@@ -167,12 +169,12 @@ class LiveSession:
         """Open a site in place of the first page. Raises what cannot be done, which the page shows
         too."""
         self._server.gui.reset()
-        said = self._server.gui.add_html(note_html(f"opening {site}", ""))
+        note = self._server.gui.add_html(note_html(f"opening {site}", ""))
         gc.disable()  # what is loaded stays
         try:
             self._show(*self._begin(site))
         except (ValueError, OSError, ImportError) as error:
-            said.content = note_html("", str(error))
+            note.content = note_html("", str(error))
             raise
         finally:
             gc.enable()

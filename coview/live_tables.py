@@ -13,7 +13,7 @@ from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor
 
 if TYPE_CHECKING:
     from placement_env.live.figures import FoundShare, LiveAnswer
-    from placement_env.live.planner import Suggestion
+    from placement_env.live.suggestions import Suggestion
     from placement_env.live.variant import Variant, Yard
     from placement_env.report.planning.plan_folder import StatedFigure
     from toolkit.sensors.sensor import Sensor
@@ -66,10 +66,10 @@ def figures_html(answer: "LiveAnswer") -> str:
     if answer.change:
         colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
         bounds = _ends(answer.change_low, answer.change_high, answer.objects, signed=True)
-        ends = f" ({bounds})" if np.isfinite(answer.change_low) else ""
+        interval = f" ({bounds})" if np.isfinite(answer.change_low) else ""
         figure = format_share(answer.change, answer.objects, signed=True)
         change = (
-            f'<div style="color:{colour}"><b class="live-change">{figure}</b>{ends} '
+            f'<div style="color:{colour}"><b class="live-change">{figure}</b>{interval} '
             f"{escape(answer.what)}</div>"
         )
     limited = np.isfinite(answer.budget)
@@ -79,9 +79,9 @@ def figures_html(answer: "LiveAnswer") -> str:
     worst = "no sensor is left"
     if answer.worst_sensor:
         bounds = _ends(answer.worst_low, answer.worst_high, answer.objects)
-        ends = f" ({bounds})" if np.isfinite(answer.worst_low) else ""
+        interval = f" ({bounds})" if np.isfinite(answer.worst_low) else ""
         worst = (
-            f"{format_share(answer.worst, answer.objects)}{ends} without "
+            f"{format_share(answer.worst, answer.objects)}{interval} without "
             f"{escape(answer.worst_sensor)}"
         )
     budget = f" of {answer.budget:,.10g}" if limited else ""
@@ -101,8 +101,8 @@ def figures_html(answer: "LiveAnswer") -> str:
         for name, text in facts
     )
     problems = "".join(
-        f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>'
-        for each in answer.problems
+        f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(problem)}</div>'
+        for problem in answer.problems
     )
     several = (
         _bars("Found, by class (95 % interval)", answer.classes) if len(answer.classes) > 1 else ""
@@ -146,7 +146,7 @@ def _number(answer: "LiveAnswer") -> str:
 def _fullest(answer: "LiveAnswer") -> str:
     if not answer.links:
         return "none"
-    link = max(answer.links, key=lambda each: each.share)
+    link = max(answer.links, key=lambda load: load.share)
     return f"{link.share:.0%} of {link.capacity_mbit_s:g} Mbit/s, {escape(link.pole)}"
 
 
@@ -155,8 +155,8 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
     for row in rows:
         width = 0.0 if np.isnan(row.recall) else 100 * row.recall
         bar = f'<div style="background:{BAR};height:6px;width:{width:.0f}%"></div>'
-        said = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
-        ends = (
+        share = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
+        interval = (
             f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
         )
         ap = ""
@@ -169,7 +169,7 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
             "<div "
             'style="display:flex;flex-wrap:wrap;justify-content:space-between;column-gap:.8em;margin-top:.25em">'
             f'<span style="overflow-wrap:anywhere">{escape(row.name)}</span><span '
-            f'style="{_SMALL}">{said}{ends}{ap}, N = {row.objects}</span></div><div '
+            f'style="{_SMALL}">{share}{interval}{ap}, N = {row.objects}</span></div><div '
             f'style="background:#e3e3e6">{bar}</div>'
         )
     return f'<div style="{_SMALL};margin-top:.4em">{title}</div>{"".join(lines)}'
@@ -177,9 +177,9 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
 
 def note_html(busy: str, note: str) -> str:
     """Line on work in progress, and on a refusal or finding."""
-    said = [f"<i>{escape(busy)} &#8230;</i>"] if busy else []
-    said += [f'<span class="live-note">{escape(note)}</span>'] if note else []
-    return f'<div style="{_BOX};min-height:1.4em">{"<br>".join(said)}</div>'
+    lines = [f"<i>{escape(busy)} &#8230;</i>"] if busy else []
+    lines += [f'<span class="live-note">{escape(note)}</span>'] if note else []
+    return f'<div style="{_BOX};min-height:1.4em">{"<br>".join(lines)}</div>'
 
 
 def site_html(site: "Site") -> str:
@@ -225,15 +225,15 @@ def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
 
 
 def draw_small_maps(
-    yard: "Yard", variants: "Iterable[Variant]", known: "Mapping[Variant, str]"
+    yard: "Yard", variants: "Iterable[Variant]", drawn_maps: "Mapping[Variant, str]"
 ) -> dict["Variant", str]:
-    """Draw a small map of each variant. known: those that are drawn already."""
+    """Draw a small map of each variant. drawn_maps: those that are drawn already."""
     maps = {}
     for variant in variants:
         sensors = [
             (yard.build_sensor(variant, sensor), sensor.failed) for sensor in variant.sensors
         ]
-        maps[variant] = known.get(variant) or map_html(yard.site, sensors)
+        maps[variant] = drawn_maps.get(variant) or map_html(yard.site, sensors)
     return maps
 
 
@@ -246,37 +246,40 @@ def variants_html(
 ) -> str:
     """Table of the variants side by side. maps: of each, as `map_html` draws them."""
     rows = []
-    for name, each in answers.items():
+    for name, answer in answers.items():
         weight = "700" if name == current else "400"
-        aps = ((each.ap, each.low, each.high), (each.worst, each.worst_low, each.worst_high))
+        aps = (
+            (answer.ap, answer.low, answer.high),
+            (answer.worst, answer.worst_low, answer.worst_high),
+        )
         cells = [
             (
-                f"{format_share(ap, each.objects)}<br><span "
-                f"style='{_SMALL}'>{_ends(low, high, each.objects)}</span>"
+                f"{format_share(ap, answer.objects)}<br><span "
+                f"style='{_SMALL}'>{_ends(low, high, answer.objects)}</span>"
             )
             for ap, low, high in aps
         ]
         figures = "".join(
             f'<td align="right">{c}</td>'
-            for c in (*cells, f"{each.kbit:,.0f}", f"{each.price:,.10g}")
+            for c in (*cells, f"{answer.kbit:,.0f}", f"{answer.price:,.10g}")
         )
         rows.append(
             '<tr class="live-variant" '
             f'style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
         )
-    shown = answers[current]
+    current_answer = answers[current]
     titles = (
         "AP (95&nbsp;%)",
         "AP, worst failure",
         "kbit per frame",
-        f"price, {escape(shown.currency) or 'poles'}",
+        f"price, {escape(current_answer.currency) or 'poles'}",
     )
     head = "".join(f'<td align="right">{title}</td>' for title in titles)
     table = (
         '<table style="width:100%"><tr '
         f'style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
     )
-    table += f'<div style="{_SMALL}">{_number(shown)}</div>'
+    table += f'<div style="{_SMALL}">{_number(current_answer)}</div>'
     return f'<div style="{_BOX}">{table}</div>'
 
 

@@ -8,13 +8,15 @@ from pathlib import Path
 
 _TABLE = tomllib.loads((Path(__file__).parent / "commands.toml").read_text(encoding="utf-8"))
 GROUPS: dict[str, dict[str, tuple[str, str]]] = _TABLE["groups"]
-COMMANDS = {name: module for group in GROUPS.values() for name, (module, _) in group.items()}
+COMMANDS: dict[str, str] = {}  # modules of commands by name
+for _group in GROUPS.values():
+    COMMANDS.update((_name, _row[0]) for _name, _row in _group.items())
 PACKAGES = ("toolkit", "models", "placement_env")
 USAGE: str = _TABLE["usage"]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command line, the process's own by default, and exit."""
+    """Run a command line, by default that with which the process was started, and exit."""
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 
@@ -22,10 +24,10 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code."""
     _open_streams()
     debug = "--debug" in arguments
-    rest = [each for each in arguments if each != "--debug"]
+    options = [argument for argument in arguments if argument != "--debug"]
     try:
-        if rest[:1] in ([], ["-h"], ["--help"], ["--version"]):
-            return _answer(rest[:1])
+        if options[:1] in ([], ["-h"], ["--help"], ["--version"]):
+            return _answer(options[:1])
         refuse_hidden_packages()
     except ValueError as error:  # before any other module of coview is imported
         print(f"coview: {error}", file=sys.stderr)
@@ -39,7 +41,7 @@ def run(arguments: Sequence[str]) -> int:
 
     keep_freed_memory()
     try:
-        code = _call(rest)
+        code = _call(options)
         sys.stdout.flush()  # a closed pipe shows here, not when Python ends
     except (Exception, KeyboardInterrupt) as error:
         code = report(error, debug=debug)
@@ -47,29 +49,29 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _open_streams() -> None:
-    """Open streams that were closed before the start, or the next files would take their
-    numbers."""
+    """Open standard streams that are closed, so that no file takes their numbers."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
-def _answer(asked: Sequence[str]) -> int:
-    if asked == ["--version"]:
+def _answer(options: Sequence[str]) -> int:
+    if options == ["--version"]:
         from coview import __version__
 
         print(f"coview {__version__}")
     else:
-        print(overview(), end="", file=sys.stdout if asked else sys.stderr)
+        print(overview(), end="", file=sys.stdout if options else sys.stderr)
     sys.stdout.flush()
-    return 0 if asked else 2
+    return 0 if options else 2
 
 
 def overview() -> str:
-    """Usage, and every command in a line, by group."""
+    """Return the usage, and every command in a line, by group."""
     lines = []
     for title, group in GROUPS.items():
-        lines += ["", f"{title}:", *(f"  {name:10} {line}" for name, (_, line) in group.items())]
+        lines += ["", f"{title}:"]
+        lines += [f"  {name:10} {row[1]}" for name, row in group.items()]
     return USAGE.format("\n".join([*lines, ""]))
 
 
@@ -85,22 +87,22 @@ def _call(arguments: Sequence[str]) -> int:
     from coview.refusals import describe_near, describe_refusal, recorded_refusals
 
     if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
-        near = (
-            describe_near(arguments[0], list(COMMANDS)) or f": choose among {', '.join(COMMANDS)}"
-        )
-        raise ValueError(f"unknown command {arguments[0]!r}{near}")
+        remedy = describe_near(arguments[0], list(COMMANDS))
+        if not remedy:
+            remedy = f": choose among {', '.join(COMMANDS)}"
+        raise ValueError(f"unknown command {arguments[0]!r}{remedy}")
     warnings.showwarning = lambda message, *_, **__: say(f"coview: note: {message}", error=True)
 
     def delay(load: Callable[..., int]) -> Callable[..., Callable[[], int]]:
         """Parse the arguments of a command without running it yet."""
         return wraps(load)(lambda *args, **options: partial(load, *args, **options))
 
-    said = io.StringIO()
-    wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
+    tyro_output = io.StringIO()
+    names = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
     try:
-        with redirect_stderr(said), recorded_refusals() as events:
+        with redirect_stderr(tyro_output), recorded_refusals() as events:
             call = tyro.extras.subcommand_cli_from_dict(
-                {name: delay(command(name)) for name in wanted},
+                {name: delay(command(name)) for name in names},
                 prog="coview",
                 args=arguments,
                 config=(
@@ -113,16 +115,16 @@ def _call(arguments: Sequence[str]) -> int:
         refusal = _find_refusal(stopped)
         if refusal is not None:
             raise refusal from None
-        if events and (line := describe_refusal(events[-1], said.getvalue(), arguments)):
+        if events and (line := describe_refusal(events[-1], tyro_output.getvalue(), arguments)):
             raise ValueError(line) from None
-        if said.getvalue():
-            say(said.getvalue().rstrip("\n"), error=True)
+        if tyro_output.getvalue():
+            say(tyro_output.getvalue().rstrip("\n"), error=True)
         return stopped.code if isinstance(stopped.code, int) else 0
     return call()
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:
-    """Find our dataclass's error behind the parser's exit."""
+    """Find an error of coview's code behind the parser's exit."""
     from traceback import walk_tb
 
     from coview.outputs import OURS
@@ -151,13 +153,12 @@ def refuse_hidden_packages() -> None:
     home = Path(__file__).resolve().parents[1]
     for name in PACKAGES:
         spec = find_spec(name)
-        places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
-        place = next((Path(each).resolve() for each in places if each), None)
-        if place is None:
+        locations = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
+        package_path = next((Path(location).resolve() for location in locations if location), None)
+        if package_path is None:
             raise ValueError(f"{name}, a part of coview, is not installed: install coview again")
-        if not place.is_relative_to(home / name):
-            said = f"{place} hides {name}, a part of coview"
+        if not package_path.is_relative_to(home / name):
             raise ValueError(
-                f"{said}: rename it, or start Python from another folder and without it in "
-                "PYTHONPATH"
+                f"{package_path} hides {name}, a part of coview: rename it, or start Python from "
+                "another folder and without it in PYTHONPATH"
             )

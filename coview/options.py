@@ -1,5 +1,6 @@
-"""Groups of options that commands share. Each dataclass is a group in --help, with the texts of its
-fields.
+"""Groups of options that commands share.
+
+Each dataclass is a group in --help, with the texts of its fields.
 
 `placement_env.cases.Cases`, `placement_env.setting.Weights` and `toolkit.runtime.run.Run` are
 groups of options too."""
@@ -16,7 +17,7 @@ from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases
-from placement_env.classes import SMALL, SMALL_IOU, Classes
+from placement_env.classes import SMALL_CLASSES, SMALL_IOU, Classes
 from placement_env.links import LINK_SHARE
 from placement_env.report.planning.question import Stock
 from placement_env.setting import AP_ONLY, Setting, Weights
@@ -49,7 +50,7 @@ class ClassOptions:
     """IoU at which cyclists and pedestrians count, in place of --iou."""
 
     def build(self) -> Classes:
-        """Return the classes. Raises ValueError where the options do not fit."""
+        """Return the classes. Raises ValueError for options that do not fit."""
         names = self.classes
         weights = self.class_weights
         if not 0 < self.small_iou <= 1:
@@ -60,18 +61,14 @@ class ClassOptions:
             raise ValueError(
                 f"--class-weights needs a weight for each of {', '.join(names)}, got {len(weights)}"
             )
-        own = None if self.small_iou == SMALL_IOU else self.small_iou
-        return Classes(
-            names,
-            weights or (),
-            self.combine,
-            tuple(own if name in SMALL else None for name in names),
-        )
+        small_iou = None if self.small_iou == SMALL_IOU else self.small_iou
+        ious = tuple(small_iou if name in SMALL_CLASSES else None for name in names)
+        return Classes(names, weights or (), self.combine, ious)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CandidateOptions:
-    """Places and sensors to choose from."""
+    """Poles and sensors to choose from."""
 
     candidates: str = "pool"
     """Sensors to choose from: pool, paper for the site's own, or a GeoJSON file of poles."""
@@ -93,14 +90,14 @@ class CandidateOptions:
             )
 
     def build(self, site: Site) -> tuple[Candidates, str]:
-        """Return the candidates at a site, and the currency of their prices, "" for prices in
-        ordinary poles.
+        """Return the candidates at a site, and the currency of their prices.
 
-        Raises ValueError where the options do not fit, and what the files raise."""
+        The currency is "" for prices in ordinary poles. Raises ValueError for options that do not
+        fit, and what the files raise."""
         if self.candidates == "paper" and not site.sensors:
             raise ValueError(f"site {site.name!r} has no sensors of its own: say --candidates pool")
-        for option, given in (("--model", self.model), ("--sensors", self.sensors)):
-            if self.candidates == "paper" and given:
+        for option, value in (("--model", self.model), ("--sensors", self.sensors)):
+            if self.candidates == "paper" and value:
                 raise ValueError(
                     f"{option} is for --candidates pool or a file of poles: a site's sensors have "
                     "theirs"
@@ -109,14 +106,14 @@ class CandidateOptions:
             raise ValueError(
                 "--model and --sensors both say what may be mounted: leave one of them out"
             )
-        barred = () if self.keep_out is None else load_keep_out(self.keep_out, site)
+        keep_out = () if self.keep_out is None else load_keep_out(self.keep_out, site)
         if self.sensors is None:
             models = [find_model(name) for name in self.model]
-            return choose_candidates(site, self.candidates, models, keep_out=barred), ""
+            return choose_candidates(site, self.candidates, models, keep_out=keep_out), ""
         stock = Stock(
             candidates=self.candidates,
             catalogue=load_sensor_catalogue(self.sensors),
-            keep_out=barred,
+            keep_out=keep_out,
         )
         return stock(site), stock.currency
 
@@ -146,8 +143,9 @@ class SettingOptions:
     """File of coview table for --fidelity table, in place of the shipped ones."""
 
     def build(self, site: Site, run: Run) -> tuple[Setting, str]:
-        """Return the setting at a site, and its currency. Raises ValueError where options do not
-        fit."""
+        """Return the setting at a site, and its currency.
+
+        Raises ValueError for options that do not fit."""
         if self.fidelity == "table" and self.candidates.candidates != "paper":
             raise ValueError(
                 "--fidelity table knows the built-in sites' own sensors only: say --candidates "
@@ -176,8 +174,7 @@ class SettingOptions:
 def load_own_detector(name: str | None, site: Site, run: Run) -> Detector | None:
     """Load the detector that --detector names at a site, None for the shipped one.
 
-    Raises ValueError where its detections are to be kept and it does not say what they depend
-    on."""
+    Raises ValueError for a detector without digest if its detections are kept in a cache."""
     if name is None:
         return None
     detector = site_detector(name, site)

@@ -20,11 +20,11 @@ OK = 0
 SUSPECTED = 1
 BAD_INPUT = 2
 MISSING = 3
-LOST = 4
+PIPE_LOST = 4
 INTERNAL = 70
 INTERRUPTED = 130
 PIPE_CLOSED = 141
-NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
+NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like the doctor's suspicion
 SITE_KIND = "a site's file"
 PLAN_KIND = "a plan"
 CARD_KIND = "the card of a network"
@@ -50,8 +50,9 @@ class Writing:
 
 
 def say(text: object, *, error: bool = False) -> None:
-    """Print text, on stderr for an error: all that commands print goes through here or through
-    `escape`."""
+    """Print text, on stderr for an error.
+
+    All that commands print goes through this function or through `escape`."""
     print(escape(text), file=sys.stderr if error else sys.stdout, flush=error)
 
 
@@ -63,17 +64,17 @@ def print_result(result: object, text: str, *, as_json: bool) -> None:
 def check_file(
     out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False, kind: str = ""
 ) -> None:
-    """Check that a command may write a file, if any. kind: of `FILE_KINDS` that it writes, "" for
-    others.
+    """Check that a command may write a file, if any.
 
-    Raises ValueError if `out` is an input or of a kind that the command does not write, whatever
-    `overwrite` says; OSError if it cannot be written or exists without `overwrite`."""
+    kind: kind of the file among `FILE_KINDS`, "" for other files. Raises ValueError if `out` is an
+    input or of a kind that the command does not write, even with `overwrite`. Raises OSError if it
+    cannot be written, or exists without `overwrite`."""
     if out is not None:
         check_output(out, inputs=inputs, overwrite=True)
-        found = find_kind(out)
-        if found not in ("", kind):
+        found_kind = find_kind(out)
+        if found_kind not in ("", kind):
             raise ValueError(
-                f"{out} is {found}, which this command does not write: give another name"
+                f"{out} is {found_kind}, which this command does not write: give another name"
             )
         check_output(out, overwrite=overwrite)
         if out.is_dir():
@@ -82,12 +83,10 @@ def check_file(
 
 
 def find_kind(path: Path) -> str:
-    """Kind of a file among `FILE_KINDS`, "" for another file and none."""
-    if (
-        path.suffix.lower() not in (".json", ".geojson")
-        or not path.is_file()
-        or path.stat().st_size > MAX_JSON_BYTES
-    ):
+    """Return the kind of a file among `FILE_KINDS`, "" for other and missing files."""
+    if path.suffix.lower() not in (".json", ".geojson") or not path.is_file():
+        return ""
+    if path.stat().st_size > MAX_JSON_BYTES:
         return ""
     try:
         content = read_json(path)
@@ -106,24 +105,26 @@ def check_folder(
     writes: Collection[str] = (),
     kind: str = "",
 ) -> None:
-    """Check that a command may write the file `holds` into a folder, new or old. writes: names of
-    its other files; kind: of `holds`.
+    """Check that a command may write the file `holds` into a new or existing folder.
 
-    Raises ValueError for a file that is read, and for a file without `holds` next to it, which
-    another made."""
+    writes: names of its other files; kind: kind of `holds`. Raises ValueError for a file that is
+    an input, and for a file of `writes` without `holds` next to it, which another command
+    wrote."""
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     for name in writes:
         check_output(out / name, inputs=inputs, overwrite=True)
-    strange = [name for name in sorted(writes) if name != holds and (out / name).exists()]
-    if strange and not (out / holds).exists():
-        made = f"{out} holds {strange[0]}, which this command did not write, as there is no {holds}"
-        raise ValueError(f"{made}: give another folder, or it would be lost")
+    foreign = [name for name in sorted(writes) if name != holds and (out / name).exists()]
+    if foreign and not (out / holds).exists():
+        raise ValueError(
+            f"{out} holds {foreign[0]}, which this command did not write, as there is no {holds}: "
+            "give another folder, or it would be lost"
+        )
     check_file(out / holds, inputs=inputs, overwrite=overwrite, kind=kind)
 
 
 def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a folder is empty, new or ours to be overwritten."""
+    """Check that a folder is empty or new, or that coview wrote it and may overwrite it."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
     files.check_new_folder(out, inputs=inputs, overwrite=overwrite)
@@ -132,26 +133,26 @@ def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool 
 
 @contextmanager
 def claim(
-    out: Path, asked: object, check: Callable[..., None], *, overwrite: bool = False
+    out: Path, settings: object, check: Callable[..., None], *, overwrite: bool = False
 ) -> Iterator[bool]:
-    """Check `out` by `check(overwrite=...)`, and keep other runs out of it until the block ends.
+    """Check `out` by `check(overwrite=...)`, and lock it until the block ends.
 
-    A killed run leaves a note of what was asked. The same question may replace what that run wrote
-    without `overwrite`, and the block is told whether it may."""
+    A killed run leaves a note of its settings. A run with the same settings may replace what that
+    run wrote without `overwrite`. Yields whether the block may overwrite."""
     check(overwrite=True)
-    place = out.resolve()
-    beside = not place.is_dir() or os.access(place.parent, os.W_OK)
-    path = place.with_name(f"{place.name}{UNFINISHED}") if beside else place / UNFINISHED
-    note = ShardFolder(path, {"asked": repr(asked)})
-    again = overwrite or note.found == note.plan
-    check(overwrite=again)
+    target = out.resolve()
+    is_sibling = not target.is_dir() or os.access(target.parent, os.W_OK)
+    path = target.with_name(f"{target.name}{UNFINISHED}") if is_sibling else target / UNFINISHED
+    note = ShardFolder(path, {"asked": repr(settings)})
+    may_overwrite = overwrite or note.found == note.plan
+    check(overwrite=may_overwrite)
     with note.lock():
-        check(overwrite=again)  # another run may have ended in between
+        check(overwrite=may_overwrite)  # another run may have ended in between
         note.open(overwrite=True)
         try:
-            yield again
+            yield may_overwrite
         except BaseException:
-            with suppress(FileExistsError):  # where it has written, it may go on
+            with suppress(FileExistsError):  # after files were written, the note stays to resume
                 check(overwrite=False)
                 note.remove()
             raise
@@ -160,16 +161,19 @@ def claim(
 
 def check_writable(folder: Path, out: Path) -> None:
     """Raise OSError if the folder of `out` cannot be written."""
-    there = next(each for each in (folder, *folder.parents) if each.exists())
-    if not there.is_dir():
-        raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise PermissionError(f"cannot write {out}: {there} may not be written; give another path")
+    existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
+    if not existing.is_dir():
+        raise NotADirectoryError(f"cannot write {out}: {existing} is no folder; give another path")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise PermissionError(
+            f"cannot write {out}: {existing} may not be written; give another path"
+        )
 
 
 def report(error: BaseException, *, debug: bool = False) -> int:
-    """Print an error on stderr and return its exit code. debug: print the traceback of any
-    error."""
+    """Print an error on stderr and return its exit code.
+
+    debug: print the traceback of any error."""
     if isinstance(error, BrokenPipeError):
         _silence(sys.stdout)
         return PIPE_CLOSED
@@ -184,7 +188,7 @@ def report(error: BaseException, *, debug: bool = False) -> int:
 
 
 def _silence(stream: TextIO) -> None:
-    """Send further output nowhere."""
+    """Discard further output of a stream."""
     with suppress(OSError, ValueError):  # it may be no real file
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
@@ -193,13 +197,16 @@ def _classify(error: BaseException) -> tuple[int, str]:
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):
-        return LOST, str(error)
+        return PIPE_LOST, str(error)
     if isinstance(error, ImportError) and (error.name or "").partition(".")[0] not in OURS:
         return MISSING, str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
-        remedy = "give another path, or make this one readable and writable"
-        # without the error's number
-        return (BAD_INPUT, f"cannot use {error.filename}: {error.strerror}; {remedy}")
+        # the text leaves out the error's number
+        return (
+            BAD_INPUT,
+            f"cannot use {error.filename}: {error.strerror}; give another path, or make this one "
+            "readable and writable",
+        )
     if isinstance(error, OSError | ValueError):
         return BAD_INPUT, str(error)
     return INTERNAL, REPORT

@@ -1,5 +1,6 @@
-"""Progress of long work on stderr: a bar in a terminal, else a line now and then; nothing where
-JSON is asked for."""
+"""Progress of long work on stderr: a bar in a terminal, else a line now and then.
+
+With JSON output there is no progress."""
 
 import sys
 import time
@@ -13,16 +14,15 @@ from tqdm import tqdm
 from coview.outputs import say
 from toolkit.runtime.text_tables import escape
 
-# main stages of a command in order, and the usual share of its time that each takes
-Steps = Mapping[str, float]
+Steps = Mapping[str, float]  # usual share of a command's time, by main stage in order
 NO_STEPS: Steps = MappingProxyType({})
-EVERY_S = 10.0  # between two lines where there is no terminal
-MIN_LEFT_S = 1.0  # below which no time left is stated
-MIN_SHARE = 0.05  # part of the work, before which no time for all is stated
+EVERY_S = 10.0  # between two lines without a terminal
+MIN_LEFT_S = 1.0  # a shorter time left is not stated
+MIN_SHARE = 0.05  # share of the work before which no total time is stated
 
 
 class Bar:
-    """Progress bar of absolute counts, as of the toolkit's callbacks."""
+    """Progress bar of absolute counts, for the toolkit's callbacks."""
 
     def __init__(
         self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS
@@ -60,7 +60,7 @@ class Bar:
         self.to(done)
 
     def step(self, done: int, total: int, figures: dict[str, float]) -> None:
-        """Show a step of training: its losses behind the bar, or a line of measured AP above it."""
+        """Show a step of training: its losses after the bar, or a line of measured AP above it."""
         self._bar.total = total
         self.to(done)
         if "AP@0.7" in figures:
@@ -79,54 +79,60 @@ class Bar:
         """Describe the stage, its progress, and the time left."""
         done = self._done
         total = self._bar.total
-        spent = time.monotonic() - self._began
-        count = f": {done}{f' of {total}' if total else ''}" if done or total else ""
+        spent_s = time.monotonic() - self._began
+        count = ""
+        if total:
+            count = f": {done} of {total}"
+        elif done:
+            count = f": {done}"
         text = f"{self._describe_step()}{self._stage or 'inputs prepared'}{count}"
         if not total or done <= self._first:
-            return f"{text}, for {_describe_time(spent)}"
-        left = spent / (done - self._first) * max(0, total - done)
-        if left < MIN_LEFT_S:
-            return f"{text}, finishing for {_describe_time(spent)}"
-        return f"{text}, about {_describe_time(left)} left"
+            return f"{text}, for {_describe_time(spent_s)}"
+        left_s = spent_s / (done - self._first) * max(0, total - done)
+        if left_s < MIN_LEFT_S:
+            return f"{text}, finishing for {_describe_time(spent_s)}"
+        return f"{text}, about {_describe_time(left_s)} left"
 
     def _describe_step(self) -> str:
-        """Describe which step of how many this is, and how long all take: by the usual share of the
-        steps before.
+        """Describe the number of this step, and the total time by the usual shares of earlier
+        steps.
 
         Within a step time counts, not what is done: its count may be followed by other stages. A
         count that lags behind the time counts, too."""
         if not self._step:
             return ""
         shares = [*self._steps.values()]
-        before = sum(shares[: self._step - 1])
-        now = shares[self._step - 1]
+        done_shares = sum(shares[: self._step - 1])
+        step_share = shares[self._step - 1]
         total = self._bar.total
         name = [*self._steps][self._step - 1]
         counted = min(1.0, self._done / total) if total and name == self._stage else 1.0
         earlier = self._step_began - self._started
         spent = time.monotonic() - self._step_began
-        if before and earlier:
-            counted = min(counted, spent / (earlier / before * now))
-        share = before + now * counted
+        if done_shares and earlier:
+            counted = min(counted, spent / (earlier / done_shares * step_share))
+        share = done_shares + step_share * counted
         text = f"step {self._step} of {len(shares)}"
-        if share < MIN_SHARE or (not before and name != self._stage):
+        if share < MIN_SHARE or (not done_shares and name != self._stage):
             return f"{text}, "
-        whole = (earlier + spent) * sum(shares) / share
-        return f"{text}, about {_describe_time(whole)} in all, "
+        total_seconds = (earlier + spent) * sum(shares) / share
+        return f"{text}, about {_describe_time(total_seconds)} in all, "
 
 
 def _describe_time(seconds: float) -> str:
-    """Words for a span of time."""
+    """Describe a span of time."""
     if seconds < 90:
         return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
 
 
 @contextmanager
 def progress_bar(
     unit: str, total: int | None = None, *, hidden: bool = False, steps: Steps = NO_STEPS
 ) -> Iterator[Bar]:
-    """Show a bar while the block runs. Without a terminal it is a line every `EVERY_S` seconds."""
+    """Show a bar while the block runs; without a terminal, a line every `EVERY_S` seconds."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
         bar = Bar(inner, hidden, unit, steps)
         ended = Event()

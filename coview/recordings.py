@@ -32,8 +32,9 @@ class Opening:
 
     @property
     def files(self) -> list[Path]:
-        """Files that are read beside the recording."""
-        return [*([self.poses] if self.poses else []), *site_file(self.site)]
+        """Files that are read in addition to the recording."""
+        poses = [self.poses] if self.poses else []
+        return [*poses, *site_file(self.site)]
 
     @contextmanager
     def open(self, path: Path) -> "Iterator[Recording]":
@@ -49,19 +50,20 @@ class Opening:
                 f"{path} is a site, no recording: make one with coview simulate {path} --out "
                 f"{path}.hdf5"
             )
-        place = load_site(self.site) if self.site else None
+        site = load_site(self.site) if self.site else None
         try:
             recording = open_recording(
                 path,
                 self.layout,
                 poses=self.poses,
                 inverted=self.inverted,
-                site=place,
+                site=site,
                 drop_invalid=self.drop_invalid,
             )
         except UnknownSite as error:
-            said = f"{path} does not say which site it shows, and shows no built-in one"
-            raise ValueError(f"{said}: give --site") from error
+            raise ValueError(
+                f"{path} does not say which site it shows, and shows no built-in one: give --site"
+            ) from error
         try:
             yield recording
         except InvalidObjects as error:
@@ -92,14 +94,14 @@ def open_recording(
     """Open a recording of a known site."""
     with Opening(site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:
-            remedy = (
-                "give a recording of coview simulate, or take coview evaluate, which needs no site"
+            raise ValueError(
+                f"{path} holds recorded clouds of an unknown site: give a recording of coview "
+                "simulate, or take coview evaluate, which needs no site"
             )
-            raise ValueError(f"{path} holds recorded clouds of an unknown site: {remedy}")
         yield cast("CoopDataset", recording)
 
 
 def frame_count(recording: Sized, frames: int | None) -> int:
-    """Number of frames to use of a recording."""
+    """Return the number of frames to use of a recording."""
     check_least("--frames", frames, 1, "leave it out for all")
     return len(recording) if frames is None else min(frames, len(recording))

@@ -1,5 +1,4 @@
-"""Refusals of the argument parser, in one line as all others: the rule, what was typed, and what
-helps."""
+"""Refusals of the argument parser in one line: the rule, what was typed, and what helps."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -18,20 +17,22 @@ _KINDS = {
 }
 
 
-def describe_near(word: str, known: Sequence[str]) -> str:
-    """Question for the word that was meant, or nothing.
+def describe_near(word: str, words: Sequence[str]) -> str:
+    """Return a question for the word that was meant, or "".
 
     >>> describe_near("evaluat", ["detect", "evaluate"])
     ': did you mean evaluate?'
     """
-    near = get_close_matches(word, known, 1, 0.6)
-    return f": did you mean {near[0]}?" if near else ""
+    matches = get_close_matches(word, words, 1, 0.6)
+    return f": did you mean {matches[0]}?" if matches else ""
 
 
 @contextmanager
 def recorded_refusals() -> Iterator[list[Any]]:
-    """Yield a list to which the parser adds its refusals, as events. It stays empty if tyro no
-    longer reports them: its module of errors is private, and its own text is shown then."""
+    """Yield a list to which the parser adds its refusals, as events.
+
+    tyro's module of errors is private. If it no longer reports refusals, the list stays empty, and
+    tyro's text is shown."""
     events: list[Any] = []
     try:
         from tyro._errors import on_parse_error
@@ -74,10 +75,10 @@ def _describe_unknown(event: Any, text: str, command: str) -> str:
         available = re.search(r"Available subcommands: (.+?)(?: For full|$)", text)
         if available is None:
             return f"unexpected argument {event.tokens[0]!r}: see {_help_line(command)}"
-        near = describe_near(event.tokens[0], available[1].split(", "))
-        return (
-            f"unknown command {command} {event.tokens[0]}{near or f': choose among {available[1]}'}"
-        )
+        remedy = describe_near(event.tokens[0], available[1].split(", "))
+        if not remedy:
+            remedy = f": choose among {available[1]}"
+        return f"unknown command {command} {event.tokens[0]}{remedy}"
     name = options[0].partition("=")[0]
     meant = re.search(r"(?:Perhaps you meant|Similar arguments?)\W+(--[\w-]+)", text)
     remedy = f"did you mean {meant[1]}?" if meant else f"see {_help_line(command)}"
@@ -99,12 +100,11 @@ def _describe_choice(event: Any, _: str, command: str) -> str:
 def _describe_values(event: Any, text: str, command: str) -> str:
     if event.argument is None:
         return str(event.message)
-    given = re.search(
-        r"instantiated from \[(.*?)\]", " ".join(str(event.message).split()) + " " + text
-    )
-    quoted = re.findall(r"'([^']*)'", given[1] if given else str(event.message))
-    typed = " ".join(quoted)
-    received = f", got {typed}" if typed else ""
+    message = " ".join(str(event.message).split())
+    match = re.search(r"instantiated from \[(.*?)\]", f"{message} {text}")
+    quoted = re.findall(r"'([^']*)'", match[1] if match else str(event.message))
+    typed_words = " ".join(quoted)
+    received = f", got {typed_words}" if typed_words else ""
     return f"{_name(event.argument)} takes {_kind(event.argument)}{received}{_help(event.argument)}"
 
 
@@ -116,9 +116,8 @@ def _describe_too_few(event: Any, _: str, command: str) -> str:
 
 def _describe_missing(event: Any, _: str, command: str) -> str:
     arguments = [missing.arg for missing in event.missing_arguments]
-    return f"{command} needs " + "; ".join(
-        f"{_name(argument)}{_help(argument)}" for argument in arguments
-    )
+    needs = "; ".join(f"{_name(argument)}{_help(argument)}" for argument in arguments)
+    return f"{command} needs {needs}"
 
 
 def _describe_missing_command(event: Any, _: str, command: str) -> str:
@@ -147,18 +146,16 @@ def _help(argument: Any) -> str:
 
 
 def _kind(argument: Any) -> str:
-    """Words for the values that an option takes; the parser writes `{None}|{FLOAT FLOAT}`."""
+    """Describe the values that an option takes; the parser writes `{None}|{FLOAT FLOAT}`."""
     metavar = str(argument.lowered.metavar).replace("{None}|", "")
     if metavar.startswith("{") and metavar.endswith("}") and "|" not in metavar:
         metavar = metavar[1:-1]
     words = metavar.replace("[", " ").replace("]", " ").split()
     kinds = [word for word in words if word in _KINDS]
-    if (
-        not kinds
-        or len(set(kinds)) > 1
-        or len(kinds) < len([word for word in words if word.isupper()])
-    ):
+    upper_words = [word for word in words if word.isupper()]
+    if len(set(kinds)) != 1 or len(kinds) < len(upper_words):
         return metavar
+    singular, plural = _KINDS[kinds[0]]
     if "..." in metavar or "*" in metavar:
-        return f"one or several {_KINDS[kinds[0]][1]}"
-    return _KINDS[kinds[0]][0] if len(kinds) == 1 else f"{len(kinds)} {_KINDS[kinds[0]][1]}"
+        return f"one or several {plural}"
+    return singular if len(kinds) == 1 else f"{len(kinds)} {plural}"

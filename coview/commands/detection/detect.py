@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
 from coview.detectors import (
-    BARE,
+    NO_BACKGROUND,
     QUICK,
     check_detector,
     learns_background,
@@ -38,8 +38,7 @@ def detect(
     place: Place = Place(),
     writing: Writing = Writing(),
 ) -> int:
-    """Find road users in cloud files, folders of clouds, bags, public sets and simulated
-    recordings, on level ground.
+    """Find road users in clouds, bags, public sets and simulated recordings, on level ground.
 
     Example: coview detect my-recording --level map --out boxes.json
 
@@ -75,7 +74,7 @@ def detect(
     quick = detector + QUICK
     network = None if parse_detector(quick).known else place_detector(quick, levelled)
     bare = (
-        place_detector(detector + BARE + QUICK, levelled)
+        place_detector(detector + NO_BACKGROUND + QUICK, levelled)
         if learns_background(detector)
         else network
     )
@@ -86,38 +85,38 @@ def detect(
     with ExitStack() as stack:
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
         opened = [Part(recording, frames) for recording in recordings]
-        looking: list[tuple[Detector, Place]] = []
-        scenes = [
-            learn_standing_scene(part)
-            if recording.site is None and learns_background(detector)
-            else None
-            for recording, part in zip(recordings, opened, strict=True)
-        ]
+        scenes = []
+        for recording, part in zip(recordings, opened, strict=True):
+            learns_scene = recording.site is None and learns_background(detector)
+            scenes.append(learn_standing_scene(part) if learns_scene else None)
+        detectors: list[tuple[Detector, Place]] = []
         for recording, scene in zip(recordings, scenes, strict=True):
-            if (
-                network is None
-                or parse_detector(quick, recording.site if place.at(recording.site) else None).known
-            ):
-                looking.append((recording_detector(quick, recording, place), place))
+            site = recording.site if place.at(recording.site) else None
+            if network is None or parse_detector(quick, site).known:
+                detectors.append((recording_detector(quick, recording, place), place))
+            elif scene is None or bare is None:
+                detectors.append((network, levelled))
             else:
-                looking.append((network if scene is None or bare is None else bare, levelled))
-        level = looking[0][1].level or "none"
+                detectors.append((bare, levelled))
+        level = detectors[0][1].level or "none"
         bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
 
         def watch() -> Iterator[Detected]:
-            """Yield what is found, the first warning in words."""
+            """Yield the detections of each frame, and warn once of a missing ground."""
             warned = False
             done = 0
-            for part, (detect, where), scene in zip(opened, looking, scenes, strict=True):
+            for part, placed, scene in zip(opened, detectors, scenes, strict=True):
                 left_out = 0
-                for each in detect_frames(part, detect, where, scene):
-                    if each.stand.warning is not None and not warned:
+                for detected in detect_frames(part, *placed, scene):
+                    if detected.stand.warning is not None and not warned:
                         warned = True
-                        warnings.warn(f"{each.frame.name}: {each.stand.warning}", stacklevel=2)
+                        warnings.warn(
+                            f"{detected.frame.name}: {detected.stand.warning}", stacklevel=2
+                        )
                     done = done + 1
-                    left_out = left_out + each.left_out
+                    left_out = left_out + detected.left_out
                     bar.to(done)
-                    yield each
+                    yield detected
                 if scene is not None and left_out:
                     warnings.warn(scene.describe(left_out), stacklevel=2)
 

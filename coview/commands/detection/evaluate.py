@@ -96,8 +96,7 @@ def evaluate(
     run: Run = Run(),
     writing: Writing = Writing(),
 ) -> int:
-    """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON
-    and PR curves.
+    """Score fusion schemes and sensor sets on a recording, as text, JSON and PR curves.
 
     A second table shows, class by class, what the detector's threshold yields. The usual detector
     is the network of the site's sensors, elsewhere general. Without a known site all clouds are
@@ -141,76 +140,77 @@ def evaluate(
         for name in ("table.json", *curve_files(labels, rules.iou)):
             check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
-    sets = [arguments.sensor_set(chosen) for chosen in rules.sensors]
+    sets = [arguments.sensor_set(names_of_set) for names_of_set in rules.sensors]
     if subject.detector is not None:
         check_detector(subject.detector, place)
     surface = None if subject.calibrate in (None, TOGETHER) else read_surface(subject.calibrate)
     with ExitStack() as stack:
         recording = opened = stack.enter_context(opening.open(dataset))
-        known = place.at(opened.site)
-        asked = _compare(rules, known=known)
+        is_known = place.at(opened.site)
+        comparison = _compare(rules, is_known=is_known)
         check_labels(opened, reads.count(opened))
         sensors = opened[0].sensors if len(opened) else ()
-        for chosen in sets if len(opened) else ():
-            select_sensors(sensors, chosen)
+        for names_of_set in sets if len(opened) else ():
+            select_sensors(sensors, names_of_set)
         claimed = claim(
             out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite
         )
-        again = stack.enter_context(claimed)
+        may_overwrite = stack.enter_context(claimed)
         poses: tuple[FoundPose, ...] = ()
         if subject.calibrate is not None:
             poses = find_poses(opened, surface, frames=reads.frames)
             recording = Corrected.of(opened, poses)
-        some = recording
-        if len(recording) and not known:
-            some = Part(recording, run.frames)
-            names = None if None in sets else [name for chosen in sets if chosen for name in chosen]
-            some = some if names is None else _Seen(some, tuple(names))
-        scenes = Scenes(ReadRecording(some, reads) if known else some)
-        detect = recording_detector(subject.detector, some, place, scenes)
+        frames_read = recording
+        if len(recording) and not is_known:
+            frames_read = Part(recording, run.frames)
+            if None not in sets:
+                names = [name for names_of_set in sets for name in names_of_set or ()]
+                frames_read = _Seen(frames_read, tuple(names))
+        scenes = Scenes(ReadRecording(frames_read, reads) if is_known else frames_read)
+        detect = recording_detector(subject.detector, frames_read, place, scenes)
         labels = rules.classes or known_labels(detect) or ("vehicle",)
         check_known(detect, labels)
-        check_outputs(again, labels)
+        check_outputs(may_overwrite, labels)
         with progress_bar("frame", reads.count(recording), hidden=writing.json) as bar:
-            found = evaluate_recording(
+            evaluation = evaluate_recording(
                 recording,
                 detect,
-                replace(asked, classes=labels),
+                replace(comparison, classes=labels),
                 place=place,
                 reads=reads,
                 scenes=scenes,
                 run=replace(run, progress=bar.stage),
             )
-        if not any(row.truths for row in found):
+        if not any(row.truths for row in evaluation):
             raise ValueError(
                 f"there is no AP, since no {' and no '.join(labels)} is to be found in "
                 f"{describe_count(reads.count(recording), 'frame')}: take more frames, other "
                 "--classes or another area"
             )
-        found = replace(found, poses=poses)
-        save_evaluation(found, out)
-    usual = (
-        ""
-        if subject.detector
-        else f"detector {getattr(detect, 'name', 'general')}, as --detector is left out\n\n"
-    )
-    text = f"{usual}{found.text()}\nwritten to {out}/table.json, PR curves beside it"
-    print_result(found.as_dict(), text, as_json=writing.json)
+        evaluation = replace(evaluation, poses=poses)
+        save_evaluation(evaluation, out)
+    text = f"{evaluation.text()}\nwritten to {out}/table.json, PR curves beside it"
+    if not subject.detector:
+        name = getattr(detect, "name", "general")
+        text = f"detector {name}, as --detector is left out\n\n{text}"
+    print_result(evaluation.as_dict(), text, as_json=writing.json)
     return OK
 
 
-def _compare(rules: Rules, *, known: bool) -> "Comparison":
+def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
     from toolkit.detection.evaluation import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps
 
     link = rules.link
-    named = schemes_in_steps(link.step, refers_to=link.refers_to, key_every=link.key_every)
-    usual: tuple[str, ...] | None = PAPER_SCHEMES if known else None
-    chosen = rules.schemes or usual
+    schemes_by_name = schemes_in_steps(
+        link.step, refers_to=link.refers_to, key_every=link.key_every
+    )
+    default_schemes: tuple[str, ...] = PAPER_SCHEMES if is_known else ()
+    schemes = [schemes_by_name[name] for name in rules.schemes or default_schemes]
     return Comparison(
-        schemes=(None,) if chosen is None else [named[name] for name in chosen],
-        sensor_sets=[arguments.sensor_set(each) for each in rules.sensors],
+        schemes=schemes or (None,),
+        sensor_sets=[arguments.sensor_set(sensor_names) for sensor_names in rules.sensors],
         iou_thresholds=rules.iou,
         protocol=rules.protocol,
         metric=rules.metric,
@@ -223,7 +223,7 @@ def _compare(rules: Rules, *, known: bool) -> "Comparison":
 
 @dataclass(frozen=True, eq=False)
 class _Seen(RecordingView):
-    """A recording as some of its sensors saw it."""
+    """A recording as seen by some of its sensors."""
 
     sensors: tuple[int | str, ...]
 

@@ -1,5 +1,4 @@
-"""`coview stress`: what is left of the AP when messages are late or lost, poses are wrong and
-sensors fail."""
+"""`coview stress`: AP under late or lost messages, wrong poses and failing sensors."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,8 +27,7 @@ def stress(
     run: Run = Run(),
     writing: Writing = Writing(),
 ) -> int:
-    """Put fusion schemes under stress: wrong poses, sensors that fail, and messages that are late
-    or lost.
+    """Stress fusion schemes: wrong poses, failing sensors, late or lost messages.
 
     Prints and writes AP with intervals, where one scheme overtakes another, and how soon the
     failure of a sensor is noticed. Delay, loss, rate and clock need frames that lie close together
@@ -56,46 +54,51 @@ def stress(
         for name in outputs.STRESS_FILES:
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
 
-    asked = (dataset, detector, site, table, question, run)
-    left = (
-        None
-        if table is None
-        else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
-    )
+    settings = (dataset, detector, site, table, question, run)
+    exact_figures = None
+    if table is not None:
+        loaded_table = load_table(table)
+        exact_figures = outputs.exact_failures(
+            loaded_table, ious=question.iou, label=question.label
+        )
     check_detector(detector)
     for name in ("schemes", "kinds", "iou"):
         check_each_once(f"--{name}", getattr(question, name))
-    stressing.check_kinds(question.kinds or ())
+    stressing.check_stress_kinds(question.kinds or ())
     with (
         open_recording(dataset, site) as recording,
-        claim(out, asked, check, overwrite=writing.overwrite),
+        claim(out, settings, check, overwrite=writing.overwrite),
     ):
         total = frame_count(recording, run.frames)
         kinds = stressing.choose_kinds(recording, question.kinds)
         detect = recording_detector(detector, recording)
         if run.cache is not None:
             check_digest(detector, detect, ", or leave --cache out")
-        kept = stressing.KeptDetections.of(detect, run.memo)
+        kept_detections = stressing.KeptDetections.from_detector(detect, run.memo)
         provenance = dataset_origin(recording) | detector_origin(detect)
         provenance |= settings_origin(
             PAPER, site=recording.site.name, frames=total, seed=run.seed, kinds=kinds
         )
         rows: list[stressing.StressRow] = []
 
-        def keep(more: Sequence[stressing.StressRow]) -> None:
-            rows.extend(more)
+        def keep(condition_rows: Sequence[stressing.StressRow]) -> None:
+            rows.extend(condition_rows)
             outputs.write_rows(rows, provenance, out)
 
         with progress_bar("frame", hidden=writing.json) as bar:
             question = replace(question, kinds=kinds)
             stressing.run_stress(
-                recording, kept, question, replace(run, progress=bar.stage), finished=keep
+                recording,
+                kept_detections,
+                question,
+                replace(run, progress=bar.stage),
+                finished=keep,
             )
         results = outputs.StressResults(
-            tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=left
+            tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=exact_figures
         )
         if stressing.is_sequence(recording) and {"silent", "blinded", "frozen"} & {*kinds}:
-            noticed, alarms = time_faults(recording, kept, run)
+            noticed, alarms = time_faults(recording, kept_detections, run)
             results = replace(results, noticed=noticed, false_alarms=alarms)
         outputs.write_stress(results, provenance, out)
     text = f"{results.as_text()}\n\nwritten to {out}: {', '.join(outputs.STRESS_FILES)}"

@@ -18,13 +18,15 @@ from toolkit.detection.place import Corners, Place
 
 if TYPE_CHECKING:
     from models.network.voxelnet import VoxelNet
-    from toolkit.frame import Recording
+    from toolkit.detection.background import Background
+    from toolkit.detection.place import Stand
+    from toolkit.frame import Frame, Recording
+    from toolkit.objects import Objects
 
-UNSURE = 0.1  # least score of the detections that are joined
-BESIDE = 0.3  # m around an object within which points are its own
-# frames, and one in so many, the last ones, is not trained on
-FEWEST_TO_ADAPT = 40
-HELD_OUT = 4
+MIN_JOINED_SCORE = 0.1  # of the detections that are joined
+OBJECT_MARGIN_M = 0.3  # points so near an object belong to it
+MIN_ADAPT_FRAMES = 40
+HELD_OUT_DIVISOR = 4  # the last one in so many frames is not trained on
 
 
 def train(
@@ -74,13 +76,34 @@ class Adaptation:
 def _check_times(opened: "Recording", path: Path) -> None:
     """Raise ValueError for a recording whose first frames have no times."""
     if not all(math.isfinite(opened[number].time) for number in range(2)):
-        remedy = (
-            "name the files of each frame by its time, in seconds since 1970, or write times to "
-            "labels.json"
-        )
         raise ValueError(
-            f"{path}: its frames have no times, by which objects are followed: {remedy}"
+            f"{path}: its frames have no times, by which objects are followed: name the files of "
+            "each frame by its time, in seconds since 1970, or write times to labels.json"
         )
+
+
+def _crop_level_clouds(frame: "Frame", stand: "Stand") -> list[np.ndarray]:
+    """Return the cloud of each sensor on level ground, cropped to the area."""
+    from toolkit.detection.place import crop_points
+    from toolkit.geometry import level_rows
+    from toolkit.points import frame_points
+    from toolkit.sites.site import Site
+
+    if isinstance(stand.area, Site):
+        slope = stand.area.relief.slope
+        return [level_rows(cloud, slope) for cloud in frame_points(frame, area=stand.area)]
+    lifted = [stand.lift(cloud.in_world()) for cloud in frame.clouds]
+    return [crop_points(cloud, stand.area) for cloud in lifted]
+
+
+def _keep_labelled(cloud: np.ndarray, objects: "Objects", background: "Background") -> np.ndarray:
+    """Return the points of a cloud on labelled objects or the empty site."""
+    from toolkit.boxes import points_in_boxes
+
+    margin = 2 * OBJECT_MARGIN_M
+    grown_boxes = objects.boxes + np.array([0, 0, 0, margin, margin, margin, 0])
+    is_object = points_in_boxes(cloud, grown_boxes).any(axis=1)
+    return cloud[background.holds(cloud) | is_object]
 
 
 def adapt(
@@ -109,21 +132,16 @@ def adapt(
         out: Folder for weights.safetensors, which every command takes for a detector."""
     from models.detector import VoxelNetDetector, relocate, weights_file
     from models.train import WEIGHTS, commit
-    from models.training.adaptation import LONGEST, adapt_network, join_detections
+    from models.training.adaptation import MAX_PAUSE_S, adapt_network, join_detections
     from models.training.loop import CHECKPOINT, Machine
     from models.training.packing import LevelSample, pack, sample_recordings
-    from models.weight_files import Header, load_weights, save_weights
-    from toolkit.boxes import points_in_boxes
+    from models.weight_files import WeightsHeader, load_weights, save_weights
     from toolkit.datasets.recordings import Part, ReadRecording, Reads
     from toolkit.detection.background import KnownBackground
-    from toolkit.detection.place import crop_points
-    from toolkit.geometry import level_rows
-    from toolkit.points import frame_points
     from toolkit.runtime.resumable import ShardFolder
-    from toolkit.sites.site import Site
 
     check_least("--seed", settings.seed, 0)
-    check_least("--frames", settings.frames, FEWEST_TO_ADAPT)
+    check_least("--frames", settings.frames, MIN_ADAPT_FRAMES)
     check_least("--seconds", settings.seconds, 1)
     check_detector(settings.start, place)
     check_folder(
@@ -134,58 +152,52 @@ def adapt(
         opening.open(recording) as opened,
         progress_bar("frame", min(settings.frames, len(opened)), hidden=writing.json) as bar,
     ):
-        if len(opened) < FEWEST_TO_ADAPT:
+        if len(opened) < MIN_ADAPT_FRAMES:
             raise ValueError(
-                f"there must be {FEWEST_TO_ADAPT} frames at least to adapt to, got {len(opened)}"
+                f"there must be {MIN_ADAPT_FRAMES} frames at least to adapt to, got {len(opened)}"
             )
         _check_times(opened, recording)
-        known = recording_detector(settings.start + BACKGROUND, opened, place)
-        assert isinstance(known, KnownBackground)
-        area = known.detector.area  # type: ignore[attr-defined]
-        some = Part(
-            ReadRecording(opened, Reads(settings.errors, settings.seed))
-            if opened[0].has_images
-            else opened,
-            settings.frames,
-        )
+        background_detector = recording_detector(settings.start + BACKGROUND, opened, place)
+        assert isinstance(background_detector, KnownBackground)
+        area = background_detector.detector.area  # type: ignore[attr-defined]
+        read: Recording = opened
+        if opened[0].has_images:
+            read = ReadRecording(opened, Reads(settings.errors, settings.seed))
+        read_frames = Part(read, settings.frames)
         clouds = list[list[np.ndarray]]()
         times = list[float]()
-        for done, (frame, stand) in enumerate(place.stands(some, opened.site), 1):
-            if isinstance(stand.area, Site):
-                slope = stand.area.relief.slope
-                clouds.append(
-                    [level_rows(each, slope) for each in frame_points(frame, area=stand.area)]
-                )
-            else:
-                clouds.append(
-                    [crop_points(stand.lift(each.in_world()), stand.area) for each in frame.clouds]
-                )
+        for done, (frame, stand) in enumerate(place.stands(read_frames, opened.site), 1):
+            clouds.append(_crop_level_clouds(frame, stand))
             times.append(frame.time)
             bar.to(done)
-    apart = np.diff(times)
-    if not (apart > 0).all() or np.median(apart) > LONGEST:
-        got = f"got {apart.min():g} to {apart.max():g} s"
+    intervals = np.diff(times)
+    if not (intervals > 0).all() or np.median(intervals) > MAX_PAUSE_S:
         raise ValueError(
-            f"frames must ascend in time, at most {LONGEST:g} s apart, {got}: record more often"
+            f"frames must ascend in time, at most {MAX_PAUSE_S:g} s apart, got "
+            f"{intervals.min():g} to {intervals.max():g} s: record more often"
         )
-    last = len(clouds) // HELD_OUT
+    held_out_count = len(clouds) // HELD_OUT_DIVISOR
     labelled = out / "labelled.packed"
 
     def label(network: "VoxelNet", held_out: bool) -> Path:
         """Pack frames with what a network finds in them over time."""
-        part = slice(-last, None) if held_out else slice(-last)
-        detect = replace(known, detector=VoxelNetDetector(network, score_threshold=UNSURE))
-        found = [
-            detect(np.concatenate([np.zeros((0, 3), np.float32), *each])) for each in clouds[part]
+        frame_range = slice(-held_out_count, None) if held_out else slice(-held_out_count)
+        detector = VoxelNetDetector(network, score_threshold=MIN_JOINED_SCORE)
+        detect = replace(background_detector, detector=detector)
+        no_points = np.zeros((0, 3), np.float32)
+        detections = [
+            detect(np.concatenate([no_points, *frame_clouds]))
+            for frame_clouds in clouds[frame_range]
         ]
+        frame_objects = join_detections(detections, times[frame_range])
         samples = list[LevelSample]()
-        for own, objects in zip(clouds[part], join_detections(found, times[part]), strict=True):
-            grown = objects.boxes + np.array([0, 0, 0, 2 * BESIDE, 2 * BESIDE, 2 * BESIDE, 0])
-            kept = (
-                each[known.background.holds(each) | points_in_boxes(each, grown).any(axis=1)]
-                for each in own
-            )
-            samples.append((tuple(map(str, range(len(own)))), tuple(kept), objects, area))
+        for sensor_clouds, objects in zip(clouds[frame_range], frame_objects, strict=True):
+            labelled_clouds = [
+                _keep_labelled(cloud, objects, background_detector.background)
+                for cloud in sensor_clouds
+            ]
+            sensor_names = tuple(map(str, range(len(sensor_clouds))))
+            samples.append((sensor_names, tuple(labelled_clouds), objects, area))
         pack(sample_recordings(samples), labelled)
         return labelled
 
@@ -203,15 +215,17 @@ def adapt(
         )
         figures = {"AP held out before": before, "AP held out": after}
         saved = relocate(adapted, network.config.area, GENERAL)
-        save_weights(out / WEIGHTS, saved, Header(header.site, settings.seed, commit(), figures))
+        save_weights(
+            out / WEIGHTS, saved, WeightsHeader(header.site, settings.seed, commit(), figures)
+        )
         for path in (labelled, out / CHECKPOINT):
             path.unlink()
-    said = (
-        "a better network" if after > before else "the old network, since the new one is not better"
-    )
+    outcome = "the old network, since the new one is not better"
+    if after > before:
+        outcome = "a better network"
     text = (
-        f"{out / WEIGHTS}: {said}, by its own labels of the held out part (mean AP {before:.3f}, "
-        f"now {after:.3f})"
+        f"{out / WEIGHTS}: {outcome}, by its own labels of the held out part (mean AP "
+        f"{before:.3f}, now {after:.3f})"
     )
     print_result(
         {"weights": str(out / WEIGHTS), "before": before, "after": after},

@@ -15,10 +15,9 @@ from toolkit.runtime.files import UNFINISHED
 from toolkit.runtime.run import Run
 
 RECORDING = "tjunction.hdf5"
-# folders
-PLAN = "plan"
-CACHE = "cache"
-PLAN_SENSORS = 3  # of the site's own six
+PLAN = "plan"  # folder
+CACHE = "cache"  # folder
+PLAN_SENSORS = 3  # of the site's six
 
 
 def demo(
@@ -47,16 +46,14 @@ def demo(
     check_least("--plan-frames", plan_frames, 0)
     check_detector(detector)
     files = {RECORDING, "table.json", "birds_eye.png", *curve_files(LABELS)}
-    made = files | {f"{RECORDING}.parts", PLAN, CACHE}
-    found = (
-        {each.name for each in out.iterdir() if UNFINISHED not in each.name}
-        if out.is_dir()
-        else {""}
-    )
-    again = overwrite or found <= made
+    demo_names = files | {f"{RECORDING}.parts", PLAN, CACHE}
+    may_overwrite = overwrite
+    if out.is_dir():
+        names = {path.name for path in out.iterdir() if UNFINISHED not in path.name}
+        may_overwrite = overwrite or names <= demo_names
     for name in sorted(files):
-        check_folder(out, holds=name, overwrite=again)
-    writing = Writing(overwrite=again)
+        check_folder(out, holds=name, overwrite=may_overwrite)
+    writing = Writing(overwrite=may_overwrite)
     simulate(
         "tjunction",
         out=out / RECORDING,

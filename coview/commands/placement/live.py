@@ -1,5 +1,4 @@
-"""`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command
-line."""
+"""`coview live` and `coview what-if`: move sensors, in the browser or by options."""
 
 import sys
 from contextlib import closing
@@ -11,7 +10,7 @@ import tyro
 from tyro.conf import Positional, UseAppendAction
 
 from coview.arguments import check_schemes
-from coview.commands.placement.plan import USUAL_CLASSES, StockOptions
+from coview.commands.placement.plan import DEFAULT_CLASSES, StockOptions
 from coview.options import ClassOptions, load_own_detector
 from coview.outputs import OK, Writing, check_writable, print_result
 from placement_env.cases import USUAL_CASES, Cases
@@ -24,9 +23,9 @@ if TYPE_CHECKING:
     from placement_env.live.project import ProjectFile
     from placement_env.report.planning.plan_folder import PlanFolder, StatedFigure
 
-USUAL_STOCK = StockOptions()
+DEFAULT_STOCK = StockOptions()
 LIVE_RUN = Run(frames=60, seed=3, cache=Path("out/cache"))
-FIRST_FRAMES = 4  # of the first figures of a page
+FIRST_FRAMES = 4  # frames of a page's first figures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +47,9 @@ class Changes:
     """Sensor that fails; may be repeated."""
 
     def apply(self, planner: "LivePlanner") -> None:
-        """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without
-        room."""
+        """Make the changes.
+
+        Raises ValueError for an unknown sensor or pole, and for a pole without room."""
         from placement_env.live.directions import parse_heading, parse_height, parse_tilt
 
         yard = planner.yard
@@ -57,11 +57,8 @@ class Changes:
             planner.remove(name)
         for name, bearing, tilt in self.move:
             sensor = planner.variant.find(name)
-            planner.move(
-                name,
-                parse_heading(yard.site, bearing, sensor.heading),
-                parse_tilt(tilt, sensor.tilt),
-            )
+            heading = parse_heading(yard.site, bearing, sensor.heading)
+            planner.move(name, heading, parse_tilt(tilt, sensor.tilt))
         for name, height in self.lift:
             sensor = planner.variant.find(name)
             pole = yard.find_mount(planner.variant, sensor.mount)
@@ -85,8 +82,7 @@ class LiveConditions:
     poor; the plan's, or paper, when left out."""
 
     def apply(self, cases: Cases) -> Cases:
-        """Return cases with the options that were given. Raises ValueError for an unknown profile
-        or IoU."""
+        """Return cases with these options. Raises ValueError for an unknown profile or IoU."""
         if self.iou is not None:
             cases = replace(cases, iou=self.iou)
         return cases if self.errors is None else replace(cases, errors=(self.errors,))
@@ -119,14 +115,13 @@ def what_if(
     /,
     *,
     changes: Annotated[Changes, tyro.conf.arg(name="")] = Changes(),
-    stock: StockOptions = USUAL_STOCK,
-    classes: ClassOptions = USUAL_CLASSES,
+    stock: StockOptions = DEFAULT_STOCK,
+    classes: ClassOptions = DEFAULT_CLASSES,
     conditions: LiveConditions = LiveConditions(),
     run: Run = LIVE_RUN,
     writing: Writing = Writing(),
 ) -> int:
-    """Say what moving, adding, dropping or failing sensors does to a plan, before and after, in
-    seconds.
+    """Compare a plan before and after moving, adding, dropping or failing sensors, in seconds.
 
     Figures are predicted by the surrogate on the frames that the plan's searches saw, or --frames
     of --seed at a site.
@@ -153,8 +148,8 @@ def live(
     site: Positional[str] = "",
     /,
     *,
-    stock: StockOptions = USUAL_STOCK,
-    classes: ClassOptions = USUAL_CLASSES,
+    stock: StockOptions = DEFAULT_STOCK,
+    classes: ClassOptions = DEFAULT_CLASSES,
     conditions: LiveConditions = LiveConditions(),
     run: Run = LIVE_RUN,
     keeping: Annotated[Keeping, tyro.conf.arg(name="")] = Keeping(),
@@ -195,8 +190,8 @@ def live(
     session = LiveSession(begin, port=serving.port, folder=keeping.out)
     with interrupted_by_sigterm(), closing(session):
         project = str(find_project(site) if site else keeping.out)
-        said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {project})"
-        print_result({"url": session.url, "project": project}, said, as_json=writing.json)
+        serving_note = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {project})"
+        print_result({"url": session.url, "project": project}, serving_note, as_json=writing.json)
         sys.stdout.flush()
         if serving.browser:
             webbrowser.open(session.url)
@@ -215,11 +210,11 @@ def open_planner(
     *,
     first: int | None = None,
 ) -> "LivePlanner":
-    """Open a planner at a site, or with the sensors of a plan's folder. first: frames of its first
-    figures.
+    """Open a planner at a site, or with the sensors of a plan's folder.
 
     A plan brings its question, poles, models, prices and keep-out areas, and frames and seed if the
-    options are left out. Raises ValueError and OSError for what cannot be read."""
+    options are left out. first: number of frames of the first figures. Raises ValueError and
+    OSError for what cannot be read."""
     from placement_env.live.planner import LivePlanner
     from placement_env.report.planning.plan_folder import is_plan_folder
 
@@ -237,28 +232,29 @@ def open_planner(
 def _open_plan(
     where: str, stock: StockOptions, classes: ClassOptions, conditions: LiveConditions, run: Run
 ) -> "PlanFolder":
-    """Read a plan's folder, and change its question by the options. Raises ValueError for those
-    that a plan brings."""
+    """Read a plan's folder, and change its question by the options.
+
+    Raises ValueError for options that a plan brings."""
     from placement_env.report.planning.plan_folder import read_plan_folder
 
     for name in ("candidates", "sensors", "keep_out", "keep", "capacity"):
-        if getattr(stock, name) != getattr(USUAL_STOCK, name):
+        if getattr(stock, name) != getattr(DEFAULT_STOCK, name):
             option = f"--{name.replace('_', '-')}"
-            remedy = f"leave it out, or take the site {where}/site.json"
             raise ValueError(
-                f"{option} does not go with the folder of a plan, which brings its own: {remedy}"
+                f"{option} does not go with the folder of a plan, which brings its own: leave it "
+                f"out, or take the site {where}/site.json"
             )
     plan = read_plan_folder(where)
     setting = plan.setting
     changes = dict[str, Any]()
-    if stock.scheme != USUAL_STOCK.scheme:
+    if stock.scheme != DEFAULT_STOCK.scheme:
         check_schemes([stock.scheme])
         changes["scheme"] = stock.scheme
-    if stock.link_share != USUAL_STOCK.link_share:
+    if stock.link_share != DEFAULT_STOCK.link_share:
         changes["link_share"] = stock.link_share
-    if stock.codec != USUAL_STOCK.codec:
+    if stock.codec != DEFAULT_STOCK.codec:
         changes["codec"] = find_codec(stock.codec)
-    if classes != USUAL_CLASSES:
+    if classes != DEFAULT_CLASSES:
         changes["classes"] = classes.build()
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
@@ -273,7 +269,6 @@ def _describe(before: "LiveAnswer", after: "LiveAnswer", stated: "StatedFigure |
     from toolkit.runtime.text_tables import align_columns
 
     digits = figure_digits(after.objects)
-    whole = f".{digits}f"
     rows = [["", "before", "after", "change"]]
     if stated is not None:
         errors = "" if stated.errors == "paper" else f", errors {stated.errors}"
@@ -285,36 +280,32 @@ def _describe(before: "LiveAnswer", after: "LiveAnswer", stated: "StatedFigure |
                 "",
             ]
         )
+    rows.append(_compare("AP, predicted", before.ap, after.ap, digits))
+    if len(before.classes) > 1:
+        rows += [
+            _compare(f"AP of {old.name}", old.ap or 0.0, new.ap or 0.0, figure_digits(new.objects))
+            for old, new in zip(before.classes, after.classes, strict=True)
+        ]
+    rows.append(_compare("share found", before.recall, after.recall, digits))
     rows += [
-        [name, f"{old:{form}}", f"{new:{form}}", f"{new - old:+{form}}"]
-        for name, form, old, new in (
-            ("AP, predicted", whole, before.ap, after.ap),
-            *(
-                (
-                    f"AP of {one.name}",
-                    f".{figure_digits(two.objects)}f",
-                    one.ap or 0.0,
-                    two.ap or 0.0,
-                )
-                for one, two in zip(before.classes, after.classes, strict=True)
-                if len(before.classes) > 1
-            ),
-            ("share found", whole, before.recall, after.recall),
-            *(
-                (f"found {one.name}", f".{figure_digits(two.objects)}f", one.recall, two.recall)
-                for one, two in zip(before.approaches, after.approaches, strict=True)
-            ),
-            ("AP after the worst failure", whole, before.worst, after.worst),
-            ("kbit per frame", ".1f", before.kbit, after.kbit),
-            (
-                f"price{' in ' + after.currency if after.currency else ''}",
-                "g",
-                before.price,
-                after.price,
-            ),
-        )
+        _compare(f"found {old.name}", old.recall, new.recall, figure_digits(new.objects))
+        for old, new in zip(before.approaches, after.approaches, strict=True)
+    ]
+    currency = f" in {after.currency}" if after.currency else ""
+    rows += [
+        _compare("AP after the worst failure", before.worst, after.worst, digits),
+        _compare("kbit per frame", before.kbit, after.kbit, 1),
+        _compare(f"price{currency}", before.price, after.price),
     ]
     interval = describe_interval(after.change_low, after.change_high, digits)
-    said = f"change of AP {after.change:+{whole}} ({interval})"
-    known = f"predicted by the surrogate, N = {after.objects} road users in {after.frames} frames"
-    return "\n".join([align_columns(rows, texts=1), f"{said}, {known}", *after.problems])
+    summary = (
+        f"change of AP {after.change:+.{digits}f} ({interval}), predicted by the surrogate, N = "
+        f"{after.objects} road users in {after.frames} frames"
+    )
+    return "\n".join([align_columns(rows, texts=1), summary, *after.problems])
+
+
+def _compare(name: str, old: float, new: float, digits: int | None = None) -> list[str]:
+    """Return a row with a figure before and after, and its change. digits: None for all."""
+    form = "g" if digits is None else f".{digits}f"
+    return [name, f"{old:{form}}", f"{new:{form}}", f"{new - old:+{form}}"]

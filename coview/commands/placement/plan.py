@@ -18,8 +18,8 @@ from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases, iou_text
 from placement_env.links import LINK_SHARE
-from placement_env.report.planning.plan_folder import CONTENT, found_nothing
-from placement_env.report.planning.question import USUAL_SENSORS, Question, Stock
+from placement_env.report.planning.plan_folder import PLAN_FILE, found_nothing
+from placement_env.report.planning.question import DEFAULT_SENSORS, Question, Stock
 from placement_env.setting import Setting
 from toolkit.detection.link.range_images import find_codec
 from toolkit.runtime.run import Run
@@ -27,7 +27,16 @@ from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
-    from placement_env.report.content import Plan
+    from placement_env.report.content import Judgement, Plan
+
+PLAN_STEPS = {  # shares of a plan's time, measured at imported crossings
+    "poses rendered": 0.15,
+    "searches": 0.25,
+    "set sizes compared": 0.35,
+    "frames of the chosen set": 0.1,
+    "frames of the fusion schemes": 0.1,
+    "frames of the order of building": 0.05,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,13 +63,13 @@ class Goal:
 
     def __post_init__(self) -> None:
         check_least("--drawings", self.drawings, 1)
-        named = {
+        limits = {
             "--budget": self.budget,
             "--money": self.money,
             "--min-ap": self.min_ap,
             "--max-kbit": self.max_kbit,
         }
-        for option, value in named.items():
+        for option, value in limits.items():
             check_least(option, value, 0)
         check_share("--confidence", self.confidence)
         if self.width is not None:
@@ -102,20 +111,21 @@ class StockOptions:
         )
 
     def setting(self, site: str, classes: ClassOptions, cases: Cases, run: Run) -> Setting:
-        """Build the setting at a site (name or file). Raises ValueError and OSError for unusable
-        options and files."""
+        """Build the setting at a site (name or file).
+
+        Raises ValueError and OSError for unusable options and files."""
         check_schemes([self.scheme])
         if run.cache is not None:
             check_writable(run.cache.resolve(), run.cache)
-        place = load_site(site)
+        loaded_site = load_site(site)
         return Setting(
-            place,
-            candidates=self.build(place),
+            loaded_site,
+            candidates=self.build(loaded_site),
             scheme=self.scheme,
             codec=find_codec(self.codec),
             classes=classes.build(),
             cases=cases,
-            detector=load_own_detector(self.detector, place, run),
+            detector=load_own_detector(self.detector, loaded_site, run),
             link_share=self.link_share,
         )
 
@@ -140,9 +150,9 @@ PRICE_STEPS = {
     "frames of the fusion schemes": 0.18,
     "frames of the order of building": 0.04,
 }
-USUAL_CLASSES = ClassOptions()
-USUAL_OUTPUT = Output(out=Path("out/plan"))
-USUAL_RUN = Run(cache=Path("out/cache"), workers=2)
+DEFAULT_CLASSES = ClassOptions()
+DEFAULT_OUTPUT = Output(out=Path("out/plan"))
+DEFAULT_RUN = Run(cache=Path("out/cache"), workers=2)
 
 
 def plan(
@@ -151,10 +161,10 @@ def plan(
     *,
     goal: Goal = Goal(),
     stock: StockOptions = StockOptions(),
-    classes: ClassOptions = USUAL_CLASSES,
+    classes: ClassOptions = DEFAULT_CLASSES,
     cases: Cases = USUAL_CASES,
-    run: Run = USUAL_RUN,
-    output: Output = USUAL_OUTPUT,
+    run: Run = DEFAULT_RUN,
+    output: Output = DEFAULT_OUTPUT,
 ) -> int:
     """Plan which sensors to build, and write a report with the reasons.
 
@@ -167,20 +177,24 @@ def plan(
 
     Args:
         site: tjunction, roundabout, or a site file."""
-    from placement_env.report.planning.planning import PLAN_FILES, plan as answer, write_plan
+    from placement_env.report.planning.planning import (
+        PLAN_FILES,
+        plan as answer_question,
+        write_plan,
+    )
 
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
     inputs = [*site_file(site), *site_file(stock.candidates), *files]
     check = partial(
-        check_folder, out, holds=CONTENT, inputs=inputs, writes=PLAN_FILES, kind=PLAN_KIND
+        check_folder, out, holds=PLAN_FILE, inputs=inputs, writes=PLAN_FILES, kind=PLAN_KIND
     )
-    asked = (site, goal, stock, classes, cases, run)
+    settings = (site, goal, stock, classes, cases, run)
     most_price = math.inf if goal.money is None else goal.money
     setting = replace(
         stock.setting(site, classes, cases, run), most_price=most_price, keep=stock.keep
     )
-    sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
+    sensors = DEFAULT_SENSORS if goal.budget is None and goal.money is None else goal.budget
     question = Question(
         setting,
         run,
@@ -191,12 +205,14 @@ def plan(
         goal.width,
         goal.drawings,
     )
-    with suppress(NoCandidates):  # the plan says why there are none
+    with suppress(NoCandidates):  # the plan gives the reason
         _ = setting.pool
-    claimed = claim(out, asked, check, overwrite=output.overwrite or found_nothing(out / CONTENT))
+    claimed = claim(
+        out, settings, check, overwrite=output.overwrite or found_nothing(out / PLAN_FILE)
+    )
     steps = PLAN_STEPS if goal.min_ap is None else PRICE_STEPS
     with claimed, progress_bar("", hidden=output.json, steps=steps) as bar:
-        planned = answer(replace(question, run=replace(run, progress=bar.stage)))
+        planned = answer_question(replace(question, run=replace(run, progress=bar.stage)))
         written = write_plan(planned, out)
     text = (
         f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"
@@ -210,37 +226,39 @@ def _describe(plan: "Plan") -> str:
     from placement_env.handover.mounted import is_named_by_pole
 
     verdict = plan.verdict
-    lines = [
-        " ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence
-    ]
-    for s in plan.sensors:
-        place = "" if is_named_by_pole(s.name, s.pole) else f"{s.pole}, "
-        facing = f"facing {s.bearing_deg:.0f} degrees from north, {s.tilt_deg:.0f} degrees down"
-        lines.append(f"  {s.name}: {place}{s.model}, {s.height:.1f} m up, {facing}")
-    classes = [
-        (f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "")
-        for row in plan.class_ap
-    ]
-    rows = (*plan.by_level, *plan.by_errors)
-    cases = [
-        (f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames")
-        for r in rows
-        if r.judged is not None
-    ]
-    for name, judged, iou, frames in (*(classes if len(classes) > 1 else ()), *cases):
-        ends = judged.describe_interval()
+    lines = [verdict.sentence]
+    if verdict.met is False:
+        lines = [" ".join((verdict.sentence, *verdict.reasons))]
+    for sensor in plan.sensors:
+        pole = "" if is_named_by_pole(sensor.name, sensor.pole) else f"{sensor.pole}, "
         lines.append(
-            f"  {name} AP {judged.format_ap()} ({ends}){iou}, {judged.vehicles} to find{frames}"
+            f"  {sensor.name}: {pole}{sensor.model}, {sensor.height:.1f} m up, facing "
+            f"{sensor.bearing_deg:.0f} degrees from north, {sensor.tilt_deg:.0f} degrees down"
         )
-    for drawn in plan.by_draw:
-        mean, tenth = (plan.format_drawn_ap(ap, drawn) for ap in (drawn.mean, drawn.tenth))
+    if len(plan.class_ap) > 1:
+        lines += [
+            _describe_judgement(f"{row.label:<10}", row.judged, iou=f" at IoU {iou_text(row.iou)}")
+            for row in plan.class_ap
+        ]
+    lines += [
+        _describe_judgement(f"{row.name:<18}", row.judged, frames=f" in {row.judged.frames} frames")
+        for row in (*plan.by_level, *plan.by_errors)
+        if row.judged is not None
+    ]
+    for draws in plan.by_draw:
+        mean = plan.format_drawn_ap(draws.mean, draws)
+        tenth = plan.format_drawn_ap(draws.tenth, draws)
         lines.append(
-            f"  {drawn.profile}: mean AP {mean} of {len(drawn.aps)} draws, a tenth below {tenth}"
+            f"  {draws.profile}: mean AP {mean} of {len(draws.aps)} draws, a tenth below {tenth}"
         )
     if plan.confidence is not None:
-        better = f"is better by more than {AP_TOLERANCE:g}"
         lines.append(
             f"  {describe_sureness(plan.confidence)} sure that no other compared set of as many "
-            f"sensors {better}"
+            f"sensors is better by more than {AP_TOLERANCE:g}"
         )
     return "\n".join(lines)
+
+
+def _describe_judgement(name: str, judged: "Judgement", *, iou: str = "", frames: str = "") -> str:
+    interval = judged.describe_interval()
+    return f"  {name} AP {judged.format_ap()} ({interval}){iou}, {judged.vehicles} to find{frames}"

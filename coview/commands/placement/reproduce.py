@@ -1,4 +1,4 @@
-"""`coview reproduce`: the paper's experiments, our figures beside the paper's."""
+"""`coview reproduce`: the paper's experiments, our figures next to the paper's."""
 
 from dataclasses import replace
 from functools import partial
@@ -24,8 +24,7 @@ def reproduce(
     json: bool = False,
     processes: Processes = Processes(),
 ) -> int:
-    """Run the paper's experiments at one of its two sites, and write our figures beside the
-    paper's.
+    """Run the paper's experiments at one of its sites, our figures next to the paper's.
 
     Results are a page, CSV and SVG. An interrupted run resumes; a finished one rewrites its page
     within seconds.
@@ -51,7 +50,7 @@ def reproduce(
         claim(out, (site, frames, detector, table), check, overwrite=True),
         progress_bar("frame", hidden=json) as bar,
     ):
-        made = run_reproduction(
+        reproduction = run_reproduction(
             site,
             out,
             frames=frames,
@@ -59,5 +58,6 @@ def reproduce(
             table=table,
             processes=replace(processes, progress=bar.stage),
         )
-    print_result(made.as_dict(), f"{made.summary}\nwritten to {made.page}", as_json=json)
+    text = f"{reproduction.summary}\nwritten to {reproduction.page}"
+    print_result(reproduction.as_dict(), text, as_json=json)
     return OK

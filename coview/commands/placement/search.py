@@ -16,8 +16,12 @@ from placement_env.search.methods import usual_method
 from toolkit.runtime.run import Run
 from toolkit.sites.files import load_site
 
-# shares of the time
-SEARCH_STEPS = {"poses rendered": 0.3, "searches": 0.2, "frames raced": 0.35, "frames judged": 0.15}
+SEARCH_STEPS = {  # shares of a search's time
+    "poses rendered": 0.3,
+    "searches": 0.2,
+    "frames raced": 0.35,
+    "frames judged": 0.15,
+}
 Method = Literal[
     "portfolio",
     "exhaustive",
@@ -103,17 +107,17 @@ def search(
     method = _check(search, setting)
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
-    place = load_site(site)
+    loaded_site = load_site(site)
     if output.out is not None:
-        check_georeference(place)
+        check_georeference(loaded_site)
     demand = None
     if search.at_least is not None:  # the demand takes failures and levels out of the setting
         demand = Demand(search.at_least, setting.cases.failing, search.parts, setting.cases.levels)
         setting = replace(setting, cases=replace(setting.cases, failing=0, levels=1))
-    built, currency = setting.build(place, run)
+    built_setting, currency = setting.build(loaded_site, run)
     with progress_bar("", hidden=output.json, steps=SEARCH_STEPS) as bar:
         order = SearchOrder(
-            setting=built,
+            setting=built_setting,
             run=replace(run, progress=bar.stage),
             method=method,
             budget=search.budget,
@@ -130,22 +134,20 @@ def search(
         )
         inputs = [*site_file(site), *site_file(setting.candidates.candidates)]
         if output.out is not None:
-            again = output.overwrite or order.resumes(output.out)
+            may_overwrite = output.overwrite or order.resumes(output.out)
             for name in answer_files(order):
-                check_folder(output.out, holds=name, inputs=inputs, overwrite=again)
-        with order.keeping(output.out, overwrite=output.overwrite) as (kept, checkpoint):
-            answer = run_search(kept, checkpoint)
-            written = (
-                []
-                if output.out is None or not answer.met
-                else [write_answer(output.out, kept, answer)]
-            )
-    print_result(answer.summary, "\n".join([*answer.lines, *written]), as_json=output.json)
+                check_folder(output.out, holds=name, inputs=inputs, overwrite=may_overwrite)
+        with order.keeping(output.out, overwrite=output.overwrite) as (kept_order, checkpoint):
+            answer = run_search(kept_order, checkpoint)
+            lines = list(answer.lines)
+            if output.out is not None and answer.met:
+                lines.append(write_answer(output.out, kept_order, answer))
+    print_result(answer.summary, "\n".join(lines), as_json=output.json)
     return OK if answer.met else NOT_MET
 
 
 def _check(query: SearchOptions, setting: SettingOptions) -> str:
-    """Method to use. Raises ValueError where options conflict."""
+    """Return the method to use. Raises ValueError if options conflict."""
     check_schemes([setting.scheme])
     demands = query.at_least is not None
     verifies = query.verify is not None
@@ -162,21 +164,22 @@ def _check(query: SearchOptions, setting: SettingOptions) -> str:
         raise ValueError(
             "--verify is for one method: portfolio is judged by --judge on fresh traffic anyway"
         )
-    asked = (
+    portfolio_options = (
         ("--judge", query.judge),
         ("--curve", query.curve or None),
         ("--contenders", query.contenders or None),
     )
-    for option, said in asked:
-        if said is not None and method != "portfolio":
+    for option, value in portfolio_options:
+        if value is not None and method != "portfolio":
             raise ValueError(
                 f"{option} is for --method portfolio, got {method}: leave one of them out"
             )
-    judged = method == "portfolio" and query.judge in (None, "detector")
-    detects = "detector" in (setting.fidelity, query.verify) or judged
-    errors = setting.cases.errors != USUAL_CASES.errors
-    for option, given in (("--errors", errors), ("--detector", setting.detector is not None)):
-        if given and not detects:
+    is_judged = method == "portfolio" and query.judge in (None, "detector")
+    detects = "detector" in (setting.fidelity, query.verify) or is_judged
+    has_errors = setting.cases.errors != USUAL_CASES.errors
+    has_detector = setting.detector is not None
+    for option, is_given in (("--errors", has_errors), ("--detector", has_detector)):
+        if is_given and not detects:
             raise ValueError(
                 f"{option} is for --fidelity, --verify or --judge detector: say one of them"
             )

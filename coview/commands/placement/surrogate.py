@@ -1,5 +1,4 @@
-"""`coview surrogate`: fit to a detector what predicts its AP from how many points sensors have on
-each object."""
+"""`coview surrogate`: fit a model that predicts a detector's AP from points on objects."""
 
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -42,16 +41,16 @@ class SurrogateFit:
     """Number of bootstrap refits, which tell how uncertain a prediction is."""
 
     def __post_init__(self) -> None:
-        for option, value, least in (
+        for option, value, minimum in (
             ("--poses", self.poses, 0),
             ("--sets", self.sets, 1),
             ("--random-sites", self.random_sites, 0),
             ("--resamples", self.resamples, 0),
         ):
-            check_least(option, value, least)
+            check_least(option, value, minimum)
         check_schemes(self.schemes)
-        for each in self.iou:
-            check_iou(each)
+        for iou in self.iou:
+            check_iou(iou)
 
 
 def surrogate(
@@ -63,8 +62,7 @@ def surrogate(
     run: Run = Run(seed=1000, frames=100, cache=Path("out/cache")),
     writing: Writing = Writing(),
 ) -> int:
-    """Fit a fast surrogate of a detector at some sites: it predicts AP from the points of sensors
-    on each object.
+    """Fit a fast surrogate of a detector: it predicts AP from points on each object.
 
     Choose another --seed than that of the traffic on which the surrogate will be judged.
 
@@ -86,24 +84,27 @@ def surrogate(
     check(overwrite=True)
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
-    places = [*map(load_site, sites), *(random_site(run.seed + i) for i in range(fit.random_sites))]
-    if not places:
+    fitted_sites = [load_site(name) for name in sites]
+    fitted_sites += [random_site(run.seed + number) for number in range(fit.random_sites)]
+    if not fitted_sites:
         raise ValueError("there is no site to fit to: name one, or say --random-sites 8")
-    detect = {place.name: site_detector(fit.detector, place) for place in places}
+    detectors = {site.name: site_detector(fit.detector, site) for site in fitted_sites}
     if run.cache is not None:
-        check_digest(fit.detector, detect[places[0].name], ": add one, or say --cache None")
-    names = ", ".join(place.name for place in places[: len(sites)])
-    drawn = f"{fit.random_sites} random sites" if fit.random_sites else ""
+        first_detector = detectors[fitted_sites[0].name]
+        check_digest(fit.detector, first_detector, ": add one, or say --cache None")
+    names = ", ".join(site.name for site in fitted_sites[: len(sites)])
+    random_names = f"{fit.random_sites} random sites" if fit.random_sites else ""
+    site_names = " and ".join(filter(None, (names, random_names)))
     source = (
-        f"{run.frames} frames of {' and '.join(filter(None, (names, drawn)))} traffic, seed "
-        f"{run.seed}, {fit.sets} sets, detector {fit.detector}"
+        f"{run.frames} frames of {site_names} traffic, seed {run.seed}, {fit.sets} sets, detector "
+        f"{fit.detector}"
     )
     sampling = Sampling(fit.poses, fit.sets, tuple(map(find_model, fit.model)), fit.resamples)
     claimed = claim(out, (sites, fit, run), check, overwrite=writing.overwrite)
     with claimed, progress_bar("", hidden=writing.json) as bar:
         fitted = fit_sites(
-            places,
-            lambda place: detect[place.name],
+            fitted_sites,
+            lambda site: detectors[site.name],
             schemes=fit.schemes,
             classes=counted,
             ious=fit.iou,
@@ -113,8 +114,9 @@ def surrogate(
         )
         save_models(tuple(model for model, _ in fitted), out)
     lines = [
-        f"{m.label:<10} {m.scheme:<7} IoU {m.iou:g}: AP within {rms:.3f} of the detector's"
-        for m, rms in fitted
+        f"{model.label:<10} {model.scheme:<7} IoU {model.iou:g}: AP within {rms:.3f} of the "
+        "detector's"
+        for model, rms in fitted
     ]
     rows = [{**asdict(model), "rms": rms} for model, rms in fitted]
     print_result(rows, "\n".join([*lines, f"written to {out}"]), as_json=writing.json)

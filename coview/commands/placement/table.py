@@ -49,11 +49,10 @@ def table(
     processes: Processes = Processes(),
     writing: Writing = Writing(),
 ) -> int:
-    """Score every set of a recording's sensors, in every scheme, with a detector. An interrupted
-    run resumes.
+    """Score every set of a recording's sensors, in every scheme, with a detector.
 
-    The table holds the AP of each class; --class-weights and --combine are for the best sets that
-    are printed.
+    An interrupted run resumes. The table holds the AP of each class; --class-weights and --combine
+    are for the best sets that are printed.
 
     Example: coview table tj_test.hdf5 --frames 200 --workers 2 --out tjunction.npz
 
@@ -76,7 +75,7 @@ def table(
         count = frame_count(recording, data.frames)
         detect = recording_detector(data.detector, recording)
         check_digest(data.detector, detect, ": what is detected is kept until the table is whole")
-        made = make_table(
+        scored_table = make_table(
             Recorded(recording, errors=find_profile(data.errors)),
             detect,
             out,
@@ -85,12 +84,12 @@ def table(
             classes=counted,
             processes=replace(processes, progress=bar.stage),
         )
-    best = {scheme: best_sets(made, scheme, classes=counted) for scheme in PAPER_SCHEMES}
-    lines = [
-        _describe_best(f"{scheme:<7} {size} sensors", sets, made.origin.objects)
-        for scheme, sizes in best.items()
-        for size, sets in sizes.items()
-    ]
+    best = {scheme: best_sets(scored_table, scheme, classes=counted) for scheme in PAPER_SCHEMES}
+    lines = []
+    for scheme, sizes in best.items():
+        for size, sets in sizes.items():
+            objects = scored_table.origin.objects
+            lines.append(_describe_best(f"{scheme:<7} {size} sensors", sets, objects))
     print_result(best, "\n".join(lines), as_json=writing.json)
     return OK
 

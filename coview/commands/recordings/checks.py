@@ -51,12 +51,12 @@ def survey(
         total = frame_count(recording, frames)
         if not total:
             raise ValueError("there is no frame to survey: check the path and the layout")
-        chosen = [select_sensors(recording[0].sensors, sensor_set(each)) for each in sensors]
+        selections = [select_sensors(recording[0].sensors, sensor_set(names)) for names in sensors]
         with progress_bar("frame", total, hidden=json) as bar:
             counted = count(
                 recording, classes=classes, reads=Reads(errors, seed, total), progress=bar.to
             )
-    print_result(counted.as_dict(chosen), counted.text(chosen), as_json=json)
+    print_result(counted.as_dict(selections), counted.text(selections), as_json=json)
     return OK
 
 
@@ -90,9 +90,11 @@ def doctor(
     from toolkit.sites.files import load_site
 
     check_least("--frames", frames, 1)
-    place = load_site(site) if site else None
-    diagnosis = diagnose(dataset, layout, site=place, frames=frames)
-    findings = diagnosis.findings + (check_drift(dataset, reference, place) if reference else [])
+    loaded_site = load_site(site) if site else None
+    diagnosis = diagnose(dataset, layout, site=loaded_site, frames=frames)
+    findings = diagnosis.findings
+    if reference:
+        findings = findings + check_drift(dataset, reference, loaded_site)
     text = "\n".join(map(str, findings)) or diagnosis.healthy
     print_result([asdict(finding) for finding in findings], text, as_json=json)
     return SUSPECTED if findings else OK
@@ -172,31 +174,28 @@ def calibrate(
     inputs = [dataset, *site_file(reference), *site_file(reading.site)]
     with Opening(reading.layout, site=reading.site).open(dataset) as recording:
         total = frame_count(recording, reading.frames)
-        clouds = total and not recording[0].has_images
+        has_clouds = total and not recording[0].has_images
         if out is not None:
-            (check_new_folder if clouds else check_file)(
-                out, inputs=inputs, overwrite=writing.overwrite
-            )
-        check_file(poses, inputs=[*inputs, *([out] if out else [])], overwrite=writing.overwrite)
+            check = check_new_folder if has_clouds else check_file
+            check(out, inputs=inputs, overwrite=writing.overwrite)
+        pose_inputs = [*inputs, out] if out else inputs
+        check_file(poses, inputs=pose_inputs, overwrite=writing.overwrite)
         read = ReadRecording(recording, Reads(reading.errors, reading.seed))
-        surface = (
-            None if reference is None else read_surface(reference, frames=fit.reference_frames)
-        )
+        surface = None
+        if reference is not None:
+            surface = read_surface(reference, frames=fit.reference_frames)
+        held = sensor_set(",".join(fit.held)) if fit.held else None
+        detector = None
+        if fit.detector is not None:
+            detector = recording_detector(fit.detector, recording)
         with progress_bar("sensor", hidden=writing.json) as bar:
-            found = find_poses(
-                read,
-                surface,
-                held=sensor_set(",".join(fit.held)) or [] if fit.held else [],
-                detector=None
-                if fit.detector is None
-                else recording_detector(fit.detector, recording),
-                frames=total,
-                progress=bar.to,
+            found_poses = find_poses(
+                read, surface, held=held or [], detector=detector, frames=total, progress=bar.to
             )
         if out is not None:
-            write_corrected(Part(recording, total) if clouds else recording, found, out)
+            write_corrected(Part(recording, total) if has_clouds else recording, found_poses, out)
     if poses is not None:
-        save_poses(poses, found)
-    figures = {each.sensor.name: each.described() for each in found}
-    print_result(figures, "\n".join(map(str, found)), as_json=writing.json)
-    return OK if all(each.registration is not None for each in found) else SUSPECTED
+        save_poses(poses, found_poses)
+    figures = {pose.sensor.name: pose.described() for pose in found_poses}
+    print_result(figures, "\n".join(map(str, found_poses)), as_json=writing.json)
+    return OK if all(pose.registration is not None for pose in found_poses) else SUSPECTED

@@ -1,6 +1,7 @@
 """`coview convert`, `fuse` and `pack`: files of recordings."""
 
-from contextlib import ExitStack, nullcontext
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -23,6 +24,7 @@ from toolkit.runtime.run import Simulation
 from toolkit.sensors.error_profiles import find_profile
 
 if TYPE_CHECKING:
+    from models.training.packing import PackedRecording
     from toolkit.datasets.dataset import CoopDataset
 
 
@@ -79,29 +81,27 @@ def convert(
     problems = dict[str, int]()
     with opening.open(recording) as opened:
         inputs = [recording, *opening.files]
-        asked = (recording, to, contents, opening)
-        check_new_folder(
-            out, inputs=inputs, overwrite=writing.overwrite
-        ) if not target.file else None
-        check = partial(check_file, out, inputs=inputs)
-        claimed = (
-            claim(out, asked, check, overwrite=writing.overwrite) if target.file else nullcontext()
-        )
+        settings = (recording, to, contents, opening)
+        claimed: AbstractContextManager[object] = nullcontext()
+        if target.file:
+            check = partial(check_file, out, inputs=inputs)
+            claimed = claim(out, settings, check, overwrite=writing.overwrite)
+        else:
+            check_new_folder(out, inputs=inputs, overwrite=writing.overwrite)
         errors = contents.errors
         read = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
-        some = Part(read, contents.frames)
-        with claimed, progress_bar("frame", len(some), hidden=writing.json) as bar:
-            written = write(
-                count_passing(filter_classes(some, contents.classes), problems, bar.to), out
-            )
-    met = "".join(f"; {number} {kind}" for kind, number in problems.items())
+        read_frames = Part(read, contents.frames)
+        with claimed, progress_bar("frame", len(read_frames), hidden=writing.json) as bar:
+            frames = filter_classes(read_frames, contents.classes)
+            written = write(count_passing(frames, problems, bar.to), out)
+    problem_counts = "".join(f"; {number} {kind}" for kind, number in problems.items())
     summary = {"out": str(out), "samples": written, "problems": problems}
-    print_result(summary, f"{out}: {written} frames as {to}{met}", as_json=writing.json)
+    print_result(summary, f"{out}: {written} frames as {to}{problem_counts}", as_json=writing.json)
     return OK
 
 
 @dataclass(frozen=True)
-class Crop:
+class CropOptions:
     """Part of the fused cloud to keep."""
 
     area: tuple[float, float, float, float] | None = None
@@ -122,7 +122,7 @@ def fuse(
     inverted: bool = False,
     out: Path | None = None,
     argoverse: Path | None = None,
-    crop: Crop = Crop(),
+    crop: CropOptions = CropOptions(),
     writing: Writing = Writing(),
 ) -> int:
     """Fuse cloud files in the frame of their poses; or take an Argoverse 2 log apart, fuse it back
@@ -147,13 +147,10 @@ def fuse(
         lines = [
             f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows
         ]
-        text = "\n".join(
-            [
-                *lines,
-                f"{sum(row.points == row.recorded for row in rows)} of {len(rows)} cuboids agree",
-            ]
-        )
-        print_result({"rows": [row._asdict() for row in rows]}, text, as_json=writing.json)
+        agreeing = sum(row.points == row.recorded for row in rows)
+        lines.append(f"{agreeing} of {len(rows)} cuboids agree")
+        values = {"rows": [row._asdict() for row in rows]}
+        print_result(values, "\n".join(lines), as_json=writing.json)
         return OK
     if not clouds or not poses:
         raise ValueError("give cloud files and --poses, or --argoverse LOG")
@@ -161,12 +158,10 @@ def fuse(
     check_file(out, inputs=[*clouds, *poses], overwrite=writing.overwrite)
     cloud = fuse_files(clouds, load_poses(clouds, poses, inverted=inverted))
     if crop.area is not None:
-        check = (
-            "leave out --inverted"
-            if inverted
-            else "say --inverted if the poses are world to sensor"
-        )
-        remedy = f"give another --area, --height or --floor, or {check}"
+        pose_remedy = "say --inverted if the poses are world to sensor"
+        if inverted:
+            pose_remedy = "leave out --inverted"
+        remedy = f"give another --area, --height or --floor, or {pose_remedy}"
         cloud = crop_area(cloud, crop.area, crop.height, floor=crop.floor, remedy=remedy)
     if crop.voxel is not None:
         cloud = down_sample(cloud, crop.voxel)
@@ -175,7 +170,9 @@ def fuse(
         save(cloud, out)
     points = len(cloud.point.positions)
     summary = {"files": len(clouds), "points": points, "out": out and str(out)}
-    text = f"{points} points of {len(clouds)} files{f', written to {out}' if out else ''}"
+    text = f"{points} points of {len(clouds)} files"
+    if out:
+        text += f", written to {out}"
     print_result(summary, text, as_json=writing.json)
     return OK
 
@@ -244,8 +241,8 @@ def pack(
     if random_sites:
         from toolkit.datasets.simulation import random_recordings_file
 
-        again = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
-        check(overwrite=writing.overwrite or again)
+        was_interrupted = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
+        check(overwrite=writing.overwrite or was_interrupted)
         with progress_bar("site", random_sites, hidden=writing.json) as bar:
             total = random_recordings_file(
                 random_sites,
@@ -261,18 +258,21 @@ def pack(
         for path in datasets:
             check_links(path)
         with ExitStack() as stack:
-            asked = (datasets, packed, opening, place, run)
-            stack.enter_context(claim(out, asked, check, overwrite=writing.overwrite))
+            settings = (datasets, packed, opening, place, run)
+            stack.enter_context(claim(out, settings, check, overwrite=writing.overwrite))
             opened = [stack.enter_context(opening.open(path)) for path in datasets]
             count = sum(frame_count(recording, run.frames) for recording in opened)
             bar = stack.enter_context(progress_bar("frame", count, hidden=writing.json))
-            made = (
-                [dataset_recording(cast("CoopDataset", recording), run.frames)]
-                if place.at(recording.site)
-                else sample_recordings(level_frames(Part(recording, run.frames), place))
-                for recording in opened
-            )
-            total = write(chain(*made, *map(read_recordings, packed)), out, progress=bar.to)
+            streams = list[Iterable["PackedRecording"]]()
+            for recording in opened:
+                if place.at(recording.site):
+                    dataset = cast("CoopDataset", recording)
+                    streams.append([dataset_recording(dataset, run.frames)])
+                else:
+                    frames = level_frames(Part(recording, run.frames), place)
+                    streams.append(sample_recordings(frames))
+            streams += map(read_recordings, packed)
+            total = write(chain.from_iterable(streams), out, progress=bar.to)
     megabytes = out.stat().st_size / 1e6
     summary = {"file": str(out), "frames": total, "mb": megabytes}
     print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=writing.json)

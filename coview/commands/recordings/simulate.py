@@ -52,7 +52,7 @@ def simulate(
         out: HDF5 file to write.
         every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, in runs of 50 frames."""
     from toolkit.bodies.fleet import fleet_named
-    from toolkit.datasets.simulation import FRAMES, simulate_dataset
+    from toolkit.datasets.simulation import DEFAULT_FRAMES, simulate_dataset
     from toolkit.sites.files import load_site
 
     fleet = fleet_named(
@@ -61,16 +61,16 @@ def simulate(
     if not writing.json:
         for note in fleet.notes:
             say(note)
-    place = load_site(site)
+    loaded_site = load_site(site)
     started = perf_counter()
-    frames = run.frames_or(FRAMES)
-    # whether it holds the same recording is seen later
+    frames = run.frames_or(DEFAULT_FRAMES)
+    # simulate_dataset checks whether the file holds the same recording
     check_file(out, inputs=site_file(site), overwrite=True)
     check_ending(out, (".hdf5", ".h5"), "a recording")
     with progress_bar("frame", frames, hidden=writing.json) as bar:
         run = replace(run, progress=bar.stage)
         new = simulate_dataset(
-            place,
+            loaded_site,
             out,
             run=run,
             fleet=fleet,
@@ -81,14 +81,14 @@ def simulate(
     seconds = perf_counter() - started
     summary = {
         "file": str(out),
-        "site": place.name,
+        "site": loaded_site.name,
         "frames": frames,
         "frames_made_now": new,
         "seconds": seconds,
     }
     text = (
-        f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a "
-        "second"
+        f"{out}: {frames} frames at {loaded_site.name}, {new} of them made now, "
+        f"{new / seconds:.1f} a second"
     )
     print_result({**summary, "meshes": list(fleet.notes)}, text, as_json=writing.json)
     return OK

@@ -16,17 +16,17 @@ from toolkit.runtime.files import write_text
 if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
+SITE_ENDINGS = (".json", ".geojson")
+
 
 @dataclass(frozen=True)
 class ImportMap:
     """Make a site from a real map: roads and footways, buildings, trees, furniture, signals and
     parking that it holds.
 
-    What stands beside the road and is in no map is drawn at random, marked as drawn in the site
-        file, and said, unless
-    --furnish none. The site has no sensors, unless --sensors says how many: coview plan and coview
-        search say which to
-    build.
+    What is beside the road and in no map is drawn at random, marked as drawn in the site file, and
+    listed, unless --furnish none. The site has no sensors, unless --sensors gives their number:
+    coview plan and coview search find which to build.
 
     Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40
         --out my-junction.json
@@ -65,7 +65,7 @@ class ImportMap:
     overwrite: bool = False
 
     def __call__(self) -> int:
-        """Import, save, say what came of it."""
+        """Import and save the site, and print a summary."""
         from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
 
         check_least("--seed", self.seed, 0)
@@ -79,7 +79,7 @@ class ImportMap:
         if self.lefthand and self.righthand:
             raise ValueError("traffic keeps one side: give --lefthand or --righthand")
         side = self.lefthand if self.lefthand or self.righthand else None
-        maps = [each for each in (self.opendrive, self.osm) if each is not None]
+        maps = [path for path in (self.opendrive, self.osm) if path is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(
@@ -109,7 +109,7 @@ class ImportMap:
         return code
 
     def _find_heading(self) -> float:
-        """Direction of the area's x axis, counter-clockwise from the map's east (degrees)."""
+        """Return the heading of the area's x axis (degrees counter-clockwise from east)."""
         if self.bearing is not None and self.heading_deg is not None:
             raise ValueError(
                 "--bearing and --heading-deg are two directions of one axis: give one of them"
@@ -121,8 +121,7 @@ class ImportMap:
 
 @dataclass(frozen=True)
 class ExportSite:
-    """Write a site as GeoJSON in longitude and latitude, which QGIS and other GIS tools show where
-    it is on earth.
+    """Write a site as GeoJSON in longitude and latitude, for QGIS and other GIS tools.
 
     The site file itself is GeoJSON in metres, for coview.
 
@@ -138,7 +137,7 @@ class ExportSite:
     overwrite: bool = False
 
     def __call__(self) -> int:
-        """Load, write, say what was written."""
+        """Load the site, write it, and print the path."""
         from toolkit.sites.files import load_site
         from toolkit.sites.georeference import site_geojson
 
@@ -166,7 +165,7 @@ class RandomSite:
     overwrite: bool = False
 
     def __call__(self) -> int:
-        """Draw, save, say what came of it."""
+        """Draw and save a site, and print a summary."""
         from toolkit.sites.random import random_site
 
         check_least("--seed", self.seed, 0)
@@ -177,7 +176,7 @@ class RandomSite:
 
 @dataclass(frozen=True)
 class ShowSite:
-    """Say what a site holds, and draw it from above when given --out FILE.png.
+    """Describe what a site holds, and draw it from above with --out FILE.png.
 
     Example: coview site show roundabout --out roundabout.png
 
@@ -191,21 +190,21 @@ class ShowSite:
     overwrite: bool = False
 
     def __call__(self) -> int:
-        """Load (and so validate), say what is there, draw."""
+        """Load and so validate the site, describe its contents, and draw it."""
         from toolkit.plots.plan_view import draw_site
         from toolkit.sites.files import load_site
         from toolkit.sites.surroundings import count_things, describe_things
 
-        shown = load_site(self.site)
+        site = load_site(self.site)
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         if self.out is not None:
             check_picture(self.out)
-        say(shown)
-        for origin, counts in count_things(shown).items():
+        say(site)
+        for origin, counts in count_things(site).items():
             if counts:
                 say(f"{origin}: {describe_things(counts)}")
         if self.out is not None:
-            draw_site(shown, self.out)
+            draw_site(site, self.out)
         return OK
 
 
@@ -219,12 +218,9 @@ def site(
     return command()
 
 
-SITE_ENDINGS = (".json", ".geojson")
-
-
-def _save(made: "Site", out: Path) -> int:
+def _save(site: "Site", out: Path) -> int:
     from toolkit.sites.files import save_site
 
-    save_site(made, out)
-    say(f"{made}\nwritten to {out}")
+    save_site(site, out)
+    say(f"{site}\nwritten to {out}")
     return OK

@@ -92,10 +92,10 @@ def view(
     if still is None:
         check_viser()
     with opening.open(recording) as opened:
-        samples = Part(
-            opened, shown.frames if out is None else shown.frames or PAGE_FRAMES, shown.every
-        )
-        place = Place(shown.level or ("map" if opened.site is None else "none"), area=shown.area)
+        frames = shown.frames if out is None else shown.frames or PAGE_FRAMES
+        samples = Part(opened, frames, shown.every)
+        default_level: Level = "map" if opened.site is None else "none"
+        place = Place(shown.level or default_level, area=shown.area)
         network = None if shown.detector is None else place_detector(shown.detector, place)
         sensors = None if shown.sensors is None else sensor_set(shown.sensors)
         drawing = Drawing(network, place, shown.score, shown.classes, sensors)
@@ -117,38 +117,32 @@ def view(
                 colouring=shown.colour,
                 half=half,
             )
-            said = drawn.describe()
-            print_result(
-                {"still": str(still), "said": said}, f"{still}: {said}", as_json=writing.json
-            )
+            description = drawn.describe()
+            summary = {"still": str(still), "said": description}
+            print_result(summary, f"{still}: {description}", as_json=writing.json)
         elif out is None:
 
-            def say(url: str) -> None:
-                print_result(
-                    {"url": url},
-                    f"{url} (this machine alone; Ctrl-C ends it)",
-                    as_json=writing.json,
-                )
+            def print_url(url: str) -> None:
+                text = f"{url} (this machine alone; Ctrl-C ends it)"
+                print_result({"url": url}, text, as_json=writing.json)
                 sys.stdout.flush()  # here, as nothing else is printed while it is served
 
-            view_live(samples, drawing, port=port, ready=say)
+            view_live(samples, drawing, port=port, ready=print_url)
         else:
             with progress_bar("frame", len(samples), hidden=writing.json) as bar:
-                every = drawing.draw_all(samples, progress=bar.to)
-                page = write_page(every, recording.name or str(recording), out)
+                drawn_frames = drawing.draw_all(samples, progress=bar.to)
+                page = write_page(drawn_frames, recording.name or str(recording), out)
             figures = {
                 "out": str(out),
                 "frames": len(page.frames),
                 "points": page.points,
                 "drawn": page.drawn,
+                "of_frames": len(opened),
+                "said": list(page.names),
             }
             text = (
                 f"{out}: {len(page.frames)} of {len(opened)} frames, {page.drawn} of "
                 f"{page.points} points drawn"
             )
-            print_result(
-                figures | {"of_frames": len(opened), "said": list(page.names)},
-                text,
-                as_json=writing.json,
-            )
+            print_result(figures, text, as_json=writing.json)
     return OK

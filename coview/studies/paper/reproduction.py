@@ -1,28 +1,25 @@
-"""`run_reproduction`: the paper's experiments at one of its sites, from simulating the test
-recording to the page.
+"""`run_reproduction`: the paper's experiments at one of its sites, from recording to page.
 
 Everything that takes long is kept in the folder, so that an interrupted run resumes: the recording
-(`recording_1000.hdf5`, its blocks beside it), detections (`detections.sqlite`), and a table of all
-sensor sets if the shipped one does not fit (`table_….npz`). The figures are computed from these
-each time, without a detector.
+(`recording_1000.hdf5` and its blocks), detections (`detections.sqlite`), and a table of all sensor
+sets if the shipped one does not fit (`table_….npz`). The figures are computed from these files each
+time, without a detector.
 
-Tables and figures of the paper, from our detections.
-
-Table 2 is compared with an exact table of every sensor set (`placement_env.fidelity.table`). A
-region of table 3 is where both sensors of a pair have a vehicle's centre in their field of view,
-occluded or not.
+Table 2 is compared with an exact table of every sensor set (`placement_env.fidelity.table`). In a
+region of table 3, both sensors of a pair have a vehicle's centre in their field of view, occluded
+or not.
 
 IoU against density is binned and fitted as in the paper. Every scored vehicle counts once for each
 of the best sensor sets (early fusion): its point density in the fused cloud, and the IoU of the
 detection that overlaps it most, 0 without any. Densities from 0 to the maximum are cut into 200
 bins of equal width; the IoU of a bin is the mean over its vehicles. The fit is IoU = a + b
-ln(points) by least squares over the bins, weighted by their vehicles, at the mean density of each;
-vehicles without a point take no part in bins and fit. A log curve keeps rising where IoU no longer
-does, so the density that a wanted IoU needs is given twice: by the fit, and by the measured mean
-IoU, made monotone in the density (isotonic regression)."""
+ln(points) by least squares over the bins, weighted by their vehicles, at the mean density of each
+bin; vehicles without a point are in neither bins nor fit. A log curve keeps rising after IoU has
+stopped, so the density for a target IoU is given twice: by the fit, and by the measured mean IoU,
+made monotone in the density (isotonic regression)."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -36,14 +33,14 @@ from scipy.stats import spearmanr
 from coview.studies.paper import comparison
 from coview.studies.paper.comparison import (
     CAUSES,
-    DEPTH_NOISE,
-    GIVEN,
-    GOOD_ABOVE,
+    DEPTH_NOISE_M,
+    GIVEN_DETECTOR,
+    GOOD_POINTS,
     IOU_BINS,
-    LARGE,
+    LARGE_AP_DIFFERENCE,
     PAPER_SITES,
     PLACE_NAMES,
-    POOR_BELOW,
+    POOR_POINTS,
     TEST_FRAMES,
     Compared,
     Experiment,
@@ -95,10 +92,21 @@ from toolkit.runtime.run import Processes, Run
 from toolkit.runtime.text_tables import align_columns
 
 SET_SCHEMES = ("early", "late")
+RECALL_STEP = 0.001  # recall between the points of a curve in its file
+FEW_POINTS = 300  # the paper's threshold in its text
+CURVE_POINTS = (
+    *(0, 1, 2, 5, 10, 20, 50, 70, 100, 150, 200, 250, 300, 400, 500, 750),
+    *range(1000, 4001, 250),
+)
+TARGET_IOUS = (0.5, 0.6, 0.7, 0.8, 0.9)
+SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
+NOISE_SEED = 0
+PAGE = "index.html"
+FIGURES = "reproduction.json"
 
 
 def scheme_runs(sensors: int) -> list[SchemeRun]:
-    """Runs that table 1 needs."""
+    """List the runs that table 1 needs."""
     return [SchemeRun(scheme, tuple(range(sensors))) for scheme in ("late", "hybrid", "early")]
 
 
@@ -107,41 +115,53 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
     rows = []
     for run in scheme_runs(len(stored.sensors)):
         paper = comparison.SCHEME_TABLE[site][run.scheme]
-        for iou, theirs in zip(IOUS, paper.ap, strict=True):
-            rows.append(compare_run(stored, run, (run.scheme, f"AP@{iou:g}"), theirs, iou=iou))
+        for iou, paper_ap in zip(IOUS, paper.ap, strict=True):
+            rows.append(compare_run(stored, run, (run.scheme, f"AP@{iou:g}"), paper_ap, iou=iou))
         kbit = kbit_per_sensor(stored, run)
-        why = _explain_kbit(stored, run, paper.kbit)
+        reason = _explain_kbit(stored, run, paper.kbit)
         rows.append(
-            Compared((run.scheme, "sent by a sensor"), "kbit", kbit, paper.kbit, reason=why)
+            Compared((run.scheme, "sent by a sensor"), "kbit", kbit, paper.kbit, reason=reason)
         )
         ms = ms_per_frame(stored, run)
-        why = "this machine; the paper's is a Quadro M4000"
-        rows.append(Compared((run.scheme, "time"), "ms", ms, paper.ms, reason=why))
-    ap = [row for row in rows if row.unit == "AP"]
-    ours = {row.labels: row.ours or 0.0 for row in ap}
-    ordered = all(
-        ours["early", at] >= ours["hybrid", at] >= ours["late", at]
-        for at in (f"AP@{iou:g}" for iou in IOUS)
-    )
-    order = (
-        "The paper's order, early over hybrid over late fusion, does not hold at every IoU here."
-    )
-    if ordered:
-        best = "As in the paper, early fusion is best at every IoU, then hybrid, then late"
-        order = f"{best}, and costs follow the same order."
-    far, sent = (sum(int(truth.sent[row].sum()) for truth in stored.truths) for row in (1, 0))
-    beyond = (
-        f" {100 * far / sent:.0f} % of the points lie beyond the hybrid radius." if sent else ""
-    )
+        reason = "this machine; the paper's is a Quadro M4000"
+        rows.append(Compared((run.scheme, "time"), "ms", ms, paper.ms, reason=reason))
+    ap_rows = [row for row in rows if row.unit == "AP"]
     title = f"Fusion schemes, {PLACE_NAMES[site]}, all sensors, {stored.frames} frames"
-    draw = partial(draw_pairs, ["\n".join(row.labels) for row in ap], ap, title=title)
-    about = (
+    names = ["\n".join(row.labels) for row in ap_rows]
+    return Experiment(
         "schemes",
         "Comparison of fusion schemes",
         "table 1, section IV-B",
         ("scheme", "figure"),
+        tuple(rows),
+        basis,
+        _describe_order(ap_rows) + _describe_far_points(stored),
+        partial(draw_pairs, names, ap_rows, title=title),
     )
-    return Experiment(*about, tuple(rows), basis, order + beyond, draw)
+
+
+def _describe_order(rows: Sequence[Compared]) -> str:
+    """Describe whether the schemes have the paper's order at every IoU."""
+    ours = {row.labels: row.ours or 0.0 for row in rows}
+    for iou in IOUS:
+        figure = f"AP@{iou:g}"
+        if not ours["early", figure] >= ours["hybrid", figure] >= ours["late", figure]:
+            return (
+                "The paper's order, early over hybrid over late fusion, does not hold at every IoU "
+                "here."
+            )
+    return (
+        "As in the paper, early fusion is best at every IoU, then hybrid, then late, and costs "
+        "follow the same order."
+    )
+
+
+def _describe_far_points(stored: StoredDetections) -> str:
+    points = sum(int(truth.sent[0].sum()) for truth in stored.truths)
+    if not points:
+        return ""
+    far_points = sum(int(truth.sent[1].sum()) for truth in stored.truths)
+    return f" {100 * far_points / points:.0f} % of the points lie beyond the hybrid radius."
 
 
 def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
@@ -149,241 +169,251 @@ def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str
         boxes = kbit_per_sensor(stored, run) / 0.256
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"
     if run.scheme == "hybrid":
-        everyone = max(stored.frames, 1) * len(stored.sensors)
-        far = sum(int(truth.sent[2].sum()) for truth in stored.truths) / everyone * 96 / 1000
+        messages = max(stored.frames, 1) * len(stored.sensors)
+        far_points = sum(int(truth.sent[2].sum()) for truth in stored.truths)
+        far_kbit = far_points / messages * 96 / 1000
         return (
             "the measure of the radius is not the cause: as the published code has it, points "
-            f"make {far:.0f} kbit"
+            f"make {far_kbit:.0f} kbit"
         )
     return ""
 
 
 def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
-    """Compare table 2: all sensor sets, the best three of each size. seen: points in its frames,
-    for reasons."""
-    listed = sensor_sets(site)
+    """Compare table 2: all sensor sets, and the best three of each size.
+
+    seen: detections whose points give the reasons."""
+    paper_list = sensor_sets(site)
     origin = table.origin
-    names = [set_name(row.sensors) for row in listed.rows]
-    count = len(listed.rows)
-    sets = np.array([np.isin(np.arange(len(origin.sensors)), row.sensors) for row in listed.rows])
-    ours = {scheme: TableFidelity(table, scheme)(sets) for scheme in SET_SCHEMES}
-    paper = {scheme: [getattr(row, scheme) for row in listed.rows] for scheme in SET_SCHEMES}
-    rows = []
-    for scheme, found in ours.items():
-        for row, name, theirs, ap, recall in zip(
-            listed.rows, names, paper[scheme], found.ap.tolist(), found.recall.tolist(), strict=True
-        ):
-            reason = explain_difference(
-                ap, theirs, RowEvidence(visible_share(seen, row.sensors), recall)
-            )
-            kind = (
-                "paper's best of its size" if row.sensors in listed.best[scheme] else "paper's list"
-            )
-            rows.append(Compared((kind, scheme, name), "AP", ap, theirs, reason=reason))
-    for scheme in SET_SCHEMES:
-        for size, best in best_sets(table, scheme).items():
-            for rank, each in enumerate(best, 1):
-                known = ", in the paper's list" if set_name(each.sensors) in names else ""
-                labels = (
-                    f"our best of {size}, number {rank}{known}",
-                    scheme,
-                    set_name(each.sensors),
-                )
-                rows.append(Compared(labels, "AP", each.ap, None))
+    names = [set_name(row.sensors) for row in paper_list.rows]
+    sensor_numbers = np.arange(len(origin.sensors))
+    sets = np.array([np.isin(sensor_numbers, row.sensors) for row in paper_list.rows])
+    rows: list[Compared] = []
+    correlation_rows: list[Compared] = []
     words = []
-    for scheme, found in ours.items():
-        value = rank_correlation(paper[scheme], found.ap)
-        places = places_of_best(table, listed, scheme).values()
-        labels = (f"order of the {count} sets listed", scheme, "all listed")
-        rows.append(Compared(labels, "rank correlation", value, None))
+    groups = {}
+    for scheme in SET_SCHEMES:
+        scores = TableFidelity(table, scheme)(sets)
+        paper_aps = [getattr(row, scheme) for row in paper_list.rows]
+        for k, row in enumerate(paper_list.rows):
+            ap = float(scores.ap[k])
+            evidence = RowEvidence(visible_share(seen, row.sensors), float(scores.recall[k]))
+            reason = explain_difference(ap, paper_aps[k], evidence)
+            is_best = row.sensors in paper_list.best[scheme]
+            kind = "paper's best of its size" if is_best else "paper's list"
+            labels = (kind, scheme, names[k])
+            rows.append(Compared(labels, "AP", ap, paper_aps[k], reason=reason))
+        correlation = rank_correlation(paper_aps, scores.ap)
+        labels = (f"order of the {len(names)} sets listed", scheme, "all listed")
+        correlation_rows.append(Compared(labels, "rank correlation", correlation, None))
+        ranks = places_of_best(table, paper_list, scheme).values()
         words.append(
-            f"{scheme} fusion: rank correlation {value:.3f} over {count} sets; of the paper's "
-            f"best sets of {len(places)} sizes {sum(place == 1 for place in places)} are the best "
-            f"here and {sum(place <= 3 for place in places)} among the best three"
+            f"{scheme} fusion: rank correlation {correlation:.3f} over {len(names)} sets; of the "
+            f"paper's best sets of {len(ranks)} sizes {sum(rank == 1 for rank in ranks)} are the "
+            f"best here and {sum(rank <= 3 for rank in ranks)} among the best three"
         )
+        groups[scheme] = list(zip(names, paper_aps, scores.ap.tolist(), strict=True))
+    for scheme in SET_SCHEMES:
+        rows += _list_our_best(table, scheme, names)
     basis = (
         f"{origin.frames} frames, {origin.objects} vehicles, all {len(table.subsets) - 1} sets, "
         "exact table; it keeps no single frames, so there are no intervals (the PR curves have "
         "those of the best sets)"
     )
-    groups = {
-        each: list(zip(names, paper[each], found.ap.tolist(), strict=True))
-        for each, found in ours.items()
-    }
     title = f"Sensor sets of table 2, {PLACE_NAMES[site]}, {origin.frames} frames"
-    name = "All sensor sets, and the best three of each size"
-    heads = ("row", "scheme", "sensors")
-    conclusion = "; ".join(words).capitalize() + "."
-    draw = partial(draw_agreement, groups, title=title)
     return Experiment(
-        "sensor_sets", name, "table 2, section IV-C", heads, tuple(rows), basis, conclusion, draw
+        "sensor_sets",
+        "All sensor sets, and the best three of each size",
+        "table 2, section IV-C",
+        ("row", "scheme", "sensors"),
+        (*rows, *correlation_rows),
+        basis,
+        "; ".join(words).capitalize() + ".",
+        partial(draw_agreement, groups, title=title),
     )
 
 
+def _list_our_best(table: Table, scheme: str, paper_names: Sequence[str]) -> list[Compared]:
+    """List our best sets of each size, and whether they are in the paper's list."""
+    rows = []
+    for size, best in best_sets(table, scheme).items():
+        for rank, sensor_set in enumerate(best, 1):
+            name = set_name(sensor_set.sensors)
+            list_note = ", in the paper's list" if name in paper_names else ""
+            labels = (f"our best of {size}, number {rank}{list_note}", scheme, name)
+            rows.append(Compared(labels, "AP", sensor_set.ap, None))
+    return rows
+
+
 def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
-    """Spearman's rank correlation. Ties share their rank; NaN if one side is constant."""
+    """Return Spearman's rank correlation, NaN if one side is constant. Ties share their rank."""
     if np.ptp(np.asarray(a, np.float64)) == 0 or np.ptp(np.asarray(b, np.float64)) == 0:
         return float("nan")
     return float(spearmanr(a, b).statistic)
 
 
 def places_of_best(table: Table, listed: comparison.Listed, scheme: str) -> dict[int, int]:
-    """Rank of the paper's best set of each size."""
+    """Return the rank of the paper's best set of each size in our order."""
     ours = best_sets(table, scheme, top=1 << len(table.origin.sensors))
-    return {
-        len(each): [mine.sensors for mine in ours[len(each)]].index(each) + 1
-        for each in listed.best[scheme]
-    }
+    ranks = {}
+    for sensors in listed.best[scheme]:
+        size = len(sensors)
+        our_order = [sensor_set.sensors for sensor_set in ours[size]]
+        ranks[size] = our_order.index(sensors) + 1
+    return ranks
 
 
 def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare table 3: gain from spatial diversity."""
     rows = []
-    ap = {}
+    names = []
+    our_ap: dict[tuple[comparison.SensorSet, comparison.SensorSet], float] = {}
+    paper_ap: dict[tuple[comparison.SensorSet, comparison.SensorSet], float] = {}
     for row in comparison.REGION_TABLE[site]:
         labels = (f"in view of {set_name(row.region)}, {{}} vehicles", set_name(row.sensors))
-        rows.append(
-            compare_run(stored, SchemeRun("early", row.sensors), labels, row.ap, region=row.region)
-        )
-        ap[row.region, row.sensors] = rows[-1].ours or 0.0, row.ap
+        run = SchemeRun("early", row.sensors)
+        compared = compare_run(stored, run, labels, row.ap, region=row.region)
+        rows.append(compared)
+        names.append(f"{set_name(row.sensors)}\nin {set_name(row.region)}")
+        our_ap[row.region, row.sensors] = compared.ours or 0.0
+        paper_ap[row.region, row.sensors] = row.ap
+    gain_texts = []
     gains = []
-    better = []
     for pair in dict.fromkeys(row.region for row in comparison.REGION_TABLE[site]):
-        ours, paper = (
-            both - max(one, other)
-            for one, other, both in zip(
-                *(ap[pair, s] for s in (pair[:1], pair[1:], pair)), strict=True
-            )
+        gain = _find_gain(our_ap, pair)
+        gains.append(gain)
+        gain_texts.append(
+            f"{set_name(pair)} together {gain:+.3f} over the better of the two (paper "
+            f"{_find_gain(paper_ap, pair):+.3f})"
         )
-        better.append(ours > 0)
-        gains.append(
-            f"{set_name(pair)} together {ours:+.3f} over the better of the two (paper {paper:+.3f})"
-        )
-    helps = "Not every pair is better than the better of its two sensors."
-    if all(better):
-        helps = "A second view of the same place helps at both pairs, as in the paper."
+    gain_note = "Not every pair is better than the better of its two sensors."
+    if all(gain > 0 for gain in gains):
+        gain_note = "A second view of the same place helps at both pairs, as in the paper."
     title = f"Shared regions, {PLACE_NAMES[site]}, early fusion, IoU 0.7, {stored.frames} frames"
-    names = [
-        f"{set_name(row.sensors)}\nin {set_name(row.region)}"
-        for row in comparison.REGION_TABLE[site]
-    ]
-    about = (
+    return Experiment(
         "shared_regions",
         "Spatial diversity in shared regions",
         "table 3, section IV-D",
         ("region", "sensors"),
+        tuple(rows),
+        f"{basis}; vehicles whose centre both sensors of the pair have in their field of view",
+        f"{gain_note} In AP, {'; '.join(gain_texts)}.",
+        partial(draw_pairs, names, rows, title=title),
     )
-    basis = f"{basis}; vehicles whose centre both sensors of the pair have in their field of view"
-    conclusion = f"{helps} In AP, {'; '.join(gains)}."
-    return Experiment(
-        *about, tuple(rows), basis, conclusion, partial(draw_pairs, names, rows, title=title)
-    )
+
+
+def _find_gain(
+    ap: Mapping[tuple[comparison.SensorSet, comparison.SensorSet], float],
+    pair: comparison.SensorSet,
+) -> float:
+    """Return what a pair adds to the better of its two sensors. ap: by region and sensors."""
+    return ap[pair, pair] - max(ap[pair, pair[:1]], ap[pair, pair[1:]])
 
 
 def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 4: the paper's figures for other methods, its own, and ours for the same
-    pair."""
+    """Compare table 4: the paper's figures, other methods', and ours for the same pair."""
     pair = comparison.BENCHMARK_PAIR[site]
     paper = {row.sensors: row.ap for row in comparison.REGION_TABLE[site] if row.region == pair}
     rows = []
-    for each in comparison.BENCHMARK_TABLE:
-        rows += [
-            Compared((each.method, "one sensor"), "AP", None, figure) for figure in each.single
-        ]
-        if each.two is not None:
-            rows.append(Compared((each.method, "two sensors"), "AP", None, each.two))
+    for method in comparison.BENCHMARK_TABLE:
+        rows += [Compared((method.method, "one sensor"), "AP", None, ap) for ap in method.single]
+        if method.two is not None:
+            rows.append(Compared((method.method, "two sensors"), "AP", None, method.two))
     for sensors, count in ((pair[:1], "one sensor"), (pair, "two sensors")):
         labels = (f"ours, early fusion, {set_name(sensors)} in view of {set_name(pair)}", count)
-        rows.append(
-            compare_run(stored, SchemeRun("early", sensors), labels, paper[sensors], region=pair)
-        )
+        run = SchemeRun("early", sensors)
+        rows.append(compare_run(stored, run, labels, paper[sensors], region=pair))
     gain = (rows[-1].ours or 0.0) - (rows[-2].ours or 0.0)
-    seen = score_run(stored, SchemeRun("early", pair[:1]), region=pair[:1])
+    paper_gain = paper[pair] - paper[pair[:1]]
+    one_sensor = score_run(stored, SchemeRun("early", pair[:1]), region=pair[:1])
     labels = (f"ours, sensor {pair[0]}, vehicles in its field of view", "one sensor")
-    rows.append(Compared(labels, "AP", seen.ap, None, seen.interval))
+    rows.append(Compared(labels, "AP", one_sensor.ap, None, one_sensor.interval))
     title = f"Reported figures and ours, {PLACE_NAMES[site]}, {stored.frames} frames"
     names = [f"{row.labels[0].split(',')[0]}\n{row.labels[1]}" for row in rows]
-    about = (
+    conclusion = (
+        "Other data, other sensors: only the gain from a second sensor can be compared. "
+        f"It is {gain:+.2f} here, {paper_gain:+.2f} in the paper and +0.53 for Cooper and F-Cooper."
+    )
+    if site != "tjunction":
+        conclusion += " The paper's table 4 covers the T-junction alone."
+    return Experiment(
         "benchmarks",
         "Comparison with existing benchmarks",
         "table 4, section IV-F",
         ("method", "sensors"),
+        tuple(rows),
+        f"{basis}; rows without ours are from other authors and data, as the paper reports them",
+        conclusion,
+        partial(draw_pairs, names, rows, title=title),
     )
-    basis = f"{basis}; rows without ours are from other authors and data, as the paper reports them"
-    conclusion = (
-        "Other data, other sensors: only the gain from a second sensor can be compared. "
-        f"It is {gain:+.2f} here, {paper[pair] - paper[pair[:1]]:+.2f} in the paper and +0.53 for "
-        "Cooper and F-Cooper."
-        + (" The paper's table 4 covers the T-junction alone." if site != "tjunction" else "")
-    )
-    return Experiment(
-        *about, tuple(rows), basis, conclusion, partial(draw_pairs, names, rows, title=title)
-    )
-
-
-RECALL_STEP = 0.001  # recall between the points of a curve in its file
-FEW = 300  # points; the paper's threshold in its text
-AT = (0, 1, 2, 5, 10, 20, 50, 70, 100, 150, 200, 250, 300, 400, 500, 750, *range(1000, 4001, 250))
-WANTED_IOU = (0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 def curve_runs(site: str) -> list[SchemeRun]:
-    """Runs that the figures need."""
+    """List the runs that the figures need."""
     return [SchemeRun("early", sensors) for sensors in sensor_sets(site).best["early"]]
+
+
+def _round_values(values: Sequence[float]) -> list[float]:
+    return [round(value, 6) for value in values]
 
 
 def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare PR curves of early fusion at IoU 0.7."""
     curves = {run.sensors: score_run(stored, run).curve for run in curve_runs(site)}
     paper = {row.sensors: row.early for row in sensor_sets(site).rows}
-    rows = [
-        compare_run(stored, SchemeRun("early", each), ("AP@0.7", set_name(each)), paper[each])
-        for each in curves
-    ]
-    captions = [f"{row.labels[1]}: AP {row.ours:.3f} (paper {row.paper:.3f})" for row in rows]
-    for says in comparison.CURVE_STATEMENTS[site]:
-        curve = curves[says.sensors]
-        seen = visible_share(stored, says.sensors)
-        ours = (
-            max_recall(curve)
-            if says.of == "greatest recall"
-            else interpolate_precision(curve, 0.95)
-        )
-        reason = f"{percent(seen)} of the vehicles have a point here" if seen < says.value else ""
-        labels = says.of, set_name(says.sensors)
-        rows.append(
-            Compared(labels, "share", ours, says.value, relation=says.relation, reason=reason)
-        )
-    everyone, *_, fewest = curves
+    rows = []
+    drawn_curves = {}
     points: list[TableRow] = [("sensors", "score", "precision", "recall")]
     for sensors, curve in curves.items():
-        kept = steps(curve)
-        figures = zip(curve.score[kept], curve.precision[kept], curve.recall[kept], strict=True)
-        points += [(set_name(sensors), *(round(float(each), 6) for each in row)) for row in figures]
-    drawn = dict(
-        zip(captions, ((curve.recall, curve.precision) for curve in curves.values()), strict=True)
-    )
+        name = set_name(sensors)
+        row = compare_run(stored, SchemeRun("early", sensors), ("AP@0.7", name), paper[sensors])
+        rows.append(row)
+        caption = f"{name}: AP {row.ours:.3f} (paper {row.paper:.3f})"
+        drawn_curves[caption] = (curve.recall, curve.precision)
+        is_step = steps(curve)
+        figures = np.stack([curve.score, curve.precision, curve.recall], axis=1)[is_step]
+        points += [(name, *_round_values(values)) for values in figures.tolist()]
+    for statement in comparison.CURVE_STATEMENTS[site]:
+        curve = curves[statement.sensors]
+        seen = visible_share(stored, statement.sensors)
+        if statement.of == "greatest recall":
+            ours = max_recall(curve)
+        else:
+            ours = interpolate_precision(curve, 0.95)
+        reason = ""
+        if seen < statement.value:
+            reason = f"{percent(seen)} of the vehicles have a point here"
+        labels = (statement.of, set_name(statement.sensors))
+        relation = statement.relation
+        rows.append(
+            Compared(labels, "share", ours, statement.value, relation=relation, reason=reason)
+        )
+    sensor_lists = list(curves)
+    one_sensor = sensor_lists[-1]
+    recall = max_recall(curves[sensor_lists[0]])
+    one_recall = max_recall(curves[one_sensor])
     title = f"Early fusion, {PLACE_NAMES[site]}, IoU 0.7, {stored.frames} frames"
-    name = "Precision and recall of the best set of each size"
-    heads = ("figure", "sensors")
-    conclusion = (
-        f"All sensors find {percent(max_recall(curves[everyone]))} of the vehicles, sensor "
-        f"{set_name(fewest)} alone {percent(max_recall(curves[fewest]))}: more sensors raise the "
-        "maximum recall, as in the paper."
+    return Experiment(
+        "pr_curves",
+        "Precision and recall of the best set of each size",
+        "figure of PR curves, section IV-C",
+        ("figure", "sensors"),
+        tuple(rows),
+        basis,
+        f"All sensors find {percent(recall)} of the vehicles, sensor {set_name(one_sensor)} alone "
+        f"{percent(one_recall)}: more sensors raise the maximum recall, as in the paper.",
+        partial(draw_pr_curves, drawn_curves, title=title),
+        (("pr_curves_points", tuple(points)),),
     )
-    draw = partial(draw_pr_curves, drawn, title=title)
-    files = (("pr_curves_points", tuple(points)),)
-    about = ("pr_curves", name, "figure of PR curves, section IV-C", heads)
-    return Experiment(*about, tuple(rows), basis, conclusion, draw, files)
 
 
 def max_recall(curve: Curve) -> float:
-    """Recall of all detections, 0 without any."""
+    """Return the recall of all detections, 0 without any."""
     return float(curve.recall[-1]) if len(curve.recall) else 0.0
 
 
 def interpolate_precision(curve: Curve, recall: float) -> float:
-    """Best precision at this recall or above, 0 if it is not reached."""
+    """Return the best precision at this recall or above, 0 if it is not reached."""
     return float(curve.precision[curve.recall >= recall].max(initial=0.0))
 
 
@@ -397,44 +427,54 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
     """Compare point densities of the best sensor sets."""
     sets = sensor_sets(site).best["early"]
     stated = comparison.DENSITY_STATEMENTS[site]
-    paper = {(str(each.of), each.sensors): each for each in stated}
+    paper = {(str(statement.of), statement.sensors): statement for statement in stated}
     rows = []
-    for of, below in (("no points", 1), (f"below {FEW} points", FEW)):
+    for figure_name, limit in (("no points", 1), (f"below {FEW_POINTS} points", FEW_POINTS)):
         for sensors in sets:
-            few = [
-                int((truth.points[:, list(sensors)].sum(axis=1) < below).sum())
-                for truth in stored.truths
-            ]
-            share = sum(few) / stored.vehicles if stored.vehicles else float("nan")
-            figure = (of, set_name(sensors))
-            interval = ratio_interval(few, list(stored.to_find))
-            says = paper.get((of, sensors))
-            row = Compared(figure, "share", share, None, interval)
-            rows.append(
-                row if says is None else replace(row, paper=says.value, relation=says.relation)
-            )
+            counts = []  # vehicles of each frame with fewer points
+            for truth in stored.truths:
+                points = truth.points[:, list(sensors)].sum(axis=1)
+                counts.append(int((points < limit).sum()))
+            share = sum(counts) / stored.vehicles if stored.vehicles else float("nan")
+            labels = (figure_name, set_name(sensors))
+            interval = ratio_interval(counts, list(stored.to_find))
+            row = Compared(labels, "share", share, None, interval)
+            statement = paper.get((figure_name, sensors))
+            if statement is not None:
+                row = replace(row, paper=statement.value, relation=statement.relation)
+            rows.append(row)
     for sensors in sets:
         median = float(np.median(stored.points(sensors))) if stored.vehicles else float("nan")
         rows.append(Compared(("median of the points", set_name(sensors)), "points", median, None))
-    everyone = rows[0].ours
-    fewest = rows[len(sets) - 1].ours
-    points = [stored.points(sensors) for sensors in sets]
-    shares = [
-        (at, *(round(float((each <= at).mean()), 6) if len(each) else "" for each in points))
-        for at in AT
-    ]
-    names = [set_name(sensors) for sensors in sets]
+    share_all = rows[0].ours
+    share_one = rows[len(sets) - 1].ours
+    points_by_set = {set_name(sensors): stored.points(sensors) for sensors in sets}
+    names = tuple(points_by_set)
+    shares: list[TableRow] = [("points, at most", *names)]
+    for max_points in CURVE_POINTS:
+        values = [_format_share(points <= max_points) for points in points_by_set.values()]
+        shares.append((max_points, *values))
     conclusion = (
-        f"{percent(fewest)} of the vehicles have no point from sensor {names[-1]} alone, "
-        f"{percent(everyone)} none from all sensors."
-        + ("" if stated else f" The paper shows this for the {PLACE_NAMES['tjunction']} alone.")
+        f"{percent(share_one)} of the vehicles have no point from sensor {names[-1]} alone, "
+        f"{percent(share_all)} none from all sensors."
     )
-    name = "Points on a vehicle with the best sets"
-    source = "figure of point density (a), section IV-E"
-    about = ("point_density", name, source, ("share of vehicles with", "sensors"))
-    draw = partial(draw_density_cdf, dict(zip(names, points, strict=True)))
-    files = (("point_density_curves", (("points, at most", *names), *shares)),)
-    return Experiment(*about, tuple(rows), basis, conclusion, draw, files)
+    if not stated:
+        conclusion += f" The paper shows this for the {PLACE_NAMES['tjunction']} alone."
+    return Experiment(
+        "point_density",
+        "Points on a vehicle with the best sets",
+        "figure of point density (a), section IV-E",
+        ("share of vehicles with", "sensors"),
+        tuple(rows),
+        basis,
+        conclusion,
+        partial(draw_density_cdf, points_by_set),
+        (("point_density_curves", tuple(shares)),),
+    )
+
+
+def _format_share(is_counted: Bool[np.ndarray, " n"]) -> float | str:
+    return round(float(is_counted.mean()), 6) if len(is_counted) else ""
 
 
 class BinnedIou(NamedTuple):
@@ -452,52 +492,45 @@ class LogFit(NamedTuple):
     slope: float
 
     def density_needed(self, iou: float) -> float:
-        """Points from which the fit reaches an IoU, infinite if it never does."""
-        if not self.slope > 0:
-            return float("nan") if self.slope != self.slope else float("inf")
+        """Return the points from which the fit reaches an IoU, infinite if it never does."""
+        if np.isnan(self.slope):
+            return float("nan")
+        if self.slope <= 0:
+            return float("inf")
         return float(np.exp((iou - self.intercept) / self.slope))
 
 
 def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare IoU against density. The paper gives no coefficients: poor below 70 points, much
-    better above 100."""
+    """Compare IoU against density.
+
+    The paper gives no coefficients, but calls the accuracy below 70 points poor and above 100
+    points much better."""
     density, iou = densities_and_ious(stored, site)
     bins = bin_iou(density[density > 0], iou[density > 0])
     fit = fit_log(bins)
-    most = float(density.max(initial=0))
-    rows = []
-    for name, low, high in (
-        (f"mean, below {POOR_BELOW} points", 0, POOR_BELOW),
-        (f"mean, {POOR_BELOW} to {GOOD_ABOVE} points", POOR_BELOW, GOOD_ABOVE + 1),
-        (f"mean, above {GOOD_ABOVE} points", GOOD_ABOVE + 1, np.inf),
-    ):
-        sums = np.zeros(stored.frames)
-        counts = np.zeros(stored.frames)
-        for run in curve_runs(site):
-            for k, (truth, found) in enumerate(zip(stored.truths, stored.runs[run], strict=True)):
-                points = truth.points[:, list(run.sensors)].sum(axis=1)
-                within = (points >= low) & (points < high)
-                sums[k] += found.best[within].sum()
-                counts[k] += within.sum()
-        mean = float(sums.sum() / counts.sum()) if counts.sum() else None
-        rows.append(
-            Compared(
-                (name,), "IoU", mean, None, None if mean is None else ratio_interval(sums, counts)
-            )
-        )
-    for wanted in WANTED_IOU:
-        by_fit = fit.density_needed(wanted)
-        ours = max(by_fit, 1.0) if by_fit <= most else None
-        for how, needed in (
-            ("by the fit", ours),
-            ("measured", density_needed(density, iou, wanted)),
-        ):
-            rows.append(Compared((f"density for IoU {wanted:g}, {how}",), "points", needed, None))
-    poor, good = ("–" if row.ours is None else f"{row.ours:.2f}" for row in (rows[0], rows[2]))
+    max_density = float(density.max(initial=0))
+    rows = [
+        _average_iou(stored, site, f"mean, below {POOR_POINTS} points", (0, POOR_POINTS)),
+        _average_iou(
+            stored,
+            site,
+            f"mean, {POOR_POINTS} to {GOOD_POINTS} points",
+            (POOR_POINTS, GOOD_POINTS + 1),
+        ),
+        _average_iou(stored, site, f"mean, above {GOOD_POINTS} points", (GOOD_POINTS + 1, np.inf)),
+    ]
+    poor_iou = rows[0].ours
+    good_iou = rows[2].ours
+    for target_iou in TARGET_IOUS:
+        fitted_density = fit.density_needed(target_iou)
+        by_fit = max(fitted_density, 1.0) if fitted_density <= max_density else None
+        measured = density_needed(density, iou, target_iou)
+        for source, points in (("by the fit", by_fit), ("measured", measured)):
+            labels = (f"density for IoU {target_iou:g}, {source}",)
+            rows.append(Compared(labels, "points", points, None))
     title = f"IoU and point density, {PLACE_NAMES[site]}, {stored.frames} frames"
-    draw = partial(draw_log_fit, bins.density, bins.iou, (fit.intercept, fit.slope), title=title)
-    heads = ("points, mean of the bin", "IoU, mean of the bin", "vehicles")
-    columns = zip(
+    table: list[TableRow] = [("points, mean of the bin", "IoU, mean of the bin", "vehicles")]
+    table += zip(
         bins.density.round(3).tolist(),
         bins.iou.round(6).tolist(),
         bins.vehicles.tolist(),
@@ -505,34 +538,58 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
     )
     basis = (
         f"{basis}, each with every one of the best sets: {len(density)} in {IOU_BINS} bins up to "
-        f"{most:.0f} points"
+        f"{max_density:.0f} points"
     )
+    poor_text = "–" if poor_iou is None else f"{poor_iou:.2f}"
+    good_text = "–" if good_iou is None else f"{good_iou:.2f}"
     conclusion = (
         f"IoU = {fit.intercept:.3f} + {fit.slope:.3f} ln(points). Boxes on fewer than "
-        f"{POOR_BELOW} points have a mean IoU of {poor}, boxes on more than {GOOD_ABOVE} of "
-        f"{good}: as the paper says, the density tells how well a vehicle can be measured."
-        + ("" if site == "tjunction" else " The paper shows this for the T-junction alone.")
+        f"{POOR_POINTS} points have a mean IoU of {poor_text}, boxes on more than {GOOD_POINTS} of "
+        f"{good_text}: as the paper says, the density tells how well a vehicle can be measured."
     )
-    about = (
+    if site != "tjunction":
+        conclusion += " The paper shows this for the T-junction alone."
+    return Experiment(
         "iou_density",
         "IoU against point density",
         "figure of point density (b), section IV-E",
         ("figure",),
+        tuple(rows),
+        basis,
+        conclusion,
+        partial(draw_log_fit, bins.density, bins.iou, (fit.intercept, fit.slope), title=title),
+        (("iou_density_bins", tuple(table)),),
     )
-    return Experiment(
-        *about, tuple(rows), basis, conclusion, draw, (("iou_density_bins", (heads, *columns)),)
-    )
+
+
+def _average_iou(
+    stored: StoredDetections, site: str, name: str, points_range: tuple[float, float]
+) -> Compared:
+    """Average the IoU of vehicles with points in a half-open range, over the best sets."""
+    low, high = points_range
+    sums = np.zeros(stored.frames)
+    counts = np.zeros(stored.frames)
+    for run in curve_runs(site):
+        for k, truth in enumerate(stored.truths):
+            points = truth.points[:, list(run.sensors)].sum(axis=1)
+            is_within = (points >= low) & (points < high)
+            sums[k] += stored.runs[run][k].best[is_within].sum()
+            counts[k] += is_within.sum()
+    if not counts.sum():
+        return Compared((name,), "IoU", None, None)
+    mean = float(sums.sum() / counts.sum())
+    return Compared((name,), "IoU", mean, None, ratio_interval(sums, counts))
 
 
 def densities_and_ious(
     stored: StoredDetections, site: str
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Point density and IoU of every vehicle per best set."""
+    """Return the point density and IoU of every vehicle, for each best set."""
     density = [np.zeros(0)]
     iou = [np.zeros(0)]
     for run in curve_runs(site):
         density.append(stored.points(run.sensors).astype(np.float64))
-        iou += [found.best for found in stored.runs[run]]
+        iou += [frame_run.best for frame_run in stored.runs[run]]
     return np.concatenate(density), np.concatenate(iou)
 
 
@@ -541,69 +598,62 @@ def bin_iou(
 ) -> BinnedIou:
     """Average IoU over bins of equal width from 0 to the maximum density."""
     width = float(density.max(initial=0)) / bins
-    number = (
-        np.minimum((density / width).astype(np.int64), bins - 1)
-        if width
-        else np.zeros(len(density), np.int64)
-    )
+    number = np.zeros(len(density), np.int64)
+    if width:
+        number = np.minimum((density / width).astype(np.int64), bins - 1)
     count = np.bincount(number, minlength=bins)
-    held = count > 0
-    means = [
-        np.bincount(number, values, minlength=bins)[held] / count[held] for values in (density, iou)
-    ]
-    return BinnedIou(means[0], means[1], count[held])
+    is_filled = count > 0
+    density_sums = np.bincount(number, density, minlength=bins)[is_filled]
+    iou_sums = np.bincount(number, iou, minlength=bins)[is_filled]
+    count = count[is_filled]
+    return BinnedIou(density_sums / count, iou_sums / count, count)
 
 
 def fit_log(bins: BinnedIou) -> LogFit:
     """Fit IoU to log density by weighted least squares over the bins whose density is above 0."""
-    above = bins.density > 0
-    if above.sum() < 2:
+    is_used = bins.density > 0
+    if is_used.sum() < 2:
         return LogFit(float("nan"), float("nan"))
-    slope, intercept = np.polyfit(
-        np.log(bins.density[above]), bins.iou[above], 1, w=np.sqrt(bins.vehicles[above])
-    )
+    log_density = np.log(bins.density[is_used])
+    weights = np.sqrt(bins.vehicles[is_used])
+    slope, intercept = np.polyfit(log_density, bins.iou[is_used], 1, w=weights)
     return LogFit(float(intercept), float(slope))
 
 
 def density_needed(
-    density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], wanted: float
+    density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], target_iou: float
 ) -> float | None:
-    """Least density for a wanted mean IoU, made monotone. None if it never reaches the wanted
-    one."""
-    at, group, counts = np.unique(density, return_inverse=True, return_counts=True)
-    if not len(at):
+    """Return the lowest density at which the mean IoU, made monotone, reaches a target.
+
+    Returns None if it never does."""
+    densities, group, counts = np.unique(density, return_inverse=True, return_counts=True)
+    if not len(densities):
         return None
     rising = isotonic_regression(np.bincount(group, iou) / counts, weights=counts).x
-    enough = np.flatnonzero(rising >= wanted - 1e-12)
-    return float(at[enough[0]]) if len(enough) else None
+    reaching = np.flatnonzero(rising >= target_iou - 1e-12)
+    return float(densities[reaching[0]]) if len(reaching) else None
 
 
 def all_runs(site: str, sensors: int) -> list[SchemeRun]:
-    """Runs that the experiments need."""
-    in_regions = (SchemeRun("early", row.sensors) for row in comparison.REGION_TABLE[site])
-    return [*scheme_runs(sensors), *curve_runs(site), *in_regions]
+    """List the runs that the experiments need."""
+    region_runs = [SchemeRun("early", row.sensors) for row in comparison.REGION_TABLE[site]]
+    return scheme_runs(sensors) + curve_runs(site) + region_runs
 
 
 def all_experiments(
     stored: StoredDetections, seen: StoredDetections, table: Table, site: str
 ) -> tuple[Experiment, ...]:
     """Run every experiment, in the paper's order."""
-    about = stored, site, f"{stored.frames} frames, {stored.vehicles} vehicles"
+    basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
     return (
-        *(scheme_experiment(*about), set_experiment(table, seen, site), curve_experiment(*about)),
-        *(
-            region_experiment(*about),
-            density_experiment(*about),
-            iou_experiment(*about),
-            benchmark_experiment(*about),
-        ),
+        scheme_experiment(stored, site, basis),
+        set_experiment(table, seen, site),
+        curve_experiment(stored, site, basis),
+        region_experiment(stored, site, basis),
+        density_experiment(stored, site, basis),
+        iou_experiment(stored, site, basis),
+        benchmark_experiment(stored, site, basis),
     )
-
-
-SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
-NOISE_SEED = 0
-PAGE = "index.html"
-FIGURES = "reproduction.json"
 
 
 @dataclass(frozen=True)
@@ -618,30 +668,25 @@ class Reproduction:
 
     @property
     def summary(self) -> str:
-        """Table of AP differences from the paper's."""
-        table = [["experiment", "AP compared", f"beyond {LARGE:g}", "mean difference", "greatest"]]
-        for each in self.experiments:
-            differences = [
-                row.difference
-                for row in each.rows
-                if row.unit == "AP" and row.difference is not None
-            ]
+        """Table of the AP differences from the paper."""
+        large = f"beyond {LARGE_AP_DIFFERENCE:g}"
+        table = [["experiment", "AP compared", large, "mean difference", "greatest"]]
+        for experiment in self.experiments:
+            rows = [row for row in experiment.rows if row.unit == "AP"]
+            differences = [row.difference for row in rows if row.difference is not None]
             if differences:
-                far = sum(abs(difference) > LARGE for difference in differences)
-                mean = sum(differences) / len(differences)
-                greatest = max(differences, key=abs)
-                table.append(
-                    [each.name, str(len(differences)), str(far), f"{mean:+.4f}", f"{greatest:+.4f}"]
-                )
-        return (
-            f"{self.site}: {self.frames} frames, {self.vehicles} "
-            f"vehicles\n{align_columns(table, texts=1)}"
-        )
+                large_count = sum(abs(value) > LARGE_AP_DIFFERENCE for value in differences)
+                mean = f"{sum(differences) / len(differences):+.4f}"
+                greatest = f"{max(differences, key=abs):+.4f}"
+                counts = [str(len(differences)), str(large_count)]
+                table.append([experiment.name, *counts, mean, greatest])
+        head = f"{self.site}: {self.frames} frames, {self.vehicles} vehicles"
+        return f"{head}\n{align_columns(table, texts=1)}"
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for JSON."""
         about = {"site": self.site, "frames": self.frames, "vehicles": self.vehicles}
-        return about | {"experiments": [each.as_dict() for each in self.experiments]}
+        return about | {"experiments": [experiment.as_dict() for experiment in self.experiments]}
 
 
 def run_reproduction(
@@ -656,15 +701,15 @@ def run_reproduction(
 ) -> Reproduction:
     """Run the paper's experiments at one of its sites and write them into a folder.
 
-    frames: of the test recording that are evaluated; detector: makes one for the recording, None
+    frames: number of frames to evaluate; detector: function that makes one for the recording, None
     for the site's shipped network; table: file of `coview table` with the AP of all sensor sets,
     None for the shipped table, or for a new one if that was not measured at this site with this
-    detector; recorded: frames of the recording, at least `frames`. Raises ValueError for a site
-    that the paper has no figures for, and for arguments that do not fit."""
+    detector; recorded: number of frames of the recording, at least `frames`. Raises ValueError for
+    a site that the paper has no figures for, and for arguments that do not fit."""
     check_paper_site(site)
     check_whole("frames", frames, least=1)
     check_whole("recorded", recorded, least=1)
-    given = None if table is None else load_table(table)
+    given_table = None if table is None else load_table(table)
     out = Path(out)
     recorded = max(frames, recorded)
     path = out / f"recording_{recorded}.hdf5"
@@ -684,14 +729,14 @@ def run_reproduction(
             detect = detector(recording)
         digest = getattr(detect, "digest", None)
         shipped = load_table(site)
-        place = hash_site(recording.site, recording.sensors)
-        sets = shipped if given is None else given
-        if given is not None and given.origin.place != place:
+        site_digest = hash_site(recording.site, recording.sensors)
+        set_table = shipped if given_table is None else given_table
+        if given_table is not None and given_table.origin.place != site_digest:
             raise ValueError(
-                f"the table is of {given.origin.site!r} with other sensors: make one with coview "
-                "table"
+                f"the table is of {given_table.origin.site!r} with other sensors: make one with "
+                "coview table"
             )
-        if given is not None and given.origin.detector != digest:
+        if given_table is not None and given_table.origin.detector != digest:
             raise ValueError(
                 "the table was measured with another detector: make one with coview table"
             )
@@ -699,31 +744,27 @@ def run_reproduction(
         memo = Cache(out / "detections.sqlite")
         detect_in = partial(detect_runs, renders, detect, memo=memo, processes=processes)
         stored = detect_in(all_runs(site, len(recording.sensors)), frames=frames)
-        if (sets.origin.place, sets.origin.detector) != (place, digest):
+        if (set_table.origin.place, set_table.origin.detector) != (site_digest, digest):
             path = out / f"table_{frames}_{str(digest)[:12]}_{renders.digest[:12]}.npz"
             try:
-                sets = load_table(path)
+                set_table = load_table(path)
             except (ValueError, FileNotFoundError):  # damaged, or not made yet
-                sets = make_table(
+                set_table = make_table(
                     renders, detect, path, frames=frames, seed=NOISE_SEED, processes=processes
                 )
-        seen = detect_in(
-            (), frames=min(sets.origin.frames, renders.frames), stage="frames looked at"
-        )
-    experiments = all_experiments(stored, seen, sets, site)
-    causes = (
-        CAUSES
-        if detector is None or stored.detector == shipped.origin.detector
-        else CAUSES | {"!": GIVEN}
-    )
-    write_experiments(
-        out, experiments, site=site, conditions=_conditions(stored, sets, site), causes=causes
-    )
+        table_frames = min(set_table.origin.frames, renders.frames)
+        table_detections = detect_in((), frames=table_frames, stage="frames looked at")
+    experiments = all_experiments(stored, table_detections, set_table, site)
+    causes = CAUSES
+    if detector is not None and stored.detector != shipped.origin.detector:
+        causes = CAUSES | {"!": GIVEN_DETECTOR}
+    conditions = _conditions(stored, set_table, site)
+    write_experiments(out, experiments, site=site, conditions=conditions, causes=causes)
     return Reproduction(site, stored.frames, stored.vehicles, experiments, out / PAGE)
 
 
 def check_paper_site(site: str) -> None:
-    """Raise ValueError where the paper has no figures for a site."""
+    """Raise ValueError for a site that the paper has no figures for."""
     if site not in PAPER_SITES:
         raise ValueError(
             f"the paper has figures for {' and '.join(PAPER_SITES)}, not for {site!r}: choose one "
@@ -742,27 +783,24 @@ def write_experiments(
     """Write the page, all figures as JSON, and CSV and SVG of each experiment."""
     with writing_together(out) as folder:
         pictures = {}
-        for each in experiments:
-            each.draw(folder / f"{each.name}.svg")
-            pictures[each.name] = (folder / f"{each.name}.svg").read_bytes()
-            write_text(folder / f"{each.name}.csv", each.csv)
-            for name, rows in each.curves:
+        for experiment in experiments:
+            experiment.draw(folder / f"{experiment.name}.svg")
+            pictures[experiment.name] = (folder / f"{experiment.name}.svg").read_bytes()
+            write_text(folder / f"{experiment.name}.csv", experiment.csv)
+            for name, rows in experiment.curves:
                 write_text(folder / f"{name}.csv", to_csv(rows))
         figures = {
             "site": site,
             "conditions": conditions,
-            "experiments": [each.as_dict() for each in experiments],
+            "experiments": [experiment.as_dict() for experiment in experiments],
         }
-        write_text(
-            folder / FIGURES, json.dumps(replace_infinite(figures), indent=1, allow_nan=False)
-        )
+        text = json.dumps(replace_infinite(figures), indent=1, allow_nan=False)
+        write_text(folder / FIGURES, text)
         title = (
             f"The paper's experiments at the {PLACE_NAMES[site]}, our figures beside the paper's"
         )
-        write_text(
-            folder / PAGE,
-            paper_page(title, experiments, pictures, conditions=conditions, causes=causes),
-        )
+        page = paper_page(title, experiments, pictures, conditions=conditions, causes=causes)
+        write_text(folder / PAGE, page)
 
 
 def _conditions(stored: StoredDetections, table: Table, site: str) -> dict[str, str]:
@@ -773,7 +811,8 @@ def _conditions(stored: StoredDetections, table: Table, site: str) -> dict[str, 
             f"ones) centred in the area; the paper's has {TEST_FRAMES} frames"
         ),
         "sensors": (
-            f"{len(stored.sensors)}, exact poses; noise of {DEPTH_NOISE * 100:g} cm at every depth"
+            f"{len(stored.sensors)}, exact poses; noise of {DEPTH_NOISE_M * 100:g} cm at every "
+            "depth"
         ),
         "detector": f"digest {stored.detector[:12]}",
         "sensor sets": f"exact table of {origin.frames} frames, {origin.objects} vehicles",

@@ -1,8 +1,8 @@
-"""Conditions, one fault at one level each, and tested systems.
+"""Conditions, each with one fault at one level, and the systems that are tested.
 
     bytes     nothing goes wrong; every scheme in every encoding
-    pose      sensors are not where they are believed to be, by 0 to 1 m and 0 to 1°; benchmarks of
-              cooperative perception begin at 0.2 m and 0.2°
+    pose      believed poses of sensors are wrong by 0 to 1 m and 0 to 1°; benchmarks of cooperative
+              perception begin at 0.2 m and 0.2°
     mounting  the same for sensors on poles: 0 to 1°, and a centimetre for every tenth of a degree
     silent    a sensor sends nothing, each in turn
     pairs     two sensors send nothing, each pair in turn
@@ -17,7 +17,7 @@
 
 Pose errors are root mean squares. They are drawn for each sensor, and again for every block of
 frames used by the bootstrap, so that the intervals cover other draws too. The last four kinds need
-frames that lie close together (`coview simulate --every 0.1`)."""
+frames close together in time (`coview simulate --every 0.1`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.link.range_images import STEPS, RangeImages
+from toolkit.detection.link.range_images import STEPS_M, RangeImages
 from toolkit.detection.scheme import Scheme
 from toolkit.objects import label_index
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
@@ -38,11 +38,11 @@ from toolkit.sensors.error_terms import Calibration, ClockOffset
 
 POSE_LEVELS = (0.0, 0.1, 0.2, 0.4, 0.6, 1.0)  # m and degrees
 METRES_PER_DEGREE = 0.1  # offset of a crooked sensor
-DELAYS = (0.1, 0.2, 0.3)  # s
-# share, messages in a burst
+DELAYS_S = (0.1, 0.2, 0.3)
+# share of lost messages, and lost messages in a burst
 LOSSES: tuple[tuple[float, float | None], ...] = ((0.1, None), (0.3, None), (0.3, 5.0))
-RATES = (2, 5)  # every n-th frame
-CLOCKS = (0.02, 0.05, 0.1)  # s
+FRAME_STEPS = (2, 5)  # every n-th frame
+CLOCK_OFFSETS_S = (0.02, 0.05, 0.1)
 IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close together
 KINDS = ("bytes", "pose", "mounting", "silent", "pairs", "blinded", "frozen", *IN_SEQUENCE)
 
@@ -66,18 +66,25 @@ class StressQuestion:
             raise ValueError("name at least one IoU and one scheme")
         label_index(self.label)
         check_ious(self.iou)
-        # others are schemes of your own
-        check_schemes(each for each in self.schemes if isinstance(each, str))
+        # schemes that are no names are the caller's objects
+        check_schemes(scheme for scheme in self.schemes if isinstance(scheme, str))
 
 
 @dataclass(frozen=True)
 class Condition:
     """Single fault at one level.
 
-    errors: of the sensors; channel: of their messages; tracks: whether the centre moves detections
-    to where they are by now; silent, blinded, frozen: sensors (indices); amount: the level as a
-    number where the levels of a kind are ordered; redrawn: whether errors are redrawn for each
-    block of frames."""
+    Attributes:
+        kind: Kind of stress.
+        level: Level in words.
+        errors: Errors of the sensors.
+        channel: Channel of their messages.
+        tracks: Whether the centre moves old detections to their present places.
+        silent: Indices of sensors that send nothing.
+        blinded: Indices of sensors that see nothing.
+        frozen: Indices of sensors that repeat their first measurement.
+        amount: Level as a number, if the levels of the kind are ordered.
+        redrawn: Whether errors are drawn again for each block of frames."""
 
     kind: str
     level: str
@@ -92,61 +99,64 @@ class Condition:
 
 
 def make_conditions(kind: str, names: Sequence[str]) -> list[Condition]:
-    """Return the conditions of a kind for sensors of these names. Raises ValueError for an unknown
-    kind."""
-    channels: dict[str, LinkChannel] = {}
+    """Return the conditions of a kind for sensors with these names.
+
+    Raises ValueError for an unknown kind."""
+    numbers = range(len(names))
     match kind:
         case "bytes":
             return [Condition(kind, "nothing goes wrong")]
         case "pose" | "mounting":
-            made = []
-            for level in POSE_LEVELS:
-                metres = level if kind == "pose" else METRES_PER_DEGREE * level
-                words = (
-                    f"{level:g} m, {level:g}°"
-                    if kind == "pose"
-                    else f"{level:g}°, {100 * metres:g} cm"
-                )
-                errors = _add_error(f"{kind} {level:g}", Calibration(np.deg2rad(level), metres))
-                made.append(Condition(kind, words, errors, amount=level, redrawn=True))
-            return made
+            return [_make_pose_condition(kind, level) for level in POSE_LEVELS]
         case "silent":
-            return [Condition(kind, name, silent=(k,)) for k, name in enumerate(names)]
+            return [Condition(kind, names[k], silent=(k,)) for k in numbers]
         case "blinded":
-            return [Condition(kind, name, blinded=(k,)) for k, name in enumerate(names)]
+            return [Condition(kind, names[k], blinded=(k,)) for k in numbers]
         case "frozen":
-            return [Condition(kind, name, frozen=(k,)) for k, name in enumerate(names)]
+            return [Condition(kind, names[k], frozen=(k,)) for k in numbers]
         case "pairs":
-            pairs = combinations(range(len(names)), 2)
             return [
-                Condition(kind, " and ".join(names[k] for k in pair), silent=pair) for pair in pairs
+                Condition(kind, f"{names[first]} and {names[second]}", silent=(first, second))
+                for first, second in combinations(numbers, 2)
             ]
         case "clock":
-            return [
-                Condition(kind, f"{1000 * s:g} ms", _add_error(f"clock {s:g}", ClockOffset(s)))
-                for s in CLOCKS
-            ]
-        case "delay":
-            channels = {f"{s:g} s": LinkChannel(delay=s, jitter=s / 10) for s in DELAYS}
-        case "loss":
-            bursts = {
-                burst: "" if burst is None else f" in bursts of {burst:g}" for _, burst in LOSSES
-            }
-            channels = {
-                f"{loss:.0%}{bursts[burst]}": LinkChannel(loss=loss, burst=burst)
-                for loss, burst in LOSSES
-            }
-        case "rate":
-            channels = {f"every {every} frames": LinkChannel(every=every) for every in RATES}
+            return [_make_clock_condition(kind, offset) for offset in CLOCK_OFFSETS_S]
+        case "delay" | "loss" | "rate":
+            conditions = []
+            for level, channel in _list_channels(kind).items():
+                conditions.append(Condition(kind, level, channel=channel))
+                tracked = Condition(kind, f"{level}, tracks", channel=channel, tracks=True)
+                conditions.append(tracked)
+            return conditions
         case _:
             raise ValueError(
                 f"there is no kind of stress {kind!r}: choose among {', '.join(KINDS)}"
             )
-    return [
-        Condition(kind, f"{level}{', tracks' if tracks else ''}", channel=channel, tracks=tracks)
-        for level, channel in channels.items()
-        for tracks in (False, True)
-    ]
+
+
+def _make_pose_condition(kind: str, level: float) -> Condition:
+    metres = level if kind == "pose" else METRES_PER_DEGREE * level
+    words = f"{level:g} m, {level:g}°" if kind == "pose" else f"{level:g}°, {100 * metres:g} cm"
+    errors = _add_error(f"{kind} {level:g}", Calibration(np.deg2rad(level), metres))
+    return Condition(kind, words, errors, amount=level, redrawn=True)
+
+
+def _make_clock_condition(kind: str, offset_s: float) -> Condition:
+    errors = _add_error(f"clock {offset_s:g}", ClockOffset(offset_s))
+    return Condition(kind, f"{1000 * offset_s:g} ms", errors)
+
+
+def _list_channels(kind: str) -> dict[str, LinkChannel]:
+    """Return the channels of delay, loss or rate, by level in words."""
+    if kind == "delay":
+        return {f"{s:g} s": LinkChannel(delay=s, jitter=s / 10) for s in DELAYS_S}
+    if kind == "rate":
+        return {f"every {step} frames": LinkChannel(every=step) for step in FRAME_STEPS}
+    channels = {}
+    for loss, burst in LOSSES:
+        in_bursts = "" if burst is None else f" in bursts of {burst:g}"
+        channels[f"{loss:.0%}{in_bursts}"] = LinkChannel(loss=loss, burst=burst)
+    return channels
 
 
 def _add_error(name: str, term: Calibration | ClockOffset) -> ErrorProfile:
@@ -163,10 +173,12 @@ class System:
 
 
 def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
-    """Return the systems to test in a kind of condition. Every scheme sends bytes. Under `bytes` it
-    is counted the paper's way as well, and schemes that send points do so in all steps."""
+    """Return the systems to test in a kind of condition.
+
+    Every scheme sends bytes. Under `bytes`, messages are counted as in the paper as well, and
+    schemes that send points do so in all steps."""
     if kind != "bytes":
-        return [System(scheme, RangeImages(), _step_name(STEPS[0])) for scheme in schemes]
+        return [System(scheme, RangeImages(), _step_name(STEPS_M[0])) for scheme in schemes]
     systems = []
     for scheme in schemes:
         if getattr(scheme, "codec", None) is None:
@@ -174,12 +186,10 @@ def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
         if not scheme.sends_points:
             systems.append(System(scheme, RangeImages(), "bytes"))
             continue
-        for step in STEPS:
-            stepped = (
-                replace(scheme, step=step)
-                if isinstance(scheme, Foreground | ForegroundDifferences)
-                else scheme
-            )
+        for step in STEPS_M:
+            stepped = scheme
+            if isinstance(scheme, Foreground | ForegroundDifferences):
+                stepped = replace(scheme, step=step)
             systems.append(System(stepped, RangeImages(step), _step_name(step)))
     return systems
 

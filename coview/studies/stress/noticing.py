@@ -1,11 +1,11 @@
 """Time until the fusion centre notices a failing sensor, and false alarms.
 
-In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch began: it falls
-silent, repeats what it measured then, or sees nothing any more. Its monitor
-(`toolkit.detection.sensor_monitor`) looks at what arrives, once with whole images and once with
+In every stretch of traffic each sensor fails in turn, `ONSET_S` after the stretch began: it becomes
+silent, repeats its last measurement, or sees nothing any more. Its monitor
+(`toolkit.detection.sensor_monitor`) watches what arrives, once with whole images and once with
 foreground. A sensor must see the objects that the centre detects in all messages and that have
-points from other sensors. False alarms are counted over the same traffic with nothing wrong but the
-link."""
+points from other sensors. False alarms are counted over the same traffic with no fault but the
+link's."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,23 +20,31 @@ from toolkit.calibration.empty_scene import Scenes
 from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
 from toolkit.detection.link.channel import PERFECT, delay_frames
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
-from toolkit.detection.link.range_images import STEPS
+from toolkit.detection.link.range_images import STEPS_M
 from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame, SiteRecording, unproject
 from toolkit.objects import Detector
 from toolkit.runtime.run import Run
 
-ONSET = 2.0  # s after traffic began
-TIME_ALLOWED = 2.0  # s after the onset, within which a fault must be noticed
-SUPPORT = 10  # points of other sensors on an object that a sensor must see
+ONSET_S = 2.0  # from the start of traffic to the fault
+MAX_NOTICE_S = 2.0  # a fault must be noticed within this time
+MIN_SUPPORT_POINTS = 10  # a sensor must see objects with so many points of other sensors
 FAULTS = (Fault.SILENT, Fault.FROZEN, Fault.BLINDED)
 SENT_AS = ("whole images", "foreground")
 
 
 @dataclass(frozen=True)
 class Noticed:
-    """Seconds until a fault was noticed; infinite if never."""
+    """Time until a fault was noticed.
+
+    Attributes:
+        fault: Name of the fault.
+        sent_as: What sensors send, of `SENT_AS`.
+        cases: Number of cases.
+        noticed: Number of cases in which it was noticed.
+        median: Median time (s), infinite if it was never noticed.
+        worst: Longest time (s), infinite if it was not noticed in a case."""
 
     fault: str
     sent_as: str
@@ -48,7 +56,9 @@ class Noticed:
 
 @dataclass(frozen=True)
 class FalseAlarms:
-    """Alarms about working sensors, and sensor-minutes watched."""
+    """Alarms about working sensors over one link.
+
+    sent_as: what sensors send, of `SENT_AS`; minutes: sensor-minutes watched."""
 
     link: str
     sent_as: str
@@ -61,66 +71,62 @@ def time_faults(
 ) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
     """Time every fault of every sensor, and count false alarms over every link.
 
-    recording: frames close together; run: with the seed of noise and links, and the number of first
-    frames. Raises ValueError if no stretch of traffic is longer than `ONSET`."""
+    recording: frames close together in time; run: its seed is for noise and links, its frames are
+    the number of first frames. Raises ValueError if no stretch of traffic is longer than
+    `ONSET_S`."""
     count = min(len(recording), run.frames_or(len(recording)))
     seed = run.seed
     scenes = Scenes(ReadRecording(recording, Reads(noise_seed=seed)))
-    wrong = [
-        each for kind in ("delay", "loss") for each in make_conditions(kind, ()) if not each.tracks
-    ]
-    links = {"nothing wrong": PERFECT} | {
-        f"{each.kind} {each.level}": each.channel for each in wrong
+    links = {"nothing wrong": PERFECT}
+    for condition in (*make_conditions("delay", ()), *make_conditions("loss", ())):
+        if not condition.tracks:
+            links[f"{condition.kind} {condition.level}"] = condition.channel
+    times_to_notice: dict[tuple[Fault, str], list[float]] = {
+        (fault, sent_as): [] for fault in FAULTS for sent_as in SENT_AS
     }
-    after: dict[tuple[Fault, str], list[float]] = {
-        (fault, way): [] for fault in FAULTS for way in SENT_AS
-    }
-    alarms = {(link, way): 0 for link in links for way in SENT_AS}
+    alarms = {(link, sent_as): 0 for link in links for sent_as in SENT_AS}
     minutes = dict.fromkeys(links, 0.0)
     for stretch in _stretches(recording, count, seed):
         seconds = stretch[-1].time - stretch[0].time
         sensors = range(len(stretch[0].sensors))
-        if seconds < ONSET:
+        if seconds < ONSET_S:
             continue
         centre = _Centre(recording, detector, scenes)
-        for fault, way in after:
-            after[fault, way] += [
-                _time_to_notice(centre, stretch, sensor, fault, way) for sensor in sensors
+        for fault, sent_as in times_to_notice:
+            times_to_notice[fault, sent_as] += [
+                _time_to_notice(centre, stretch, sensor, fault, sent_as) for sensor in sensors
             ]
         for link, channel in links.items():
-            shown = [
-                (each.frame, each.ages)
-                for each in delay_frames(stretch, channel, seed=seed, noise_seed=None)
+            arrivals = [
+                (lagged.frame, lagged.ages)
+                for lagged in delay_frames(stretch, channel, seed=seed, noise_seed=None)
             ]
             minutes[link] += seconds * len(sensors) / 60
-            for way in SENT_AS:
-                alarms[link, way] += sum(
-                    _count_alarms(centre, shown, sensor, way) for sensor in sensors
+            for sent_as in SENT_AS:
+                alarms[link, sent_as] += sum(
+                    _count_alarms(centre, arrivals, sensor, sent_as) for sensor in sensors
                 )
-    if not any(after.values()):
+    if not any(times_to_notice.values()):
         raise ValueError(
-            f"no stretch of traffic is {ONSET:g} s long here: record with coview simulate --every "
-            "0.1"
+            f"no stretch of traffic is {ONSET_S:g} s long here: record with coview simulate "
+            "--every 0.1"
         )
-    # of an even number of cases the median is the later of the middle two
-    noticed = [
-        Noticed(
-            fault.value,
-            way,
-            len(each),
-            int(np.isfinite(each).sum()),
-            sorted(each)[len(each) // 2],
-            max(each),
-        )
-        for (fault, way), each in after.items()
+    noticed = [_summarise_times(*key, times) for key, times in times_to_notice.items()]
+    false_alarms = [
+        FalseAlarms(*key, alarm_count, minutes[key[0]]) for key, alarm_count in alarms.items()
     ]
-    return tuple(noticed), tuple(
-        FalseAlarms(*which, made, minutes[which[0]]) for which, made in alarms.items()
-    )
+    return tuple(noticed), tuple(false_alarms)
+
+
+def _summarise_times(fault: Fault, sent_as: str, times: Sequence[float]) -> Noticed:
+    """Summarise the times (s) of a fault; of the middle two, the later is the median."""
+    noticed = int(np.isfinite(times).sum())
+    median = sorted(times)[len(times) // 2]
+    return Noticed(fault.value, sent_as, len(times), noticed, median, max(times))
 
 
 def _stretches(recording: SiteRecording, count: int, seed: int) -> Iterator[list[Frame]]:
-    """Runs of frames in which traffic goes on."""
+    """Yield runs of frames with continuous traffic."""
     stretch: list[Frame] = []
     for k in range(count):
         frame = read_frame(recording, k, noise_seed=seed)
@@ -140,19 +146,20 @@ class _Centre:
         self._detector = detector
         self.scenes = scenes
 
-    def shown(self, frame: Frame, sensor: int, way: str, time: float) -> Shown:
-        """Message of a sensor: the whole image, or the foreground of its crop in the finest
-        step."""
-        if way == SENT_AS[0]:
+    def shown(self, frame: Frame, sensor: int, sent_as: str, time: float) -> Shown:
+        """Return a sensor's message: the whole image, or the foreground in the finest step."""
+        if sent_as == SENT_AS[0]:
             return Shown(time, np.asarray(frame.images[sensor], np.float32))
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
-        out = standing_out(captured, self.scenes(sensor))
-        image = captured.sending(out.pixels).measurement
-        steps = np.rint(image / STEPS[0]).astype(np.float32) * np.float32(STEPS[0])
-        return Shown(time, steps, image > 0, out.missing)
+        foreground = standing_out(captured, self.scenes(sensor))
+        image = captured.sending(foreground.pixels).measurement
+        rounded = np.rint(image / STEPS_M[0]).astype(np.float32) * np.float32(STEPS_M[0])
+        return Shown(time, rounded, image > 0, foreground.missing)
 
     def monitor(self, frame: Frame, sensor: int, start: float) -> SensorMonitor:
-        """Monitor of a sensor that starts sending at `start`. frame: any one with that sensor."""
+        """Return the monitor of a sensor that starts sending at `start`.
+
+        frame: any frame with that sensor."""
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
         scene = self.scenes(sensor)
         view = np.zeros(scene.first.size, bool)
@@ -160,65 +167,62 @@ class _Centre:
         return SensorMonitor(scene, start=start, view=view.reshape(scene.first.shape))
 
     def covered(self, frame: Frame, sensor: int) -> ImageMask:
-        """Pixels in which a sensor must see what others see."""
+        """Return the pixels in which a sensor must see what other sensors see."""
         view = frame_view(frame, self._detector, self._site, scene=self.scenes)
         boxes = Foreground().fuse(view, range(len(frame.sensors))).detections.boxes
-        clouds = []
+        clouds = [np.zeros((0, 3))]
         for k in range(len(frame.sensors)):
             if k != sensor:
-                xyz, valid = unproject(
-                    frame.sensors[k], self.shown(frame, k, SENT_AS[1], frame.time).image
-                )
+                image = self.shown(frame, k, SENT_AS[1], frame.time).image
+                xyz, valid = unproject(frame.sensors[k], image)
                 clouds.append(xyz[:, valid].T)
-        supported = count_points(np.concatenate([np.zeros((0, 3)), *clouds]), boxes) >= SUPPORT
-        return standing_before(self.scenes(sensor), frame.sensors[sensor], boxes[supported])
+        points = count_points(np.concatenate(clouds), boxes)
+        supported_boxes = boxes[points >= MIN_SUPPORT_POINTS]
+        return standing_before(self.scenes(sensor), frame.sensors[sensor], supported_boxes)
 
 
 def _time_to_notice(
-    centre: _Centre, stretch: Sequence[Frame], sensor: int, fault: Fault, way: str
+    centre: _Centre, stretch: Sequence[Frame], sensor: int, fault: Fault, sent_as: str
 ) -> float:
-    begin = stretch[0].time
-    onset = next(k for k, frame in enumerate(stretch) if frame.time - begin >= ONSET - 1e-9)
-    monitor = centre.monitor(stretch[0], sensor, begin)
-    last: Shown | None = None
+    """Return the time until the monitor notices a fault, infinite if it does not."""
+    start = stretch[0].time
+    onset = next(k for k, frame in enumerate(stretch) if frame.time - start >= ONSET_S - 1e-9)
+    monitor = centre.monitor(stretch[0], sensor, start)
+    message: Shown | None = None
     for k in range(max(0, onset - 2), len(stretch)):
         frame = stretch[k]
-        since = stretch[k].time - stretch[onset].time
-        if since > TIME_ALLOWED + 1e-9:
+        since_onset = stretch[k].time - stretch[onset].time
+        if since_onset > MAX_NOTICE_S + 1e-9:
             break
         if k >= onset and fault is not Fault.SILENT:
-            instead = (
-                np.zeros_like(frame.images[sensor])
-                if fault is Fault.BLINDED
-                else stretch[onset].images[sensor]
-            )
-            images = tuple(
-                instead if other == sensor else image for other, image in enumerate(frame.images)
-            )
-            frame = replace(frame, measurements=images)
+            images = list(frame.images)
+            images[sensor] = stretch[onset].images[sensor]
+            if fault is Fault.BLINDED:
+                images[sensor] = np.zeros_like(frame.images[sensor])
+            frame = replace(frame, measurements=tuple(images))
         if k < onset or fault is not Fault.SILENT:
-            last = centre.shown(frame, sensor, way, frame.time)
-        if (
-            monitor.look(frame.time, last, partial(centre.covered, frame, sensor)) is not None
-            and k >= onset
-        ):
-            return round(since, 6)
+            message = centre.shown(frame, sensor, sent_as, frame.time)
+        alarm = monitor.look(frame.time, message, partial(centre.covered, frame, sensor))
+        if alarm is not None and k >= onset:
+            return round(since_onset, 6)
     return float("inf")
 
 
 def _count_alarms(
-    centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str
+    centre: _Centre, arrivals: Sequence[tuple[Frame, np.ndarray]], sensor: int, sent_as: str
 ) -> int:
-    monitor = centre.monitor(shown[0][0], sensor, shown[0][0].time)
-    before = None
+    """Count how often the monitor of a working sensor begins an alarm."""
+    first_frame = arrivals[0][0]
+    monitor = centre.monitor(first_frame, sensor, first_frame.time)
     count = 0
-    last: Shown | None = None
-    for frame, ages in shown:
+    was_alarmed = False
+    message: Shown | None = None
+    for frame, ages in arrivals:
         if not np.isnan(ages[sensor]):
             measured = frame.time - float(ages[sensor])
-            if last is None or measured > last.time:
-                last = centre.shown(frame, sensor, way, measured)
-        fault = monitor.look(frame.time, last, partial(centre.covered, frame, sensor))
-        count += fault is not None and before is None
-        before = fault
+            if message is None or measured > message.time:
+                message = centre.shown(frame, sensor, sent_as, measured)
+        alarm = monitor.look(frame.time, message, partial(centre.covered, frame, sensor))
+        count += alarm is not None and not was_alarmed
+        was_alarmed = alarm is not None
     return count

@@ -1,17 +1,16 @@
-"""Results of a stress test: levels at which schemes overtake each other, and all figures as text,
-JSON and SVG.
+"""Results of a stress test, as text, JSON and SVG, and the levels at which schemes change places.
 
-The condition gets worse with its level. AP is taken as linear between two levels. The second scheme
-overtakes the first at the level from which its AP is higher up to the greatest level tried; if one
-of them never leads by `LEAST_LEAD`, neither overtakes. The interval of that level comes from draws
-of blocks of frames, the same draws for both schemes; a draw in which the second scheme never
+A condition gets worse with its level. AP is taken as linear between two levels. The second scheme
+overtakes the first at the level from which its AP is higher up to the greatest level tried. If one
+of them never leads by `MIN_LEAD_AP`, neither overtakes. The interval of that level comes from draws
+of blocks of frames, the same draws for both schemes. A draw in which the second scheme never
 overtakes counts as infinite."""
 
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import combinations
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +22,14 @@ from placement_env.analysis.worth import failures
 from placement_env.fidelity.table import Table
 from placement_env.report.charts import interval_bars
 from placement_env.report.content import CONFIDENCE
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Int64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.display import format_share
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.text_tables import align_columns
 
-LEAST_LEAD = 0.005  # AP by which one scheme must lead to count as better
+STRESS_FILES = ("stress.json", "stress.svg")
+MIN_LEAD_AP = 0.005  # a scheme must lead by this to count as better
 
 _Levels = Float64[np.ndarray, " levels"]
 _Schemes = dict[str, list[StressRow]]
@@ -37,8 +37,17 @@ _Schemes = dict[str, list[StressRow]]
 
 @dataclass(frozen=True)
 class Crossing:
-    """Level from which scheme `after` has a higher AP than `before`. low, high: interval of the
-    level, infinite beyond what was tried; share: of the draws with a crossing at all."""
+    """Level from which scheme `after` has a higher AP than scheme `before`.
+
+    Attributes:
+        kind: Kind of stress.
+        iou: IoU threshold.
+        before: Scheme with the higher AP below the level.
+        after: Scheme with the higher AP above the level.
+        level: The level.
+        low: Lower end of the level's interval.
+        high: Upper end of the interval, infinite beyond the greatest level tried.
+        share: Share of the draws with a crossing."""
 
     kind: str
     iou: float
@@ -52,7 +61,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class BestScheme:
-    """Scheme with the highest AP between two levels."""
+    """Scheme with the highest AP between the levels `start` and `end`."""
 
     kind: str
     iou: float
@@ -63,107 +72,129 @@ class BestScheme:
 
 def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ...]:
     """Find every pair of schemes that change places."""
-    found: list[Crossing] = []
+    crossings: list[Crossing] = []
     for (kind, iou), levels, schemes in _group_by_scheme(rows):
-        if any(row.tally is None for each in schemes.values() for row in each):
+        if any(row.tally is None for scheme_rows in schemes.values() for row in scheme_rows):
             raise ValueError(
                 f"frames under {kind} are unknown: pass the rows that run_stress returns"
             )
-        aps = {name: _aps(each) for name, each in schemes.items()}
-        drawn = {
-            name: np.stack(
-                [row.tally.resamples(seed=seed) for row in each if row.tally is not None]
-            )
-            for name, each in schemes.items()
-        }
-        for one, other in combinations(schemes, 2):
-            before, after = (one, other) if aps[other][-1] > aps[one][-1] else (other, one)
+        aps = {name: _aps(scheme_rows) for name, scheme_rows in schemes.items()}
+        drawn_aps = {name: _draw_aps(scheme_rows, seed) for name, scheme_rows in schemes.items()}
+        for first, second in combinations(schemes, 2):
+            before, after = (first, second) if aps[second][-1] > aps[first][-1] else (second, first)
             lead = aps[after] - aps[before]
-            if not (lead[-1] >= LEAST_LEAD and lead.min() <= -LEAST_LEAD):
+            if not (lead[-1] >= MIN_LEAD_AP and lead.min() <= -MIN_LEAD_AP):
                 continue
             level = crossing_level(levels, lead)
-            draws = [lead for lead in (drawn[after] - drawn[before]).T if not np.isnan(lead).any()]
-            each = np.array([crossing_level(levels, lead) for lead in draws])
-            share = float(np.isfinite(each).mean()) if len(each) else 0.0
-            ends = percentiles(
-                np.where(np.isfinite(each), each, np.finfo(float).max), confidence=CONFIDENCE
-            )
-            low, high = (math.inf if end > 1e100 else end for end in ends)
-            found.append(
-                Crossing(kind, iou, before, after, level, min(low, level), max(high, level), share)
-            )
-    return tuple(sorted(found, key=lambda each: (each.kind, each.iou, each.level)))
+            drawn_levels = _draw_levels(levels, drawn_aps[after] - drawn_aps[before])
+            is_crossing = np.isfinite(drawn_levels)
+            share = float(is_crossing.mean()) if len(drawn_levels) else 0.0
+            finite_levels = np.where(is_crossing, drawn_levels, np.finfo(float).max)
+            low, high = percentiles(finite_levels, confidence=CONFIDENCE)
+            low = min(math.inf if low > 1e100 else low, level)
+            high = max(math.inf if high > 1e100 else high, level)
+            crossings.append(Crossing(kind, iou, before, after, level, low, high, share))
+    crossings.sort(key=lambda crossing: (crossing.kind, crossing.iou, crossing.level))
+    return tuple(crossings)
+
+
+def _draw_aps(rows: Sequence[StressRow], seed: int) -> Float64[np.ndarray, "levels draws"]:
+    """Return the AP of each level in each resample of the frames."""
+    tallies = [row.tally for row in rows if row.tally is not None]
+    return np.stack([tally.resamples(seed=seed) for tally in tallies])
+
+
+def _draw_levels(
+    levels: _Levels, leads: Float64[np.ndarray, "levels draws"]
+) -> Float64[np.ndarray, " n"]:
+    """Return the crossing level of each resample without NaN."""
+    valid_leads = [lead for lead in leads.T if not np.isnan(lead).any()]
+    return np.array([crossing_level(levels, lead) for lead in valid_leads])
 
 
 def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
-    """Best scheme at each level, per kind and IoU. A scheme stays the best until another one leads
-    by `LEAST_LEAD`."""
-    found: list[BestScheme] = []
+    """Return the best scheme at each level, per kind and IoU.
+
+    A scheme remains the best until another one leads by `MIN_LEAD_AP`."""
+    best_ranges: list[BestScheme] = []
     for (kind, iou), levels, schemes in _group_by_scheme(rows):
-        aps = np.stack([_aps(each) for each in schemes.values()])
-        zeros = [levels]  # and the places between levels where a lead changes its sign
-        for one, other in combinations(aps, 2):
-            lead = one - other
+        names = list(schemes)
+        aps = np.stack([_aps(scheme_rows) for scheme_rows in schemes.values()])
+        changes = [levels]  # levels, and points between them at which a lead changes its sign
+        for first, second in combinations(aps, 2):
+            lead = first - second
             k = np.flatnonzero(lead[1:] * lead[:-1] < 0)
-            zeros.append(
-                levels[k] + (levels[k + 1] - levels[k]) * lead[k] / (lead[k] - lead[k + 1])
-            )
-        places = np.unique(np.concatenate(zeros))
-        middles = (places[1:] + places[:-1]) / 2
+            changes.append(_find_zero(levels, lead, k))
         best = 0
-        for start, end, middle in zip(
-            places[:-1].tolist(), places[1:].tolist(), middles.tolist(), strict=True
-        ):
-            at = np.array([np.interp(middle, levels, ap) for ap in aps])
-            best = best if at[best] > at.max() - LEAST_LEAD else int(at.argmax())
-            name = list(schemes)[best]
-            if found and (found[-1].kind, found[-1].iou, found[-1].scheme) == (kind, iou, name):
-                start = found.pop().start
-            found.append(BestScheme(kind, iou, name, start, end))
-    return tuple(found)
+        for start, end in pairwise(np.unique(np.concatenate(changes)).tolist()):
+            middle = (start + end) / 2
+            aps_at_middle = np.array([np.interp(middle, levels, ap) for ap in aps])
+            if aps_at_middle[best] <= aps_at_middle.max() - MIN_LEAD_AP:
+                best = int(aps_at_middle.argmax())
+            best_range = BestScheme(kind, iou, names[best], start, end)
+            if best_ranges and _continues(best_ranges[-1], best_range):
+                best_range = replace(best_range, start=best_ranges.pop().start)
+            best_ranges.append(best_range)
+    return tuple(best_ranges)
+
+
+def _continues(before: BestScheme, after: BestScheme) -> bool:
+    """Return whether two ranges of levels have the same scheme, kind and IoU."""
+    return (before.kind, before.iou, before.scheme) == (after.kind, after.iou, after.scheme)
+
+
+def _find_zero(
+    levels: _Levels, lead: Float64[np.ndarray, " levels"], k: Int64[np.ndarray, " k"]
+) -> Float64[np.ndarray, " k"]:
+    """Return the levels between levels `k` and the next ones at which a linear lead is 0."""
+    return levels[k] + (levels[k + 1] - levels[k]) * lead[k] / (lead[k] - lead[k + 1])
 
 
 def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> float:
-    """Level from which a lead, linear between levels, stays above 0 up to the last. Infinite if it
-    never does."""
+    """Return the level from which a lead remains above 0 up to the last level.
+
+    The lead is linear between levels. The level is infinite if the lead never does."""
     if not lead[-1] > 0:
         return math.inf
     behind = np.flatnonzero(lead <= 0)
     if not len(behind):
         return float(levels[0])
-    k = behind[-1]
-    return float(levels[k] + (levels[k + 1] - levels[k]) * lead[k] / (lead[k] - lead[k + 1]))
+    return float(_find_zero(levels, lead, behind[-1:])[0])
 
 
 def _group_by_scheme(
     rows: Sequence[StressRow],
 ) -> Iterator[tuple[tuple[str, float], _Levels, _Schemes]]:
-    """Levels, and rows by kind, IoU and scheme, where both are at least two."""
-    found: dict[tuple[str, float], _Schemes] = {}
+    """Yield kind and IoU, levels, and rows by scheme, if levels and schemes are at least two."""
+    groups: dict[tuple[str, float], _Schemes] = {}
     for row in rows:
         if row.amount is not None:
-            found.setdefault((row.kind, row.iou), {}).setdefault(row.scheme, []).append(row)
-    for key, schemes in found.items():
-        ordered = {
-            name: sorted(each, key=lambda row: row.amount or 0.0) for name, each in schemes.items()
-        }
-        levels = np.array([row.amount for row in next(iter(ordered.values()))])
-        if len(ordered) > 1 and len(levels) > 1:
-            yield key, levels, ordered
+            groups.setdefault((row.kind, row.iou), {}).setdefault(row.scheme, []).append(row)
+    for key, schemes in groups.items():
+        for scheme_rows in schemes.values():
+            scheme_rows.sort(key=lambda row: row.amount or 0.0)
+        levels = np.array([row.amount for row in next(iter(schemes.values()))])
+        if len(schemes) > 1 and len(levels) > 1:
+            yield key, levels, schemes
 
 
 def _aps(rows: Sequence[StressRow]) -> Float64[np.ndarray, " levels"]:
     return np.nan_to_num(np.array([row.judged.ap for row in rows]))
 
 
-STRESS_FILES = ("stress.json", "stress.svg")
-
-
 @dataclass(frozen=True)
 class ExactFailure:
-    """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail.
-    without: names of the sensors whose failure leaves the least; objects: number to find in all
-    frames."""
+    """AP of all sensors, and its mean and minimum over all failures of `failing` sensors.
+
+    Attributes:
+        scheme: Name of the scheme.
+        iou: IoU threshold.
+        failing: Number of failing sensors.
+        intact: AP of all sensors.
+        mean: Mean AP over all failures.
+        worst: Lowest AP over all failures.
+        without: Names of the sensors whose failure leaves the lowest AP.
+        objects: Number of objects to find in all frames."""
 
     scheme: str
     iou: float
@@ -178,22 +209,23 @@ class ExactFailure:
 def exact_failures(
     table: Table, *, ious: Sequence[float] = (0.7,), label: str = "vehicle"
 ) -> tuple[ExactFailure, ...]:
-    """Compute N-1 and N-2 of every scheme at these IoUs. Raises ValueError if a table lacks them
-    all, or the class."""
+    """Compute N-1 and N-2 of every scheme at these IoUs.
+
+    Raises ValueError if a table has none of the IoUs, or not the class."""
     names = table.origin.sensors
-    at = (
-        table.origin.ious[table.origin.classes.index(label)]
-        if label in table.origin.classes
-        else table.origin.ious[0]
-    )
-    known = [iou for iou in ious if iou in at]
-    if not known:
-        held, given = (", ".join(map(str, dict.fromkeys(each))) for each in (at, ious))
-        raise ValueError(f"this table holds AP at IoU {held}, not at {given}: change --iou")
-    found = list[ExactFailure]()
+    classes = table.origin.classes
+    class_ious = table.origin.ious[classes.index(label) if label in classes else 0]
+    usable_ious = [iou for iou in ious if iou in class_ious]
+    if not usable_ious:
+        table_ious = ", ".join(map(str, dict.fromkeys(class_ious)))
+        asked_ious = ", ".join(map(str, dict.fromkeys(ious)))
+        raise ValueError(
+            f"this table holds AP at IoU {table_ious}, not at {asked_ious}: change --iou"
+        )
+    exact: list[ExactFailure] = []
     objects = table.origin.objects
     for scheme in PAPER_SCHEMES:
-        for iou in known:
+        for iou in usable_ious:
             ap = table.column(scheme, label, iou)[0]
 
             def look_up(sets: np.ndarray, ap: np.ndarray = ap) -> np.ndarray:
@@ -201,19 +233,30 @@ def exact_failures(
 
             for failing in range(1, min(2, len(names)) + 1):
                 left = failures(look_up, np.ones(len(names), bool), failing=failing)
-                without = tuple(names[k] for k in left.most_missed)
-                found.append(
-                    ExactFailure(
-                        scheme, iou, failing, left.intact, left.mean, left.worst, without, objects
-                    )
+                failure = ExactFailure(
+                    scheme,
+                    iou,
+                    failing,
+                    left.intact,
+                    left.mean,
+                    left.worst,
+                    without=tuple(names[k] for k in left.most_missed),
+                    objects=objects,
                 )
-    return tuple(found)
+                exact.append(failure)
+    return tuple(exact)
 
 
 @dataclass(frozen=True)
 class StressResults:
-    """Results of a stress test, None where nothing was examined. rows: of each scheme, condition
-    and IoU; noticed, false_alarms: of the sensors' monitors; exact: from a table."""
+    """Results of a stress test, None for what was not examined.
+
+    Attributes:
+        rows: Results of each scheme, condition and IoU.
+        crossings: Levels at which schemes change places.
+        noticed: Times until the sensors' monitors notice faults.
+        false_alarms: False alarms of the monitors.
+        exact: Exact failures, from a table."""
 
     rows: tuple[StressRow, ...]
     crossings: tuple[Crossing, ...] | None = None
@@ -222,110 +265,117 @@ class StressResults:
     exact: tuple[ExactFailure, ...] | None = None
 
     def as_dict(self, provenance: Mapping[str, object]) -> dict[str, object]:
-        """Return the values for JSON: None for undefined figures."""
-        given = {name: some for name, some in vars(self).items() if some is not None}
-        lists = {name: [_values(row) for row in some] for name, some in given.items()}
+        """Return the values for JSON, with None for undefined figures."""
+        lists: dict[str, object] = {}
+        for name, rows in vars(self).items():
+            if rows is not None:
+                lists[name] = [_values(row) for row in rows]
         return {"provenance": dict(provenance), **replace_infinite(lists)}
 
     def as_text(self) -> str:
-        """Tables for people, one below the other."""
-        texts = [format_rows(self.rows)]
-        texts += [] if self.crossings is None else [format_crossings(self.rows, self.crossings)]
+        """Format tables for readers, one below the other."""
+        texts = [format_stress_rows(self.rows)]
+        if self.crossings is not None:
+            texts.append(format_crossings(self.rows, self.crossings))
         if self.noticed is not None and self.false_alarms is not None:
             texts.append(format_noticed(self.noticed, self.false_alarms))
-        texts += [] if self.exact is None else [format_exact(self.exact)]
+        if self.exact is not None:
+            texts.append(format_exact(self.exact))
         return "\n\n".join(filter(None, texts))
 
 
 def _values(row: StressRow | Crossing | Noticed | FalseAlarms | ExactFailure) -> dict[str, object]:
-    kept = {name: value for name, value in vars(row).items() if name != "tally"}
-    return kept | ({"judged": asdict(row.judged)} if isinstance(row, StressRow) else {})
+    values = {name: value for name, value in vars(row).items() if name != "tally"}
+    if isinstance(row, StressRow):
+        values["judged"] = asdict(row.judged)
+    return values
 
 
-def format_rows(rows: Sequence[StressRow]) -> str:
+def format_stress_rows(rows: Sequence[StressRow]) -> str:
     """Format a line per scheme, condition and IoU."""
     table = [
         ["stress", "level", "scheme", "sent as", "IoU", "AP", "95 % interval", "kbit/sensor", "age"]
     ]
     for row in rows:
         judged = row.judged
-        figures = [judged.format_ap(), judged.describe_interval(), f"{row.kbit_per_sensor:.2f}"]
-        table.append(
-            [
-                row.kind,
-                row.level,
-                row.scheme,
-                row.codec,
-                f"{row.iou:g}",
-                *figures,
-                f"{row.age:.2f} s",
-            ]
-        )
+        names = [row.kind, row.level, row.scheme, row.codec, f"{row.iou:g}"]
+        kbit = f"{row.kbit_per_sensor:.2f}"
+        figures = [judged.format_ap(), judged.describe_interval(), kbit, f"{row.age:.2f} s"]
+        table.append([*names, *figures])
     return align_columns(table, texts=4)
 
 
 def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -> str:
-    """Format the best scheme per range of levels, and where schemes overtake each other."""
+    """Format the best scheme per range of levels, and the levels of overtaking."""
     best = [["highest AP", "IoU", "scheme", "from", "to"]]
     best += [
-        [b.kind, f"{b.iou:g}", b.scheme, f"{b.start:.2f}", f"{b.end:.2f}"]
-        for b in best_schemes(rows)
+        [
+            best_range.kind,
+            f"{best_range.iou:g}",
+            best_range.scheme,
+            f"{best_range.start:.2f}",
+            f"{best_range.end:.2f}",
+        ]
+        for best_range in best_schemes(rows)
     ]
     table = [["overtaken", "IoU", "scheme", "by", "from level", "95 % interval", "of draws"]]
-    for each in crossings:
-        names = [each.kind, f"{each.iou:g}", each.before, each.after]
-        table.append(
-            [*names, f"{each.level:.2f}", f"{each.low:.2f} to {each.high:.2f}", f"{each.share:.0%}"]
-        )
-    texts = [align_columns(best, texts=3), align_columns(table, texts=4)]
-    return "\n\n".join(
-        text for text, lines in zip(texts, (best, table), strict=True) if len(lines) > 1
-    )
+    for crossing in crossings:
+        names = [crossing.kind, f"{crossing.iou:g}", crossing.before, crossing.after]
+        interval = f"{crossing.low:.2f} to {crossing.high:.2f}"
+        table.append([*names, f"{crossing.level:.2f}", interval, f"{crossing.share:.0%}"])
+    texts = []
+    if len(best) > 1:
+        texts.append(align_columns(best, texts=3))
+    if len(table) > 1:
+        texts.append(align_columns(table, texts=4))
+    return "\n\n".join(texts)
 
 
 def format_noticed(noticed: Sequence[Noticed], alarms: Sequence[FalseAlarms]) -> str:
     """Format the times to notice faults, and false alarms."""
     table = [["fault", "sent as", "cases", "noticed", "median", "worst"]]
-    for each in noticed:
-        times = [f"{seconds:.1f} s" for seconds in (each.median, each.worst)]
-        table.append([each.fault, each.sent_as, str(each.cases), str(each.noticed), *times])
+    for row in noticed:
+        times = [f"{seconds:.1f} s" for seconds in (row.median, row.worst)]
+        table.append([row.fault, row.sent_as, str(row.cases), str(row.noticed), *times])
     false = [["false alarms: link", "sent as", "alarms", "sensor-minutes"]]
-    false += [[each.link, each.sent_as, str(each.alarms), f"{each.minutes:.1f}"] for each in alarms]
+    false += [
+        [alarm.link, alarm.sent_as, str(alarm.alarms), f"{alarm.minutes:.1f}"] for alarm in alarms
+    ]
     return f"{align_columns(table, texts=2)}\n\n{align_columns(false, texts=2)}"
 
 
 def format_exact(left: Sequence[ExactFailure]) -> str:
-    """N-1 and N-2 from a table, a line each."""
+    """Format N-1 and N-2 from a table, a line each."""
     table = [["exact", "scheme", "IoU", "intact", "mean", "worst", "without"]]
-    for each in left:
-        figures = [format_share(ap, each.objects) for ap in (each.intact, each.mean, each.worst)]
-        table.append(
-            [f"N-{each.failing}", each.scheme, f"{each.iou:g}", *figures, ", ".join(each.without)]
-        )
+    for failure in left:
+        names = [f"N-{failure.failing}", failure.scheme, f"{failure.iou:g}"]
+        aps = (failure.intact, failure.mean, failure.worst)
+        figures = [format_share(ap, failure.objects) for ap in aps]
+        table.append([*names, *figures, ", ".join(failure.without)])
     return align_columns(table, texts=2)
 
 
 def write_rows(
     rows: Sequence[StressRow], provenance: Mapping[str, object], folder: str | Path
 ) -> None:
-    """Write stress.json alone, with the rows so far."""
+    """Write only stress.json, with the rows so far."""
     path = Path(folder) / "stress.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(
-        path, json.dumps(StressResults(tuple(rows)).as_dict(provenance), indent=1, allow_nan=False)
-    )
+    content = StressResults(tuple(rows)).as_dict(provenance)
+    write_text(path, json.dumps(content, indent=1, allow_nan=False))
 
 
 def write_stress(
     results: StressResults, provenance: Mapping[str, object], folder: str | Path
 ) -> None:
-    """Write `STRESS_FILES` into a folder, made if missing: all of them or, if that fails (OSError),
-    none."""
-    named = [
-        (f"{r.kind} {r.level}: {r.scheme}, {r.codec}, IoU {r.iou:g}", r.judged)
-        for r in results.rows
+    """Write `STRESS_FILES` into a folder, made if missing.
+
+    All files are written or, if that fails (OSError), none."""
+    named_judgements = [
+        (f"{row.kind} {row.level}: {row.scheme}, {row.codec}, IoU {row.iou:g}", row.judged)
+        for row in results.rows
     ]
     content = results.as_dict(provenance)
     with writing_together(folder) as unfinished:
         write_text(unfinished / "stress.json", json.dumps(content, indent=1, allow_nan=False))
-        write_text(unfinished / "stress.svg", interval_bars(named, "AP under stress"))
+        write_text(unfinished / "stress.svg", interval_bars(named_judgements, "AP under stress"))

@@ -1,13 +1,12 @@
-"""`run_stress`: AP of fusion schemes under every condition, with intervals, and the bits that they
-send.
+"""`run_stress`: AP of fusion schemes under every condition, with intervals and sent bits.
 
-Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close
-together, the first second after traffic restarts is not scored under any condition, because late
-messages cannot have arrived yet. Intervals are a bootstrap over blocks of frames
-(`placement_env.analysis.intervals`) with one seed, so conditions are compared on the same draws.
-They are too narrow over frames close together, which resemble each other."""
+Objects centred in the site's area are to be found, by protocol `exact`. If frames are close
+together in time, the first second after traffic restarts is not scored under any condition, because
+late messages cannot have arrived yet. Intervals are a bootstrap over blocks of frames
+(`placement_env.analysis.intervals`) with one seed, so that conditions are compared on the same
+draws. They are too narrow for frames close together, which resemble each other."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 
@@ -27,7 +26,7 @@ from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.empty_scene import Scenes
 from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame
-from toolkit.detection.link.channel import STALE, Lagged, Tracks, delay_frames
+from toolkit.detection.link.channel import MAX_AGE_S, Lagged, Tracks, delay_frames
 from toolkit.detection.metrics import matches
 from toolkit.detection.scheme import Chained
 from toolkit.detection.schemes import find_scheme
@@ -42,17 +41,25 @@ from toolkit.sensors.error_terms import MOST_APART
 from toolkit.sites.site import Site
 from toolkit.traffic.spawner import LIFE
 
-Needed = Callable[[int], Sequence[int]]  # messages that must have arrived before one can be read
+Needed = Callable[[int], Sequence[int]]  # returns the messages that are needed to read a message
 
 
 @dataclass(frozen=True)
 class StressRow:
     """One scheme under one condition.
 
-    judged: AP with its interval; kbit_per_sensor: per frame, over the sensors that send; age: mean
-    over sensors and frames of what the centre shows (s); label, iou: of what is to be found;
-    amount: how much goes wrong, None if that is no number; tally: the detections behind
-    `judged`."""
+    Attributes:
+        kind: Kind of stress.
+        level: Level in words.
+        scheme: Name of the scheme.
+        codec: Name of its codec.
+        judged: AP with its interval.
+        kbit_per_sensor: Mean kbit per frame of a sensor that sends.
+        age: Mean age of the shown measurements, over sensors and frames (s).
+        label: Class of the road users to find.
+        iou: IoU threshold.
+        amount: Level as a number, None if it is no number.
+        tally: Detections behind `judged`."""
 
     kind: str
     level: str
@@ -68,28 +75,31 @@ class StressRow:
 
 
 def is_sequence(recording: SiteRecording) -> bool:
-    """Return whether frames lie close enough together in time."""
+    """Return whether frames are close enough together in time."""
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
-def check_kinds(kinds: Sequence[str]) -> None:
+def check_stress_kinds(kinds: Sequence[str]) -> None:
     """Raise ValueError for an unknown kind of stress."""
     for kind in kinds:
         make_conditions(kind, ())
 
 
 def choose_kinds(recording: SiteRecording, kinds: Sequence[str] | None = None) -> tuple[str, ...]:
-    """Return the given kinds of stress, by default all that a recording can show. Raises ValueError
-    for an unknown kind, and for one that needs frames closer together."""
-    close = is_sequence(recording)
-    check_kinds(kinds or ())
+    """Return the given kinds of stress, by default all that a recording can show.
+
+    Raises ValueError for an unknown kind, and for a kind that needs frames closer together."""
+    has_close_frames = is_sequence(recording)
+    check_stress_kinds(kinds or ())
     for kind in kinds or ():
-        if kind in IN_SEQUENCE and not close:
+        if kind in IN_SEQUENCE and not has_close_frames:
             raise ValueError(
                 f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are "
                 f"{_frame_spacing(recording):g} s apart: record with coview simulate --every 0.1"
             )
-    return tuple(kinds or ()) or tuple(kind for kind in KINDS if close or kind not in IN_SEQUENCE)
+    if kinds:
+        return tuple(kinds)
+    return tuple(kind for kind in KINDS if has_close_frames or kind not in IN_SEQUENCE)
 
 
 def _frame_spacing(recording: SiteRecording) -> float:
@@ -97,41 +107,43 @@ def _frame_spacing(recording: SiteRecording) -> float:
 
 
 class KeptDetections:
-    """Detector that is asked once for each cloud, as most clouds come again under other conditions.
+    """Detector that keeps its detections, because most clouds return under other conditions.
 
-    cache: where detections are kept, None for memory alone; on disk, an interrupted stress test
-    resumes, and one with other schemes, levels or IoU thresholds detects only what is new. Raises
-    ValueError for a cache with a path and a detector without the attribute `digest`."""
+    cache: where detections are kept, None for memory only. With a cache on disk an interrupted
+    stress test resumes, and a test of other schemes, levels or IoU thresholds detects only what is
+    new. Raises ValueError for a cache with a path and a detector without `digest`."""
 
     def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
         digest = getattr(detector, "digest", None)
         self._cache = Cache() if cache is None else cache
         self.asked = 0
         if digest is None and self._cache.path is not None:
-            said = "a detector whose detections are kept needs an attribute digest"
             raise ValueError(
-                f"{said}, a text that changes with all that it depends on: add one, or keep nothing"
+                "a detector whose detections are kept needs an attribute digest, a text that "
+                "changes with all that it depends on: add one, or keep nothing"
             )
         self.labels = known_labels(detector)
         self._detector = detector
         self._depends_on = [digest, code_digest(type(detector).__module__)]
 
     @staticmethod
-    def of(detector: Detector, cache: Cache | None = None) -> "KeptDetections":
-        """Return a detector that keeps its detections."""
-        return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
+    def from_detector(detector: Detector, cache: Cache | None = None) -> "KeptDetections":
+        """Return a detector that keeps its detections, which may be `detector` itself."""
+        if isinstance(detector, KeptDetections):
+            return detector
+        return KeptDetections(detector, cache)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Return the detections for these points, in this order."""
         content = sha256(np.ascontiguousarray(points).tobytes()).hexdigest()
         key = make_key("detections", *self._depends_on, len(points), content)
-        kept = self._cache.get([key])[0]
-        if kept is None:
+        arrays = self._cache.get([key])[0]
+        if arrays is None:
             self.asked += 1
             detections = self._detector(points)
-            kept = detections.boxes, detections.scores, detections.labels
-            self._cache.put({key: kept})
-        return Detections(*kept)
+            arrays = detections.boxes, detections.scores, detections.labels
+            self._cache.put({key: arrays})
+        return Detections(*arrays)
 
 
 def run_stress(
@@ -142,32 +154,30 @@ def run_stress(
     *,
     finished: Callable[[Sequence[StressRow]], None] | None = None,
 ) -> tuple[StressRow, ...]:
-    """Put every scheme under every condition.
+    """Test every scheme under every condition.
 
-    run: its seed is that of noise, errors, channels and bootstrap, its frames are the first ones of
-    the recording; with its cache an interrupted run resumes; finished: called with the rows of each
-    condition. Raises ValueError as `choose_kinds` and `KeptDetections`, and for a label that the
+    run: its seed is for noise, errors, channels and bootstrap, its frames are the number of first
+    frames; with its cache an interrupted run resumes; finished: called with the rows of each
+    condition. Raises ValueError like `choose_kinds` and `KeptDetections`, and for a label that the
     detector does not know."""
     check_known(detector, [question.label])
-    kept = KeptDetections.of(detector, run.memo)
+    kept_detections = KeptDetections.from_detector(detector, run.memo)
     names = [sensor.name for sensor in recording.sensors]
-    conditions = [
-        each
-        for kind in choose_kinds(recording, question.kinds)
-        for each in make_conditions(kind, names)
-    ]
+    conditions: list[Condition] = []
+    for kind in choose_kinds(recording, question.kinds):
+        conditions += make_conditions(kind, names)
     count = min(len(recording), run.frames_or(len(recording)))
     report = run.stage("frames under stress", count * len(conditions))
     scenes = Scenes(ReadRecording(recording, Reads(noise_seed=run.seed)))
-    each_frame = report if run.alone else None
-    job = _ConditionJob(recording, kept, question, count, run.seed, scenes, each_frame)
+    frame_report = report if run.alone else None
+    job = _ConditionJob(recording, kept_detections, question, count, run.seed, scenes, frame_report)
     rows: list[StressRow] = []
-    for number, more in enumerate(run.map(job, enumerate(conditions)), 1):
-        rows += more
+    for number, condition_rows in enumerate(run.map(job, enumerate(conditions)), 1):
+        rows += condition_rows
         if report is not None:
             report(number * count)
         if finished is not None:
-            finished(more)
+            finished(condition_rows)
     return tuple(rows)
 
 
@@ -185,43 +195,45 @@ class _ConditionJob:
 
     def __call__(self, task: tuple[int, Condition]) -> list[StressRow]:
         number, condition = task
-        settled = STALE if _frame_spacing(self.recording) <= MOST_APART else 0.0
-        systems = make_systems(
-            [find_scheme(each) for each in self.question.schemes], condition.kind
-        )
+        settled_s = MAX_AGE_S if _frame_spacing(self.recording) <= MOST_APART else 0.0
+        schemes = [find_scheme(scheme) for scheme in self.question.schemes]
+        systems = make_systems(schemes, condition.kind)
         trials = [Trial(system, self.question.label, self.question.iou) for system in systems]
-        alone = [trial for trial in trials if not isinstance(trial.system.scheme, Chained)]
-        groups: list[tuple[list[Trial], Needed | None]] = [(alone, None)] if alone else []
-        groups += [
-            ([t], t.system.scheme.dependencies)
-            for t in trials
-            if isinstance(t.system.scheme, Chained)
-        ]
-        for part, (some, needed) in enumerate(groups):
+        groups = _group_trials(trials)
+        for group_index, (group_trials, needed) in enumerate(groups):
             memory: LinkMemory = {}
-            redrawn = condition.redrawn
-            errors = condition.errors
-            arrivals = delay_frames(
-                _RedrawnErrors(self.recording, errors, self.seed) if redrawn else self.recording,
-                condition.channel,
-                frames=self.frames,
-                seed=self.seed,
-                errors=PAPER_ERRORS if redrawn else errors,
-                noise_seed=None if redrawn else self.seed,
-                frozen=condition.frozen,
-                needed=needed,
-            )
-            for k, lagged in enumerate(arrivals, 1):
+            for k, lagged in enumerate(self._delay_frames(condition, needed), 1):
                 self._look(
-                    some,
+                    group_trials,
                     _blind(lagged, condition.blinded),
                     condition,
                     memory,
-                    scored=lagged.since >= settled,
+                    scored=lagged.since >= settled_s,
                 )
                 if self.report is not None:
-                    self.report(number * self.frames + (part * self.frames + k) // len(groups))
+                    group_frames = (group_index * self.frames + k) // len(groups)
+                    self.report(number * self.frames + group_frames)
         return [row for trial in trials for row in trial.rows(condition, self.seed)]
+
+    def _delay_frames(self, condition: Condition, needed: Needed | None) -> Iterator[Lagged]:
+        """Yield the frames as they arrive under a condition."""
+        recording: SiteRecording | _RedrawnErrors = self.recording
+        errors = condition.errors
+        noise_seed: int | None = self.seed
+        if condition.redrawn:
+            recording = _RedrawnErrors(self.recording, errors, self.seed)
+            errors = PAPER_ERRORS
+            noise_seed = None
+        yield from delay_frames(
+            recording,
+            condition.channel,
+            frames=self.frames,
+            seed=self.seed,
+            errors=errors,
+            noise_seed=noise_seed,
+            frozen=condition.frozen,
+            needed=needed,
+        )
 
     def _look(
         self,
@@ -232,14 +244,14 @@ class _ConditionJob:
         *,
         scored: bool,
     ) -> None:
-        """Fuse one frame by every system; those that send alike share views. Chained messages
-        follow from frames as they were measured, whichever arrive, and restore whole images."""
+        """Fuse one frame by every system. Systems with one codec share views.
+
+        Chained messages depend on all measured frames, arrived or not, and restore whole images."""
         frame = lagged.frame
         site = self.recording.site
         views = {}
-        sending = [
-            k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent
-        ]
+        has_arrived = ~np.isnan(lagged.ages)
+        sending = [k for k in np.flatnonzero(has_arrived).tolist() if k not in condition.silent]
         for trial in trials:
             codec = trial.system.codec
             if codec.digest not in views:
@@ -255,12 +267,27 @@ class _ConditionJob:
                 fused = replace(fused, bits=np.array(scheme.sent_bits(sent, sending), np.int64))
             ages = lagged.ages[sending] if sending else np.array([np.nan])
             detections = fused.detections
-            if condition.tracks:  # median age: one sensor may have been silent for long
-                detections = trial.track(
-                    detections, frame.time, float(np.median(ages)), begins=not lagged.since
-                )
+            if condition.tracks:
+                median_age = float(np.median(ages))  # one sensor may have been silent for long
+                begins = not lagged.since
+                detections = trial.track(detections, frame.time, median_age, begins=begins)
             if scored:
                 trial.add(frame, site, detections, fused.kbit_per_sensor, float(ages.mean()))
+
+
+def _group_trials(trials: Sequence["Trial"]) -> list[tuple[list["Trial"], Needed | None]]:
+    """Group trials that can share frames, each group with the messages it needs.
+
+    All schemes without chained messages are one group."""
+    groups: list[tuple[list[Trial], Needed | None]] = []
+    unchained = [trial for trial in trials if not isinstance(trial.system.scheme, Chained)]
+    if unchained:
+        groups.append((unchained, None))
+    for trial in trials:
+        scheme = trial.system.scheme
+        if isinstance(scheme, Chained):
+            groups.append(([trial], scheme.dependencies))
+    return groups
 
 
 class Trial:
@@ -283,7 +310,7 @@ class Trial:
         if begins:
             self._tracks = Tracks()
             self._last = -np.inf
-        if age != age:
+        if np.isnan(age):
             return detections
         self._last = max(self._last, now - age)
         self._tracks.update(detections, self._last)
@@ -295,60 +322,69 @@ class Trial:
         """Score one more frame."""
         counted = has_centre_inside(frame.objects.boxes, site.area)
         at_ious = matches(detections, frame.objects, self._ious, label=self._label, counted=counted)
-        for found, matched in zip(self._found, at_ious, strict=True):
-            found.append(
-                (detections.scores[~matched.ignored], matched.truth[~matched.ignored] >= 0)
-            )
+        for iou_frames, matched in zip(self._found, at_ious, strict=True):
+            is_counted = ~matched.ignored
+            iou_frames.append((detections.scores[is_counted], matched.truth[is_counted] >= 0))
         self._truths.append(int(matched.scored.sum()))
         self._kbit.append(kbit)
         self._ages.append(age)
 
     def rows(self, condition: Condition, seed: int) -> list[StressRow]:
-        """Figures over all frames, at each IoU."""
+        """Return the figures over all frames, at each IoU."""
         ages = np.array(self._ages)
-        label = self._label
-        system = self.system
-        age = float(ages[~np.isnan(ages)].mean()) if (~np.isnan(ages)).any() else np.nan
-        names = (condition.kind, condition.level, system.scheme.name, system.name)
+        ages = ages[~np.isnan(ages)]
         rows = []
-        for iou, found in zip(self._ious, self._found, strict=True):
-            scores, hits = zip(*found, strict=True)
+        for iou, iou_frames in zip(self._ious, self._found, strict=True):
+            scores, hits = zip(*iou_frames, strict=True)
             tally = Tally.of_frames(scores, hits, self._truths)
-            figures = (
-                tally.ap,
-                *tally.interval(seed=seed),
-                tally.recall,
-                tally.precision if len(tally.hit) else None,
+            interval = tally.interval(seed=seed)
+            judgement = Judgement(
+                ap=tally.ap,
+                low=interval.low,
+                high=interval.high,
+                recall=tally.recall,
+                precision=tally.precision if len(tally.hit) else None,
+                vehicles=sum(self._truths),
+                frames=len(self._truths),
+                kind=self._label,
             )
-            judged = Judgement(*figures, sum(self._truths), len(self._truths), label)
-            kbit = float(np.mean(self._kbit))
-            rows.append(StressRow(*names, judged, kbit, age, label, iou, condition.amount, tally))
+            row = StressRow(
+                kind=condition.kind,
+                level=condition.level,
+                scheme=self.system.scheme.name,
+                codec=self.system.name,
+                judged=judgement,
+                kbit_per_sensor=float(np.mean(self._kbit)),
+                age=float(ages.mean()) if len(ages) else np.nan,
+                label=self._label,
+                iou=iou,
+                amount=condition.amount,
+                tally=tally,
+            )
+            rows.append(row)
         return rows
 
 
 @dataclass(frozen=True, eq=False)
 class _RedrawnErrors(RecordingView):
+    """A recording whose errors are drawn again for each block of frames."""
+
     errors: ErrorProfile
     seed: int
 
     def __getitem__(self, index: int) -> Frame:
-        return read_frame(
-            self.recording,
-            index,
-            errors=self.errors,
-            noise_seed=block_seed(self.seed, index // LIFE),
-        )
+        noise_seed = block_seed(self.seed, index // LIFE)
+        return read_frame(self.recording, index, errors=self.errors, noise_seed=noise_seed)
 
 
 def _blind(lagged: Lagged, sensors: Sequence[int]) -> Lagged:
-    """Frames without what these sensors measure."""
-    frame, sent = (
-        replace(
-            each,
-            measurements=tuple(
-                np.zeros_like(x) if k in sensors else x for k, x in enumerate(each.images)
-            ),
-        )
-        for each in (lagged.frame, lagged.sent)
-    )
-    return lagged._replace(frame=frame, sent=sent)
+    """Return frames without the measurements of these sensors."""
+    frame = _blank_images(lagged.frame, sensors)
+    return lagged._replace(frame=frame, sent=_blank_images(lagged.sent, sensors))
+
+
+def _blank_images(frame: Frame, sensors: Sequence[int]) -> Frame:
+    images = list(frame.images)
+    for k in sensors:
+        images[k] = np.zeros_like(images[k])
+    return replace(frame, measurements=tuple(images))

@@ -1,0 +1,114 @@
+"""Requests that the live planner's page answers in the background: suggestions, searches, the
+detector and files."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coview.live_drawings import Ghosts
+from coview.live_head import PanelHead
+from coview.live_jobs import LiveJobs
+from coview.live_tables import describe_ap, describe_suggestions, format_ap
+from placement_env.live.planner import LivePlanner
+from placement_env.live.project import export_variant, report_variant
+from toolkit.display import describe_count
+
+if TYPE_CHECKING:
+    from viser import GuiApi
+
+    from placement_env.live.figures import LiveAnswer
+
+PATIENCE_S = 1.0  # that a suggestion waits for more poles to be looked at
+
+
+class LongTasks:
+    """Do what takes long. show: shows an answer; redraw: draws all; folder: for exports and
+    reports."""
+
+    def __init__(
+        self,
+        planner: LivePlanner,
+        jobs: LiveJobs,
+        head: PanelHead,
+        ghosts: Ghosts,
+        *,
+        show: "Callable[[LiveAnswer], None]",
+        redraw: Callable[[], None],
+        folder: Path,
+    ) -> None:
+        self._planner = planner
+        self._jobs = jobs
+        self._head = head
+        self._ghosts = ghosts
+        self._show = show
+        self._redraw = redraw
+        self._folder = folder
+
+    def add_ask_controls(self, gui: "GuiApi", find_name: Callable[[], str]) -> None:
+        """Add the controls of the tab Ask. find_name: gives the sensor that is chosen."""
+        ask = gui.add_button_group("Best to", ("add", "move", "remove"))
+        ask.on_click(lambda _: self.suggest(ask.value, find_name()))
+        gui.add_button("Accept the best").on_click(lambda _: self._jobs.change(self.accept_best))
+        gui.add_button("Search from here").on_click(
+            lambda _: self._jobs.later("searching", self.search)
+        )
+        gui.add_button("Measure with the detector").on_click(
+            lambda _: self._jobs.later("measuring", self.measure)
+        )
+
+    def add_file_controls(self, gui: "GuiApi") -> None:
+        """Add the controls of the tab Files."""
+        export = partial(self.write, export_variant, self._folder)
+        report = partial(self.write, report_variant, self._folder / "report")
+        gui.add_button("Export site, map and schedule").on_click(
+            lambda _: self._jobs.later("exporting", export)
+        )
+        gui.add_button("Judge and write the report").on_click(
+            lambda _: self._jobs.later("judging", report)
+        )
+
+    def suggest(self, kind: str, name: str | None = None) -> None:
+        """Suggest changes of a kind. name: of the sensor to move."""
+        moved = name if kind == "move" else None
+
+        def job() -> None:
+            suggestions = self._planner.suggest(kind, moved, patience=PATIENCE_S)
+            self._ghosts.offer(suggestions)
+            self._head.say(describe_suggestions(kind, suggestions))
+            self._jobs.do(self._redraw)
+
+        self._jobs.later("comparing poses", job)
+
+    def accept_best(self) -> "LiveAnswer":
+        """Make the best change that is suggested."""
+        return self._planner.accept(self._ghosts.take_best())
+
+    def search(self) -> None:
+        """Improve the variant until nothing helps, or the page closes."""
+        before = self._planner.answer()
+        count = 0
+        for answer in self._planner.search(lambda: self._jobs.closed):
+            count += 1
+            changes = describe_count(count, "change")
+            self._head.say(f"search: AP {format_ap(answer)} after {changes}")
+            self._jobs.do(partial(self._show, answer))
+        after = format_ap(self._planner.answer())
+        changes = describe_count(count, "change")
+        self._head.say(
+            f"search: AP {format_ap(before)} to {after} by {changes}; undo takes them back"
+        )
+
+    def measure(self) -> None:
+        """Measure the variant with the detector."""
+        predicted = self._planner.finish()
+        measured = self._planner.measure()
+        number = f"N = {describe_count(measured.objects, 'road user')}"
+        figures = f"measured {describe_ap(measured)}, predicted {format_ap(predicted)}, {number}"
+        self._head.keep_measured(figures)
+        self._head.say(f"by the detector: {figures}")
+
+    def write(self, write: Callable[[LivePlanner, Path], Iterable[Path]], folder: Path) -> None:
+        """Write files of the variant into a folder."""
+        names = ", ".join(path.name for path in write(self._planner, folder))
+        self._head.say(f"written to {folder}: {names}")

@@ -1,0 +1,108 @@
+"""Drags in the live planner's scene: a sensor turned by its handle, carried or raised by its
+housing."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from coview.live_cameras import Spot
+from coview.live_drawings import SensorDrawings
+from coview.live_jobs import LiveJobs
+from placement_env.live.planner import LivePlanner
+from toolkit.viewing.scene import Handle
+
+if TYPE_CHECKING:
+    from placement_env.live.figures import LiveAnswer
+
+CATCH_M = 3.0  # from the pointer within which a pole catches a sensor that is carried
+
+
+class SensorDrags:
+    """Follow drags and clicks of sensors. show: shows an answer; choose: a sensor in the panel."""
+
+    def __init__(
+        self,
+        planner: LivePlanner,
+        jobs: LiveJobs,
+        drawings: SensorDrawings,
+        *,
+        show: "Callable[[LiveAnswer], None]",
+        choose: Callable[[str], None],
+    ) -> None:
+        self._planner = planner
+        self._jobs = jobs
+        self._drawings = drawings
+        self._show = show
+        self._choose = choose
+
+    def attach(self, name: str, housing: Handle, handle: Handle) -> None:
+        """Let a sensor be dragged by its housing and handle."""
+
+        async def turn(event: Handle) -> None:
+            self._follow(event, lambda spot, last: self.turn(name, spot, last=last), handle)
+
+        async def carry(event: Handle) -> None:
+            self._follow(event, lambda spot, last: self.carry(name, spot, last=last), housing)
+
+        async def lift(event: Handle) -> None:
+            up = float(event.end_position[2])
+            last = event.phase == "end"
+            self._jobs.drag(lambda: self.lift(name, up, last=last), last=last)
+
+        handle.on_drag("left")(turn)
+        housing.on_drag("left")(carry)
+        housing.on_drag("left", modifier="shift")(lift)
+        for mesh in (housing, handle):
+            mesh.on_click(lambda _: self._choose(name))
+
+    def _follow(self, event: Handle, then: Callable[[Spot, bool], None], node: Handle) -> None:
+        """Follow a drag: where the pointer meets the level of what is dragged."""
+        eye = np.array(event.client.camera.position)
+        through = np.array(event.end_position)
+        level = float(node.position[2])
+        ray = through - eye
+        last = event.phase == "end"
+        if ray[2] < -1e-6:
+            spot = eye + ray * (level - eye[2]) / ray[2]
+            self._jobs.drag(lambda: then(spot, last), last=last)
+
+    def turn(self, name: str, spot: Spot, *, last: bool) -> None:
+        """Turn a sensor towards a spot. last: the drag ends."""
+        variant = self._planner.variant
+        sensor = self._planner.yard.build_sensor(variant, variant.find(name))
+        x, y, z = (spot - sensor.position).tolist()
+        heading = float(np.arctan2(y, x))
+        tilt = float(np.arctan2(-z, np.hypot(x, y)))
+        self._show(self._planner.move(name, heading, tilt, dragging=True))
+        self._end(name, last)
+
+    def carry(self, name: str, spot: Spot, *, last: bool) -> None:
+        """Carry a sensor to the pole at a spot, at the end of the drag to the spot itself."""
+        mount = self._planner.variant.find(name).mount
+        mounts = [*self._planner.yard.stock.mounts, *self._planner.variant.poles]
+        distances = np.array([np.hypot(*(mount.position[:2] - spot[:2])) for mount in mounts])
+        if distances.min() <= CATCH_M:
+            pole = mounts[int(distances.argmin())].name
+            if pole != mount:
+                self._show(self._planner.move(name, position=pole, dragging=True))
+        elif last:
+            position = float(spot[0]), float(spot[1])
+            self._show(self._planner.move(name, position=position, dragging=True))
+        else:
+            self._drawings.put_housing(name, spot)
+        self._end(name, last)
+
+    def lift(self, name: str, up: float, *, last: bool) -> None:
+        """Raise or lower a sensor to a height (m above zero)."""
+        variant = self._planner.variant
+        mount = self._planner.yard.find_mount(variant, variant.find(name).mount)
+        height = up - float(mount.position[2])
+        self._show(self._planner.move(name, height=height, dragging=True))
+        self._end(name, last)
+
+    def _end(self, name: str, last: bool) -> None:
+        if last:
+            self._planner.end_drag()
+            self._choose(name)
+            self._drawings.draw(self.attach)

@@ -1,0 +1,296 @@
+"""Drawings in the live planner's scene that follow what is planned: sensors, suggestions, areas,
+pictures, traffic and maps. Only what has changed is sent again."""
+
+import secrets
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from coview.live_cameras import Spot
+from coview.live_signs import draw_view, find_target, lay_picture
+from coview.live_tables import format_ap
+from placement_env.live.picture import GroundPicture
+from placement_env.live.planner import LivePlanner
+from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
+from placement_env.live.suggestions import Suggestion
+from placement_env.live.variant import LiveSensor
+from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
+from toolkit.sensors.sensor import Sensor
+from toolkit.viewing import scene
+from toolkit.viewing.scene import Handle
+
+if TYPE_CHECKING:
+    from viser import SceneApi
+
+    from placement_env.live.figures import LiveAnswer
+
+MIN_FOUND_SHARE = 0.5  # hit probability from which a road user is drawn as found
+GHOST_COLOUR = "#4463f6"
+AREA_COLOUR = "#b3261e"
+AREA_LIFT_M = 0.2
+MAP_LIFT_M = 0.1
+MAP_ALPHA = 190
+Attach = Callable[[str, Handle, Handle], None]  # of a sensor's name, housing and handle
+
+
+class SensorDrawings:
+    """Sensors as drawn: housing, handle, lines of its view, and label of each."""
+
+    def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
+        self._api = api
+        self._planner = planner
+        self._nodes: dict[str, list[Handle]] = {}
+        self._drawn: dict[str, tuple[int, LiveSensor]] = {}
+        self._pole_labels: dict[str, Handle] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sensors that are drawn."""
+        return tuple(self._nodes)
+
+    def label_poles(self, labels: dict[str, Handle]) -> None:
+        """Take over the labels of the poles, each of which is hidden while sensors bear its
+        name."""
+        self._pole_labels = labels
+
+    def put_housing(self, name: str, spot: Spot) -> None:
+        """Let a housing follow the pointer; a sensor that is not drawn has none."""
+        if name in self._nodes:
+            self._nodes[name][0].position = spot
+            self._drawn.pop(name, None)
+
+    def draw(self, attach: Attach) -> None:
+        """Draw the sensors of the variant that is shown. attach: lets new ones be dragged."""
+        variant = self._planner.variant
+        mounts_in_use = {sensor.mount for sensor in variant.sensors}
+        for pole, label in self._pole_labels.items():
+            if label.visible == (pole in mounts_in_use):
+                label.visible = pole not in mounts_in_use
+        names_shown = {sensor.name for sensor in variant.sensors}
+        for name in [name for name in self._nodes if name not in names_shown]:
+            self._drawn.pop(name, None)
+            for node in self._nodes.pop(name):
+                node.remove()
+        for index, live in enumerate(variant.sensors):
+            if live.name in self._nodes and self._drawn.get(live.name) == (index, live):
+                continue
+            self._drawn[live.name] = index, live
+            sensor = self._planner.yard.build_sensor(variant, live)
+            colour = scene.rgb(FAINT if live.failed else sensor_colour(index))
+            if live.name not in self._nodes:
+                self._nodes[live.name] = self._add_sensor(live, sensor, colour, attach)
+            self._update_sensor(live, sensor, colour)
+
+    def _add_sensor(
+        self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int], attach: Attach
+    ) -> list[Handle]:
+        site = self._planner.yard.site
+        node = f"/planned/{secrets.token_hex(4)}"
+        housing = self._api.add_box(f"{node}/housing", colour, (1.2, 1.2, 0.9))
+        handle = self._api.add_icosphere(f"{node}/handle", 0.8, colour, subdivisions=2)
+        lines = draw_view(site, sensor, find_target(site, sensor))
+        view = self._api.add_line_segments(
+            f"{node}/view", lines, colour, thickness=2.5, thickness_units="screen"
+        )
+        label = self._api.add_label(
+            f"{node}/label", live.name, font_screen_scale=1.2, anchor="bottom-center"
+        )
+        attach(live.name, housing, handle)
+        return [housing, handle, view, label]
+
+    def _update_sensor(
+        self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int]
+    ) -> None:
+        site = self._planner.yard.site
+        housing, handle, view, label = self._nodes[live.name]
+        target = find_target(site, sensor)
+        housing.position = sensor.position
+        handle.position = target
+        housing.color = handle.color = colour
+        view.points = draw_view(site, sensor, target)
+        view.colors = np.array(colour, np.uint8)
+        label.position = target + np.array([0.0, 0.0, 1.1])  # apart, where two hang on a pole
+        state = (" (failed)" if live.failed else "") + (" (locked)" if live.locked else "")
+        label.text = f"{live.name}{state}"
+
+
+class Ghosts:
+    """Suggestions, drawn as sensors that are not there yet. accept: follows a click on one."""
+
+    def __init__(
+        self, api: "SceneApi", planner: LivePlanner, accept: Callable[[Suggestion], None]
+    ) -> None:
+        self._api = api
+        self._planner = planner
+        self._accept = accept
+        self._suggestions: list[Suggestion] = []
+        self._nodes: list[Handle] = []
+
+    def offer(self, suggestions: Sequence[Suggestion]) -> None:
+        """Let suggestions be drawn in place of those before."""
+        self._suggestions = list(suggestions)
+
+    def take_best(self) -> Suggestion:
+        """Return the best suggestion, and forget all. Raises ValueError if there is none."""
+        if not self._suggestions:
+            raise ValueError("nothing is suggested: ask for a suggestion first")
+        best = self._suggestions[0]
+        self._suggestions = []
+        return best
+
+    def draw(self) -> None:
+        """Draw the suggestions."""
+        for node in self._nodes:
+            node.remove()
+        self._nodes = []
+        for k, suggestion in enumerate(self._suggestions):
+            self._nodes += self._add_ghost(k, suggestion)
+
+    def _add_ghost(self, k: int, suggestion: Suggestion) -> list[Handle]:
+        yard = self._planner.yard
+        sensor = yard.build_sensor(self._planner.variant, suggestion.sensor)
+        node = f"/ghosts/{k}"
+        colour = scene.rgb(GHOST_COLOUR)
+        housing = self._api.add_box(
+            f"{node}/housing", colour, (1.1, 1.1, 0.9), opacity=0.4, position=sensor.position
+        )
+        housing.on_click(lambda _: self._accept(suggestion))
+        lines = draw_view(yard.site, sensor, find_target(yard.site, sensor))
+        view = self._api.add_line_segments(f"{node}/view", lines, colour)
+        text = f"{'without ' * (suggestion.kind == 'remove')}AP {format_ap(suggestion.answer)}"
+        position = sensor.position + np.array([0.0, 0.0, 2.2])
+        label = self._api.add_label(
+            f"{node}/label", text, position=position, anchor="bottom-center"
+        )
+        return [housing, view, label]
+
+
+class AreaDrawing:
+    """Keep-out areas, and the one that is being drawn."""
+
+    def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
+        self._api = api
+        self._planner = planner
+        self._drawn: list[tuple[tuple[float, float], ...]] | None = None
+
+    def draw(self, spots: Sequence[Spot]) -> None:
+        """Draw them. spots: corners of the new one so far."""
+        site = self._planner.yard.site
+        lines = []
+        outlines = [(*corners, corners[0]) for corners in self._planner.variant.keep_out]
+        outlines.append(tuple((float(x), float(y)) for x, y, _ in spots))
+        if self._drawn == outlines:
+            return
+        self._drawn = outlines
+        for outline in outlines:
+            corners = [
+                np.array([x, y, float(site.ground(np.array([x, y]))) + AREA_LIFT_M])
+                for x, y in outline
+            ]
+            lines += [[start, end] for start, end in pairwise(corners)]
+        self._api.remove_by_name("/areas")
+        rows = np.array(lines).reshape(-1, 2, 3)
+        scene.add_lines(self._api, "/areas", rows, AREA_COLOUR, width=4.0, visible=True)
+
+
+class PictureDrawing:
+    """Picture under the scene. folder: where its file is kept."""
+
+    def __init__(self, api: "SceneApi", planner: LivePlanner, folder: Path) -> None:
+        self._api = api
+        self._planner = planner
+        self._folder = folder
+        self._drawn: GroundPicture | None = None
+
+    def draw(self) -> None:
+        """Draw the picture of the planner, or none."""
+        picture = self._planner.picture
+        if self._drawn == picture:
+            return
+        self._drawn = picture
+        self._api.remove_by_name("/picture")
+        if picture is not None:
+            lay_picture(self._api, self._planner.yard.site, picture, self._folder)
+
+
+class TrafficDrawing:
+    """Road users of one frame: found, missed, and seen by no sensor."""
+
+    def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
+        self._api = api
+        self._planner = planner
+        self._nodes: list[Handle] = []
+        self._drawn: tuple[list[int], list[bool], list[bool]] | None = None
+
+    def draw(self, answer: "LiveAnswer | None", frame: int) -> None:
+        """Draw the road users of a frame as an answer finds them."""
+        unseen = self._planner.unseen
+        if answer is None or len(answer.probability) != len(unseen.boxes):
+            return  # all frames come in a moment
+        rows = np.flatnonzero(unseen.frame == frame)
+        is_found = answer.probability[rows] >= MIN_FOUND_SHARE
+        is_hidden = answer.hidden[rows]
+        state = rows.tolist(), is_found.tolist(), is_hidden.tolist()
+        if self._drawn == state:
+            return
+        self._drawn = state
+        for node in self._nodes:
+            node.remove()
+        found = unseen.boxes[rows[is_found]]
+        missed = unseen.boxes[rows[~is_found]]
+        crossed = np.concatenate([scene.box_edges(missed), scene.roof_crosses(missed)])
+        drawings = (
+            ("found", scene.box_edges(found), OUTCOME["hit"].colour),
+            ("missed", crossed, OUTCOME["missed"].colour),
+            ("unseen", scene.arrows(unseen.boxes[rows[is_hidden]]), INK),
+        )
+        nodes = [
+            scene.add_lines(self._api, f"/traffic/{name}", lines, colour, width=2.5, visible=True)
+            for name, lines, colour in drawings
+        ]
+        self._nodes = [node for node in nodes if node is not None]
+
+
+class SeenMapDrawing:
+    """Map of how often each place is seen, at a height."""
+
+    def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
+        self._api = api
+        self._planner = planner
+        self._maps: dict[float, SeenMaps] = {}
+
+    def forget(self) -> None:
+        """Forget the maps, as those of other frames follow."""
+        self._maps.clear()
+
+    def draw(self, kind: str) -> None:
+        """Draw the map of a kind of road user (`MAP_HEIGHTS`), none of another name."""
+        self._api.remove_by_name("/seen")
+        if kind not in MAP_HEIGHTS:
+            return
+        from matplotlib import colormaps
+
+        height = MAP_HEIGHTS[kind]
+        if height not in self._maps:
+            self._maps[height] = SeenMaps(self._planner.preparation, height)
+        working = [sensor for sensor in self._planner.sensors if not sensor.failed]
+        variant = self._planner.variant
+        yard = self._planner.yard
+        seen_map = self._maps[height].draw(yard.build_sensor(variant, sensor) for sensor in working)
+        shares = np.nan_to_num(seen_map.share)
+        colours = (255 * np.asarray(colormaps["viridis_r"](shares))).astype(np.uint8)
+        colours[..., 3] = np.where(np.isnan(seen_map.share), 0, MAP_ALPHA)
+        cell = float(seen_map.x[1] - seen_map.x[0])
+        middle = np.array([seen_map.x.mean(), seen_map.y.mean()])
+        position = (*middle.tolist(), float(yard.site.ground(middle)) + MAP_LIFT_M)
+        self._api.add_image(
+            "/seen",
+            colours,
+            len(seen_map.x) * cell,
+            len(seen_map.y) * cell,
+            position=position,
+            cast_shadow=False,
+        )

@@ -1,0 +1,69 @@
+"""Head of the live planner's panel: the hint, the figures and the note."""
+
+from typing import TYPE_CHECKING
+
+from coview.live_tables import figures_html, hint_html, note_html
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+    from placement_env.live.figures import LiveAnswer
+
+
+class PanelHead:
+    """Head of the panel, shown above its tabs and before them.
+
+    Attributes:
+        busy: what takes long and is being done, "" for nothing.
+        note: what was done last, or why it was not.
+        measured: figures by the detector, which are shown while there is no note.
+    """
+
+    def __init__(self, server: "ViserServer", title: str, sensors: int, measured: str) -> None:
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
+        gui.main_panel.dock_right()
+        gui.set_panel_label(f"coview live: {title}")
+        self._hint = gui.add_html(hint_html(sensors))
+        self._figures = gui.add_html("")
+        self._said = gui.add_html("")
+        self.busy = ""
+        self.note = ""
+        self.measured = measured
+
+    def show_figures(self, answer: "LiveAnswer") -> None:
+        """Show the figures of an answer, and what to do first."""
+        hint = hint_html(answer.sensors)
+        if self._hint.content != hint:
+            self._hint.content = hint
+        self._figures.content = figures_html(answer)
+
+    @property
+    def figures_content(self) -> str:
+        """HTML of the figures that are shown."""
+        return str(self._figures.content)
+
+    @property
+    def note_content(self) -> str:
+        """HTML of the note that is shown."""
+        return str(self._said.content)
+
+    def show_note(self) -> None:
+        """Show what is being done, and the note or what was measured."""
+        self._said.content = note_html(self.busy, self.note or self.measured)
+
+    def say(self, note: str) -> None:
+        """Keep a note, to be shown by `show_note`."""
+        self.note = note
+
+    def begin(self, what: str) -> None:
+        """Keep what is being done."""
+        self.busy = what
+
+    def end(self) -> None:
+        """Nothing that takes long is being done any more."""
+        self.busy = ""
+
+    def keep_measured(self, figures: str) -> None:
+        """Keep figures by the detector; "" for none."""
+        self.measured = figures

@@ -1,0 +1,229 @@
+"""Threads of the live planner's page: one does what is asked, one refines, one does what takes
+long."""
+
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from coview.live_head import PanelHead
+from placement_env.live.planner import LivePlanner
+from toolkit.runtime.parallel import return_freed_memory
+
+if TYPE_CHECKING:
+    from placement_env.live.figures import LiveAnswer
+
+# s after a change until work goes on; views that are shown are refined; others
+MOVING_S = 0.1
+QUIET_S = 0.4
+CALM_S = 2.0
+MAX_WAIT_S = 0.3  # until a thread looks whether it is to end
+LATE_S = 0.3  # after which what is slow to draw no longer waits for the pointer to rest
+TIDY_S = 10.0  # of use after which freed memory is handed back
+GO_ON = "go on, and report the lines in the terminal"
+Job = Callable[[], None]
+
+
+class LiveJobs:
+    """Jobs of a page, one after another: the latest position of a drag when nothing else waits.
+
+    show: shows an answer; redraw: draws all after a failure; draw_rest: draws what no answer waits
+    for.
+
+    Attributes:
+        closed: True once the threads are to end.
+        threads: that work.
+    """
+
+    def __init__(
+        self, head: PanelHead, *, show: "Callable[[LiveAnswer], None]", redraw: Job, draw_rest: Job
+    ) -> None:
+        self._head = head
+        self._show = show
+        self._redraw = redraw
+        self._draw_rest = draw_rest
+        self._jobs: deque[Job] = deque()
+        self._long: deque[Job] = deque()
+        self._drag: Job | None = None
+        self._wake = threading.Condition()
+        self._touched = 0.0
+        self._behind = 0.0  # since when what is slow to draw is to be drawn
+        self.closed = False
+        self.threads: list[threading.Thread] = []
+
+    def start(self, find_idle_job: Callable[[], Job | None], refine: Job) -> None:
+        """Start the threads. find_idle_job: gives what is done while nothing is asked; refine: runs
+        in a thread of its own until `closed`."""
+        targets = (lambda: self._work(find_idle_job), refine, self._work_long)
+        self.threads = [threading.Thread(target=target, daemon=True) for target in targets]
+        for thread in self.threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End the threads; what takes long is not waited for."""
+        with self._wake:
+            self.closed = True
+            self._wake.notify_all()
+        for thread in self.threads[:2]:
+            thread.join(timeout=5)
+
+    @property
+    def waiting(self) -> int:
+        """Number of jobs that wait."""
+        return len(self._jobs)
+
+    @property
+    def touched(self) -> float:
+        """Time (s) of the last job, by the monotonic clock."""
+        return self._touched
+
+    def touch(self) -> None:
+        """Note that somebody is there."""
+        self._touched = time.monotonic()
+
+    def is_quiet(self, seconds: float) -> bool:
+        """True if nothing has been done for so long."""
+        return time.monotonic() - self._touched >= seconds
+
+    def do(self, job: Job) -> None:
+        """Do something in the page's thread, after what was asked before."""
+        with self._wake:
+            self._jobs.append(job)
+            self._wake.notify_all()
+
+    def change(self, change: "Callable[..., LiveAnswer]", *arguments: Any) -> None:
+        """Make a change in the page's thread, and show its answer."""
+        self.do(lambda: self._show(change(*arguments)))
+
+    def drag(self, job: Job, *, last: bool) -> None:
+        """Follow a drag in the page's thread, in place of its earlier positions. last: its end,
+        which is not left out."""
+        with self._wake:
+            if last:
+                self._drag = None
+                self._jobs.append(job)
+            else:
+                self._drag = job
+            self._wake.notify_all()
+
+    def later(self, what: str, job: Job) -> None:
+        """Do something that takes long, in a thread of its own. what: for the note."""
+        with self._wake:
+            self._head.begin(what)
+            self._long.append(job)
+            self._wake.notify_all()
+        self.do(self._head.show_note)
+
+    def draw_later(self) -> None:
+        """Draw what is slow to draw once nothing else waits, or it is late."""
+        self._behind = self._behind or time.monotonic()
+
+    def attempt(self, job: Job) -> bool:
+        """Do something, and show why it failed; True if it did not. Nothing that fails ends the
+        page."""
+        try:
+            job()
+        except (ValueError, OSError, ImportError) as error:
+            self._head.say(str(error))
+        except Exception as error:  # one control, drag or drawing failed: the page lives on
+            traceback.print_exc()
+            self._head.say(
+                f"that did not work, by a fault of coview ({type(error).__name__}: "
+                f"{error!s:.80}); {GO_ON}"
+            )
+        else:
+            return True
+        with suppress(Exception):  # such as of a browser that has gone
+            self._head.show_note()
+        if job != self._redraw:
+            self.do(self._redraw)
+        return False
+
+    def _work(self, find_idle_job: Callable[[], Job | None]) -> None:
+        while not self.closed:
+            job = self._next_job()
+            if job is not None:
+                self.touch()
+            else:
+                job = find_idle_job()
+            if job is not None:
+                self.attempt(job)
+
+    def _next_job(self) -> Job | None:
+        """Take what is to be done next, after a short wait for it; None for nothing."""
+        with self._wake:
+            if not self._jobs and self._drag is None and not self._behind:
+                self._wake.wait(MAX_WAIT_S)
+            is_idle = not self._jobs and self._drag is None
+            if self._behind and (is_idle or time.monotonic() > self._behind + LATE_S):
+                self._behind = 0.0
+                return self._draw_rest
+            if self._jobs:
+                return self._jobs.popleft()
+            job = self._drag
+            self._drag = None
+            return job
+
+    def _work_long(self) -> None:
+        while not self.closed:
+            with self._wake:
+                if not self._long:
+                    self._wake.wait(MAX_WAIT_S)
+                job = self._long.popleft() if self._long else None
+            if job is not None:
+                self.attempt(job)
+                return_freed_memory()  # comparing poses takes much
+                self._head.end()
+                self.do(self._head.show_note)
+
+
+class Refining:
+    """Thread that refines coarse figures while nobody moves anything.
+
+    find_answer: gives the answer that is shown, None before; show_refined: shows it anew."""
+
+    def __init__(
+        self,
+        planner: LivePlanner,
+        jobs: LiveJobs,
+        find_answer: "Callable[[], LiveAnswer | None]",
+        show_refined: Job,
+    ) -> None:
+        self._planner = planner
+        self._jobs = jobs
+        self._find_answer = find_answer
+        self._show_refined = show_refined
+        self._thread: threading.Thread | None = None
+
+    def run(self) -> None:
+        """Refine in this thread until the page closes."""
+        self._thread = threading.current_thread()
+        while not self._jobs.closed:
+            if not self._jobs.attempt(self._refine_views):
+                self._jobs.touch()  # a pause before it is tried again
+
+    def _refine_views(self) -> None:
+        more = True
+        tidied = time.monotonic()
+        while not self._jobs.closed:
+            answer = self._find_answer()
+            if self._jobs.touched > tidied + TIDY_S:
+                tidied = time.monotonic()
+                return_freed_memory()
+            wait = QUIET_S if answer is not None and answer.coarse else CALM_S
+            if answer is None or not more or not self._jobs.is_quiet(wait):
+                time.sleep(0.1)
+                more = more or not self._jobs.is_quiet(1.0)
+                continue
+            more = self._planner.refine(self._is_in_use)
+            time.sleep(0.01)  # for those who wait to cast rays
+            if answer.coarse and not self._planner.coarse:
+                self._jobs.do(self._show_refined)
+
+    def _is_in_use(self) -> bool:
+        """True for the thread that refines while others move something."""
+        is_refining = threading.current_thread() is self._thread
+        return is_refining and not self._jobs.is_quiet(MOVING_S)

@@ -1,0 +1,367 @@
+"""Tabs of the live planner's panel, and the state that they show."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coview.live_ask import LongTasks
+from coview.live_cameras import LiveCameras
+from coview.live_clicks import GroundClicks
+from coview.live_jobs import LiveJobs
+from coview.live_tables import MAP_KEY, details_html, draw_small_maps, site_html, variants_html
+from placement_env.classes import SMALL_CLASSES
+from placement_env.live.directions import parse_heading, parse_height, parse_tilt, show_bearing
+from placement_env.live.planner import LivePlanner
+from placement_env.live.seen_map import MAP_HEIGHTS
+from placement_env.live.variant import Variant
+from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.sensors.error_profiles import PROFILES
+from toolkit.viewing.scene import Handle
+
+if TYPE_CHECKING:
+    from viser import GuiApi
+
+    from placement_env.live.figures import LiveAnswer
+    from placement_env.setting import Setting
+
+CLASSES = {
+    "vehicle": ("vehicle",),
+    "cyclist and pedestrian": SMALL_CLASSES,
+    "all three": ("vehicle", *SMALL_CLASSES),
+}
+
+
+class FieldGuard:
+    """Separate what a person typed or chose from what the page itself fills in."""
+
+    def __init__(self) -> None:
+        self._filling = False
+
+    @contextmanager
+    def filling(self) -> Iterator[None]:
+        """Fill in fields, whose changes are then not followed."""
+        self._filling = True
+        try:
+            yield
+        finally:
+            self._filling = False
+
+    def typed(self, then: Callable[[], None]) -> None:
+        """Follow what a person typed or chose."""
+        if not self._filling:
+            then()
+
+
+class SensorTab:
+    """Tab with the sensor that is chosen. fill: fills in the panel."""
+
+    def __init__(
+        self,
+        gui: "GuiApi",
+        planner: LivePlanner,
+        jobs: LiveJobs,
+        cameras: LiveCameras,
+        guard: FieldGuard,
+        fill: Callable[[], None],
+    ) -> None:
+        self._planner = planner
+        self._jobs = jobs
+        self._cameras = cameras
+        self._guard = guard
+        self._chosen: Handle = gui.add_dropdown("Sensor", ("none",))
+        self.bearing: Handle = gui.add_number(
+            "Bearing (deg)", 0.0, step=1.0, hint="clockwise from north, as in the schedule"
+        )
+        self.tilt: Handle = gui.add_number("Tilt (deg)", 0.0, step=1.0, hint="below the horizon")
+        self.height: Handle = gui.add_number(
+            "Height (m)", 0.0, step=0.1, hint="above the foot of the pole"
+        )
+        self._lock: Handle = gui.add_checkbox("Locked", False)
+        self._fail: Handle = gui.add_checkbox("Failed", False)
+        act = gui.add_button_group("This one", ("Duplicate", "Remove"))
+        through = gui.add_button(
+            "Look through it", hint="from where it hangs; Overview on the tab View leads back"
+        )
+        through.on_click(lambda event: jobs.do(lambda: self._look_through(event.client)))
+        self.model: Handle = gui.add_dropdown("New model", tuple(planner.yard.models))
+        self.pole: Handle = gui.add_dropdown("On pole", tuple(planner.yard.mounts))
+        gui.add_button("Add a sensor").on_click(lambda _: jobs.change(self.add))
+        self._chosen.on_update(lambda _: guard.typed(lambda: jobs.do(fill)))
+        for field in (self.bearing, self.tilt, self.height):
+            field.on_update(lambda _: guard.typed(self._move_typed))
+        self._lock.on_update(
+            lambda _: guard.typed(lambda: jobs.change(planner.lock, self.name, self._lock.value))
+        )
+        self._fail.on_update(
+            lambda _: guard.typed(lambda: jobs.change(planner.fail, self.name, self._fail.value))
+        )
+        act.on_click(
+            lambda _: jobs.change(
+                planner.duplicate if act.value == "Duplicate" else planner.remove, self.name
+            )
+        )
+
+    @property
+    def name(self) -> str:
+        """Name of the sensor that is chosen."""
+        return str(self._chosen.value)
+
+    def choose(self, name: str) -> bool:
+        """Choose a sensor; False if the panel has none of that name."""
+        if name not in self._chosen.options:  # another browser may have removed it
+            return False
+        self._chosen.value = name
+        return True
+
+    def fill_names(self) -> None:
+        """Offer the sensors of the variant."""
+        names = tuple(sensor.name for sensor in self._planner.sensors) or ("none",)
+        if self._chosen.options != names:
+            self._chosen.options = names
+
+    def fill(self) -> None:
+        """Fill in the state of the sensor that is chosen."""
+        with suppress(ValueError):
+            sensor = self._planner.variant.find(self.name)
+            self.bearing.value = show_bearing(self._planner.yard.site, sensor)
+            self.tilt.value = round(float(np.rad2deg(sensor.tilt)), 1)
+            self.height.value = round(sensor.height, 2)
+            self._lock.value = sensor.locked
+            self._fail.value = sensor.failed
+
+    def _move_typed(self) -> None:
+        self._jobs.change(
+            self.move_as_typed, self.name, self.bearing.value, self.tilt.value, self.height.value
+        )
+
+    def move_as_typed(
+        self, name: str, bearing: object, tilt: object, height: object
+    ) -> "LiveAnswer":
+        """Move a sensor to a bearing, tilt and height as typed."""
+        yard = self._planner.yard
+        sensor = self._planner.variant.find(name)
+        mount = yard.find_mount(self._planner.variant, sensor.mount)
+        return self._planner.move(
+            name,
+            parse_heading(yard.site, str(bearing), sensor.heading),
+            parse_tilt(float(str(tilt)), sensor.tilt),
+            parse_height(mount, float(str(height)), sensor.height),
+        )
+
+    def add(self) -> "LiveAnswer":
+        """Add a sensor on the pole that is chosen, which looks at the middle of the area."""
+        site = self._planner.yard.site
+        pole = self._planner.yard.find_mount(self._planner.variant, str(self.pole.value))
+        x, y = (site.area[:2] + site.area[2:]) / 2 - pole.position[:2]
+        return self._planner.add(pole.name, float(np.arctan2(y, x)), model=self.model.value)
+
+    def _look_through(self, client: Handle) -> None:
+        variant = self._planner.variant
+        sensor = self._planner.yard.build_sensor(variant, variant.find(self.name))
+        self._cameras.look_through(client, sensor)
+
+
+class ScoreTab:
+    """Tab with the question, and figures in detail."""
+
+    def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
+        self._planner = planner
+        first = planner.first
+        now = planner.asked
+        self._details = gui.add_html("")
+
+        def choose(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
+            return gui.add_dropdown(
+                label, tuple(dict.fromkeys((at_first, *options, value))), initial_value=value
+            )
+
+        self._classes = choose("Classes", CLASSES, _name_classes(first), _name_classes(now))
+        self._iou = choose(
+            "IoU", ("0.5", "0.7", "0.8"), f"{first.cases.ious[0]:g}", f"{now.cases.ious[0]:g}"
+        )
+        self._scheme = choose("Scheme", PAPER_SCHEMES, first.fusion.name, now.fusion.name)
+        self._errors = choose(
+            "Errors if measured", PROFILES, first.cases.names[0], now.cases.names[0]
+        )
+        self._limit = gui.add_number(
+            "Budget (0: none)", 0.0 if np.isinf(now.most_price) else now.most_price, min=0
+        )
+        for field in (self._classes, self._iou, self._scheme, self._errors, self._limit):
+            field.on_update(lambda _: jobs.change(self._ask))
+
+    def _ask(self) -> "LiveAnswer":
+        first = self._planner.first
+        cases = replace(
+            self._planner.asked.cases, iou=float(self._iou.value), errors=(self._errors.value,)
+        )
+        scheme = self._scheme.value
+        return self._planner.ask(
+            classes=CLASSES.get(self._classes.value, first.classes),
+            cases=cases,
+            scheme=scheme if scheme != first.fusion.name else first.scheme,
+            most_price=self._limit.value or np.inf,
+        )
+
+    def show(self, answer: "LiveAnswer") -> None:
+        """Show the figures of an answer in detail."""
+        self._details.content = details_html(answer)
+
+
+class VariantsTab:
+    """Tab with the variants, and small maps of them."""
+
+    def __init__(
+        self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs, guard: FieldGuard
+    ) -> None:
+        self._planner = planner
+        self._small_maps: dict[Variant, str] = {}
+        gui.add_html(site_html(planner.yard.site))
+        self._table = gui.add_html("")
+        self._shown: Handle = gui.add_dropdown("Shown", ("A",))
+        self._shown.on_update(
+            lambda _: guard.typed(lambda: jobs.change(planner.show, self._shown.value))
+        )
+        name = gui.add_text("New name", "B")
+        gui.add_button("Keep as a new variant").on_click(
+            lambda _: jobs.change(lambda: planner.show(name.value, copy=True))
+        )
+
+    def fill(self) -> None:
+        """Offer the variants, and choose the one that is shown."""
+        if tuple(self._shown.options) != tuple(self._planner.variants):
+            self._shown.options = tuple(self._planner.variants)
+        self._shown.value = self._planner.current
+
+    def show(self, answer: "LiveAnswer") -> None:
+        """Show the variants side by side. answer: of the present one."""
+        planner = self._planner
+        variants = planner.variants
+        self._small_maps = draw_small_maps(planner.yard, variants.values(), self._small_maps)
+        current = planner.current
+        answers = {
+            name: answer if name == current else planner.estimate(variant)
+            for name, variant in variants.items()
+        }
+        maps = {name: self._small_maps[variant] for name, variant in variants.items()}
+        self._table.content = variants_html(answers, planner.current, maps)
+
+
+class ViewTab:
+    """Tab with the map, the frame of traffic and the cameras.
+
+    draw_map, draw_traffic: follow a change of these.
+
+    Attributes:
+        map: control with the kind of road user.
+        frame: control with the number of the frame.
+    """
+
+    def __init__(
+        self,
+        gui: "GuiApi",
+        planner: LivePlanner,
+        jobs: LiveJobs,
+        cameras: LiveCameras,
+        *,
+        draw_map: Callable[[], None],
+        draw_traffic: Callable[[], None],
+    ) -> None:
+        self._planner = planner
+        self.map: Handle = gui.add_dropdown("Seen how often", ("off", *MAP_HEIGHTS))
+        self.map.on_update(lambda _: jobs.do(draw_map))
+        gui.add_html(MAP_KEY)
+        busiest = int(np.bincount(planner.unseen.frame, minlength=1).argmax())
+        self.frame: Handle = gui.add_slider("Frame", 0, max(planner.frames - 1, 1), 1, busiest)
+        self.frame.on_update(lambda _: jobs.do(draw_traffic))
+        self._play = gui.add_checkbox("Play the traffic", False)
+        gui.add_button("From above").on_click(
+            lambda event: jobs.do(lambda: cameras.look_down(event.client))
+        )
+        gui.add_button("Overview").on_click(
+            lambda event: jobs.do(lambda: cameras.show_all(event.client))
+        )
+
+    @property
+    def is_playing(self) -> bool:
+        """True while the traffic is to be played."""
+        return bool(self._play.value)
+
+    def show_next_frame(self) -> None:
+        """Go on to the next frame, after the last one to the first."""
+        self.frame.value = (int(self.frame.value) + 1) % self._planner.frames
+
+    def offer_all_frames(self) -> bool:
+        """Offer the frames that have followed the first; False if none have."""
+        if self.frame.max >= self._planner.frames - 1:
+            return False
+        self.frame.max = self._planner.frames - 1
+        return True
+
+
+class LivePanel:
+    """Controls below the figures. drawing: `draw_map` and `draw_traffic` of the tab View.
+
+    Attributes:
+        sensor: tab with the sensor that is chosen.
+        score: tab with the question.
+        variants: tab with the variants.
+        view: tab with map, traffic and cameras.
+    """
+
+    def __init__(
+        self,
+        gui: "GuiApi",
+        planner: LivePlanner,
+        jobs: LiveJobs,
+        cameras: LiveCameras,
+        clicks: GroundClicks,
+        tasks: LongTasks,
+        **drawing: Callable[[], None],
+    ) -> None:
+        self._guard = FieldGuard()
+        steps = gui.add_button_group("Changes", ("Undo", "Redo"))
+        steps.on_click(
+            lambda _: jobs.change(planner.undo if steps.value == "Undo" else planner.redo)
+        )
+        _add_command(gui, "Undo", "Z", lambda: jobs.change(planner.undo))
+        _add_command(gui, "Redo", "Y", lambda: jobs.change(planner.redo))
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Sensor"):
+            self.sensor = SensorTab(gui, planner, jobs, cameras, self._guard, self.fill)
+        with tabs.add_tab("Ask"):
+            tasks.add_ask_controls(gui, lambda: self.sensor.name)
+        with tabs.add_tab("Draw"):
+            clicks.add_controls(gui, self.sensor.model)
+        with tabs.add_tab("Score"):
+            self.score = ScoreTab(gui, planner, jobs)
+        with tabs.add_tab("Variants"):
+            self.variants = VariantsTab(gui, planner, jobs, self._guard)
+        with tabs.add_tab("View"):
+            self.view = ViewTab(gui, planner, jobs, cameras, **drawing)
+        with tabs.add_tab("Files"):
+            tasks.add_file_controls(gui)
+
+    def fill(self) -> None:
+        """Put the state into the controls."""
+        with self._guard.filling():
+            self.sensor.fill_names()
+            self.variants.fill()
+            self.sensor.fill()
+
+    def choose(self, name: str) -> None:
+        """Choose a sensor, unless it is gone."""
+        self.fill()
+        if self.sensor.choose(name):
+            self.fill()
+
+
+def _add_command(gui: "GuiApi", label: str, key: Any, then: Callable[[], None]) -> None:
+    gui.add_command(label, hotkey=key, modifier="cmd/ctrl").on_trigger(lambda _: then())
+
+
+def _name_classes(setting: "Setting") -> str:
+    names = setting.counted.names
+    return next((name for name, classes in CLASSES.items() if classes == names), "as given")
