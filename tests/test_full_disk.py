@@ -18,8 +18,8 @@ from models.training.packing import pack, recording
 from models.weight_files import save_atomically
 from models.training.loop import add_figures
 from models.network.voxelnet import VoxelNet
-from models.weight_files import Header, save_weights
-from placement_env.fidelity.hit_model import load_models, save_models, FOLDER
+from models.weight_files import WeightsHeader, save_weights
+from placement_env.fidelity.hit_model import SURROGATE_FOLDER, load_models, save_models
 from placement_env.fidelity.table import load_table, save_table
 from toolkit.clouds import from_points, save
 from toolkit.detection.evaluation import Evaluation, save_evaluation
@@ -46,13 +46,13 @@ frames = [
 ]
 empty = [np.zeros(camera.model.shape, np.float32)]
 network, cloud = VoxelNet(VoxelNetConfig.light((-8.0, -8.0, 8.0, 8.0))), from_points(rng.random((9000, 3)), 0)
-models, table = load_models(FOLDER / "general.json"), load_table("tjunction")
+models, table = load_models(SURROGATE_FOLDER / "general.json"), load_table("tjunction")
 many = {f"loss {k}": 0.5 for k in range(900)}
 writers = {
     "site.json": lambda path: save_site(site, path),
     "table.json": lambda path: save_evaluation(Rows([Figures()]), path.parent),
     "x.packed": lambda path: pack([recording(frames, site.area, empty=empty)], path),
-    "weights.safetensors": lambda path: save_weights(path, network, Header()),
+    "weights.safetensors": lambda path: save_weights(path, network, WeightsHeader()),
     "checkpoint.pt": lambda path: save_atomically(path, network.state_dict()),
     "log.csv": lambda path: add_figures(path, 1, 0.1, many),
     "models.json": lambda path: save_models(models, path),

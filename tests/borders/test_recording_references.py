@@ -237,7 +237,7 @@ def test_doubled_labels_are_the_same_in_every_number():
         same = [
             k
             for k in kept
-            if names[k] == name and np.abs(boxes[k] - boxes[row]).max() <= records.SAME
+            if names[k] == name and np.abs(boxes[k] - boxes[row]).max() <= records.MAX_DOUBLED_GAP
         ]
         kept += [] if same else [row]
     problems: records.Problems = {}

@@ -26,7 +26,8 @@ from coview.live_tables import (
 )
 from placement_env.handover.mounted import build_load
 from placement_env.live.figures import FoundShare, LiveAnswer
-from placement_env.live.planner import LivePlanner, Suggestion
+from placement_env.live.planner import LivePlanner
+from placement_env.live.suggestions import Suggestion
 from placement_env.live.variant import LiveSensor
 from toolkit.geometry import look
 from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour

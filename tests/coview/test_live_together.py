@@ -37,8 +37,8 @@ def page(engine, tmp_path):
         project = ProjectFile(tmp_path / "a.live.json", engine)
         page = LivePage(server, engine, project, tmp_path)
         # as if a browser had come
-        page._cameras.aimed[0] = (page._cameras.slant, 1.5, False, page._cameras.middle)
-        wait_for(lambda: page._begun and page._nodes)
+        page.cameras.aimed[0] = (page.cameras.slant, 1.5, False, page.cameras.middle)
+        wait_for(lambda: page.has_begun and page.sensors.names)
         yield page
         page.close()
         project.close()
@@ -64,52 +64,52 @@ def spot(x=0.0, y=0.0):
 
 def check_alive(page):
     settle(page)
-    assert all(thread.is_alive() for thread in page._threads)
+    assert all(thread.is_alive() for thread in page.jobs.threads)
     before = page.planner.variant
-    page._change(page.planner.lock, before.sensors[0].name, not before.sensors[0].locked)
+    page.change(page.planner.lock, before.sensors[0].name, not before.sensors[0].locked)
     settle(page)
     assert page.planner.variant != before
 
 
 def drag(page, job):
-    page._drag_now(lambda: job(last=False), last=False)
+    page.jobs.drag(lambda: job(last=False), last=False)
     settle(page)
-    page._drag_now(lambda: job(last=True), last=True)
+    page.jobs.drag(lambda: job(last=True), last=True)
     settle(page)
 
 
-@pytest.mark.parametrize("move", ["_turn", "_carry", "_lift"])
+@pytest.mark.parametrize("move", ["turn", "carry", "lift"])
 def test_a_sensor_that_is_dragged_may_be_removed_by_another(page, move):
-    where = 5.0 if move == "_lift" else spot(3.0, 4.0)
-    page._change(page.planner.remove, "d0")
+    where = 5.0 if move == "lift" else spot(3.0, 4.0)
+    page.change(page.planner.remove, "d0")
     settle(page)
-    drag(page, lambda last: getattr(page, move)("d0", where, last=last))
-    assert "there is no sensor 'd0'" in page._note
-    assert "there is no sensor &#x27;d0&#x27;" in page._said.content
+    drag(page, lambda last: getattr(page.drags, move)("d0", where, last=last))
+    assert "there is no sensor 'd0'" in page.head.note
+    assert "there is no sensor &#x27;d0&#x27;" in page.head.note_content
     check_alive(page)
 
 
-@pytest.mark.parametrize("move", ["_turn", "_carry", "_lift"])
+@pytest.mark.parametrize("move", ["turn", "carry", "lift"])
 def test_a_step_may_be_undone_during_a_drag(page, move):
-    page._change(page.planner.add, "post05") if "post05" in page.planner.yard.mounts else None
+    page.change(page.planner.add, "post05") if "post05" in page.planner.yard.mounts else None
     settle(page)
     name = page.planner.sensors[-1].name
-    where = 5.0 if move == "_lift" else spot(30.0, 4.0)
-    page._drag_now(lambda: getattr(page, move)(name, where, last=False), last=False)
+    where = 5.0 if move == "lift" else spot(30.0, 4.0)
+    page.jobs.drag(lambda: getattr(page.drags, move)(name, where, last=False), last=False)
     settle(page)
     while page.planner.past:
-        page._change(page.planner.undo)
+        page.change(page.planner.undo)
         settle(page)
-    drag(page, lambda last: getattr(page, move)(name, where, last=last))
+    drag(page, lambda last: getattr(page.drags, move)(name, where, last=last))
     check_alive(page)
 
 
 @pytest.mark.parametrize("pole", ["moon", None, 7, ""])
 def test_an_unknown_pole_in_a_message_is_said(page, pole):
-    page._pole = SimpleNamespace(value=pole)
-    page._change(page._add)
+    page.panel.sensor.pole = SimpleNamespace(value=pole)
+    page.change(page.panel.sensor.add)
     settle(page)
-    assert f"there is no pole {str(pole)!r}" in page._said.content.replace("&#x27;", "'")
+    assert f"there is no pole {str(pole)!r}" in page.head.note_content.replace("&#x27;", "'")
     check_alive(page)
 
 
@@ -117,16 +117,14 @@ def test_an_unknown_pole_in_a_message_is_said(page, pole):
     "typed", [("95", 20.0, 5.0), (10.0, 95.0, 5.0), ("NW", 20.0, 5.0), (0.0, [], None)]
 )
 def test_what_is_typed_wrong_is_said(page, typed):
-    page._bearing, page._tilt, page._height = (SimpleNamespace(value=value) for value in typed)
     before = page.planner.variant.find("d0")
-    page._change(page._move_as_typed, "d0", *typed)
+    page.change(page.panel.sensor.move_as_typed, "d0", *typed)
     settle(page)
     if typed[0] == "95":
         assert page.planner.variant.find("d0") != before
     else:
-        assert page._note
+        assert page.head.note
         assert page.planner.variant.find("d0") == before
-    page.__dict__.pop("_bearing"), page.__dict__.pop("_tilt"), page.__dict__.pop("_height")
 
 
 def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(
@@ -135,19 +133,19 @@ def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(
     def fail(*_):
         raise KeyError("gone")
 
-    page._change(fail)
+    page.change(fail)
     settle(page)
-    assert "that did not work, by a fault of coview (KeyError: 'gone')" in page._note
+    assert "that did not work, by a fault of coview (KeyError: 'gone')" in page.head.note
     assert "KeyError" in capsys.readouterr().err
     with monkeypatch.context() as patch:
-        patch.setattr(page, "_draw_areas", fail)
+        patch.setattr(page.areas, "draw", fail)
         patch.setattr(page.planner, "refine", fail)
-        page._touched = 0.0
-        page._change(page.planner.lock, "d0")
+        page.jobs._touched = 0.0
+        page.change(page.planner.lock, "d0")
         settle(page)
         time.sleep(0.5)
-    page._later("comparing", fail)
-    wait_for(lambda: not page._busy)
+    page.jobs.later("comparing", fail)
+    wait_for(lambda: not page.head.busy)
     check_alive(page)
 
 
@@ -157,7 +155,7 @@ def play(page, number, seconds):
         do_something(page, rng)
         time.sleep(float(rng.uniform(0.0, 0.05)))
         while (
-            len(page._jobs) > MAX_WAITING and time.monotonic() < end
+            page.jobs.waiting > MAX_WAITING and time.monotonic() < end
         ):  # people wait for the page too
             time.sleep(0.05)
 
@@ -170,24 +168,26 @@ def do_something(page, rng):
     place, last = spot(*rng.uniform(-40, 40, 2)), bool(rng.random() < 0.3)
     variant, pole = f"V{rng.integers(4)}", poles[int(rng.integers(len(poles)))]
     deeds = (
-        lambda: page._drag_now(lambda: page._turn(name, place, last=last), last=last),
-        lambda: page._drag_now(lambda: page._carry(name, place, last=last), last=last),
-        lambda: page._drag_now(lambda: page._lift(name, float(place[0]), last=last), last=last),
-        lambda: (
-            page._change(planner.remove, name)
-            if len(sensors) > 2
-            else page._change(planner.add, pole)
+        lambda: page.jobs.drag(lambda: page.drags.turn(name, place, last=last), last=last),
+        lambda: page.jobs.drag(lambda: page.drags.carry(name, place, last=last), last=last),
+        lambda: page.jobs.drag(
+            lambda: page.drags.lift(name, float(place[0]), last=last), last=last
         ),
-        lambda: page._change(planner.add, pole),
-        lambda: page._change(planner.undo),
-        lambda: page._change(planner.redo),
-        lambda: page._change(planner.duplicate, name),
-        lambda: page._change(planner.fail, name),
-        lambda: page._change(planner.show, variant),
-        lambda: page._change(lambda: planner.show(variant, copy=True)),
-        lambda: page._choose(name),
-        lambda: page._change(page._move_as_typed, name, "370", 5.0, 5.0),
-        lambda: page._later("exporting", lambda: page._write(export_variant, page.folder)),
+        lambda: (
+            page.change(planner.remove, name)
+            if len(sensors) > 2
+            else page.change(planner.add, pole)
+        ),
+        lambda: page.change(planner.add, pole),
+        lambda: page.change(planner.undo),
+        lambda: page.change(planner.redo),
+        lambda: page.change(planner.duplicate, name),
+        lambda: page.change(planner.fail, name),
+        lambda: page.change(planner.show, variant),
+        lambda: page.change(lambda: planner.show(variant, copy=True)),
+        lambda: page.choose(name),
+        lambda: page.change(page.panel.sensor.move_as_typed, name, "370", 5.0, 5.0),
+        lambda: page.jobs.later("exporting", lambda: page.tasks.write(export_variant, page.folder)),
     )
     deeds[int(rng.integers(len(deeds) - 1)) if rng.random() < 0.98 else -1]()
 
@@ -198,12 +198,12 @@ def work_together(page, seconds):
         person.start()
     for person in people:
         person.join(seconds + 60)
-    wait_for(lambda: not page._busy, 120)
+    wait_for(lambda: not page.head.busy, 120)
     check_alive(page)
     page.project.save()
     kept = json.loads(page.project.path.read_text())
     assert kept["variants"][kept["current"]] == page.planner.variant.as_dict()
-    assert "fault of coview" not in page._note
+    assert "fault of coview" not in page.head.note
 
 
 def test_two_people_work_at_one_page(page, capfd):

@@ -9,11 +9,11 @@ import torch
 
 from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, load_detector
-from models.network.candidates import LEAST_RIVAL, apply_rivals
+from models.network.candidates import MIN_RIVAL_SCORE, apply_rivals
 from models.network.grid import collate, voxelise
 from models.network.sparse import is_quick_at_bfloat16
 from models.network.voxelnet import VoxelNet
-from models.weight_files import Header, load_weights, save_weights
+from models.weight_files import WeightsHeader, load_weights, save_weights
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
@@ -101,7 +101,10 @@ def test_no_points_no_detections(empty):
 
 
 def test_weights_survive_a_file_and_those_of_a_site_stay_there(tmp_path):
-    path, header = tmp_path / "here.safetensors", Header("tjunction", 7, "abc1234", {"0.7": 0.99})
+    path, header = (
+        tmp_path / "here.safetensors",
+        WeightsHeader("tjunction", 7, "abc1234", {"0.7": 0.99}),
+    )
     save_weights(path, network(), header)
     loaded, read = load_weights(path)
     assert (read, loaded.config) == (header, CONFIG)
@@ -112,8 +115,8 @@ def test_weights_survive_a_file_and_those_of_a_site_stay_there(tmp_path):
         load_detector(path)(points()).boxes, VoxelNetDetector(network())(points()).boxes
     )
     general, site = tmp_path / "general.safetensors", tmp_path / "site.safetensors"
-    save_weights(general, network(), Header("general"))
-    save_weights(site, network(), Header("tjunction"))
+    save_weights(general, network(), WeightsHeader("general"))
+    save_weights(site, network(), WeightsHeader("tjunction"))
     there = (100, 50, 133, 61)
     cloud = points() * np.float32([1.5, 0.5, 1]) + np.float32([116, 55, 0])
     found = load_detector(general, area=there)(cloud)
@@ -128,7 +131,7 @@ def test_weights_survive_a_file_and_those_of_a_site_stay_there(tmp_path):
 
 def test_a_damaged_file_is_one_clear_line(tmp_path):
     path = tmp_path / "weights.safetensors"
-    save_weights(path, network(), Header("general"))
+    save_weights(path, network(), WeightsHeader("general"))
     data = path.read_bytes()
     flipped = data[:-1000] + bytes([data[-1000] ^ 1]) + data[-999:]
     for damaged in (data[: len(data) // 2], flipped, b"", b"PK" * 99):
@@ -147,7 +150,7 @@ def test_files_of_another_size_or_kind_or_none_are_errors(tmp_path):
         load_detector(path)
     wrong = network()
     wrong.config = dataclasses.replace(CONFIG, voxel_width=16)
-    save_weights(path, wrong, Header())
+    save_weights(path, wrong, WeightsHeader())
     with pytest.raises(
         ValueError,
         match=r"features.layers.0.linear.weight must have shape \(16, 6\), got \(32, 6\)",
@@ -187,7 +190,7 @@ def test_batches_are_their_items_and_thresholds_may_be_replaced(tmp_path):
     scores = VoxelNetDetector(made)(points()).scores
     middle = float(np.median(scores))
     made.config = dataclasses.replace(made.config, score_threshold=middle)
-    save_weights(path, made, Header("general"))
+    save_weights(path, made, WeightsHeader("general"))
     own, given = load_detector(path), load_detector(path, score_threshold=0.1)
     assert (own.thresholds, given.thresholds) == ((middle,), (0.1,))
     assert own.digest != given.digest
@@ -197,7 +200,7 @@ def test_batches_are_their_items_and_thresholds_may_be_replaced(tmp_path):
 
 
 def test_every_class_may_have_a_threshold_of_its_own(monkeypatch):
-    monkeypatch.setattr("models.network.candidates.MOST_CANDIDATES", 10**6)
+    monkeypatch.setattr("models.network.candidates.MAX_CLOUD_CANDIDATES", 10**6)
     small = VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2), **road_users())
     made = network(dataclasses.replace(small, averaging=0.0), logit=0.5)
     found = VoxelNetDetector(made)(points())
@@ -223,14 +226,14 @@ def test_rivals_below_a_class_s_threshold_still_count_and_thresholds_are_of_what
     )
     made = network(small, logit=0.5)
     rows = ((1.0, 0.0, 0.0, 1.0, 1.0, 2.0),) * 4
-    bare = VoxelNetDetector(made, score_threshold=LEAST_RIVAL)(points())
+    bare = VoxelNetDetector(made, score_threshold=MIN_RIVAL_SCORE)(points())
     made.config = dataclasses.replace(small, rivalry=rows)
     expected = apply_rivals(bare, made.config)
     assert (expected.scores < bare.scores).any()
     for least in (0.0, 0.15, 0.3, 0.45):
         own = VoxelNetDetector(made, score_threshold=least)(points())
         kept = expected[expected.scores > least]
-        if least >= LEAST_RIVAL:
+        if least >= MIN_RIVAL_SCORE:
             np.testing.assert_array_equal(own.scores, kept.scores)
             np.testing.assert_array_equal(own.boxes, kept.boxes)
         else:
@@ -244,7 +247,7 @@ def test_a_second_stage_and_classes_survive_a_file_or_are_missed(tmp_path):
     )
     made, path = network(config), tmp_path / "w.safetensors"
     made.faces.prior[:] = torch.tensor([0.1, 0.05, 0.02])
-    save_weights(path, made, Header("general"))
+    save_weights(path, made, WeightsHeader("general"))
     loaded, _ = load_weights(path)
     assert loaded.config == config
     for name, tensor in made.state_dict().items():
@@ -254,7 +257,7 @@ def test_a_second_stage_and_classes_survive_a_file_or_are_missed(tmp_path):
     assert len(load_detector(path, area=(-8, -8, 8, 6))(points()))
     path, made = tmp_path / "w.safetensors", network()
     made.config = dataclasses.replace(CONFIG, faces=("vehicle",))
-    save_weights(path, made, Header("general"))
+    save_weights(path, made, WeightsHeader("general"))
     with pytest.raises(ValueError, match=r"lacks faces\.end\.0\.bias"):
         load_detector(path)
 
@@ -293,8 +296,8 @@ def test_unions_are_detected_in_as_their_points_are(config, most_own, monkeypatc
     detector = VoxelNetDetector(network(config, logit=0.0))
     assert isinstance(detector, UnionDetector)
     clouds = [points(150, seed=1), points(150, seed=2) * np.float32([0.3, 0.3, 1]), points(0)]
-    monkeypatch.setattr("models.network.tiles.MOST_OWN", most_own)
-    monkeypatch.setattr("models.network.tiles.START_COST", 0)
+    monkeypatch.setattr("models.network.tiles.MAX_UNSHARED_SHARE", most_own)
+    monkeypatch.setattr("models.network.tiles.PLAN_COST_UNIONS", 0)
     found = assert_unions(detector, clouds, EIGHT)
     assert len(found[6]) > 0
     assert len(found[0]) == len(found[1]) == 0
@@ -303,7 +306,7 @@ def test_unions_are_detected_in_as_their_points_are(config, most_own, monkeypatc
 def test_unions_may_have_many_candidates_or_none(monkeypatch):
     detector = VoxelNetDetector(network(logit=1.0))
     clouds = [points(60, seed=1), points(60, seed=2)]
-    monkeypatch.setattr("models.network.candidates.MOST_CANDIDATES", 30)
+    monkeypatch.setattr("models.network.candidates.MAX_CLOUD_CANDIDATES", 30)
     assert_unions(detector, clouds, EIGHT[:4, 1:])
     detector = VoxelNetDetector(network())
     assert detector.unions([points()], np.zeros((0, 1), bool)) == []

@@ -15,7 +15,7 @@ from models.detector import load_detector
 from models.network.grid import voxelise
 from models.network.voxelnet import VoxelNet
 from models.onnx_files import OnnxDetector, card_file, export_onnx, find_card
-from models.weight_files import Header, save_weights
+from models.weight_files import WeightsHeader, save_weights
 from toolkit.objects import CYCLIST, VEHICLE
 
 onnx = pytest.importorskip("onnx")
@@ -40,7 +40,7 @@ def test_maps_equal_torch_for_any_network(config, tmp_path):
     torch.manual_seed(0)
     network = VoxelNet(config).eval()
     torch.nn.init.normal_(network.head.classes.bias, -1.0, 0.1)
-    save_weights(tmp_path / "w.safetensors", network, Header("here"))
+    save_weights(tmp_path / "w.safetensors", network, WeightsHeader("here"))
     export_onnx(tmp_path / "w.safetensors", tmp_path / "w.onnx")
     exported, torches = OnnxDetector(tmp_path / "w.onnx"), load_detector(tmp_path / "w.safetensors")
     for points in (cloud(), cloud(40, seed=1)):

@@ -58,7 +58,7 @@ def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weigh
 
 
 def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("models.training.second_stage.STEPS", 20)
+    monkeypatch.setattr("models.training.second_stage.FACE_STEPS", 20)
     chosen = {
         "classes": ("vehicle", "heavy"),
         "faces": ("vehicle",),

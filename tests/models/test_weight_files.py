@@ -8,7 +8,7 @@ import torch
 
 from models.config import VoxelNetConfig
 from models.network.voxelnet import VoxelNet
-from models.weight_files import Header, load_tensors, load_weights, save_weights
+from models.weight_files import WeightsHeader, load_tensors, load_weights, save_weights
 
 AREA = (-8.0, -8.0, 8.0, 8.0)
 
@@ -16,7 +16,7 @@ AREA = (-8.0, -8.0, 8.0, 8.0)
 def test_bytes_repeat_tensors_stay_aligned_and_links_are_followed(tmp_path):
     network, header = (
         VoxelNet(VoxelNetConfig.light(AREA)),
-        Header("a", 3, "c", {"b": 1.0, "a": 2.0}),
+        WeightsHeader("a", 3, "c", {"b": 1.0, "a": 2.0}),
     )
     for k in range(5):
         save_weights(tmp_path / f"{k}", network, header)
@@ -28,13 +28,15 @@ def test_bytes_repeat_tensors_stay_aligned_and_links_are_followed(tmp_path):
     broken = VoxelNet(VoxelNetConfig.light(AREA))
     broken.head.classes.bias.data[0] = math.nan
     with pytest.raises(ValueError, match=r"finite, but head\.classes\.bias"):
-        save_weights(tmp_path / "x.safetensors", broken, Header())
+        save_weights(tmp_path / "x.safetensors", broken, WeightsHeader())
     assert not (tmp_path / "x.safetensors").exists()
     folder = tmp_path / "links"
     folder.mkdir()
     (folder / "link").symlink_to(folder / "real")
     for length in range(9):
-        save_weights(folder / "link", VoxelNet(VoxelNetConfig.light(AREA)), Header("x" * length))
+        save_weights(
+            folder / "link", VoxelNet(VoxelNetConfig.light(AREA)), WeightsHeader("x" * length)
+        )
         assert int.from_bytes((folder / "real").read_bytes()[:8], "little") % 8 == 0
         assert load_weights(folder / "real")[1].site == "x" * length
     assert sorted(path.name for path in folder.iterdir()) == ["link", "real"]

@@ -31,8 +31,8 @@ from models.training.packing import pack, recording
 from placement_env.candidates.poles import load_keep_out, load_poles
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.fidelity.detector import IOUS
-from placement_env.fidelity.hit_model import FOLDER
-from placement_env.fidelity.table import Origin, Table, save_table
+from placement_env.fidelity.hit_model import SURROGATE_FOLDER
+from placement_env.fidelity.table import Table, TableOrigin, save_table
 from placement_env.search.result import Result
 from toolkit.bodies.meshes import MeshEntry, take_mesh, take_meshes
 from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
@@ -431,7 +431,7 @@ def _read_osm(path: Path) -> None:
 
 def _table(path: Path) -> None:
     ap = np.linspace(0, 1, 8 * len(SCHEMES) * len(IOUS)).reshape(8, len(SCHEMES), len(IOUS))
-    origin = Origin("yard", ("a", "b", "c"), "p", 3, 9, "r", "d", 0, "c")
+    origin = TableOrigin("yard", ("a", "b", "c"), "p", 3, 9, "r", "d", 0, "c")
     save_table(Table(origin, ap, ap.copy(), ap[..., 0].copy()), path)
 
 
@@ -455,7 +455,7 @@ def _another_table(content: bytes, rng: np.random.Generator) -> tuple[str, bytes
 
 
 def _surrogate(path: Path) -> None:
-    path.write_text(json.dumps(json.loads((FOLDER / "general.json").read_text())[:2]))
+    path.write_text(json.dumps(json.loads((SURROGATE_FOLDER / "general.json").read_text())[:2]))
 
 
 def _cache(path: Path) -> None:

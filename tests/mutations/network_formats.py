@@ -14,7 +14,7 @@ from models.config import VoxelNetConfig, road_users
 from models.network.voxelnet import VoxelNet
 from models.published import load_published
 from models.training.loop import PRESETS
-from models.weight_files import Header, save_weights
+from models.weight_files import WeightsHeader, save_weights
 
 
 def network() -> Any:
@@ -34,7 +34,7 @@ def network() -> Any:
 
 
 def weights(path: Path) -> None:
-    save_weights(path, network(), Header("yard", 3, "abc", {"0.7": 0.5}))
+    save_weights(path, network(), WeightsHeader("yard", 3, "abc", {"0.7": 0.5}))
 
 
 def class_weights(path: Path) -> None:
@@ -48,7 +48,7 @@ def class_weights(path: Path) -> None:
     classes["rivalry"] = ((1.1, -0.2, 0.0, 0.5, 0.0, 1.0),) * 4
     made = VoxelNet(replace(network().config, head="quality", **classes))
     made.faces.prior[:] = 0.1  # type: ignore[union-attr]
-    save_weights(path, made, Header("yard", 3, "abc", {"AP@0.7": 0.5}))
+    save_weights(path, made, WeightsHeader("yard", 3, "abc", {"AP@0.7": 0.5}))
 
 
 def published_checkpoint(path: Path) -> None:

@@ -26,7 +26,7 @@ from placement_env.live.project import ProjectFile
 from placement_env.objective import Score
 from placement_env.report.content import PLAN_VERSION
 from placement_env.report.planning.plan_folder import (
-    CONTENT,
+    PLAN_FILE,
     format_stock,
     found_nothing,
     read_plan_folder,
@@ -91,7 +91,7 @@ def write_plan_folder(question: Question, members: list[int], folder: Path) -> d
         "head": {"client": "City of Elm"},
         "stock": format_stock(question, candidates),
     }
-    (folder / CONTENT).write_text(json.dumps(plan, indent=1))
+    (folder / PLAN_FILE).write_text(json.dumps(plan, indent=1))
     return plan
 
 
@@ -105,14 +105,14 @@ def _sound_site() -> bytes:
 def make_plan(path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_plan_folder(make_question(), [3, 500], Path(folder))
-        path.write_bytes((Path(folder) / CONTENT).read_bytes())
+        path.write_bytes((Path(folder) / PLAN_FILE).read_bytes())
 
 
 def read_plan(path: Path) -> None:
     found_nothing(path)
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / SITE).write_bytes(_sound_site())
-        (Path(folder) / CONTENT).symlink_to(path)
+        (Path(folder) / PLAN_FILE).symlink_to(path)
         with said_of(path, folder):
             read_plan_folder(folder)
 
@@ -124,7 +124,7 @@ def make_plan_site(path: Path) -> None:
 def read_plan_site(path: Path) -> None:
     """Read the folder of a sound plan with this site."""
     with tempfile.TemporaryDirectory() as folder:
-        make_plan(Path(folder) / CONTENT)
+        make_plan(Path(folder) / PLAN_FILE)
         (Path(folder) / SITE).symlink_to(path)
         with said_of(path, folder):
             read_plan_folder(folder)

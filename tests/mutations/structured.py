@@ -709,7 +709,7 @@ def pcd_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
             i
             for i, line in enumerate(lines)
             if line.split()[0]
-            in ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS", "VIEWPOINT")
+            in ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "FIRST_HEIGHT_M", "POINTS", "VIEWPOINT")
         ],
     )
     words = lines[k].split()

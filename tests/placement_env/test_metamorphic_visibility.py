@@ -100,7 +100,7 @@ MODELS = {  # made up
 
 def fidelities(visibility, scheme):
     return (
-        *(Coverage(visibility, scheme), Coverage(visibility, scheme, least=5.0, views=2)),
+        *(Coverage(visibility, scheme), Coverage(visibility, scheme, min_points=5.0, views=2)),
         Surrogate(visibility, scheme, MODELS[scheme]),
     )
 
@@ -177,8 +177,8 @@ def test_frames_walls_points_and_names_change_nothing_else(seen):
     assert (cleared.points >= seen.points).all()
     assert cleared.points.sum() > seen.points.sum()
     assert replace(traffic, site=open_site).digest() != traffic.digest()
-    figures = [Coverage(seen, least=least)(SETS).ap for least in (1.0, 10.0, 50.0)]
-    figures += [Coverage(seen, least=50.0, views=views)(SETS).ap for views in (1, 2, 3)]
+    figures = [Coverage(seen, min_points=least)(SETS).ap for least in (1.0, 10.0, 50.0)]
+    figures += [Coverage(seen, min_points=50.0, views=views)(SETS).ap for views in (1, 2, 3)]
     for more, less in ((0, 1), (1, 2), (3, 4), (4, 5)):
         assert (figures[more] >= figures[less]).all()
     traffic, candidates = scene()

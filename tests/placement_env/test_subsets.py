@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from placement_env.subsets import BLOCK, MOST_SENSORS, MemberSums, all_subsets
+from placement_env.subsets import BLOCK_FIGURES, MAX_LISTED_SENSORS, MemberSums, all_subsets
 
 
 @pytest.mark.parametrize("sensors", [0, 1, 5])
@@ -12,7 +12,7 @@ def test_all_subsets_are_all_and_in_binary_order(sensors):
     assert (sets @ (1 << np.arange(sensors))).tolist() == list(range(2**sensors))
 
 
-@pytest.mark.parametrize("sensors", [-1, MOST_SENSORS + 1])
+@pytest.mark.parametrize("sensors", [-1, MAX_LISTED_SENSORS + 1])
 def test_too_many_subsets(sensors):
     with pytest.raises(ValueError, match=f"too many sets.*got {sensors}"):
         all_subsets(sensors)
@@ -32,7 +32,7 @@ def test_sums_are_those_of_the_members_whatever_is_beside_them(seed, dtype):
 
 
 def test_blocks_together_are_all_sums_of_the_same_candidates():
-    rows = np.random.default_rng(0).random((6, BLOCK // 10))
+    rows = np.random.default_rng(0).random((6, BLOCK_FIGURES // 10))
     sets = np.random.default_rng(1).random((25, 6)) < 0.5
     blocks = list(MemberSums(rows).blocks(sets))
     assert len(blocks) > 1

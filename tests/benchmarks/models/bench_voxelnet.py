@@ -126,7 +126,7 @@ def ours_of_the_same_size() -> None:
 def light() -> None:
     """The CPU default with its shipped weights, points to boxes, and where its time goes."""
     from models.detector import load_detector
-    from models.network.candidates import candidates, suppress
+    from models.network.candidates import candidates, suppress_boxes
     from models.network.grid import voxelise
 
     detector, points = load_detector("tjunction"), fused_cloud()
@@ -144,7 +144,7 @@ def light() -> None:
         lambda: candidates(maps, detector.anchors, config, detector.thresholds),
         rounds=50,
     )
-    _report("    suppression", lambda: suppress(*boxes, config, 0.1), rounds=50)
+    _report("    suppression", lambda: suppress_boxes(*boxes, config, 0.1), rounds=50)
 
 
 def voxelisation() -> None:

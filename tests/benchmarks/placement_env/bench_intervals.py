@@ -63,7 +63,9 @@ def collect(name: str, place: Place, out: Path, traffics: int, frames: int) -> N
         if f"{part}.truths" in kept:
             continue
         judged = Setting(site, candidates=setting.candidates, fidelity="detector")
-        judge = Judge.of(Preparation(judged, Run(seed=place.seed + 1000 + part, frames=frames)), 0)
+        judge = Judge.from_preparation(
+            Preparation(judged, Run(seed=place.seed + 1000 + part, frames=frames)), 0
+        )
         (label,) = judge.detected.classes.labels
         members = [tuple(np.flatnonzero(row).tolist()) for row in sets]
         for n, outcomes in enumerate(judge.detected.outcomes(members, range(frames)).values()):

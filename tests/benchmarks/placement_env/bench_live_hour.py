@@ -58,28 +58,28 @@ def main(actions: int = 600) -> None:
             poles = [
                 mount.name
                 for mount in planner.yard.stock.mounts
-                if planner._room(planner.variant, mount.name)
+                if planner.yard.has_room(planner.variant, mount.name)
             ]
             pole = poles[int(rng.integers(len(poles)))]
             more = len(names) < 8
             jobs = (
-                lambda: page._change(planner.fail, name, k % 4 < 2),
-                lambda: (
-                    page._change(planner.add, pole, float(rng.uniform(-3, 3))) if more else None
+                lambda: page.change(planner.fail, name, k % 4 < 2),
+                lambda: page.change(planner.add, pole, float(rng.uniform(-3, 3))) if more else None,
+                lambda: page.change(planner.remove, name) if len(names) > 5 else None,
+                lambda: page.change(lambda: planner.move(name, position=pole)),
+                lambda: page.change(planner.undo),
+                lambda: page.change(planner.redo),
+                lambda: page.tasks.suggest("add"),
+                lambda: setattr(
+                    page.panel.view.map, "value", ("off", "a child")[int(rng.integers(2))]
                 ),
-                lambda: page._change(planner.remove, name) if len(names) > 5 else None,
-                lambda: page._change(lambda: planner.move(name, position=pole)),
-                lambda: page._change(planner.undo),
-                lambda: page._change(planner.redo),
-                lambda: page._suggest("add"),
-                lambda: setattr(page._map, "value", ("off", "a child")[int(rng.integers(2))]),
-                lambda: setattr(page._frame, "value", int(rng.integers(planner.frames))),
+                lambda: setattr(page.panel.view.frame, "value", int(rng.integers(planner.frames))),
                 lambda: (
-                    page._change(lambda: planner.show(f"V{k}", copy=True))
+                    page.change(lambda: planner.show(f"V{k}", copy=True))
                     if len(planner.variants) < 6
                     else None
                 ),
-                lambda: page._change(
+                lambda: page.change(
                     planner.show, list(planner.variants)[int(rng.integers(len(planner.variants)))]
                 ),
             )
@@ -109,7 +109,7 @@ def main(actions: int = 600) -> None:
             )
             if found is not None:
                 times.append(found["whole"])
-        page.do(lambda: page._show(planner.finish()))
+        page.do(lambda: page.show(planner.finish()))
         tab.wait_for_timeout(6000)
         texts = [each.inner_text(".live-ap >> xpath=..") for each in (tab, other)]
         print(f"both browsers show the same: {texts[0] == texts[1]}", flush=True)

@@ -113,23 +113,23 @@ class Bench:
         self.answered = ""  # the page's figures after the latest step
         self.why = list[str]()  # why figures did not change
         page = session.page
-        for name in ("_turn", "_carry", "_lift"):
-            setattr(page, name, self._timed(getattr(page, name)))
-        follow = page._drag_now
+        for name in ("turn", "carry", "lift"):
+            setattr(page.drags, name, self._timed(getattr(page.drags, name)))
+        follow = page.jobs.drag
         self.heard: list[float] = []
 
         def heard(*given, **more):
             self.heard.append(1000 * time.time())
             return follow(*given, **more)
 
-        page._drag_now = heard  # type: ignore[method-assign]
+        page.jobs.drag = heard  # type: ignore[method-assign]
         self.size = (0.0, 0.0)
 
     def _timed(self, job):
         def timed(*given, **more):
             start = time.time()
             job(*given, **more)
-            self.answered = self.session.page._figures.content
+            self.answered = self.session.page.head.figures_content
             self.served.append([1000 * start, 1000 * time.time()])
 
         return timed
@@ -171,7 +171,7 @@ class Bench:
         for wait in (0, 1000):
             self.tab.wait_for_timeout(wait)
             read = self.tab.evaluate("document.querySelector('.live-ap').parentElement.outerHTML")
-            if self.plain(read) == self.plain(self.session.page._figures.content):
+            if self.plain(read) == self.plain(self.session.page.head.figures_content):
                 return True
         return False
 
@@ -216,12 +216,12 @@ class Bench:
         ]
         maps = [row[1] - pointer[-1][1] for row in found if row[0] == "map" and pointer]
         if not (pointer and figures and messages and served and heard):
-            missed = "beside the handle" if not heard else "nothing new" if same else "LOST"
+            missed = "beside the handle" if not heard else "nothing new" if same else "PIPE_LOST"
             self.why.append(missed)
             for client in (
                 self.session._server.get_clients().values()
             ):  # a drag beside the handle turns the camera
-                self.session.page._cameras.aim(client, self.session.page._cameras.slant)
+                self.session.page.cameras.aim(client, self.session.page.cameras.slant)
             self.tab.wait_for_timeout(1000)
             return None
         at = pointer[-1][1]

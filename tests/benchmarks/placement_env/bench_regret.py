@@ -113,18 +113,18 @@ class Judging:
         from placement_env.search import greedy, swap
         from placement_env.search.exact import cpsat, hits
         from placement_env.search.portfolio.entrants import (
-            SOLVING,
+            CPSAT_EFFORT_S,
             SWAP_EVALUATIONS,
             entropy_objective,
         )
 
         objective = self.objective
-        swapping = {"starts": swap.STARTS, "evaluations": SWAP_EVALUATIONS}
+        swapping = {"starts": swap.DEFAULT_STARTS, "evaluations": SWAP_EVALUATIONS}
         made: dict[str, Callable[[], Any]] = {
             "greedy": partial(greedy.search, objective, k),
             "swap": partial(swap.search, objective, k, **swapping),
             "swap by entropy": partial(swap.search, entropy_objective(objective), k, **swapping),
-            "cpsat": partial(cpsat.search, objective, k, seconds=60.0, effort=SOLVING),
+            "cpsat": partial(cpsat.search, objective, k, seconds=60.0, effort=CPSAT_EFFORT_S),
             "hits": partial(hits.search, objective, k, seconds=10.0),
         }
         return (
@@ -134,7 +134,7 @@ class Judging:
         )
 
     def drawn(self, count: int) -> list[tuple[int, ...]]:
-        """Sets of 1 to `MOST_DRAWN` sensors in turn, drawn at random."""
+        """Sets of 1 to `MAX_DRAWN_POINTS` sensors in turn, drawn at random."""
         rng = np.random.default_rng([self.seed, count])
         return [self.draw(rng, 1 + turn % MOST_DRAWN) for turn in range(count)]
 

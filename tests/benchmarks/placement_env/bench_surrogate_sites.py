@@ -38,7 +38,7 @@ def main() -> None:
     from placement_env.classes import Classes
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.hit_fit import Sampling
-    from placement_env.fidelity.hit_model import FOLDER, load_models
+    from placement_env.fidelity.hit_model import SURROGATE_FOLDER, load_models
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.seeing import see
     from placement_env.fidelity.surrogate import Surrogate
@@ -47,7 +47,9 @@ def main() -> None:
     from toolkit.sites.files import load_site
 
     models = [
-        m for m in load_models(asked.model or FOLDER / "general.json") if m.scheme == asked.scheme
+        m
+        for m in load_models(asked.model or SURROGATE_FOLDER / "general.json")
+        if m.scheme == asked.scheme
     ]
     classes = Classes(("vehicle", "cyclist", "pedestrian"))
     ious = sorted({m.iou for m in models if m.label == "vehicle"})

@@ -1,10 +1,9 @@
 """A surrogate of AP from the literature, in objects and points so that it compares with ours.
 
 `InformationGain`: H. Hu et al., "Investigating the Impact of Multi-LiDAR Placement on Object
-    Detection for Autonomous
-Driving", CVPR 2022, arXiv 2105.00373. A voxel is occupied in a share p of the frames and has the
-    entropy H(p) = -p ln p
-- (1 - p) ln(1 - p); the published metric, to be maximised, is
+Detection for Autonomous Driving", CVPR 2022, arXiv 2105.00373. A voxel is occupied in a share p of
+the frames and has the entropy H(p) = -p ln p - (1 - p) ln(1 - p); the published metric, to be
+maximised, is
 
     S-MIG = -Σ H(p) over the voxels that rays cross        of the gain Σ H(p) over all voxels +
                                                            S-MIG

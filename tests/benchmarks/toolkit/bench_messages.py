@@ -30,7 +30,7 @@ from toolkit.datasets.recordings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.link.differences import DifferenceReader, DifferenceSender
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground, standing_out
-from toolkit.detection.link.message import PACKET
+from toolkit.detection.link.message import PACKET_BYTES
 from toolkit.detection.view import Captured
 from toolkit.runtime.run import Run
 
@@ -169,7 +169,9 @@ def print_bytes(folder: Path) -> None:
             )
             spread = f"{kbit.mean():7.3f} {low:6.3f}-{high:7.3f} {8 * sizes.max() / 1000:8.1f}"
             took = f"{np.median(ms):6.2f} {np.quantile(ms, 0.95):6.2f}"
-            print(f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET).mean():10.4f} {took}")
+            print(
+                f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET_BYTES).mean():10.4f} {took}"
+            )
 
 
 def as_rows(path: Path) -> Iterator[dict[str, Any]]:

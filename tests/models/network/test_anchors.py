@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings, strategies as st
 
 from models.config import VoxelNetConfig, road_users
-from models.network.grid import anchors, decode, encode, faces_back, per_anchor
+from models.network.grid import anchors, decode, encode_residuals, faces_back, per_anchor
 
 ANCHOR = torch.tensor([1.0, 2.0, 0.8, 3.9, 1.6, 1.5, math.pi / 2], dtype=torch.float64)
 sizes, yaws = st.floats(0.2, 20), st.floats(-7, 7)
@@ -17,8 +17,8 @@ sizes, yaws = st.floats(0.2, 20), st.floats(-7, 7)
 @given(st.tuples(st.floats(-9, 9), st.floats(-9, 9), st.floats(-3, 3), sizes, sizes, sizes, yaws))
 def test_a_box_encoded_and_decoded_is_itself(box):
     box = torch.tensor(box, dtype=torch.float64)
-    torch.testing.assert_close(decode(encode(box, ANCHOR, doubled=False), ANCHOR), box)
-    doubled = decode(encode(box, ANCHOR), ANCHOR, faces_back(box, ANCHOR))
+    torch.testing.assert_close(decode(encode_residuals(box, ANCHOR, doubled=False), ANCHOR), box)
+    doubled = decode(encode_residuals(box, ANCHOR), ANCHOR, faces_back(box, ANCHOR))
     torch.testing.assert_close(doubled[:6], box[:6])
     if abs(math.cos(box[6] - ANCHOR[6])) > 1e-6:  # at right angles both directions are as good
         turns = float(doubled[6] - box[6]) / (2 * math.pi)
@@ -30,7 +30,9 @@ def test_a_box_encoded_and_decoded_is_itself(box):
 def test_a_box_and_its_half_turn_have_the_same_residuals_and_opposite_bits(yaw):
     box = torch.tensor([0, 0, 0, 4, 2, 1, yaw], dtype=torch.float64)
     turned = box + torch.tensor([0, 0, 0, 0, 0, 0, math.pi])
-    torch.testing.assert_close(encode(box, ANCHOR), encode(turned, ANCHOR), atol=1e-6, rtol=0)
+    torch.testing.assert_close(
+        encode_residuals(box, ANCHOR), encode_residuals(turned, ANCHOR), atol=1e-6, rtol=0
+    )
     if abs(math.cos(yaw - ANCHOR[6])) > 1e-6:
         assert faces_back(box, ANCHOR) != faces_back(turned, ANCHOR)
 
@@ -41,7 +43,7 @@ def test_anchors_of_classes_stand_in_the_middle_of_their_cells():
     diagonal = math.hypot(length, width)
     expected = [(2 - x) / diagonal, (3 - y) / diagonal, (1 - z) / height]
     expected += [math.log(4 / length), math.log(2 / width), math.log(1.5 / height), 0.1 - yaw]
-    np.testing.assert_allclose(encode(box, ANCHOR, doubled=False), expected)
+    np.testing.assert_allclose(encode_residuals(box, ANCHOR, doubled=False), expected)
     config = VoxelNetConfig.published("roundabout")
     boxes = anchors(config)
     assert boxes.shape == (*config.map_shape, 2, 7) == (120, 120, 2, 7)

@@ -10,15 +10,15 @@ import torch
 
 from models.config import VoxelNetConfig, road_users
 from models.network.candidates import (
-    LEAST_RIVAL,
-    MOST_CANDIDATES,
+    MAX_CLOUD_CANDIDATES,
+    MIN_RIVAL_SCORE,
     apply_rivals,
     average_boxes,
     candidates,
     strongest_rivals,
-    suppress,
+    suppress_boxes,
 )
-from models.network.grid import anchors, encode, faces_back
+from models.network.grid import anchors, encode_residuals, faces_back
 from models.network.voxelnet import Prediction
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
 
@@ -38,7 +38,7 @@ def prediction_of(boxes, config=CONFIG, sure=5.0):
     for number, box in enumerate(boxes):
         near = (grid[..., :2] - box[:2]).norm(dim=-1) < 0.7
         logits[near] = sure - number
-        residuals[near] = encode(box.expand_as(grid[near]), grid[near])
+        residuals[near] = encode_residuals(box.expand_as(grid[near]), grid[near])
         direction[near] = faces_back(box.expand_as(grid[near]), grid[near]) * 2.0 - 1
         quality[near] = 4.0
     shaped = [
@@ -54,7 +54,7 @@ def test_perfect_maps_become_their_boxes_averaged_by_squared_scores():
         [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5],
         [5, -5, 1.2, 9, 2.5, 3, -1.5],
     ]
-    found = suppress(
+    found = suppress_boxes(
         *candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1
     )
     np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
@@ -63,7 +63,7 @@ def test_perfect_maps_become_their_boxes_averaged_by_squared_scores():
     assert np.all(np.diff(found.scores) < 0)
     config = VoxelNetConfig.light((-8, -8, 7.5, 8))  # the grid reaches 8
     boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
-    found = suppress(
+    found = suppress_boxes(
         *candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1
     )
     np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
@@ -92,7 +92,7 @@ def class_prediction(boxes, labels, sure):
         anchor = FIRST_ANCHOR[label]
         near = (grid[:, :, anchor, :2] - box[:2]).norm(dim=-1) < 0.5
         logits[..., anchor, :][near] = logit
-        residuals[..., anchor, :][near] = encode(
+        residuals[..., anchor, :][near] = encode_residuals(
             box.expand_as(grid[near][:, anchor]), grid[near][:, anchor]
         )
     maps = (logits, residuals, direction, quality)
@@ -108,7 +108,9 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     ]
     labels = [CYCLIST, PEDESTRIAN, VEHICLE, HEAVY]
     prediction = class_prediction(boxes, labels, [3.0, 2.0, 1.0, 0.5])
-    found = suppress(*candidates(prediction, anchors(CLASSES), CLASSES, LEAST)[0], CLASSES, 0.1)
+    found = suppress_boxes(
+        *candidates(prediction, anchors(CLASSES), CLASSES, LEAST)[0], CLASSES, 0.1
+    )
     assert found.labels.tolist() == labels
     np.testing.assert_allclose(found.boxes, boxes, atol=1e-4)
     expected = torch.sigmoid(torch.tensor([3.0, 2.0, 1.0, 0.5])) * torch.sigmoid(torch.tensor(9.0))
@@ -134,11 +136,11 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     assert strongest_rivals(Detections.empty(), STREET).shape == (0, 4)
     found = street()
     weak = Detections(
-        found.boxes, np.array([0.6, 0.9 * LEAST_RIVAL, 0.9, LEAST_RIVAL, 0.8]), found.labels
+        found.boxes, np.array([0.6, 0.9 * MIN_RIVAL_SCORE, 0.9, MIN_RIVAL_SCORE, 0.8]), found.labels
     )
     rivals = strongest_rivals(weak, STREET)
     assert rivals[0, 3] == 0
-    assert rivals[2, 0] == LEAST_RIVAL
+    assert rivals[2, 0] == MIN_RIVAL_SCORE
     found = street()
     beside = found.boxes[1:2].copy()
     beside[:, 0] += 0.1
@@ -218,7 +220,7 @@ def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
         candidates(prediction, anchors(config), config, thresholds)
     ):
         above = torch.where(scores[item] > least, scores[item], 0).amax(-1).flatten()
-        expected = above.sort(descending=True).values[:MOST_CANDIDATES]
+        expected = above.sort(descending=True).values[:MAX_CLOUD_CANDIDATES]
         torch.testing.assert_close(
             by_label.amax(-1).sort(descending=True).values, expected[expected > 0]
         )

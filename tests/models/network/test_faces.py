@@ -12,14 +12,14 @@ from models.training.second_stage import rebuild
 from toolkit.boxes import corners
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections
 
-OWN = faces.BINS * faces.ZONES
+OWN = faces.BIN_COUNT * faces.ZONES
 BOX = np.array([[3.0, -2.0, 0.8, 4.0, 2.0, 1.6, 0.0]])  # from x = 1 to 5, y = -3 to -1, top at 1.6
 CAR = np.array([VEHICLE])
 
 
 def counts(row, zone):
     """The number of points in each step of a zone, from a row of features."""
-    return np.expm1(row[zone * faces.BINS : (zone + 1) * faces.BINS]).round(4)
+    return np.expm1(row[zone * faces.BIN_COUNT : (zone + 1) * faces.BIN_COUNT]).round(4)
 
 
 def turned(points, boxes, yaw, shift=(7.0, 3.0, 0.2)):
@@ -58,7 +58,7 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
         ),
         (seen.top[0], 0, 0.11),
     ):
-        step = int(np.floor((distance - faces.NEAREST) / faces.STEP))
+        step = int(np.floor((distance - faces.FIRST_BIN_M) / faces.BIN_M))
         assert counts(row, zone)[step] == 1, (zone, distance)
     np.testing.assert_array_equal(front[OWN : 2 * OWN], rear[:OWN])  # each sees the one opposite
     np.testing.assert_array_equal(right[OWN : 2 * OWN], left[:OWN])

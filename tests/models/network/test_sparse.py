@@ -16,9 +16,9 @@ from models.network.sparse import (
     SparseColumns,
     SparseMiddle,
     SparseVoxelNet,
+    count_before,
+    dilate,
     fold_norm,
-    grown,
-    numbers,
 )
 
 NARROW = {
@@ -210,9 +210,9 @@ def test_cells_have_one_place_and_grow_within_the_border():
         return mask
 
     assert torch.equal(
-        grown(mask_of((0, 0, 0)), PLANE), mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1))
+        dilate(mask_of((0, 0, 0)), PLANE), mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1))
     )
-    middle = grown(mask_of((1, 1, 1)), PLANE)
+    middle = dilate(mask_of((1, 1, 1)), PLANE)
     assert torch.equal(middle, mask_of(*((1, x, y) for x in range(3) for y in range(3))))
     mask = torch.tensor([[True, False, True], [False, True, True]])
-    assert numbers(mask)[mask].tolist() == [0, 1, 2, 3]
+    assert count_before(mask)[mask].tolist() == [0, 1, 2, 3]

@@ -197,8 +197,8 @@ def test_what_memory_does_not_hold_comes_in_parts(trained, monkeypatch):
     clouds = drawn(network.config, 6)
     unions = np.random.default_rng(3).permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))
     at_once = assert_maps_are_those_of_the_network(network, clouds, unions)
-    monkeypatch.setattr(tiles, "MOST_ENTRIES", 8)
-    monkeypatch.setattr(tiles, "AT_ONCE", 3)
+    monkeypatch.setattr(tiles, "MAX_ENTRIES", 8)
+    monkeypatch.setattr(tiles, "MAX_BATCH_TILES", 3)
     assert assert_maps_are_those_of_the_network(network, clouds, unions) > at_once
 
 

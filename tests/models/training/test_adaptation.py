@@ -121,7 +121,7 @@ def test_the_old_weights_stay_where_the_new_are_not_better(
 
     figures = [0.5, 0.5, trained, 0.5]
     monkeypatch.setattr(
-        adaptation, "average_precision", lambda *_: {"a": figures.pop(0), "b": float("nan")}
+        adaptation, "compute_recording_ap", lambda *_: {"a": figures.pop(0), "b": float("nan")}
     )
     after, old, new = adapt_network(before, label, tmp_path, Machine(seconds=0.5))
     assert (old, new) == (0.5, max(0.5, (trained + 0.5) / 2))
@@ -146,7 +146,7 @@ def test_the_new_weights_are_half_way_to_those_that_were_trained(
 
     monkeypatch.setattr(adaptation, "train_further", train_further)
     figures = [0.5, 0.5, 0.6, 0.6]
-    monkeypatch.setattr(adaptation, "average_precision", lambda *_: {"a": figures.pop(0)})
+    monkeypatch.setattr(adaptation, "compute_recording_ap", lambda *_: {"a": figures.pop(0)})
     after, *_ = adapt_network(before, lambda *_: packed_file, tmp_path, Machine(seconds=0.5))
     for old, new in zip(before.parameters(), after.parameters(), strict=True):
         torch.testing.assert_close(new, old + 0.5)

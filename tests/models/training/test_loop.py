@@ -11,7 +11,7 @@ from models.training import loop
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
 from models.training.samples import SampleRecipe
-from models.training.second_stage import average_precision
+from models.training.second_stage import compute_recording_ap
 from models.weight_files import read_checkpoint, save_atomically
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
@@ -175,7 +175,7 @@ def test_it_learns_two_frames_by_heart(frames, tmp_path):
     pack([recording(frames, AREA, count=2)], data)
     settings = replace(FAST, epochs=300.0, examples=SampleRecipe(subsets=0.0))
     network = loop.train(data, loop.make_config(AREA, "fast"), settings, tmp_path)
-    ap = average_precision(network, PackedFrames(data), seed=9)
+    ap = compute_recording_ap(network, PackedFrames(data), seed=9)
     assert ap["AP@0.7"] > 0.99
     assert ap["AP@0.8"] > 0.9
 
@@ -228,7 +228,12 @@ def test_networks_of_classes_and_wide_areas():
         0.4,
         0.4,
     )
-    assert loop.window((-48.0, 0.0, 48.0, 10.0)) == (-loop.WINDOW / 2, 0.0, loop.WINDOW / 2, 10.0)
+    assert loop.window((-48.0, 0.0, 48.0, 10.0)) == (
+        -loop.WINDOW_M / 2,
+        0.0,
+        loop.WINDOW_M / 2,
+        10.0,
+    )
     config = loop.make_config(AREA, "varied", classes=("vehicle", "pedestrian"))
     assert config.labels == ("vehicle", "pedestrian")
     assert config.anchor_labels == (0, 0, 1)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users
-from models.network.grid import anchors, encode, faces_back
+from models.network.grid import anchors, encode_residuals, faces_back
 from models.network.voxelnet import Prediction
 from models.training.losses import (
     IGNORED,
@@ -240,7 +240,7 @@ def channels(by_anchor):
 def perfect(labels, wanted, published):
     """What a network that knows everything says."""
     anchor = ANCHORS.expand_as(wanted)
-    residuals = channels(encode(wanted, anchor, doubled=not published))
+    residuals = channels(encode_residuals(wanted, anchor, doubled=not published))
     sure = torch.where(labels == POSITIVE, 20.0, -20.0)[..., None]
     if published:
         return Prediction(channels(torch.cat((-sure, sure), -1)), residuals)

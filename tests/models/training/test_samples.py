@@ -16,16 +16,16 @@ from models.training.losses import IGNORED, NEGATIVE, POSITIVE
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
 from models.training.samples import (
-    FEWEST_KEPT,
-    LIFT,
-    SLOPE,
+    LIFT_DEVIATION_M,
+    MIN_KEPT_SHARE,
+    SLOPE_DEVIATION,
     SampleRecipe,
     Samples,
     jitter_objects,
     random_errors,
-    read_points,
+    read_sample_points,
     stack,
-    thin,
+    thin_cloud,
     tilt,
     turn_scene,
     with_errors,
@@ -130,11 +130,11 @@ def test_random_errors_thinning_and_tilts_have_their_ranges():
     points = np.random.default_rng(0).uniform(-9, 9, (2000, 3)).astype(np.float32)
     shares = []
     for seed in range(60):
-        kept = thin(points, np.random.default_rng(seed))
+        kept = thin_cloud(points, np.random.default_rng(seed))
         assert kept.dtype == np.float32
         assert len(np.unique(np.concatenate([points, kept]), axis=0)) == len(points)
         shares.append(len(kept) / len(points))
-    assert min(shares) > FEWEST_KEPT - 0.03
+    assert min(shares) > MIN_KEPT_SHARE - 0.03
     assert min(shares) < 0.2
     assert max(shares) > 0.9
     assert np.mean(shares) == pytest.approx(0.55, abs=0.1)
@@ -154,9 +154,9 @@ def test_random_errors_thinning_and_tilts_have_their_ranges():
     np.testing.assert_allclose(
         heights[:, 3] + heights[:, 0], heights[:, 1] + heights[:, 2], atol=1e-6
     )
-    assert heights[:, 0].std() == pytest.approx(LIFT, rel=0.1)
+    assert heights[:, 0].std() == pytest.approx(LIFT_DEVIATION_M, rel=0.1)
     for k in (1, 2):
-        assert (heights[:, k] - heights[:, 0]).std() == pytest.approx(10 * SLOPE, rel=0.1)
+        assert (heights[:, k] - heights[:, 0]).std() == pytest.approx(10 * SLOPE_DEVIATION, rel=0.1)
 
 
 CONFIG = VoxelNetConfig.light((-12.8, -12.8, 12.8, 12.8))
@@ -279,9 +279,9 @@ def test_several_windows_are_cut_from_one_reading(packed, monkeypatch):
 
     def noted(frames, k, *more, **settings):
         read.append(k)
-        return read_points(frames, k, *more, **settings)
+        return read_sample_points(frames, k, *more, **settings)
 
-    monkeypatch.setattr(module, "read_points", noted)
+    monkeypatch.setattr(module, "read_sample_points", noted)
     one, four = (
         Samples(packed, CONFIG, replace(RECIPES[1], windows=n), seed=3)[1, 4] for n in (1, 4)
     )
@@ -330,9 +330,10 @@ def test_samples_are_cut_to_size_thinned_and_tilted(packed):
         assert not len(positive) or positive[:, :2].abs().max() < 6.4
     recipe = SampleRecipe(subsets=0.0)
     plain = Samples(packed, CONFIG, recipe, seed=0)
-    thin = Samples(packed, CONFIG, replace(recipe, thinned=1.0), seed=0)
+    thin_cloud = Samples(packed, CONFIG, replace(recipe, thinned=1.0), seed=0)
     shares = [
-        len(thin[epoch, 1].voxels.points) / len(plain[0, 1].voxels.points) for epoch in range(12)
+        len(thin_cloud[epoch, 1].voxels.points) / len(plain[0, 1].voxels.points)
+        for epoch in range(12)
     ]
     assert min(shares) < 0.5 < max(shares) < 1.0
     tilt = Samples(packed, CONFIG, replace(recipe, tilted=1.0), seed=0)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
-from models.detector import LEAST_KNOWN, VoxelNetDetector
+from models.detector import MIN_KNOWN_SCORE, VoxelNetDetector
 from models.network.candidates import logit, sigmoid
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measure_faces
 from models.network.grid import per_anchor, voxelise
@@ -16,17 +16,17 @@ from models.network.voxelnet import VoxelNet
 from models.training import second_stage
 from models.training.loop import make_config
 from models.training.second_stage import (
-    FARTHEST_FACE,
-    FEWEST,
-    LEAST_SURE,
-    MOST_LOST,
-    PRECISION,
+    MAX_FACE_SHIFT_M,
+    MAX_LOST_SHARE,
+    MIN_DETECTIONS,
+    MIN_PRECISION,
+    MIN_THRESHOLD,
     FaceExamples,
+    displace_boxes,
     face_examples,
     fit_calibration,
     fit_faces,
     lowest_threshold,
-    off_at_random,
     platt,
     rebuild,
     train_faces,
@@ -148,13 +148,13 @@ def test_above_the_threshold_such_a_share_is_true_and_above_no_lower_one(seed):
 
 
 def test_thresholds_cost_few_and_faces_are_learnt():
-    scores, hits = np.linspace(1, 0.01, 100), np.arange(100) < FEWEST - 1
-    assert lowest_threshold(scores, hits, 1.0) < scores[FEWEST - 2]
-    assert lowest_threshold(scores, np.zeros(100, bool), 1.0) == scores[FEWEST]
+    scores, hits = np.linspace(1, 0.01, 100), np.arange(100) < MIN_DETECTIONS - 1
+    assert lowest_threshold(scores, hits, 1.0) < scores[MIN_DETECTIONS - 2]
+    assert lowest_threshold(scores, np.zeros(100, bool), 1.0) == scores[MIN_DETECTIONS]
     assert lowest_threshold(scores[:5], hits[:5] & False, 0.9) == 0.0
     scores, hits = drawn(4000)
     wanted = lowest_threshold(scores, hits, 0.99)
-    assert (scores[hits] > wanted).mean() == pytest.approx(1 - MOST_LOST, abs=0.001)
+    assert (scores[hits] > wanted).mean() == pytest.approx(1 - MAX_LOST_SHARE, abs=0.001)
     assert hits[scores > wanted].mean() < 0.9
     torch.manual_seed(3)
     networks = FaceNetworks()
@@ -197,7 +197,7 @@ def test_calibration_and_faces_have_shares_of_their_own(monkeypatch, packed):
         asked.append((subsets, errors))
         raise InterruptedError
 
-    for name in ("detect_frames", "read_points"):
+    for name in ("detect_recording", "read_sample_points"):
         monkeypatch.setattr(second_stage, name, stop)
     network = VoxelNet(make_config(AREA, "fast"))
     for collect in (
@@ -217,15 +217,15 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
         hits = rng.random(900) < sigmoid(slope * logit(scores) + intercept)
         frames += [scene(label, scores[k : k + 90], hits[k : k + 90]) for k in range(0, 900, 90)]
     # too few to say anything
-    frames += [scene(HEAVY, np.full(FEWEST - 1, 0.5), np.zeros(FEWEST - 1, bool))]
-    monkeypatch.setattr(second_stage, "detect_frames", fake(frames))
+    frames += [scene(HEAVY, np.full(MIN_DETECTIONS - 1, 0.5), np.zeros(MIN_DETECTIONS - 1, bool))]
+    monkeypatch.setattr(second_stage, "detect_recording", fake(frames))
     torch.manual_seed(0)
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "cyclist", "heavy")))
     result = fit_calibration(network, packed).config
     assert result.calibration[0] == pytest.approx((3.0, 2.0), abs=0.6)
     assert result.calibration[1] == pytest.approx((1.0, -1.0), abs=0.2)
     assert result.calibration[2] == (1.0, 0.0)
-    assert result.thresholds[2] == LEAST_SURE
+    assert result.thresholds[2] == MIN_THRESHOLD
     for number, label in enumerate((VEHICLE, CYCLIST)):
         slope, shift = result.calibration[number]
         sure = [
@@ -235,7 +235,7 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
         ]
         scores, true = (np.concatenate(each) for each in zip(*sure, strict=True))
         assert result.thresholds[number] == round(
-            max(LEAST_SURE, lowest_threshold(scores, true, PRECISION)), 3
+            max(MIN_THRESHOLD, lowest_threshold(scores, true, MIN_PRECISION)), 3
         )
 
 
@@ -250,7 +250,7 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
     def detected(network, frames, *, count, seed, subsets, errors, known):
         return [left if known else every]
 
-    monkeypatch.setattr(second_stage, "detect_frames", detected)
+    monkeypatch.setattr(second_stage, "detect_recording", detected)
     network = fit_calibration(VoxelNet(make_config(AREA, "fast")), packed)
     at = VoxelNetDetector(network)
     known = KnownBackground(at, Background.learn(np.zeros((1, 3))))
@@ -342,7 +342,7 @@ def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeyp
     )
     detector = VoxelNetDetector(network)
     unsure = detector.at_known_site()
-    assert (unsure.thresholds, detector.thresholds) == ((LEAST_KNOWN,) * 2, (0.4, 0.3))
+    assert (unsure.thresholds, detector.thresholds) == ((MIN_KNOWN_SCORE,) * 2, (0.4, 0.3))
     boxes = np.array(
         [
             [0.0, 0, 1, 1, 1, 2, 0],
@@ -371,7 +371,7 @@ def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeyp
     new = boxes[:, :3].astype(np.float32)
     assert len(known(new)) == 2
     assert [len(each) for each in known.unions([new], np.ones((1, 1), bool))] == [2]
-    assert seen[0] == (LEAST_KNOWN,) * 2
+    assert seen[0] == (MIN_KNOWN_SCORE,) * 2
 
 
 def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(monkeypatch, packed):
@@ -382,13 +382,13 @@ def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(m
     )
     assert [
         len(found)
-        for found, *_ in second_stage.detect_frames(
+        for found, *_ in second_stage.detect_recording(
             VoxelNet(make_config(AREA, "fast")), packed, count=1
         )
     ] == [1]
     assert [
         len(found)
-        for found, *_ in second_stage.detect_frames(
+        for found, *_ in second_stage.detect_recording(
             VoxelNet(make_config(AREA, "fast")), packed, count=1, known=True
         )
     ] == [0]
@@ -406,7 +406,7 @@ def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed)
         labels = np.repeat([VEHICLE, HEAVY], [30 - heavy.sum(), heavy.sum()])
         true = Objects(np.concatenate([there.boxes[~heavy], drawn.boxes[heavy]]), labels)
         frames.append((Detections.merge([found, trucks[heavy]]), true, counted))
-    monkeypatch.setattr(second_stage, "detect_frames", fake(frames))
+    monkeypatch.setattr(second_stage, "detect_recording", fake(frames))
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy")))
     (_, _, own, from_heavy), (_, _, from_vehicle, _) = fit_calibration(
         network, packed
@@ -418,9 +418,9 @@ def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed)
 
 def test_flawless_detectors_stay_and_networks_get_a_second_stage(monkeypatch, packed):
     flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
-    monkeypatch.setattr(second_stage, "detect_frames", fake(flawless))
+    monkeypatch.setattr(second_stage, "detect_recording", fake(flawless))
     assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (
-        LEAST_SURE,
+        MIN_THRESHOLD,
     )
     monkeypatch.setattr("models.training.second_stage.fit_faces", lambda networks, rows, seed: {})
     torch.manual_seed(0)
@@ -446,7 +446,7 @@ def solid(rng, box, count=400):
 def box_scene(rng):
     size = rng.uniform([3.0, 1.45, 1.25], [6.0, 2.2, 2.6])
     truth = np.array([[*rng.normal(0, 3, 2), size[2] / 2, *size, rng.uniform(-4, 4)]])
-    return solid(rng, truth[0]), off_at_random(truth, rng), truth
+    return solid(rng, truth[0]), displace_boxes(truth, rng), truth
 
 
 def examples(count, seed=0):
@@ -477,7 +477,7 @@ def test_training_repeats_and_needs_examples_that_are_near():
     far = FaceExamples(
         rows.features, {sort: np.full_like(each, 5.0) for sort, each in rows.offsets.items()}
     )
-    assert fit_faces(FaceNetworks(), far, steps=1)["end before"] == pytest.approx(FARTHEST_FACE)
+    assert fit_faces(FaceNetworks(), far, steps=1)["end before"] == pytest.approx(MAX_FACE_SHIFT_M)
     rows = examples(3)
     with pytest.raises(ValueError, match="no examples of a side"):
         fit_faces(
@@ -487,7 +487,7 @@ def test_training_repeats_and_needs_examples_that_are_near():
         )
     rng = np.random.default_rng(0)
     boxes = np.tile([[5.0, 2, 0.9, 4.4, 1.8, 1.6, 0.3], [1, 1, 1.0, 0.6, 0.6, 1.8, 2.0]], (400, 1))
-    off = off_at_random(boxes, rng)
+    off = displace_boxes(boxes, rng)
     np.testing.assert_allclose(off[:, 2] - off[:, 5] / 2, boxes[:, 2] - boxes[:, 5] / 2)
     deviation = (off - boxes)[::2].std(axis=0)
     np.testing.assert_allclose(

@@ -11,7 +11,7 @@ from models.network.voxelnet import VoxelNet
 from models.training import second_stage as module
 from models.training.loop import ANYWHERE, LOG, PRESETS, make_config, read_curves, train
 from models.training.packed import PackedFrames
-from models.training.second_stage import AREAS_KEPT, average_precision, detector_by_area
+from models.training.second_stage import MAX_KEPT_AREAS, compute_recording_ap, detector_by_area
 from toolkit.objects import VEHICLE, Detections
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
@@ -26,7 +26,7 @@ def test_validation_leaves_training_undisturbed(packed_file, tmp_path, same_weig
         config,
         settings,
         tmp_path / "ap",
-        validate=partial(average_precision, frames=PackedFrames(packed_file), count=2),
+        validate=partial(compute_recording_ap, frames=PackedFrames(packed_file), count=2),
     )
     assert same_weights(plain, measured)
     assert plain.training
@@ -52,7 +52,7 @@ def detecting(monkeypatch, packed):
                 return Detections(found.boxes, np.full(len(found.boxes), 0.9), found.labels)
 
         monkeypatch.setattr("models.training.second_stage.VoxelNetDetector", Detector)
-        return average_precision(VoxelNet(make_config(AREA, "fast")), packed)
+        return compute_recording_ap(VoxelNet(make_config(AREA, "fast")), packed)
 
     return as_detected
 
@@ -79,7 +79,7 @@ def test_every_class_of_the_network_has_figures(monkeypatch, packed):
     monkeypatch.setattr("models.training.second_stage.VoxelNetDetector", Detector)
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
     heavy = {f"heavy AP@{threshold:g}": 1.0 for threshold in (0.25, 0.5, 0.7)}
-    assert average_precision(network, packed) == {
+    assert compute_recording_ap(network, packed) == {
         "AP@0.7": 0.0,
         "AP@0.8": 0.0,
         "AP@0.9": 0.0,
@@ -96,7 +96,7 @@ def test_detectors_are_kept_for_a_few_areas_alone(monkeypatch):
 
     monkeypatch.setattr(module, "VoxelNetDetector", at_work)
     detector_in = detector_by_area(VoxelNet(make_config(ANYWHERE, "general")))
-    areas = [(0.0, 0.0, 8.0 * k, 8.0) for k in range(1, AREAS_KEPT + 2)]
+    areas = [(0.0, 0.0, 8.0 * k, 8.0) for k in range(1, MAX_KEPT_AREAS + 2)]
     first = [detector_in(area) for area in areas]
     assert made == areas
     assert [detector_in(area) for area in areas[1:]] == first[1:]  # the very same

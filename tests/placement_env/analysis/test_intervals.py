@@ -6,7 +6,7 @@ from scipy.stats import binomtest, norm
 
 from placement_env.analysis.intervals import (
     BLOCK_FRAMES,
-    HELD_AT_ONCE,
+    MAX_HELD_NUMBERS,
     Interval,
     Tally,
     block_draws,
@@ -72,7 +72,7 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
     tally = Tally.of_frames(*measured(30, 7))
     whole = tally.resamples(seed=1)
     for held in (300, 1):
-        monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", held)
+        monkeypatch.setattr("placement_env.analysis.intervals.MAX_HELD_NUMBERS", held)
         assert tally.resamples(seed=1).tolist() == whole.tolist()
     taken, draws = [], block_draws(30, seed=1)
 
@@ -82,11 +82,11 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
             return draws[some]
 
     given = draws.view(Draws)
-    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", HELD_AT_ONCE)
+    monkeypatch.setattr("placement_env.analysis.intervals.MAX_HELD_NUMBERS", MAX_HELD_NUMBERS)
     tally.resamples(draws=given)
     assert taken == [1000 * len(tally.scores)]  # all at once, usually
     taken.clear()
-    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", 1000)
+    monkeypatch.setattr("placement_env.analysis.intervals.MAX_HELD_NUMBERS", 1000)
     assert tally.resamples(draws=given).tolist() == whole.tolist()
     assert 500 < max(taken) <= 1000
 

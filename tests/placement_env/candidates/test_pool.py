@@ -9,8 +9,8 @@ import pytest
 import shapely
 
 from placement_env.candidates.candidates import (
-    MOST_POSES,
-    ON_ITS_MOUNT,
+    MAX_MOUNT_DISTANCE_M,
+    MAX_RANDOM_POSES,
     Candidates,
     choose_candidates,
     own_and_random,
@@ -54,7 +54,7 @@ def test_paper_sensors_are_the_sites_own_each_on_its_own_mount(name):
     )
     assert candidates.sensors == site.sensors
     for sensor, mount in zip(candidates.sensors, candidates.mounts, strict=True):
-        assert np.hypot(*(sensor.position - mount.position)[:2]) <= ON_ITS_MOUNT
+        assert np.hypot(*(sensor.position - mount.position)[:2]) <= MAX_MOUNT_DISTANCE_M
         assert mount.min_height <= sensor.position[2] - mount.position[2] <= mount.max_height
     assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
     assert candidates.mount_prices.tolist() == [mount.price for mount in candidates.mounts]
@@ -233,6 +233,6 @@ def test_own_sensors_come_first_in_half_of_the_sets():
     assert of_pool.sum() == 20
     assert 10 < of_own.sum() <= 20
     assert (made.per_mount(sets) <= 1).all()
-    assert 1 <= sets.sum(axis=1).min() <= sets.sum(axis=1).max() <= MOST_POSES
+    assert 1 <= sets.sum(axis=1).min() <= sets.sum(axis=1).max() <= MAX_RANDOM_POSES
     assert len(np.unique(sets, axis=0)) == len(sets)
     assert random_sets(made, 0, 10, np.random.default_rng(2)).sum(axis=1).min() >= 1

@@ -63,7 +63,7 @@ def price_by_hand(candidates, row):
 def test_all_sets_against_the_rule_in_words(make, capacity, most):
     objective = carrying(make(3, 4, seed=3), (2, 1, 3), capacity)
     objective = objective.weighed(objective.weights, most_price=most)
-    sets = exhaustive.every_set(12, 4)
+    sets = exhaustive.list_sets(12, 4)
     expected = [by_hand(objective, row) for row in sets]
     assert objective.feasible(sets).tolist() == expected
     assert 0 < sum(expected) < len(sets)
@@ -136,7 +136,7 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
     objective = objective.weighed(objective.weights, most_price=most)
-    seen, sets = objective.scored_by.seen, exhaustive.every_set(12, 4)
+    seen, sets = objective.scored_by.seen, exhaustive.list_sets(12, 4)
     sets = sets[objective.feasible(sets)]
     covered = [int((seen[row].sum(axis=0) >= views).sum()) for row in sets]
     found = cpsat.cover_most(
@@ -156,7 +156,7 @@ def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
     pytest.importorskip("ortools")
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
-    seen, sets = objective.scored_by.seen, exhaustive.every_set(12, 4)
+    seen, sets = objective.scored_by.seen, exhaustive.list_sets(12, 4)
     sets = sets[objective.feasible(sets)]
     need = 24
     able = sets[np.array([seen[row].any(axis=0).sum() >= need for row in sets])]
@@ -173,7 +173,7 @@ def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
 def test_masks_of_environments_are_what_the_objective_allows(make, capacity):
     objective = carrying(make(3, 4, seed=3), (2, 1, 3), capacity)
     scenario = Scenario(objective, 14)
-    sets = exhaustive.every_set(12, 4)
+    sets = exhaustive.list_sets(12, 4)
     sets = sets[objective.feasible(sets)][::41]
     masks = find_room(scenario, np.pad(sets, ((0, 0), (0, 2)))) & scenario.usable
     for row, mask in zip(sets, masks, strict=True):

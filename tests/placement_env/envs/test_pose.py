@@ -12,7 +12,7 @@ from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.candidates.candidates import paper_candidates
-from placement_env.envs.pose import TILT_LIMITS, Rig
+from placement_env.envs.pose import TILT_LIMITS_RAD, Rig
 from placement_env.envs.registration import register
 from toolkit import load_site
 from toolkit.runtime.cache import Cache
@@ -37,7 +37,7 @@ def test_rigs_stand_within_ranges_and_links_are_relieved():
         rig = rig.move(np.ones((len(some), 3)))
     highest = [some.mounts[index].max_height for index in some.mount]
     assert np.allclose(rig.aim[:, 0], highest)
-    assert np.allclose(rig.aim[:, 2], TILT_LIMITS[1])
+    assert np.allclose(rig.aim[:, 2], TILT_LIMITS_RAD[1])
     assert (np.abs(rig.aim[:, 1]) <= np.pi).all()
     assert np.array_equal(rig.move(np.zeros((len(some), 3))).aim, rig.aim)
     site = load_site("tjunction")

@@ -11,7 +11,7 @@ from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.envs.registration import register
-from placement_env.envs.scenario import PLACES, STATIC, Scenario, find_area, places_seen, poses
+from placement_env.envs.scenario import MAX_PLACES, STATIC, Scenario, find_area, places_seen, poses
 from placement_env.envs.state import DYNAMIC, GLOBAL
 from placement_env.fidelity.coverage import LEAST
 from placement_env.objective import Objective
@@ -41,7 +41,7 @@ def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: An
     assert scenario.width == 6
     scenario = Scenario(objective(), 6)
     bits = np.unpackbits(np.ascontiguousarray(scenario.seen.T).view(np.uint8), axis=1)
-    assert bits.shape == (6, PLACES)
+    assert bits.shape == (6, MAX_PLACES)
     assert np.array_equal(bits[:, : scenario.places], places_seen(scenario.objective))
     assert not bits[:, scenario.places :].any()
     scored = objective()

@@ -51,7 +51,7 @@ def test_coverage_of_nothing_in_whole_bits():
     np.testing.assert_array_equal(bits, np.rint(bits))
 
 
-@pytest.mark.parametrize("arguments", [{"least": 0.0}, {"views": 0}])
+@pytest.mark.parametrize("arguments", [{"min_points": 0.0}, {"views": 0}])
 def test_refuses_what_is_no_view(arguments):
     with pytest.raises(ValueError, match="got"):
         Coverage(SEEN, **arguments)

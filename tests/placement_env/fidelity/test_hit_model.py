@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.hit_model import (
-    FOLDER,
     NUMBERS,
     RANGES,
+    SURROGATE_FOLDER,
     HitDomain,
     load_models,
     save_models,
@@ -108,7 +108,7 @@ def test_what_is_no_file_of_models_is_refused(tmp_path, text):
 
 
 def test_shipped_models_load_for_all_schemes_and_thresholds():
-    for path in FOLDER.glob("*.json"):
+    for path in SURROGATE_FOLDER.glob("*.json"):
         for scheme in ("early", "late", "hybrid"):
             for iou in (0.7, 0.8, 0.9):
                 assert shipped_model(scheme, iou, path.stem).scheme == scheme

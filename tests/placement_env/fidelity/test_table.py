@@ -7,9 +7,9 @@ import pytest
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.table import (
     SHIPPED,
-    Origin,
     Table,
     TableFidelity,
+    TableOrigin,
     best_sets,
     hash_site,
     load_table,
@@ -94,7 +94,7 @@ def made(tmp_path_factory):
 def test_a_table_holds_what_detection_gives_and_says_where_from(made):
     table, path, told, _ = made
     place = hash_site(Street().site, Street().sensors)
-    assert table.origin == Origin(
+    assert table.origin == TableOrigin(
         "street", ("s0", "s1", "s2"), place, 3, 15, "street", "guess", 4, "abc"
     )
     assert told == [(k, 9) for k in range(1, 10)]
@@ -155,7 +155,7 @@ def test_rows_are_bit_masks_and_best_sets_the_best_of_their_size():
 def some_table(sensors):
     ap = np.random.default_rng(0).random((1 << sensors, 3, 3))
     names = tuple(f"d{c}" for c in range(sensors))
-    return Table(Origin("x", names, "", 1, 1, "", "", 0, ""), ap, ap, ap[:, :, 0].copy())
+    return Table(TableOrigin("x", names, "", 1, 1, "", "", 0, ""), ap, ap, ap[:, :, 0].copy())
 
 
 def test_bad_requests_and_files_of_something_else_are_refused(tmp_path):

@@ -83,7 +83,7 @@ def test_of_a_recording_only_the_first_frames(recording):
 
 
 def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkeypatch):
-    monkeypatch.setattr(seeing, "BLOCK_PIXELS", 6000)
+    monkeypatch.setattr(seeing, "MAX_BLOCK_PIXELS", 6000)
     told: list[int] = []
     assert equal(
         see(
@@ -149,7 +149,7 @@ def test_distances_are_horizontal_and_nobody_sees_nothing(seen, small_candidates
 
 @pytest.mark.slow
 def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, monkeypatch):
-    monkeypatch.setattr(seeing, "BLOCK_PIXELS", 6000)
+    monkeypatch.setattr(seeing, "MAX_BLOCK_PIXELS", 6000)
     assert equal(see(small_traffic, small_candidates, run=Run(workers=2)), seen)
 
 

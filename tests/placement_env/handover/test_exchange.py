@@ -13,7 +13,7 @@ from shapely.geometry import shape
 
 from placement_env.candidates.poles import load_poles
 from placement_env.handover.exchange import (
-    COLUMNS,
+    SCHEDULE_COLUMNS,
     plan_geojson,
     safe_cell,
     schedule_csv,
@@ -97,7 +97,7 @@ def test_schedules_line_by_line_as_rfc_4180_has_it():
         "north,n,0.000,9.000,5.000,13.39996000,52.50502700,5.000,0.0,11.5,depth-camera,1500,0.5,EUR,412.3,500.0,2000.0\r\n"
         "south,s,0.000,-9.000,5.000,,,5.000,0.0,0.0,depth-camera,1500,0.5,EUR,412.3,500.0,2000.0\r\n"
     )
-    assert schedule_csv([]) == ",".join(COLUMNS) + "\r\n"
+    assert schedule_csv([]) == ",".join(SCHEDULE_COLUMNS) + "\r\n"
     assert ",ordinary poles," in schedule_csv([NORTH])
     (row,) = csv.DictReader(
         io.StringIO(schedule_csv([replace(NORTH, pole='Straße "5",\nEcke')]), newline="")

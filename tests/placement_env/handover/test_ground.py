@@ -8,8 +8,8 @@ import pytest
 import shapely
 
 from placement_env.handover.ground import (
-    SPECK,
-    TARGET_HEIGHT,
+    MIN_POLYGON_M2,
+    TARGET_HEIGHT_M,
     Ground,
     GroundShares,
     blind_polygons,
@@ -61,11 +61,11 @@ def test_walls_cast_shadows_on_the_grid_of_the_area():
 
     def in_the_way(face: float) -> np.ndarray:
         share = np.clip((face - sx) / (x - sx), 0, None)  # of the way from the sensor to the target
-        height, side = sz + share * (TARGET_HEIGHT - sz), sy + share * (y - sy)
+        height, side = sz + share * (TARGET_HEIGHT_M - sz), sy + share * (y - sy)
         return (x > face) & (height < 2.05) & (side > -2.2) & (side < 3.1)
 
     expected = ~(in_the_way(-2.1) | in_the_way(-1.9))
-    elevation = np.arctan2(TARGET_HEIGHT - sz, np.hypot(x - sx, y - sy))
+    elevation = np.arctan2(TARGET_HEIGHT_M - sz, np.hypot(x - sx, y - sy))
     expected &= (elevation >= -1.4) & ground.open_ground
     assert np.array_equal(ground.seen[0], expected)
     assert 60 < (~expected[elevation >= -1.4]).sum() < 400
@@ -80,13 +80,13 @@ def test_walls_cast_shadows_on_the_grid_of_the_area():
     ]
     ground = visible_ground(field(), sensors, cell=0.4)
     x, y = middles(ground)
-    targets = np.stack([x, y, np.full_like(x, TARGET_HEIGHT)], axis=-1)
+    targets = np.stack([x, y, np.full_like(x, TARGET_HEIGHT_M)], axis=-1)
     for sensor, seen in zip(sensors, ground.seen, strict=True):
         assert np.array_equal(seen, sensor.model.in_view(transform(invert(sensor.pose), targets)))
         assert 0.02 < seen.mean() < 0.9
-    near = np.hypot(np.hypot(x, y), 3.0 - TARGET_HEIGHT) < 6.0
+    near = np.hypot(np.hypot(x, y), 3.0 - TARGET_HEIGHT_M) < 6.0
     assert np.array_equal(
-        ground.seen[2], near & (np.arctan2(TARGET_HEIGHT - 3.0, np.hypot(x, y)) >= -1.4)
+        ground.seen[2], near & (np.arctan2(TARGET_HEIGHT_M - 3.0, np.hypot(x, y)) >= -1.4)
     )
 
 
@@ -157,7 +157,7 @@ def test_trees_and_ponds_are_no_ground():
     x, y = middles(ground)
     height = site.ground(np.stack([x, y], axis=-1))
     on_slab = (np.abs(x) < 8) & (np.abs(y) < 6)
-    assert np.array_equal(ground.open_ground, ~(on_slab & (height + TARGET_HEIGHT <= 0.1)))
+    assert np.array_equal(ground.open_ground, ~(on_slab & (height + TARGET_HEIGHT_M <= 0.1)))
     assert 0.1 < ground.open_ground[on_slab].mean() < 0.9
     lanes = (rectangle(-12.0, -2, 1, 2), rectangle(-1.0, -2, 12, 2))
     ground = visible_ground(field(lanes=lanes, footways=(rectangle(-12.0, 2, 12, 4),)), [])
@@ -217,7 +217,7 @@ def test_shares_and_polygons_are_those_of_open_ground():
     assert part.area == pytest.approx(15 * 17.5 - 25)
     blind = blind_polygons(ground)
     assert sorted(round(each.area) for each in blind) == [25, 30 * 20 - 262]
-    assert min(each.area for each in blind) >= SPECK
+    assert min(each.area for each in blind) >= MIN_POLYGON_M2
 
 
 @pytest.mark.parametrize("names", [[], ["a"], ["a", "a"], ["a", "b", "c"]])

@@ -133,7 +133,7 @@ def test_what_goes_to_json_leaves_arrays_and_no_budget_out():
     ],
 )
 def test_an_interval_takes_in_the_standard_error_of_the_prediction(figure, ends, spread, widened):
-    found = figures.widen(figure, Interval(*ends), spread)
+    found = figures.widen_interval(figure, Interval(*ends), spread)
     assert tuple(found) == pytest.approx(widened, nan_ok=True)
 
 

@@ -10,7 +10,7 @@ import pytest
 from placement_env import Cases, LivePlanner
 from placement_env.analysis.intervals import block_draws
 from placement_env.fidelity.surrogate import compute_expected_ap, resample_ap
-from placement_env.live.planner import Suggestion
+from placement_env.live.suggestions import Suggestion
 from placement_env.live.variant import Variant, free_name
 from placement_env.setting import Setting
 
@@ -25,7 +25,6 @@ def shared():
 @pytest.fixture
 def planner(shared):
     shared.restore({"A": shared.yard.place(shared.yard.site.sensors)}, "A", [])
-    shared._future.clear()
     return shared
 
 

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from placement_env import LivePlanner
-from placement_env.live.planner import KEPT_STEPS, Suggestion
+from placement_env.live.figures import Meter
+from placement_env.live.history import MAX_UNDO_STEPS
+from placement_env.live.suggestions import Suggester, Suggestion
 from placement_env.live.variant import TILT_SPAN, Variant
+from placement_env.live.views import SensorViews, VariantView
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Setting
 from toolkit.runtime.run import Run
@@ -43,9 +46,10 @@ def free_mounts(planner):
 
 def test_as_many_first_frames_as_all_are_no_first_look():
     for first in (None, FRAMES, FRAMES + 1):
-        assert LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=first)._whole is None
+        planner = LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=first)
+        assert not planner.scorer.all_frames.are_awaited
     quick = LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=FRAMES - 1)
-    assert quick._whole is not None
+    assert quick.scorer.all_frames.are_awaited
     assert quick.frames == FRAMES - 1
     assert quick.answer().coarse
     given = LivePlanner("tjunction", run=Run(frames=4, seed=9))
@@ -91,13 +95,14 @@ def test_a_change_that_changes_nothing_is_no_step(planner):
     planner.move(sensor.name, heading=1.0)
     planner.undo()
     planner.lock(sensor.name, False)
-    assert len(planner._future) == 1
+    assert len(planner.history.future) == 1
 
 
 def test_steps_to_undo_are_bounded(planner):
-    planner._past = [("A", planner.variant)] * KEPT_STEPS
+    start = planner.variant
+    planner.history.restore({"A": start}, "A", [("A", start)] * MAX_UNDO_STEPS)
     planner.lock("d0")
-    assert len(planner.past) == KEPT_STEPS
+    assert len(planner.past) == MAX_UNDO_STEPS
     assert not planner.past[-1][1].find("d0").locked
 
 
@@ -309,9 +314,16 @@ def test_a_copy_by_pickle_goes_on_by_itself(planner, told):
 def test_a_copy_shares_nothing_that_changes(planner):
     planner.answer()
     state = planner.__getstate__()
-    for name in ("variants", "_past", "_future", "_views", "_answers"):
-        assert state[name] == getattr(planner, name)
-        assert state[name] is not getattr(planner, name), name
+    scorer, copied = planner.scorer, state["scorer"]
+    for part, part_copied, names in (
+        (planner.history, state["history"], ("variants", "_past", "_future")),
+        (scorer, copied, ("_answers",)),
+        (scorer.views, copied.views, ("_rows",)),
+    ):
+        for name in names:
+            assert getattr(part_copied, name) == getattr(part, name)
+            assert getattr(part_copied, name) is not getattr(part, name), name
+    assert copied.all_frames.fetching is not scorer.all_frames.fetching
 
 
 def test_another_question_is_no_change_of_ap(planner):
@@ -363,9 +375,9 @@ def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_fu
         further.append(True)
         return True
 
-    monkeypatch.setattr("placement_env.live.planner.make_table_ahead", lambda *_: False)
-    monkeypatch.setattr("placement_env.live.planner._look", look)
-    monkeypatch.setattr(planner._stock, "look_further", look_further)
+    monkeypatch.setattr("placement_env.live.views.make_table_ahead", lambda *_: False)
+    monkeypatch.setattr("placement_env.live.views.make_view", look)
+    monkeypatch.setattr(planner.scorer.views.stock, "look_further", look_further)
     live, count = planner.preparation.live, len(planner.sensors)
     for full in (True, False):
         monkeypatch.setattr(type(live), "full", always(full))
@@ -378,7 +390,7 @@ def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_fu
         assert bool(away) is not full
     assert {k for k, _ in looked} == set(range(count))
     assert len(further) == 2
-    monkeypatch.setattr("placement_env.live.planner._look", lambda *_: True)
+    monkeypatch.setattr("placement_env.live.views.make_view", lambda *_: True)
     assert planner.refine()
     assert len(further) == 2  # what is shown comes first
 
@@ -396,13 +408,13 @@ def test_suggestions_are_of_different_poles_with_room(planner, monkeypatch):
     ranked = [first[0], first[1], on[used][0], second[0], third[0], third[1]]
     asked = []
 
-    def improve(kind, base, sensor):
+    def improve(self, kind, base, sensor):
         asked.append((kind, sensor.mount, len(base.sensors)))
         return Suggestion(kind, sensor, replace(planner.answer(), ap=len(asked) / 10), 0)
 
-    monkeypatch.setattr(planner._stock, "at_least_coarse", lambda *_: False)
-    monkeypatch.setattr(planner._stock, "rank", lambda *_: ranked)
-    monkeypatch.setattr(planner, "_improve", improve)
+    monkeypatch.setattr(planner.scorer.views.stock, "at_least_coarse", lambda *_: False)
+    monkeypatch.setattr(planner.scorer.views.stock, "rank", lambda *_: ranked)
+    monkeypatch.setattr(Suggester, "improve", improve)
     found = planner.suggest("add", count=2)
     mounts = [stock.mounts[stock.mount[k]].name for k in (first[0], second[0], third[0])]
     assert [mount for _, mount, _ in asked] == mounts[:2]
@@ -439,6 +451,14 @@ def test_a_search_goes_on_only_where_a_move_helps(planner, monkeypatch, gain, yi
     assert {(kind, count) for kind, _, count in asked} == {("move", 1)}
 
 
+def make_suggester(planner, monkeypatch, judge):
+    """Suggester that judges variants in place of views, and whose answers are variants."""
+    see = lambda self, variant: VariantView(variant, None, None, False)  # noqa: E731
+    monkeypatch.setattr(SensorViews, "see", see)
+    monkeypatch.setattr(Meter, "judge", judge)
+    return planner.scorer.make_suggester(lambda variant: variant)
+
+
 @pytest.mark.parametrize(
     ("turn", "down", "steps"),
     [
@@ -453,15 +473,13 @@ def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(
 ):
     start = replace(planner.sensors[0], heading=0.5, tilt=0.4)
 
-    def judge(variant, *_):
+    def judge(self, variant, *_):
         sensor = variant.sensors[-1]
         assert variant.sensors[:-1] == planner.variant.sensors
         return 0.9 - abs(sensor.heading - 0.5 - turn) - abs(sensor.tilt - 0.4 - down), 0
 
-    monkeypatch.setattr(planner, "_see", lambda variant: (variant, None, None, False))
-    monkeypatch.setattr(planner._meter, "judge", judge)
-    monkeypatch.setattr(planner, "estimate", lambda variant: variant)
-    found = planner._improve("add", planner.variant, start)
+    suggester = make_suggester(planner, monkeypatch, judge)
+    found = suggester.improve("add", planner.variant, start)
     assert (found.sensor.heading, found.sensor.tilt) == pytest.approx(
         (0.5 + steps[0], 0.4 + steps[1])
     )
@@ -476,14 +494,12 @@ def test_a_suggestion_is_turned_only_for_a_gain_without_problems(
 ):
     start = replace(planner.sensors[0], heading=0.5, tilt=TILT_SPAN[1])
 
-    def judge(variant, *_):
+    def judge(self, variant, *_):
         sensor = variant.sensors[-1]
         assert sensor.tilt <= TILT_SPAN[1]
         return (0.5 + gain, problems) if sensor.heading > 0.6 else (0.5, 0)
 
-    monkeypatch.setattr(planner, "_see", lambda variant: (variant, None, None, False))
-    monkeypatch.setattr(planner._meter, "judge", judge)
-    monkeypatch.setattr(planner, "estimate", lambda variant: variant)
-    assert planner._improve("move", planner.variant, start).sensor.heading == pytest.approx(
+    suggester = make_suggester(planner, monkeypatch, judge)
+    assert suggester.improve("move", planner.variant, start).sensor.heading == pytest.approx(
         0.7 if turned else 0.5
     )

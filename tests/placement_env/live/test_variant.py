@@ -18,7 +18,7 @@ from placement_env.live.variant import (
     LiveSensor,
     Variant,
     Yard,
-    check_area,
+    check_keep_out,
     check_name,
     free_name,
 )
@@ -120,7 +120,7 @@ def test_a_sensor_that_does_not_fit_is_refused_with_its_member(key, value, said)
 
 def test_names_and_areas_have_bounds():
     assert check_name("x" * LONGEST_NAME) == "x" * LONGEST_NAME
-    assert check_area([[0, 0], [1, 0], [0, 1]]) == ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+    assert check_keep_out([[0, 0], [1, 0], [0, 1]]) == ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
     for wrong in (
         SQUARE[:2],
         ((0, 0), (4, 4), (4, 0), (0, 4)),
@@ -131,7 +131,7 @@ def test_names_and_areas_have_bounds():
         with pytest.raises(
             ValueError, match=r"three corners or more \(x, y\), and no edge may cross another"
         ):
-            check_area(wrong)
+            check_keep_out(wrong)
 
 
 def test_a_free_name_goes_on_from_its_number():

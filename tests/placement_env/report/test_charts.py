@@ -10,7 +10,7 @@ import pytest
 import placement_env.report.charts as charts
 from placement_env.handover.mounted import LinkLoad
 from placement_env.report.charts import (
-    LETTERS,
+    MAX_NAME_LETTERS,
     describe_sample,
     failure_chart,
     front_chart,
@@ -218,7 +218,7 @@ def test_names_and_figures_stay_in_the_picture(monkeypatch, names):
             if "W" not in text.get_text():
                 assert box.x0 >= 0
             assert box.x1 <= figure.bbox.x1
-            assert len(text.get_text()) <= LETTERS
+            assert len(text.get_text()) <= MAX_NAME_LETTERS
         assert axes.get_window_extent().width > 120
         assert axes.get_tightbbox().y0 >= 0
 
@@ -233,7 +233,7 @@ def test_rows_say_their_vehicles_in_words(monkeypatch):
     assert describe_sample([None]) == "no vehicles were judged"
     assert price_label("EUR") == "price (EUR)"
     assert set_label(()) == "none"
-    assert len(set_label([f"pole {k}" for k in range(30)])) <= LETTERS
+    assert len(set_label([f"pole {k}" for k in range(30)])) <= MAX_NAME_LETTERS
 
 
 WORTH = [
@@ -267,7 +267,7 @@ def test_tables_of_pairs_have_figures_or_numbers(figure_of):
     ).axes
     assert [label.get_text() for label in bars.get_yticklabels()] == ["north-east pole  1", "d1  2"]
     assert [label.get_text() for label in table.get_xticklabels()] == ["1", "2"]
-    names = [f"s{k}" for k in range(charts.MOST_FIGURES + 1)]
+    names = [f"s{k}" for k in range(charts.MAX_FIGURE_SENSORS + 1)]
     many = [SensorWorth(one, 0.1, {other: 0.1 for other in names if other != one}) for one in names]
     assert not figure_of(many).axes[1].texts
     assert figure_of(many[:3]).axes[1].texts

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 from placement_env.handover.ground import Ground
 from placement_env.report.maps import (
-    ENLARGED,
+    PIXELS_PER_CELL,
     blind_map,
     coverage_map,
     density_map,
@@ -55,8 +55,8 @@ def cells_of(text):
     (data,) = [value for key, value in image.attrib.items() if key.endswith("href")]
     pixels = imread(BytesIO(base64.b64decode(data.partition(",")[2])))
     rows, columns = pixels.shape[0] // 6, pixels.shape[1] // 10
-    assert rows >= ENLARGED
-    assert columns >= ENLARGED
+    assert rows >= PIXELS_PER_CELL
+    assert columns >= PIXELS_PER_CELL
     return pixels[rows // 2 :: rows, columns // 2 :: columns][:6, :10]
 
 

@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from placement_env.envs.select import SensorSelectEnv, SensorSubsetEnv
 from placement_env.envs.state import GLOBAL
-from placement_env.rl.adapter import HEADING, SB3VecEnv, X, as_sb3, vectorize
+from placement_env.rl.adapter import HEADING_FEATURE, X_FEATURE, SB3VecEnv, as_sb3, vectorize
 
 N = 3
 
@@ -77,10 +77,13 @@ def test_junctions_turn_and_foreign_environments_are_played(make):
     before, seen = (features_of(vector.reset()) for vector in (plain, turned))
 
     def along(features):  # the heading of each candidate along its position
-        return (features[:, X : X + 2] * features[:, HEADING : HEADING + 2]).sum(axis=1)
+        return (
+            features[:, X_FEATURE : X_FEATURE + 2]
+            * features[:, HEADING_FEATURE : HEADING_FEATURE + 2]
+        ).sum(axis=1)
 
     np.testing.assert_allclose(along(seen), along(before), atol=1e-6)
-    moved = [X, X + 1, HEADING, HEADING + 1]
+    moved = [X_FEATURE, X_FEATURE + 1, HEADING_FEATURE, HEADING_FEATURE + 1]
     np.testing.assert_array_equal(np.delete(seen, moved, axis=1), np.delete(before, moved, axis=1))
     assert len(np.unique(seen[:, moved].round(3), axis=0)) == 8
     turned.seed(3)

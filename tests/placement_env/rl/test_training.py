@@ -76,7 +76,7 @@ def test_what_is_kept_is_loaded_and_another_run_is_refused(trained):
     assert torch.equal(
         weights(learning.train_policy(PickEnv, out, steps=1, learning=SMALL)), weights(model)
     )
-    assert [path.name for path in out.iterdir()] == [learning.CHECKPOINT]
+    assert [path.name for path in out.iterdir()] == [learning.POLICY_FILE]
     _, out = trained
     with pytest.raises(ValueError, match="another seed"):
         learning.train_policy(PickEnv, out, steps=64, seed=1, learning=SMALL)
@@ -87,19 +87,19 @@ def test_what_was_stopped_goes_on_unless_cut_or_unknown(trained, tmp_path):
     learning.train_policy(PickEnv, tmp_path, steps=256, learning=SMALL)
     again = learning.train_policy(PickEnv, tmp_path, steps=768, learning=SMALL)
     assert torch.equal(weights(model), weights(again))
-    cut = tmp_path / learning.CHECKPOINT
-    cut.write_bytes((trained[1] / learning.CHECKPOINT).read_bytes()[:1000])
+    cut = tmp_path / learning.POLICY_FILE
+    cut.write_bytes((trained[1] / learning.POLICY_FILE).read_bytes()[:1000])
     with pytest.raises(
         ValueError,
         match=r"policy.pt is damaged or not a checkpoint of tensors: .*: remove it to start again",
     ):
         learning.train_policy(PickEnv, tmp_path, steps=1, learning=SMALL)
-    (tmp_path / learning.CHECKPOINT).write_bytes((trained[1] / learning.CHECKPOINT).read_bytes())
+    (tmp_path / learning.POLICY_FILE).write_bytes((trained[1] / learning.POLICY_FILE).read_bytes())
     rounds = [[512, {"best": 0.5}], [768, {"best": 0.7}], [1024, {"best": 0.9}]]
     assert learning.restore_rounds(tmp_path, rounds) == {"best": 0.7}
     assert [steps for steps, _ in rounds] == [512, 768]
     assert learning.restore_rounds(tmp_path, rounds[:1]) is None
-    assert not (tmp_path / learning.CHECKPOINT).exists()
+    assert not (tmp_path / learning.POLICY_FILE).exists()
 
 
 def test_continuous_actions_get_ppo_which_learns_to_an_end(tmp_path):

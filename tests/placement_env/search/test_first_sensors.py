@@ -41,7 +41,7 @@ def imported():
 
 def test_sensors_are_placed_on_mounts_of_their_own_and_spread(imported, monkeypatch):
     monkeypatch.setattr(greedy, "FIRST_FRAMES", 4)
-    monkeypatch.setattr(greedy, "HEADINGS", 4)
+    monkeypatch.setattr(greedy, "FIRST_HEADINGS", 4)
     placed = with_first_sensors(imported, 3)
     site = placed.site
     assert replace(site, sensors=()) == imported

@@ -110,7 +110,7 @@ def test_several_error_profiles_are_judged_and_said(common):
 
 @pytest.mark.slow
 def test_a_long_search_tells_a_first_answer_and_looks_at_fewer_frames(common, monkeypatch):
-    monkeypatch.setattr("placement_env.search.order.SEARCHED", 2)
+    monkeypatch.setattr("placement_env.search.order.SEARCH_FRAMES", 2)
     monkeypatch.setattr("placement_env.search.first_look.LOOK_FRAMES", 2)
     told = []
     order = common(tell=told.append)

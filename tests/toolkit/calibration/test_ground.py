@@ -99,7 +99,7 @@ def test_cells_have_low_ends_that_nothing_lifts():
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2) + 0.5
     cells = np.column_stack([grid, np.zeros(400)])
     cells[210, 2], cells[37, 2] = 1.5, -3.0
-    ground = support_mask(cells, 0.25, 0.1, others=2)
+    ground = support_mask(cells, 0.25, 0.1, min_supporters=2)
     assert np.flatnonzero(~ground).tolist() == [37, 210]
     cells[37, 2] = 0.0
     assert np.flatnonzero(~lowest_mask(cells, 0.1, 0.25, window=5.0)).tolist() == [210]
@@ -426,22 +426,24 @@ def test_cells_that_others_support_are_an_oracles():
     rng = np.random.default_rng(3)
     cells = np.column_stack([rng.uniform(0, 40, (150, 2)), rng.choice([0.0, 0.2, 0.5], 150)])
     for others in (3, 6):
-        found = support_mask(cells, 0.1, 0.08, others=others)
+        found = support_mask(cells, 0.1, 0.08, min_supporters=others)
         for row, cell in enumerate(cells):
             apart = np.hypot(*(cells[:, :2] - cell[:2]).T)
             nearest = np.argsort(apart)[1:13]
             alike = np.abs(cells[nearest, 2] - cell[2]) < 0.1 + 0.08 * apart[nearest]
             assert found[row] == ((alike & (apart[nearest] < 8.0)).sum() >= others)
         assert 0 < found.sum() < 150
-    assert support_mask(cells[:3], 0.1, 0.08, others=3).tolist() == [True] * 3  # too few to tell
+    assert (
+        support_mask(cells[:3], 0.1, 0.08, min_supporters=3).tolist() == [True] * 3
+    )  # too few to tell
     far = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 0]])
-    assert support_mask(far, 0.1, 0.08, others=2).tolist() == [True, True, True, False]
+    assert support_mask(far, 0.1, 0.08, min_supporters=2).tolist() == [True, True, True, False]
     line = np.column_stack([np.arange(5) * 8.0, np.zeros((5, 2))])
-    assert not support_mask(line, 0.1, 0.08, others=1).any()  # eight metres are too far
-    assert support_mask(line * 0.99, 0.1, 0.08, others=1).all()
+    assert not support_mask(line, 0.1, 0.08, min_supporters=1).any()  # eight metres are too far
+    assert support_mask(line * 0.99, 0.1, 0.08, min_supporters=1).all()
     stairs = np.column_stack([np.arange(5.0), np.zeros(5), [0.0, 0.25, 0.0, 0.25, 0.0]])
-    assert not support_mask(stairs[:2], 0.25, 0.0, others=1).any()
-    assert support_mask(stairs[:2], 0.26, 0.0, others=1).all()
+    assert not support_mask(stairs[:2], 0.25, 0.0, min_supporters=1).any()
+    assert support_mask(stairs[:2], 0.26, 0.0, min_supporters=1).all()
 
 
 def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
@@ -469,9 +471,9 @@ def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
 def test_planes_and_maps_look_for_low_cells_as_far_about_as_said(monkeypatch):
     asked, support, lowest = [], support_mask, lowest_mask
 
-    def supported(cells, step, slope, *, others):
-        asked.append((step, slope, others))
-        return support(cells, step, slope, others=others)
+    def supported(cells, step, slope, *, min_supporters):
+        asked.append((step, slope, min_supporters))
+        return support(cells, step, slope, min_supporters=min_supporters)
 
     def low(cells, slope, step, *, window=height_map.STEP_WINDOW):
         asked.append((slope, step, window))

@@ -10,7 +10,7 @@ import pytest
 
 from toolkit.calibration.ground import level
 from toolkit.calibration.levels import GroundLevel, describe_levels
-from toolkit.detection.place import DETECTION_REACH, Place
+from toolkit.detection.place import DETECTION_REACH_M, Place
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -181,7 +181,7 @@ def look_at(road: Uneven, seed: int, *, furniture: bool = True) -> tuple[np.ndar
         for foot, size in zip(feet, sizes, strict=True)
     ]
     seen = np.array([mask.sum() for mask in near]) >= MIN_POINTS
-    seen &= np.abs(feet[:, :2]).max(axis=1) < DETECTION_REACH
+    seen &= np.abs(feet[:, :2]).max(axis=1) < DETECTION_REACH_M
     return points, feet[seen]
 
 

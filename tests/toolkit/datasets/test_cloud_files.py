@@ -316,7 +316,7 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
         )
         assert len(cloud_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("toolkit.runtime.files.MOST_CLOUD", 20 << 20)
+            patch.setattr("toolkit.runtime.files.MAX_CLOUD_BYTES", 20 << 20)
             with pytest.raises(ValueError, match=r"a\.feather .* unpacks to"):
                 cloud_files.read_table(tmp_path / "a.feather")
     nothing = pyarrow.nulls(1 << 30)

@@ -31,7 +31,7 @@ def recording():
 def test_a_recording_is_whole_by_seed_and_number(recording):
     assert len(recording.frames) == 3
     sensors = recording.frames[0].sensors
-    assert module.FEWEST_SENSORS <= len(sensors) <= module.MOST_SENSORS
+    assert module.MIN_RANDOM_SENSORS <= len(sensors) <= module.MAX_RANDOM_SENSORS
     for frame in recording.frames:
         assert frame.sensors == sensors
         for image, empty in zip(frame.measurements, recording.empty, strict=True):
@@ -192,4 +192,4 @@ def test_what_moves_touches_nothing_that_stands(number):
         rows, hits = tree.query(shapely.polygons(footprints(boxes)), predicate="intersects")
         tops = boxes[rows, 2] + boxes[rows, 5] / 2
         assert all(solids[hit].base > top - 0.3 for hit, top in zip(hits, tops, strict=True))
-    assert max([len(frame.objects) for frame in recording.frames]) <= 24 + module.MOST_PARKED
+    assert max([len(frame.objects) for frame in recording.frames]) <= 24 + module.MAX_PARKED

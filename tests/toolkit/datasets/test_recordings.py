@@ -303,7 +303,7 @@ OWN_FILES = {
 def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(
     tmp_path, layout, monkeypatch
 ):
-    monkeypatch.setattr("toolkit.runtime.files._PATIENCE", 0.01)
+    monkeypatch.setattr("toolkit.runtime.files._MAX_SILENCE_S", 0.01)
     write_recording(scene(), tmp_path, layout)
     for name in OWN_FILES[layout]:
         file = tmp_path / name

@@ -15,7 +15,7 @@ from toolkit.bodies.fleet import Fleet, catalogue, fleet_named
 from toolkit.boxes import points_in_boxes
 from toolkit.datasets import simulation
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.simulation import BLOCK, simulate_dataset
+from toolkit.datasets.simulation import FRAMES_PER_BLOCK, simulate_dataset
 from toolkit.geometry import transform
 from toolkit.objects import HEAVY, LABELS, VEHICLE
 from toolkit.runtime.run import Run
@@ -26,7 +26,7 @@ from toolkit.sites.files import load_site
 pytest.importorskip("libsumo")
 
 REPOSITORY = Path(__file__).parents[3]
-FRAMES = 2 * BLOCK + 10
+FRAMES = 2 * FRAMES_PER_BLOCK + 10
 
 # A small job, for this process and for ones that get killed: few bodies, few pixels.
 SCRIPT = """
@@ -105,8 +105,8 @@ def test_frames_and_bodies_of_a_simulated_dataset(undisturbed):
     assert dataset.site == job["site"]
     assert {frame.time for frame in dataset} == set(np.arange(FRAMES) * 5.0)
     tracks = [set(frame.objects.ids.tolist()) for frame in dataset]
-    assert tracks[BLOCK - 1].isdisjoint(tracks[BLOCK])
-    assert tracks[BLOCK] & tracks[BLOCK + 1]
+    assert tracks[FRAMES_PER_BLOCK - 1].isdisjoint(tracks[FRAMES_PER_BLOCK])
+    assert tracks[FRAMES_PER_BLOCK] & tracks[FRAMES_PER_BLOCK + 1]
     assert len({frame.objects.boxes.tobytes() for frame in dataset}) == FRAMES
     assert np.mean([len(frame.objects) for frame in dataset]) > 3
     sizes = np.array([body.size for body in small_job()["fleet"].fixed])
@@ -158,10 +158,10 @@ def test_killed_and_started_again_it_writes_the_same_bytes(tmp_path, undisturbed
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert not out.exists()
-    assert len(CoopDataset(next(tmp_path.glob("out.hdf5.parts/00000.*.hdf5")))) == BLOCK
+    assert len(CoopDataset(next(tmp_path.glob("out.hdf5.parts/00000.*.hdf5")))) == FRAMES_PER_BLOCK
     told: list[int] = []
     made = simulate_dataset(out=out, **small_job(progress=lambda _, done, total: told.append(done)))
-    assert made in (FRAMES - BLOCK, FRAMES - 2 * BLOCK)
+    assert made in (FRAMES - FRAMES_PER_BLOCK, FRAMES - 2 * FRAMES_PER_BLOCK)
     assert told[0] == FRAMES - made + 1
     assert out.read_bytes() == undisturbed.read_bytes()
 
@@ -255,7 +255,7 @@ def test_a_ray_cluster_writes_the_same_bytes(tmp_path, undisturbed):
     on_ray = replace(job["run"], ray="local", progress=lambda _, done, total: told.append(done))
     assert simulate_dataset(out=tmp_path / "out.hdf5", **{**job, "run": on_ray}) == FRAMES
     assert (tmp_path / "out.hdf5").read_bytes() == undisturbed.read_bytes()
-    assert told == [BLOCK, 2 * BLOCK, FRAMES]
+    assert told == [FRAMES_PER_BLOCK, 2 * FRAMES_PER_BLOCK, FRAMES]
 
 
 def test_progress_is_told_while_processes_work(tmp_path):
@@ -269,7 +269,7 @@ def test_progress_is_told_while_processes_work(tmp_path):
 def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after_a_break(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(simulation, "BLOCK", 5)
+    monkeypatch.setattr(simulation, "FRAMES_PER_BLOCK", 5)
     job = small_job(frames=8, fleet=fleet_named("own"))
     whole, resumed = tmp_path / "whole.hdf5", tmp_path / "resumed.hdf5"
 
@@ -304,15 +304,17 @@ def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after
 
 
 def test_frames_a_tenth_of_a_second_apart(tmp_path):
-    job = small_job(frames=BLOCK + 2, interval=0.1)
+    job = small_job(frames=FRAMES_PER_BLOCK + 2, interval=0.1)
     simulate_dataset(out=tmp_path / "close.hdf5", **job)
     with CoopDataset(tmp_path / "close.hdf5") as close:
-        np.testing.assert_allclose([frame.time for frame in close], 0.1 * np.arange(BLOCK + 2))
-        one, two, anew = close[3].objects, close[4].objects, close[BLOCK].objects
+        np.testing.assert_allclose(
+            [frame.time for frame in close], 0.1 * np.arange(FRAMES_PER_BLOCK + 2)
+        )
+        one, two, anew = close[3].objects, close[4].objects, close[FRAMES_PER_BLOCK].objects
         assert len(np.intersect1d(one.ids, two.ids)) > 5
         assert not np.isin(anew.ids, two.ids).any()
     with pytest.raises(FileExistsError, match="interval"):
-        simulate_dataset(out=tmp_path / "close.hdf5", **small_job(frames=BLOCK + 2))
+        simulate_dataset(out=tmp_path / "close.hdf5", **small_job(frames=FRAMES_PER_BLOCK + 2))
     assert (
         "interval"
         not in simulation.Job(

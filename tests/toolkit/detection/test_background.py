@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.background import LEAST_NEW, Background, KnownBackground
+from toolkit.detection.background import MIN_NEW_SHARE, Background, KnownBackground
 from toolkit.detection.provenance import detector_origin
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, known_labels
 from toolkit.points import join_clouds
@@ -116,7 +116,7 @@ def test_newcomers_stay_and_it_says_what_it_knows(background):
 
 @pytest.mark.parametrize(("new", "stays"), [(0, False), (49, False), (50, True), (51, True)])
 def test_from_a_fifth_of_new_points_on_somebody_is_there(background, new, stays):
-    assert LEAST_NEW == 0.2
+    assert MIN_NEW_SHARE == 0.2
     assert len(KnownBackground(Fixed(), background)(seen(new))) == stays
 
 

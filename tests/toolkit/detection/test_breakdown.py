@@ -30,7 +30,7 @@ def test_ap_of_kitti_and_of_nuscenes_by_range():
     each = breakdown.select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
     assert each.counted.tolist() == [False, False, False, False, True]
     assert each.truth_range[-1] == 2
-    assert len(each.found) == 1
+    assert len(each.detections) == 1
     three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
     text = breakdown.format_rows(
         [*breakdown.group_rows(three, "vehicle"), *breakdown.group_rows(three, "cyclist")]
@@ -130,7 +130,7 @@ def test_rows_count_once_what_overlaps_where_labels_are_complete():
     each = judged(frame(), PLACES, [0.9] * 5)
     assert each.counted.tolist() == [True, True, True, False, False]
     assert each.points.tolist() == list(POINTS)
-    assert len(each.found) == 4  # that out of the area is left out
+    assert len(each.detections) == 4  # that out of the area is left out
     # As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is
     # somebody else.
     again = boxes((5.002, 25.0))

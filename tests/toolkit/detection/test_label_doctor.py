@@ -24,7 +24,14 @@ from toolkit.detection.label_doctor import (
     find_shift,
     undo_mistake,
 )
-from toolkit.detection.label_fits import LEAST_ON_BOX, Seen, better, find_movers, fits, measure_fits
+from toolkit.detection.label_fits import (
+    MIN_BOX_POINTS,
+    Seen,
+    better,
+    find_movers,
+    fits,
+    measure_fits,
+)
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
@@ -47,8 +54,8 @@ def test_points_fit_faces_better_than_chance():
         (np.concatenate([face(8.0), face(7.6)]), [0.5]),
         (np.concatenate([face(8.0), face(7.0)]), [1.0]),  # beyond the shell
         (face(7.91), [1.0]),  # a face may stand out by the slack
-        *((face(7.89), [0.0]), (face(8.0, LEAST_ON_BOX), [1.0])),
-        (face(8.0, LEAST_ON_BOX - 1), [0.0]),  # a box of few points says nothing
+        *((face(7.89), [0.0]), (face(8.0, MIN_BOX_POINTS), [1.0])),
+        (face(8.0, MIN_BOX_POINTS - 1), [0.0]),  # a box of few points says nothing
     ):
         assert measure_fits(points, BOX).tolist() == fit
     wall = face(9.0)

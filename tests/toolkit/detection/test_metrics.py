@@ -436,7 +436,7 @@ def test_what_just_reaches_an_unscored_object_is_ignored():
         columns=np.zeros(0, int),
         scores=np.array([0.9, 0.8, 0.7]),
         iou=np.zeros((3, 0)),
-        elsewhere=np.array([[0.7, 0.0], [0.6999, 0.0], [0.0, metrics.MOSTLY]]),
+        elsewhere=np.array([[0.7, 0.0], [0.6999, 0.0], [0.0, metrics.MAX_UNSCORED_SHARE]]),
         outside=np.zeros(3, bool),
         protocol="exact",
     )

@@ -6,8 +6,8 @@ import pytest
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection import background as module
 from toolkit.detection.background import (
-    MOST_VOXELS,
-    VOXEL,
+    MAX_VOXELS,
+    VOXEL_M,
     Background,
     choose_voxel,
     empty_sweeps,
@@ -66,15 +66,15 @@ def test_the_site_is_background_or_else_what_is_behind_all_that_moves(place):
 @pytest.mark.parametrize("side", [200.0, 500.0, 1000.0, 10_000.0])
 def test_a_large_area_has_coarser_voxels_and_as_many_as_memory_holds(side):
     voxel = choose_voxel(Crop((0.0, 0.0, side, side), 4.0))
-    assert (voxel == VOXEL) == (side == 200.0)
-    assert np.prod(np.array([side, side, 5.0]) / voxel + 5.0) < MOST_VOXELS
+    assert (voxel == VOXEL_M) == (side == 200.0)
+    assert np.prod(np.array([side, side, 5.0]) / voxel + 5.0) < MAX_VOXELS
 
 
 def test_a_coarser_background_still_is_what_sensors_see_of_the_site(place, monkeypatch):
     site, frames, background = place
-    monkeypatch.setattr(module, "_MOST", 1 << 20)
+    monkeypatch.setattr(module, "_AREA_VOXELS", 1 << 20)
     coarse = site_background(site)
-    assert VOXEL < coarse.voxel < 0.6
+    assert VOXEL_M < coarse.voxel < 0.6
     assert coarse.occupied.size < background.occupied.size / 4
     points = level_rows(np.concatenate(frame_points(frames[0], area=site)), site.relief.slope)
     assert coarse.holds(points).mean() > 0.99

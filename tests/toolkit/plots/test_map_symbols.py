@@ -160,7 +160,7 @@ def test_poles_sensors_and_objects_are_told_apart(axes):
     plan_view.draw_sensors(axes, many, 40.0)
     assert [text.get_text() for text in axes.texts] == [str(k + 1) for k in range(30)]
     plan_view.draw_poles(axes, np.array([[0.0, 0], [3, 3]]))
-    plan_view.draw_poles(axes, np.array([[5.0, 5]]), used=True)
+    plan_view.draw_poles(axes, np.array([[5.0, 5]]), carries_sensor=True)
     hollow, filled = axes.get_lines()[-2:]
     assert hollow.get_markersize() == filled.get_markersize() >= 6
     assert (hollow.get_markerfacecolor(), filled.get_markerfacecolor()) == (PAPER_WHITE, INK)

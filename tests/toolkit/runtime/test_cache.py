@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from toolkit.runtime.cache import CHECKSUM, Cache, decode_arrays, encode_arrays, make_key
+from toolkit.runtime.cache import CHECKSUM_BYTES, Cache, decode_arrays, encode_arrays, make_key
 
 KEYS = [make_key("number", k) for k in range(40)]
 
@@ -103,7 +103,7 @@ def test_no_changed_bit_is_believed(place, bit):
 def sealed(head, content=b""):
     """A value whose checksum fits whatever it says."""
     body = json.dumps(head).encode() + b"\n" + content
-    return hashlib.blake2b(body, digest_size=CHECKSUM, key=KEYS[0]).digest() + body
+    return hashlib.blake2b(body, digest_size=CHECKSUM_BYTES, key=KEYS[0]).digest() + body
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_what_is_no_plain_array_is_damaged_whatever_its_checksum_says(value):
 
 
 def test_values_too_large_for_the_file_are_left_out(monkeypatch):
-    monkeypatch.setattr("toolkit.runtime.cache.LARGEST_VALUE", 200)
+    monkeypatch.setattr("toolkit.runtime.cache.MAX_VALUE_BYTES", 200)
     cache = Cache()
     with pytest.warns(UserWarning, match="1 values are too large"):
         cache.put({KEYS[0]: (np.arange(9),), KEYS[1]: (np.arange(900),)})

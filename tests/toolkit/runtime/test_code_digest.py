@@ -5,7 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.runtime.cache import PACKAGES, TOP, code_digest, digest_of_source, import_closure
+from toolkit.runtime.cache import (
+    PACKAGES,
+    SOURCE_ROOT,
+    code_digest,
+    digest_of_source,
+    import_closure,
+)
 
 JOBS = {
     "rendering": "placement_env.fidelity.renders",
@@ -23,7 +29,7 @@ def _ignore(_, names):
 def tree(tmp_path_factory):
     top = tmp_path_factory.mktemp("source")
     for package in PACKAGES:
-        shutil.copytree(TOP / package, top / package, ignore=_ignore)
+        shutil.copytree(SOURCE_ROOT / package, top / package, ignore=_ignore)
     return top
 
 
@@ -31,7 +37,7 @@ def tree(tmp_path_factory):
 def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
     closure, _ = import_closure((job,), tree)
     before = digest_of_source((job,), tree)
-    assert before == digest_of_source((job,), TOP)
+    assert before == digest_of_source((job,), SOURCE_ROOT)
     others = {path for package in PACKAGES for path in (tree / package).rglob("*.py")} - set(
         closure.values()
     )
@@ -69,8 +75,8 @@ def test_a_job_runs_what_its_figures_depend_on(job, module):
     [
         (
             "toolkit/sites/site.py",
-            "RADIUS = 20.0",
-            "RADIUS = 10.0",
+            "HYBRID_RADIUS_M = 20.0",
+            "HYBRID_RADIUS_M = 10.0",
             ["rendering", "visibility", "detection"],
         ),
         (

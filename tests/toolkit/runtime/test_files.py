@@ -227,7 +227,7 @@ ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty"
 
 
 def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_PATIENCE", 0.01)
+    monkeypatch.setattr(files, "_MAX_SILENCE_S", 0.01)
     os.mkfifo(tmp_path / "pipe")
     readers = (
         files.read_json,
@@ -241,7 +241,7 @@ def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, monkeypatch):
     for path, read in product((tmp_path / "pipe", Path("/dev/zero")), readers):
         with pytest.raises(ValueError, match=r"is a pipe.* save its content to a file"):
             read(path)
-    monkeypatch.setattr(files, "_LONGEST_PIPE", 10)
+    monkeypatch.setattr(files, "_MAX_PIPE_BYTES", 10)
     writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=("x" * 100,))
     writer.start()
     with pytest.raises(ValueError, match="does not end"):

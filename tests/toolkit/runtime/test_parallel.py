@@ -16,7 +16,7 @@ import pytest
 
 from toolkit.runtime import parallel, parallel as processes
 from toolkit.runtime.parallel import (
-    LARGEST_KEPT,
+    MAX_KEPT_BYTES,
     RETRIES,
     WorkLost,
     keep_freed_memory,
@@ -235,7 +235,7 @@ def test_freed_memory_is_kept_once_where_the_library_can(monkeypatch, library):
         monkeypatch.delenv(name, raising=False)
     keep_freed_memory.cache_clear()
     assert [keep_freed_memory(), keep_freed_memory()] == [there] * 2
-    assert asked == [(-3, LARGEST_KEPT), (-1, 2**31 - 1)] * there
+    assert asked == [(-3, MAX_KEPT_BYTES), (-1, 2**31 - 1)] * there
     keep_freed_memory.cache_clear()
 
 

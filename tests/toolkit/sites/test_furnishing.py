@@ -6,8 +6,8 @@ import shapely
 
 from toolkit.sites import furniture, site, surroundings
 from toolkit.sites.surroundings import (
-    LANE_CLEARANCE,
-    MOUNT_CLEARANCE,
+    LANE_CLEARANCE_M,
+    MOUNT_CLEARANCE_M,
     Plot,
     Road,
     along,
@@ -46,7 +46,8 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
     standing = [shape for shape, kind in low if kind not in ("post", "kerb")]
     spots = [shapely.Point(mount.position[:2]) for mount in mounts]
     assert (
-        min(shape.distance(spot) for shape in standing for spot in spots) >= MOUNT_CLEARANCE - 0.02
+        min(shape.distance(spot) for shape in standing for spot in spots)
+        >= MOUNT_CLEARANCE_M - 0.02
     )
     parked = shapely.union_all([shapely.Point(x, y).buffer(1.0) for x, y, _ in bays])
     assert parked.intersection(shapely.union_all(standing)).area < 1e-6
@@ -63,7 +64,7 @@ def test_posts_and_crowns_have_their_size_and_shape():
     mounts = place_mounts(ROAD, AREA, rng)
     solids, _ = surroundings.furnish(replace(ROAD, strips={}), AREA, mounts, rng)
     assert [s.top for s in solids[: len(mounts)]] == [
-        round(m.min_height - surroundings.FOOT_AIR, 2) for m in mounts
+        round(m.min_height - surroundings.POST_AIR_M, 2) for m in mounts
     ]
     assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
     number = 0
@@ -82,7 +83,7 @@ def test_posts_and_crowns_have_their_size_and_shape():
     assert plot.solids == []
     for seed in range(10):
         made = surroundings.clumps(
-            5.0, -2.0, surroundings.OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed)
+            5.0, -2.0, surroundings.CROWN_WIDTH_M[1] / 2, (3.0, 7.0), np.random.default_rng(seed)
         )
         assert 3 <= len(made) <= 8
         reach = max(np.hypot(*(s.footprint - [5.0, -2.0]).T).max() for s in made)
@@ -119,7 +120,10 @@ def test_avenues_islands_and_slivers_are_planted():
         trunks = [shapely.Polygon(s.footprint) for s in solids if s.kind == "trunk"]
         assert not any(trunk.intersects(ROAD.carriageway) for trunk in trunks)
         assert all(
-            surroundings.UNDERSIDE[0] - 0.01 <= s.base < s.top <= surroundings.UNDERSIDE[1] + 7.3
+            surroundings.UNDERSIDE_M[0] - 0.01
+            <= s.base
+            < s.top
+            <= surroundings.UNDERSIDE_M[1] + 7.3
             for s in crowns
         )
         hung = [s for s in crowns if shapely.Polygon(s.footprint).intersects(DRIVEN)]
@@ -135,7 +139,7 @@ def test_avenues_islands_and_slivers_are_planted():
         assert ground.kind == "island"
         assert 27.0**2 < shapely.Polygon(ground.footprint).area < 28.0**2
         low = [shapely.Polygon(s.footprint) for s in rest if s.kind != "tree"]
-        assert min((p.distance(plot.road.carriageway) for p in low), default=1) >= LANE_CLEARANCE
+        assert min((p.distance(plot.road.carriageway) for p in low), default=1) >= LANE_CLEARANCE_M
         kinds |= {s.kind for s in rest}
         numbers.append(len(rest))
         sizes += [np.ptp(s.footprint, axis=0).max() for s in rest if s.kind in ("hedge", "bush")]
@@ -203,7 +207,7 @@ def test_a_closed_lane_is_fenced_off_and_nothing_of_it_is_in_the_way(edge):
     for seed in range(15):
         solids = works(seed, edge=edge)
         shapes = [shapely.Polygon(s.footprint) for s in solids]
-        assert min(shape.distance(DRIVEN) for shape in shapes) >= LANE_CLEARANCE
+        assert min(shape.distance(DRIVEN) for shape in shapes) >= LANE_CLEARANCE_M
         x = np.concatenate([s.footprint[:, 0] for s in solids])
         assert (x.min() > 80 - 56) if edge == "in0" else (x.max() < -80 + 56), "near the junction"
         assert sum(s.kind in ("cone", "barrier", "fence") for s in solids) > 5

@@ -77,10 +77,10 @@ def test_netconvert_has_limits_and_dies_with_its_parent(tmp_path, monkeypatch):
     )
     program.chmod(0o755)
     monkeypatch.setattr(network, "netconvert", lambda: program)
-    monkeypatch.setattr(network, "SLOWEST", 1.0)
+    monkeypatch.setattr(network, "MAX_RUN_S", 1.0)
     with pytest.raises(ValueError, match="no network made in 1 s"):
         convert([])
-    assert int(said.read_text().split()[1]) * 1024 == network.MOST_MEMORY
+    assert int(said.read_text().split()[1]) * 1024 == network.MAX_MEMORY_BYTES
     said.unlink()
     code = (
         f"from toolkit.sites import network; network.netconvert = lambda: {str(program)!r}; "

@@ -7,7 +7,7 @@ import shapely
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import VEHICLE
-from toolkit.sites.maps import MAP_BAY, find_tracks
+from toolkit.sites.maps import MAP_BAY_SIZE_M, find_tracks
 from toolkit.sites.osm import Parking
 from toolkit.sites.surroundings import outline
 from toolkit.traffic.snapshots import simulate
@@ -130,7 +130,7 @@ def test_a_turned_site_keeps_its_junction_whole(tmp_path, imported, east_west, u
     road, tracks = union(site.lanes), find_tracks(site.network)
     assert tracks.intersection(shapely.box(*site.area)).difference(road.buffer(0.1)).area < 0.5
     for bay in site.parking:
-        ground = outline(bay, MAP_BAY)
+        ground = outline(bay, MAP_BAY_SIZE_M)
         assert ground.difference(road).area < 0.05
         assert ground.intersection(tracks).area < 0.05
         assert not any(

@@ -7,9 +7,9 @@ from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import document, format_site, parse
 from toolkit.sites.network import shoulders
 from toolkit.sites.random import (
-    HIGHEST,
-    LOWEST,
-    STEEPEST_STREET,
+    MAX_MOUNT_HEIGHT_M,
+    MAX_STREET_SLOPE,
+    MIN_MOUNT_HEIGHT_M,
     random_sensors,
     random_site,
     sloping,
@@ -50,7 +50,11 @@ def check(site: Site, tmp_path) -> None:
     assert 1 <= len(site.sensors) <= 10
     for sensor in site.sensors:
         x, y, z = sensor.position
-        assert LOWEST - 0.1 <= z - site.ground(np.array([[x, y]]))[0] <= HIGHEST + 0.1
+        assert (
+            MIN_MOUNT_HEIGHT_M - 0.1
+            <= z - site.ground(np.array([[x, y]]))[0]
+            <= MAX_MOUNT_HEIGHT_M + 0.1
+        )
         around = [
             s
             for s in site.solids
@@ -187,8 +191,8 @@ def test_sensors_hang_above_ground_that_may_slope():
             rows.append((height, np.rad2deg(-np.arcsin(sensor.pose[2, 2]))))
     table = np.array(rows)
     heights, tilts = table[:, 0], table[:, 1]
-    assert LOWEST - 0.01 < heights.min() < 1.8
-    assert 8.5 < heights.max() < HIGHEST + 0.01
+    assert MIN_MOUNT_HEIGHT_M - 0.01 < heights.min() < 1.8
+    assert 8.5 < heights.max() < MAX_MOUNT_HEIGHT_M + 0.01
     assert 0.1 < np.mean(heights < 2.8) < 0.5
     assert tilts.min() > -1e-6
     assert tilts.max() < 35.1
@@ -196,7 +200,7 @@ def test_sensors_hang_above_ground_that_may_slope():
     assert np.median(tilts[heights > 6]) > 12
     steep = [np.hypot(*sloping(Relief(0.1, seed)).slope) for seed in range(400)]
     assert 0.33 < np.mean(np.array(steep) > 0) < 0.47
-    assert max(steep) <= STEEPEST_STREET + 1e-3
+    assert max(steep) <= MAX_STREET_SLOPE + 1e-3
     assert min(s for s in steep if s) >= 0.01 - 1e-3
     sites = drawn(4)
     assert max(np.hypot(*site.relief.slope) for site in sites) > 0.01

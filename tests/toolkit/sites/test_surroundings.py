@@ -34,11 +34,11 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     assert plot.claim(shapely.box(0, 8, 4, 12))
     assert not plot.claim(shapely.box(3, 11, 6, 14))
     assert not plot.claim(
-        shapely.box(10, 3.5 + surroundings.LANE_CLEARANCE / 2, 11, 5), footway=True
+        shapely.box(10, 3.5 + surroundings.LANE_CLEARANCE_M / 2, 11, 5), footway=True
     )
     assert not plot.claim(shapely.box(20, 4, 21, 5))
     assert plot.claim(shapely.box(20, 4, 21, 5), footway=True)
-    assert not plot.claim(shapely.box(30, 10, 31, 11).buffer(surroundings.MOUNT_CLEARANCE / 2))
+    assert not plot.claim(shapely.box(30, 10, 31, 11).buffer(surroundings.MOUNT_CLEARANCE_M / 2))
     assert not plot.claim(shapely.box(100, 8, 104, 12)), "outside the window"
     plot = surroundings.Plot(ROAD, shapely.box(*AREA), [])
     free, in_the_way = (
@@ -77,7 +77,7 @@ def test_shoulders_may_be_built_on_and_bays_are_claimed():
     assert not shoulder.claim(shapely.box(0, 0.5, 4, 3), footway=True)
     assert shoulder.claim(shapely.box(0, 0.5, 4, 3), shoulder=True)
     assert not shoulder.claim(
-        shapely.box(10, surroundings.LANE_CLEARANCE / 2, 14, 3), shoulder=True
+        shapely.box(10, surroundings.LANE_CLEARANCE_M / 2, 14, 3), shoulder=True
     )
     assert not shoulder.claim(shapely.box(1, 1, 2, 2), shoulder=True), "taken"
     counts = []
@@ -111,37 +111,44 @@ def plot():
     return surroundings.Plot(ROAD_BAYS, shapely.box(*AREA).buffer(25.0, join_style="mitre"), [])
 
 
-@pytest.mark.parametrize("angle", surroundings.ANGLES)
+@pytest.mark.parametrize("angle", surroundings.BAY_DEPTHS_M)
 def test_bays_are_headed_for_the_kerb_on_the_right_and_do_not_overlap(angle):
-    rows = surroundings.stations((LINE, surroundings.ANGLES[angle]), angle, at_end=True)
+    rows = surroundings.stations((LINE, surroundings.BAY_DEPTHS_M[angle]), angle, at_end=True)
     assert len(rows) > (10 if angle == 0 else 15)
     assert np.rad2deg(rows[:, 2]) == pytest.approx(-angle, abs=0.01)
     assert rows[:, 1] == pytest.approx(-6.1)
-    assert rows[:, 0].max() < 80 - 6 - surroundings.BAY[0] / 2 + 0.01, (
+    assert rows[:, 0].max() < 80 - 6 - surroundings.BAY_SIZE_M[0] / 2 + 0.01, (
         "clear of the junction at the end"
     )
     assert rows[:, 0].min() > 80 - 76
     shapes = [
-        surroundings.outline(row, (surroundings.BAY[0] - 0.2, surroundings.BAY[1] - 0.2))
+        surroundings.outline(
+            row, (surroundings.BAY_SIZE_M[0] - 0.2, surroundings.BAY_SIZE_M[1] - 0.2)
+        )
         for row in rows
     ]
     assert max(a.intersection(b).area for a, b in pairwise(shapes)) < 1e-6
 
 
-@pytest.mark.parametrize("angle", surroundings.ANGLES)
+@pytest.mark.parametrize("angle", surroundings.BAY_DEPTHS_M)
 def test_bays_and_forecourts_keep_clear_of_street_and_junctions(angle):
     line = shapely.LineString(LINE)
     right, left = (
         surroundings.bays_between(line, angle),
         surroundings.bays_between(line, angle, kerb_left=True),
     )
-    assert np.abs(right[:, 0]).max() < 80 - 6 - surroundings.BAY[0] / 2 + 0.01
+    assert np.abs(right[:, 0]).max() < 80 - 6 - surroundings.BAY_SIZE_M[0] / 2 + 0.01
     assert np.abs(right[:, 0]).max() > 60
     assert np.rad2deg(right[:, 2]) == pytest.approx(-angle, abs=0.01)
     assert np.rad2deg(left[:, 2]) == pytest.approx(angle, abs=0.01)
     assert len(surroundings.bays_between(shapely.LineString([(0, 0), (15, 0)]), angle)) == 0
     rows = surroundings.stations((LINE, 2.3), 0, at_end=False)
-    assert -80 + 6 + surroundings.BAY[0] / 2 - 0.01 < rows[:, 0].min() < rows[:, 0].max() < -80 + 76
+    assert (
+        -80 + 6 + surroundings.BAY_SIZE_M[0] / 2 - 0.01
+        < rows[:, 0].min()
+        < rows[:, 0].max()
+        < -80 + 76
+    )
     for seed in range(6):
         bays = surroundings.forecourts(plot(), np.random.default_rng(seed))
         assert all(

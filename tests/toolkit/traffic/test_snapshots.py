@@ -362,7 +362,7 @@ def test_later_rows_and_parked_vehicles_stand_free():
     assert len(draw(0, solids=(WALL,)).bays) == len(BAYS) - 1
     site = Site("none", np.array([-5.0, -5, 5, 5]))
     supply = Supply(catalogue(), np.random.default_rng(0))
-    parked = Parked.draw(site, Obstacles(site), supply, most=6)
+    parked = Parked.draw(site, Obstacles(site), supply, max_parked=6)
     assert len(parked.ids) == len(parked.later(supply).ids) == 0
     parked, supply = draw(1), Supply(catalogue(), np.random.default_rng(2))
     supply.ids, number, gone = count(100), len(parked.ids), 0
@@ -396,5 +396,5 @@ WALL = Solid(np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), 0.0, 2.0, "wall")
 def draw(seed, most=20, solids=()):
     site = Site("lot", np.array([-50.0, -50, 50, 100]), parking=BAYS, solids=solids)
     return Parked.draw(
-        site, Obstacles(site), Supply(catalogue(), np.random.default_rng(seed)), most=most
+        site, Obstacles(site), Supply(catalogue(), np.random.default_rng(seed)), max_parked=most
     )

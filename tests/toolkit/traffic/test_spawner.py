@@ -30,7 +30,7 @@ BODIES = catalogue()
 def test_all_are_spawned_turn_continuously_and_leave(site):
     supply, track = Supply(BODIES, np.random.default_rng(3)), {}
     with running(site.network, supply.sumo_types(), seed=3, step=0.1) as sumo:
-        spawner = Spawner(sumo, site, supply, most=20, step=0.1)
+        spawner = Spawner(sumo, site, supply, max_objects=20, step=0.1)
         for _ in range(400):
             spawner.advance(0.1)
             for name, body, pose in zip(*spawner.state(), strict=True):
@@ -49,7 +49,7 @@ def test_all_are_spawned_turn_continuously_and_leave(site):
     assert np.sum(np.array(turned) > 1.2) >= 5, "some went round the corner"
     supply = Supply(BODIES, np.random.default_rng(0))
     with running(site.network, supply.sumo_types(), seed=0) as sumo:
-        spawner = Spawner(sumo, site, supply, most=12)
+        spawner = Spawner(sumo, site, supply, max_objects=12)
         spawner.advance(10.0)
         first = spawner.state()[0]
         assert 6 < len(first) <= 12
@@ -65,7 +65,7 @@ def test_an_undefined_angle_is_that_of_the_lane(site):
     """SUMO gives NaN for some bicycles that change the lane; here for all."""
     supply = Supply(BODIES, np.random.default_rng(0))
     with running(site.network, supply.sumo_types(), seed=0) as sumo:
-        spawner = Spawner(sumo, site, supply, most=12)
+        spawner = Spawner(sumo, site, supply, max_objects=12)
         spawner.advance(10.0)
         known = spawner.state()[2]
         for walks, domain in spawner.domains.items():
@@ -127,7 +127,7 @@ def test_rows_come_again_or_once_before_any_comes_again():
         supply.take(row)
     assert {supply.offer(ROWS) for _ in range(10)} == {7}
     supply.take(7)
-    supply.take(5, taken=False)
+    supply.take(5, is_used=False)
     assert {supply.offer(ROWS) for _ in range(10)} == {5}
 
 

@@ -65,7 +65,7 @@ def test_every_frame_has_its_nodes_and_everything_a_switch(written):
 
 
 def test_pages_need_a_sample_and_thin_its_points(drawn, samples):
-    content = page_content(drawn, "few", most=300)
+    content = page_content(drawn, "few", max_points=300)
     assert (content.points, content.drawn) == (900, 300)
     with pytest.raises(ValueError, match="no sample to view"):
         page_content([], "none")

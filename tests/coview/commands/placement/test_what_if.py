@@ -167,7 +167,7 @@ def test_a_plans_figures_are_before_in_words(plan_folder, run):
     _, out, _ = run(*line)
     judged = made["chosen"]["judged"]
     ap = format_share(judged["ap"], judged["vehicles"])
-    assert re.search(rf"AP that the plan states, by its detector, errors typical +{ap} ", out)
+    assert re.search(rf"AP that the plan states, by its detector, errors typical +{ap}\b", out)
     assert "price in EUR" in out
     assert "that the plan states" not in run(*line, "--iou", 0.7)[1]  # another question
 

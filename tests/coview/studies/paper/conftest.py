@@ -4,10 +4,10 @@ there are points."""
 import numpy as np
 import pytest
 
-from coview.studies.paper.detections import FrameRun, FrameTruth, StoredDetections
+from coview.studies.paper.detections import FrameRun, StoredDetections, StoredTruth
 from coview.studies.paper.reproduction import all_runs
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS
-from placement_env.fidelity.table import Origin, Table, hash_site
+from placement_env.fidelity.table import Table, TableOrigin, hash_site
 from placement_env.subsets import all_subsets
 from toolkit.sites.files import load_site
 
@@ -53,7 +53,7 @@ def make_stored(site="tjunction", frames=12, seed=0):
             rng.random((count, len(sensors))) < 0.5, 0, rng.integers(1, 300, (count, len(sensors)))
         )
         sent = np.sort(rng.integers(100, 900, (3, len(sensors))), axis=0)[::-1]
-        truths.append(FrameTruth(cars(rng.uniform(low, high, (count, 2))), points, sent.copy()))
+        truths.append(StoredTruth(cars(rng.uniform(low, high, (count, 2))), points, sent.copy()))
     found = {
         run: tuple(frame_run(truth, run, rng) for truth in truths) for run in dict.fromkeys(runs)
     }
@@ -72,7 +72,7 @@ def make_exact_table(site="tjunction", detector="made up", frames=12):
     ap = all_subsets(len(place.sensors)) @ sensor_shares(len(place.sensors))
     figures = np.stack([ap, 0.9 * ap, 0.95 * ap], axis=1)[:, :, None] * [0.9, 0.8, 0.4]
     names = tuple(sensor.name for sensor in place.sensors)
-    origin = Origin(
+    origin = TableOrigin(
         site, names, hash_site(place, place.sensors), frames, 50, "made up", detector, 0, ""
     )
     return Table(origin, figures.clip(0, 1), figures.clip(0, 1), figures[:, :, 0] * 100)

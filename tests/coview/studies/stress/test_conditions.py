@@ -6,7 +6,7 @@ import pytest
 from coview.studies.stress.conditions import IN_SEQUENCE, KINDS, make_conditions, make_systems
 from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.link.range_images import STEPS, RangeImages
+from toolkit.detection.link.range_images import STEPS_M, RangeImages
 from toolkit.detection.schemes import Early, Hybrid, Late
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.error_terms import Calibration
@@ -78,10 +78,10 @@ def test_channels_and_schemes_come_in_their_kinds():
     assert names([Hybrid()]) == [("hybrid", each) for each in ("paper", *steps)]
     assert names([Foreground()]) == [("foreground", each) for each in steps]
     assert [each.scheme for each in make_systems([Foreground()], "bytes")] == [
-        Foreground(x) for x in STEPS
+        Foreground(x) for x in STEPS_M
     ]
     assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [
-        RangeImages(x) for x in STEPS
+        RangeImages(x) for x in STEPS_M
     ]
     assert names([Late(), Early()], "delay") == [(n, "2 cm") for n in ("late", "early")]
 

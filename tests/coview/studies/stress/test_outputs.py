@@ -20,7 +20,7 @@ NOTICED = Noticed("frozen", "foreground", 6, 5, 0.2, np.inf)
 
 
 def test_rows_as_text_and_files_so_far(tmp_path):
-    assert outputs.format_rows(ROWS).splitlines() == [
+    assert outputs.format_stress_rows(ROWS).splitlines() == [
         "stress  level  scheme  sent as  IoU    AP  95 % interval  kbit/sensor     age",
         "delay   0.3 s  early   2 cm     0.7  0.88   0.80 to 0.91         6.12  0.30 s",
         "loss    10%    late    paper    0.7  0.88   0.80 to 0.91         0.25   nan s",

@@ -275,8 +275,8 @@ def test_the_same_points_are_detected_once_with_their_labels():
     kept = KeptDetections(detector)
     assert kept.labels == ("vehicle", "cyclist")
     assert KeptDetections(Counting()).labels is None
-    assert KeptDetections.of(kept) is kept
-    assert same(KeptDetections.of(detector)(POINTS), kept(POINTS))
+    assert KeptDetections.from_detector(kept) is kept
+    assert same(KeptDetections.from_detector(detector)(POINTS), kept(POINTS))
 
 
 def test_detections_on_disk_belong_to_a_detector_with_a_digest(tmp_path):

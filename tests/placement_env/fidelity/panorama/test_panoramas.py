@@ -55,7 +55,7 @@ def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_tra
 
 
 def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
-    monkeypatch.setattr(seeing, "FRAMES_AT_ONCE", 2)
+    monkeypatch.setattr(seeing, "VIEW_BLOCK_FRAMES", 2)
     told: list[int] = []
     assert same(
         look_round(
@@ -79,7 +79,7 @@ def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
 
 def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_path):
     run = Run(cache=tmp_path)
-    monkeypatch.setattr(seeing, "FRAMES_AT_ONCE", 4)
+    monkeypatch.setattr(seeing, "VIEW_BLOCK_FRAMES", 4)
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     assert len(run.memo) == 2
 

@@ -231,7 +231,7 @@ def example_moment(ground, frame, count=900):
     found = np.concatenate(
         [boxes[:2] + np.array([0.1, 0, 0, 0, 0, 0, 0.02]), [[25.0, 8, 0.8, 4, 1.8, 1.5, 0.4]]]
     )
-    return content.Moment(
+    return content.SceneMoment(
         tuple(clouds),
         Objects(boxes),
         Detections(found, np.array([0.9, 0.8, 0.4])),

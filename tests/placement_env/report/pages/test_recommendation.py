@@ -25,7 +25,7 @@ CHOSEN = ("d0", "d1", "d3", "d5")
 
 def read(section, plan, *others):
     """Section of a plan, with the chosen set where the section asks for it."""
-    chosen = [plan.chosen] if "chosen" in signature(section).parameters else []
+    chosen = [plan.chosen] if "chosen_option" in signature(section).parameters else []
     return document.Section("key", "Title", *section(plan, *chosen, *others))
 
 

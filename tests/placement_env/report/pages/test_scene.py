@@ -12,9 +12,9 @@ from hypothesis import given, strategies as st
 
 from placement_env.handover.ground import Ground
 from placement_env.report.pages.scene import (
-    GROUND_MARGIN,
-    MOST_DRAWN,
-    NO_RETURN,
+    GROUND_MARGIN_M,
+    MAX_DRAWN_POINTS,
+    NO_RETURN_M,
     Layer,
     build_scene,
     drape,
@@ -74,7 +74,7 @@ def test_clouds_are_thinned_to_what_a_page_can_hold(example, scene):
     heavy = tuple(rng.uniform(-20, 20, (60_000, 3)).astype(np.float32) for _ in range(4))
     moments = tuple(replace(moment, clouds=heavy) for moment in example.moments)
     html = build_scene(example.plan, example.site, example.ground, moments).html
-    assert len(html) < len(scene.html) + MOST_DRAWN * 6 * 4 / 3 + 1e5
+    assert len(html) < len(scene.html) + MAX_DRAWN_POINTS * 6 * 4 / 3 + 1e5
 
 
 FIELD = Site("field", np.array([0.0, 0.0, 12.0, 8.0]), relief=Relief(0.3, 5))
@@ -88,7 +88,7 @@ def area(mesh):
 def test_ground_and_draped_shapes_follow_ponds_and_relief():
     pond = Solid(np.array([[2.0, 2], [6, 2], [6, 6], [2, 6]]), -1.0, -0.5, "pond")
     wet = Site("wet", FIELD.area, solids=(pond,))
-    whole = (12 + 2 * GROUND_MARGIN) * (8 + 2 * GROUND_MARGIN)
+    whole = (12 + 2 * GROUND_MARGIN_M) * (8 + 2 * GROUND_MARGIN_M)
     assert area(ground_mesh(FIELD)) == pytest.approx(whole)
     assert area(ground_mesh(wet)) == pytest.approx(whole - 16)
     mesh = drape(FIELD, [shapely.box(0, 0, 10, 5), shapely.box(5, 0, 10, 8)], lift=0.1)
@@ -121,6 +121,6 @@ def test_views_end_where_something_stands(example):
     lengths = np.linalg.norm(rays[:, 1] - rays[:, 0], axis=1)
     corners = background[[0, 0, -1, -1], [0, -1, -1, 0]]
     directions = np.linalg.norm(sensor.model.rays()[[0, 0, -1, -1], [0, -1, -1, 0]], axis=1)
-    expected = np.where(corners > 0, corners, NO_RETURN) * directions
+    expected = np.where(corners > 0, corners, NO_RETURN_M) * directions
     np.testing.assert_allclose(sorted(lengths), sorted(expected), rtol=0.2)
     assert edges[..., 2].min() > -1

@@ -94,7 +94,7 @@ def test_pairs_have_exact_worth_and_every_scheme(pair):
 
 
 def test_large_sets_are_sampled_by_the_fidelity_of_the_searches(street, pair, monkeypatch):
-    monkeypatch.setattr("placement_env.report.planning.planning.ALL_SUBSETS", 1)
+    monkeypatch.setattr("placement_env.report.planning.planning.MAX_SUBSET_SENSORS", 1)
     monkeypatch.setattr(street.detected, "outcomes", None)
     first, second = pair.worth()
     assert (first.shapley, second.shapley) == pytest.approx((0.375, 0.375))

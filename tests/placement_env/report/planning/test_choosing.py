@@ -190,7 +190,7 @@ def test_sets_are_compared_over_error_profiles(street, monkeypatch):
     )
     judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
-    monkeypatch.setattr(judging, "NEAR", 1.0)
+    monkeypatch.setattr(judging, "NEAR_AP", 1.0)
     picked, alone = (
         choose_set(street.objective, found, judge),
         choose_set(street.objective, found, street.judge),

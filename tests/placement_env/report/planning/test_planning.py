@@ -319,7 +319,7 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
         def __init__(self, frames):
             self.frames = frames
 
-        def judge_cases(self, sets):
+        def judge_cases(self, sets, stage=None):
             half = math.nan if self.frames < 80 else 0.2 / math.sqrt(self.frames)
             judged = Judgement(0.9, 0.9 - half, 0.9 + half, 0.9, 0.9, self.frames, self.frames)
             return [SetJudgement(judged)], np.zeros((1, 1))

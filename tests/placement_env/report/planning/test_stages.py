@@ -39,7 +39,7 @@ from placement_env.report.planning.planning import (
     write_plan,
 )
 from placement_env.search.portfolio.entrants import Entrants
-from placement_env.search.portfolio.portfolio import NEAR_TIE
+from placement_env.search.portfolio.portfolio import NEAR_TIE_AP
 from placement_env.setting import AP_ONLY
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.run import Run
@@ -196,7 +196,7 @@ def test_classes_that_are_not_there_are_refused_and_some_objects_are_enough(stag
 )
 def test_searches_go_to_the_size_that_number_money_and_mounts_allow(street, ask, asked, most):
     """The four sensors cost 11, 11, 10.5 and 23, each on a pole of its own."""
-    assert planning._most_sensors(ask(street.site, **asked), street.candidates) == most
+    assert planning._max_sensors(ask(street.site, **asked), street.candidates) == most
 
 
 def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(street, ask):
@@ -205,16 +205,16 @@ def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(st
     mounts = tuple(replace(mount, max_sensors=2) for mount in street.candidates.mounts)
     double = replace(street.candidates, mounts=mounts).select(np.array([0, 1, 2]))
     free = replace(double, axes=Axes(*vars(double.axes).values()))
-    assert planning._most_sensors(ask(street.site, sensors=9), free) == 6
+    assert planning._max_sensors(ask(street.site, sensors=9), free) == 6
     # ascending: 10, 10, 10, 10.5, 11, 11
     for money, most in ((30.0, 3), (40.5, 4), (40.4, 3), (62.5, 6)):
-        assert planning._most_sensors(ask(street.site, sensors=9, money=money), free) == most
+        assert planning._max_sensors(ask(street.site, sensors=9, money=money), free) == most
 
 
 def test_money_alone_buys_a_dozen_at_most(ask, make):
     site = Site("s", np.array([0.0, 0, 9, 9]))
     assert (
-        planning._most_sensors(ask(site, sensors=None, money=1e6), make(mounts=20).candidates) == 12
+        planning._max_sensors(ask(site, sensors=None, money=1e6), make(mounts=20).candidates) == 12
     )
 
 
@@ -579,7 +579,9 @@ def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
 def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkeypatch):
     monkeypatch.setattr(planning, "Preparation", lambda setting, run, compares: (setting, run))
     monkeypatch.setattr(
-        Judge, "of", staticmethod(lambda prepared, seed: replace(street.judge, seed=seed))
+        Judge,
+        "from_preparation",
+        staticmethod(lambda prepared, seed: replace(street.judge, seed=seed)),
     )
     each = [SimpleNamespace(judged=lambda candidates, n=n: (n, candidates)) for n in range(2)]
     asked: Any = SimpleNamespace(at_drawings=each, run=Run(seed=5))
@@ -654,7 +656,7 @@ def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street, monkey
 
 def test_a_set_just_near_the_highest_ap_may_be_best(street):
     """Within three quarters of the tolerance the greater mean AP decides, also at just that."""
-    highest, least = 1.0, 1.0 - NEAR_TIE
+    highest, least = 1.0, 1.0 - NEAR_TIE_AP
     options = tuple(
         PlanOption(
             (name,), 1.0, 1.0, 1.0, 0.5, Judgement(ap, 0.9, 1.0, ap, 1.0, 320, 80), mean_ap=mean
@@ -698,13 +700,13 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
 
     monkeypatch.setattr(judging, "contest", ended)
     monkeypatch.setattr(judging, "check_agreement", lambda *_: None)  # of AP that are made up
-    monkeypatch.setattr(judging, "NEAR", 0.25)
+    monkeypatch.setattr(judging, "NEAR_AP", 0.25)
     sets = np.eye(4, dtype=bool)[:3]
     found = Entrants(sets, np.zeros(3), ((),) * 3, 3)
     choice = judging.choose_set(
         street.objective, found, street.judge, confidence=0.6, run=Run(seed=5)
     )
-    assert asked == [{"confidence": 0.6, "seed": 5, "frames": judging.RACED}]
+    assert asked == [{"confidence": 0.6, "seed": 5, "frames": judging.MAX_RACED_FRAMES}]
     assert [option.judged is not None for option in choice.options] == [True, True, False]
     assert choice.confidence is None  # of 8 frames
 
@@ -712,7 +714,7 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
 def test_other_iou_thresholds_say_which_likely_ties_are_judged():
     """Of six sets in the order of their race, the last is too far behind; means are those of the
     shared frames."""
-    expected = 1.0 - judging.LIKELY_TIE * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
+    expected = 1.0 - judging.LIKELY_TIE_AP * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
     ran = Contest(np.arange(6), expected, np.array([24, 24, 12, 12, 12, 12]), 0.8, 24, expected)
     asked = []
 

@@ -180,7 +180,7 @@ def test_bounds_under_failures_and_steps_of_shares(junction):
     np.testing.assert_array_equal(levels.gain[:, 20:], usual.gain[:, 20:])
     for chosen in ([0], [1, 4], [0, 3, 9]):
         row = np.isin(np.arange(10), chosen)[None]
-        assert levels.worth(chosen) / programme.GAINS >= bulky(row).recall[0]
+        assert levels.worth(chosen) / programme.GAIN_UNITS >= bulky(row).recall[0]
 
 
 def test_impossible_demands_and_what_it_cannot_prove(junction, make):

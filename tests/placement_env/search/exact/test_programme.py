@@ -10,8 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 from placement_env.fidelity.hit_model import HitModel
 from placement_env.search.exact.programme import (
-    GAINS,
-    LINK,
+    GAIN_UNITS,
+    LINK_UNITS,
     Levels,
     Poles,
     Prices,
@@ -22,7 +22,7 @@ from placement_env.search.exact.programme import (
     solve,
 )
 from placement_env.search.progress import Progress
-from placement_env.search.verification import best_of_equals
+from placement_env.search.verification import improve_among_equals
 
 pytest.importorskip("ortools")
 
@@ -118,7 +118,7 @@ def test_what_is_left_without_some_equals_trying_all(seed):
 def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
     """A millionth has no whole number of parts for each of 7 objects: the parts are rounded up."""
     model = HitModel("early", 0.7, -6.0, 1.8, 1.0, 0.8, 0.3, "made up")
-    assert levels_of_hits(np.full((1, 7), 1e5), model, above=True).worth([0]) >= GAINS
+    assert levels_of_hits(np.full((1, 7), 1e5), model, above=True).worth([0]) >= GAIN_UNITS
     levels = levels_of_coverage(np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]], bool))
     assert levels.worth([0, 1]) == 3
     assert surviving(levels, [0, 1]) == 2
@@ -148,14 +148,14 @@ def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
     above, middle = (levels_of_hits(powers, model, above=each) for each in (True, False))
     for chosen in ([0], [1, 3], [0, 1, 2, 3, 4]):
         p = model.probability(powers[chosen].sum(axis=0), powers[chosen].sum(axis=0))
-        assert above.worth(chosen) >= p.mean() * GAINS
+        assert above.worth(chosen) >= p.mean() * GAIN_UNITS
         reached = above.known[chosen].sum(axis=0) >= above.threshold
-        assert ((above.gain * reached).sum(axis=0) * 40 / GAINS >= p - 1e-6).all()
+        assert ((above.gain * reached).sum(axis=0) * 40 / GAIN_UNITS >= p - 1e-6).all()
         if not floor:
             steps = (
                 (middle.gain * (middle.known[chosen].sum(axis=0) >= middle.threshold)).sum(axis=0)
                 * 40
-                / GAINS
+                / GAIN_UNITS
             )
             assert np.abs(steps - p).max() <= 0.25
             assert np.abs(steps - p).mean() < 0.12
@@ -171,13 +171,13 @@ def test_changes_keep_the_count_and_raise_the_reward_of_what_may_be_built(make):
         return (sets & even).sum(axis=1)
 
     worst = int(np.flatnonzero(even)[value[even].argmin()])
-    assert best_of_equals(Progress(objective, 1, None, None), [worst], count) == [
+    assert improve_among_equals(Progress(objective, 1, None, None), [worst], count) == [
         int(np.flatnonzero(even)[value[even].argmax()])
     ]
-    assert best_of_equals(Progress(objective, 1, None, None), [], count) == []
-    assert best_of_equals(Progress(objective, 1, None, 1), [worst], count) == [worst]
+    assert improve_among_equals(Progress(objective, 1, None, None), [], count) == []
+    assert improve_among_equals(Progress(objective, 1, None, 1), [worst], count) == [worst]
     objective = make(4, 2, seed=3)
-    chosen = best_of_equals(
+    chosen = improve_among_equals(
         Progress(objective, 2, None, None), [0, 2], lambda sets: sets.sum(axis=1)
     )
     assert objective.feasible(objective.row(chosen)[None])[0]
@@ -205,7 +205,7 @@ PRICES = Prices(np.array([5, 7, 20]), np.array([10, 10, 0]), np.array([0, 0, 1])
 POLES = Poles(
     np.array([0, 0, 0, 1]),
     np.array([2, 2, 2, 1]),
-    np.array([LINK // 2, LINK // 2, LINK // 2 + 1, 0]),
+    np.array([LINK_UNITS // 2, LINK_UNITS // 2, LINK_UNITS // 2 + 1, 0]),
 )
 
 

@@ -18,7 +18,7 @@ from placement_env.search.portfolio.evaluators import (
     Schedule,
     race_order,
 )
-from placement_env.search.portfolio.portfolio import SET_FRAMES, Judging, contest
+from placement_env.search.portfolio.portfolio import MAX_SET_FRAMES, Judging, contest
 from placement_env.setting import Setting
 
 
@@ -334,7 +334,7 @@ def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypat
     budget_curve(street.objective, 3, amounts=(11.0, 22.0), seconds=60.0, **asked)
     assert efforts[1:] == [Effort((3,), 60 * 0.3 / (8 * 2), None, 3)] * 2
     budget_curve(street.objective, 1, **asked)
-    assert (efforts[-1].seconds, races[-1]["most"]) == (None, SET_FRAMES)
+    assert (efforts[-1].seconds, races[-1]["most"]) == (None, MAX_SET_FRAMES)
     budget_curve(street.objective, 1, judging=asked["judging"])
     assert races[-1]["seed"] == 0
 
@@ -390,11 +390,11 @@ def test_an_amount_that_is_the_price_of_a_set_to_the_cent_is_taken(street):
 def test_many_sums_are_held_coarsely(street, monkeypatch):
     """Of prices 10.5, 11 and 23, and nothing, those that lie in the same half of 24 count once, the
     dearest."""
-    monkeypatch.setattr(curve, "SUMS", 4)
+    monkeypatch.setattr(curve, "MAX_SUMS", 4)
     assert list_amounts(street.objective, 1, 24.0) == (
         10.5,
         11.0,
         23.0,
     )  # four with nothing: all are held
-    monkeypatch.setattr(curve, "SUMS", 2)
+    monkeypatch.setattr(curve, "MAX_SUMS", 2)
     assert list_amounts(street.objective, 1, 24.0) == (11.0, 23.0)

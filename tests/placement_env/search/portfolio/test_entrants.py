@@ -18,7 +18,7 @@ from placement_env.search.exact import cheapest, cpsat, exhaustive
 from placement_env.search.portfolio import entrants as module_of_entrants
 from placement_env.search.portfolio.entrants import (
     SWAP_EVALUATIONS,
-    THRIFT,
+    THRIFT_AP,
     Effort,
     Entrants,
     entrants,
@@ -201,8 +201,8 @@ def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, m
 
     monkeypatch.setattr(swap, "search", noted)
     entrants(street.objective, Effort((2,), seconds=50.0, evaluations=40, neighbours=0), seed=7)
-    assert [each[1:] for each in asked] == [(7, swap.STARTS, 40, 50.0)] * len(asked)
-    assert [price for price, *_ in asked if price] == [pytest.approx(THRIFT / 13.875)]
+    assert [each[1:] for each in asked] == [(7, swap.DEFAULT_STARTS, 40, 50.0)] * len(asked)
+    assert [price for price, *_ in asked if price] == [pytest.approx(THRIFT_AP / 13.875)]
     entrants(street.objective, Effort((2,)), seed=7)
     assert {most for *_, most, _ in asked[len(asked) // 2 :]} == {SWAP_EVALUATIONS}
 
@@ -210,7 +210,7 @@ def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, m
 @pytest.mark.parametrize(("most", "searched"), [(10, True), (9, False)])
 def test_all_sets_are_scored_up_to_a_number_of_them(street, monkeypatch, most, searched):
     """Of four sensors there are 4 + 6 sets of one or two."""
-    monkeypatch.setattr("placement_env.search.portfolio.entrants.EXHAUSTIVE_SETS", most)
+    monkeypatch.setattr("placement_env.search.portfolio.entrants.MAX_EXHAUSTIVE_SETS", most)
     found = entrants(street.objective, Effort((2,)))
     assert any("exhaustive" in names for names in found.searches) == searched
 
@@ -295,7 +295,7 @@ def test_points_count_up_to_enough_on_every_object(made_visibility):
 
 def test_every_search_gets_its_seed_its_time_and_its_place_to_go_on(searches, street):
     found = searches(Effort((1, 2), seconds=9.0, evaluations=300))
-    swapping = {"seed": 7, "starts": swap.STARTS, "seconds": 9.0, "evaluations": 300}
+    swapping = {"seed": 7, "starts": swap.DEFAULT_STARTS, "seconds": 9.0, "evaluations": 300}
     own, limits = street.objective, {"seconds": 9.0, "evaluations": 300}
     assert found[:5] == [
         ("exhaustive", ("exhaustive", own, 2, limits)),
@@ -314,7 +314,7 @@ def test_every_search_gets_its_seed_its_time_and_its_place_to_go_on(searches, st
         2,
         swapping | {"checkpoint": "part 2.thrifty"},
     )
-    assert thrifty.weights.price == pytest.approx(THRIFT / 13.875)
+    assert thrifty.weights.price == pytest.approx(THRIFT_AP / 13.875)
     free = searches(Effort((1, 2)))
     assert free[1] == ("greedy", ("greedy", own, 2, {"seconds": None, "evaluations": None}))
     assert free[2][1][3]["evaluations"] == SWAP_EVALUATIONS
@@ -336,7 +336,7 @@ def test_required_aps_are_searched_at_the_last_size_alone_and_between_0_and_1(se
         "part 2.0.45",
     )
     assert scored.visibility == "seen"
-    assert scored.weights.price == pytest.approx(THRIFT / 13.875)
+    assert scored.weights.price == pytest.approx(THRIFT_AP / 13.875)
     rows = np.array([[1, 0, 0, 0], [0, 0, 1, 0]], bool)
     assert scored.scores(rows).ap.tolist() == [0.45, 0.25]  # more than enough gains nothing
     assert exact[:3] == ("cheapest", street.objective, 2)
@@ -359,9 +359,9 @@ def test_searches_that_bring_nothing_new_are_left_out(searches, street, monkeypa
         "greedy",
         "swap",
     ]
-    monkeypatch.setattr(exhaustive, "LARGEST", 3)
+    monkeypatch.setattr(exhaustive, "MAX_CANDIDATES", 3)
     assert [name for name, _ in searches(Effort((2,)), objective=same)] == ["greedy", "swap"]
-    monkeypatch.setattr(exhaustive, "LARGEST", 4)
+    monkeypatch.setattr(exhaustive, "MAX_CANDIDATES", 4)
     assert searches(Effort((2,)), objective=same)[0][0] == "exhaustive"
 
 
@@ -379,7 +379,7 @@ def test_neighbours_are_the_best_for_each_choice_of_mounts(make, monkeypatch):
     for i in np.argsort(-objective.scores(near).reward, kind="stable"):
         best.setdefault(tuple(np.flatnonzero(near[i].reshape(4, 2).any(axis=1)).tolist()), near[i])
     assert [row.tolist() for row in rows] == [row.tolist() for row in list(best.values())[:3]]
-    monkeypatch.setattr(module_of_entrants, "NEIGHBOURS_AT_ONCE", 4)
+    monkeypatch.setattr(module_of_entrants, "MAX_SCORED_NEIGHBOURS", 4)
     few, fewer = module_of_entrants._neighbours(objective, answer, 3)
     some = neighbours(np.array([0, 2]), 8)[1:5]
     assert fewer == objective.feasible(some).sum()
@@ -495,7 +495,7 @@ def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(
     make, street, monkeypatch
 ):
     objective = make(mounts=8, seed=4)
-    monkeypatch.setattr(module_of_entrants, "FRONT_OF", 2)
+    monkeypatch.setattr(module_of_entrants, "MAX_FRONT_NEIGHBOURS", 2)
     rows, _ = module_of_entrants._neighbours(objective, as_rows([[0, 1]], 8), 9)
     near = neighbours(np.array([0, 1]), 8)[1:]
     near = near[objective.feasible(near)]

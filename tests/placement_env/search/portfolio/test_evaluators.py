@@ -259,7 +259,7 @@ def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(
     done = []
     nothing = evaluator.evaluate(np.zeros((1, 4), bool), np.arange(5), done.append)
     assert (nothing.ap.tolist(), nothing.kbit.tolist(), done) == ([0.0], [0.0], [5])
-    monkeypatch.setattr(evaluators, "BATCHES", 1)
+    monkeypatch.setattr(evaluators, "MAX_BATCHES", 1)
     one = evaluator.evaluate(sets, np.arange(5))
     assert one.resamples == pytest.approx(np.repeat(whole[:, None], 1000, axis=1), abs=1e-6)
 

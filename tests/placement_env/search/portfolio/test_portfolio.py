@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from placement_env.analysis.intervals import AP_TOLERANCE, FEWEST_SURE_FRAMES, figure_interval
+from placement_env.analysis.intervals import AP_TOLERANCE, MIN_SURE_FRAMES, figure_interval
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
@@ -355,7 +355,7 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
     judging = Judging(evaluators=(race, final), contenders=True)
     found = portfolio.search(deceived, 2, judging=judging, seconds=1.0)
     said = found.assessment
-    assert said.raced < FEWEST_SURE_FRAMES
+    assert said.raced < MIN_SURE_FRAMES
     assert np.isnan(said.confidence)
     assert 8 <= said.frames < 60  # of the winner, whose judgement ended with the time
     assert said.objects == 7 * said.frames
@@ -389,7 +389,7 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
         portfolio.search(
             deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds
         )
-    assert most == [portfolio.SET_FRAMES, np.inf]
+    assert most == [portfolio.MAX_SET_FRAMES, np.inf]
     assert shares == [
         (0.5, 1),
         (0.5, 1),
@@ -417,7 +417,7 @@ def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
     assert first.assessment.ap == pytest.approx(fresh.score(first.best.subset).ap)
 
 
-@pytest.mark.parametrize(("seconds", "most"), [(None, portfolio.SET_FRAMES), (60.0, np.inf)])
+@pytest.mark.parametrize(("seconds", "most"), [(None, portfolio.MAX_SET_FRAMES), (60.0, np.inf)])
 def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypatch):
     asked, race = [], race_until
 
@@ -542,7 +542,7 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
 def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
     deceived, monkeypatch
 ):
-    figures, asked = [0.0, -portfolio.NEAR_TIE], []
+    figures, asked = [0.0, -portfolio.NEAR_TIE_AP], []
 
     def mean_ap(sets, frames):
         asked.append(sets.argmax(axis=1).tolist())

@@ -229,7 +229,7 @@ def test_damaged_and_encoder_less_differences_are_refused():
         ),
         *(
             (content([0, 0, 15]), "out of range"),
-            (content([0, 0, 2 * image_coding.MOST_STEPS]), "out of range"),
+            (content([0, 0, 2 * image_coding.MAX_RANGE_STEPS]), "out of range"),
         ),
         (sound[:-1], "inflate to 0 symbols"),
     ):
@@ -506,7 +506,7 @@ def test_of_two_equally_long_messages_the_whole_image_is_sent(monkeypatch, longe
     second = image(1)
     sent = (second.measurement > 0) & (second.measurement < SENSOR.model.max_range)
     whole = image_coding.encode_pixels(range_images.to_steps(second.measurement, sent, 0.02), sent)
-    monkeypatch.setattr(differences, "FEW_PIXELS", 10**9)
+    monkeypatch.setattr(differences, "MIN_STILL_PX", 10**9)
     monkeypatch.setattr(differences, "encode_difference", lambda *_: bytes(len(whole) + longer - 6))
     header, content = read_message(sender.write(second))
     assert header.kind == kind
@@ -538,12 +538,12 @@ def test_whole_images_are_considered_where_few_pixels_stand(monkeypatch):
         steps = range_images.to_steps(second.measurement, sent, 0.02)
         stands = int(sender._reference.standing(steps, sent).sum())
         assert stands > 1000
-        monkeypatch.setattr(differences, "FEW_PIXELS", stands + more)
+        monkeypatch.setattr(differences, "MIN_STILL_PX", stands + more)
         assert kinds([sender.write(second)]) == [kind]
 
 
 def test_the_least_and_the_most_steps_stand_still_too():
-    most, sent, squares = image_coding.MOST_STEPS, np.ones((1, 3), bool), np.ones((1, 1), bool)
+    most, sent, squares = image_coding.MAX_RANGE_STEPS, np.ones((1, 3), bool), np.ones((1, 1), bool)
     steps = np.array([[0, 7, most - 1]])
     reference = reference_of(steps)
     content = differences.encode_difference(steps, sent, reference, squares)

@@ -8,7 +8,9 @@ from hypothesis import given, settings, strategies as st
 
 from toolkit.detection.link import image_coding
 
-numbers = st.lists(st.one_of(st.integers(0, 20), st.integers(0, image_coding.LARGEST)), max_size=60)
+numbers = st.lists(
+    st.one_of(st.integers(0, 20), st.integers(0, image_coding.MAX_PACKED)), max_size=60
+)
 
 
 @settings(deadline=None, max_examples=60)
@@ -48,7 +50,7 @@ def test_numbers_are_packed_in_few_bytes():
         image_coding.read_bits(b"x", 0, np.full(4, 3))
 
 
-@pytest.mark.parametrize("values", [[-1], [image_coding.LARGEST + 1], [3, -5]])
+@pytest.mark.parametrize("values", [[-1], [image_coding.MAX_PACKED + 1], [3, -5]])
 def test_numbers_that_cannot_be_packed_are_refused(values):
     with pytest.raises(ValueError, match="numbers from 0"):
         image_coding.pack_integers(np.array(values))
@@ -89,7 +91,7 @@ def images(rng):
     kind = rng.integers(4)
     mask = rng.random(shape) < rng.choice([0.0, 0.1, 0.5, 0.95, 1.0])
     if kind == 0:
-        steps = rng.integers(0, image_coding.MOST_STEPS, shape)
+        steps = rng.integers(0, image_coding.MAX_RANGE_STEPS, shape)
     elif kind == 1:
         steps = np.full(shape, rng.integers(0, 5000))
     else:
@@ -131,14 +133,14 @@ def test_the_prediction_is_that_of_loco_i():
         len(image_coding.encode_pixels(np.zeros((150, 200), np.int64), np.zeros((150, 200), bool)))
         < 10
     )
-    for value in (-1, image_coding.MOST_STEPS):
+    for value in (-1, image_coding.MAX_RANGE_STEPS):
         with pytest.raises(ValueError, match="steps, got"):
             image_coding.encode_pixels(np.array([[value]]), np.ones((1, 1), bool))
         with pytest.raises(ValueError, match=f"a measurement of {value} steps is none"):
             image_coding._add_up(np.ones((1, 1), bool), np.array([value]))
     assert (
-        image_coding._add_up(np.ones((1, 1), bool), np.array([image_coding.MOST_STEPS - 1]))
-        < image_coding.MOST_STEPS
+        image_coding._add_up(np.ones((1, 1), bool), np.array([image_coding.MAX_RANGE_STEPS - 1]))
+        < image_coding.MAX_RANGE_STEPS
     )
 
 

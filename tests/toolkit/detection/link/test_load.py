@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.link.message import CAPACITIES, PACKET, SetLoad, format_loads, link_load
+from toolkit.detection.link.message import (
+    CAPACITIES_MBIT_PER_S,
+    PACKET_BYTES,
+    SetLoad,
+    format_loads,
+    link_load,
+)
 
 
 def test_packets_of_sensors_at_ten_hertz():
@@ -18,8 +24,8 @@ def test_packets_of_sensors_at_ten_hertz():
     )
     none = SetLoad("late", (), load)
     assert format_loads([none]).splitlines()[1].split()[:2] == ["late", "none"]
-    assert PACKET == 1400
-    assert list(CAPACITIES) == list(load.shares)
+    assert PACKET_BYTES == 1400
+    assert list(CAPACITIES_MBIT_PER_S) == list(load.shares)
     assert link_load(np.array([[0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000]]), 10.0).packets == 14 / 5
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="rate must be above 0"):

@@ -6,7 +6,7 @@ import zlib
 import pytest
 
 from toolkit.detection.link.message import (
-    OVERHEAD,
+    OVERHEAD_BYTES,
     MessageHeader,
     MessageKind,
     check_header,
@@ -27,7 +27,7 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
     assert struct.unpack("<HHHI", message[20:30]) == (20, 150, 200, 0xA0B0C0D0)
     assert message[30:-4] == b"content"
     assert struct.unpack("<I", message[-4:]) == (zlib.crc32(message[:-4]),)
-    assert len(message) == OVERHEAD + 7 == 41
+    assert len(message) == OVERHEAD_BYTES + 7 == 41
     assert read_message(message) == (HEADER, b"content")
     assert (HEADER.time, HEADER.step) == (6.000007, 0.02)
     assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [

@@ -160,7 +160,11 @@ def test_images_read_as_the_page_says(refers_to, step):
         assert values == {pixel: steps[pixel] for pixel in np.flatnonzero(image(k).measurement)}
         assert missing == set(np.flatnonzero(masked(k)))
     values = np.concatenate(
-        [(1 << np.arange(32)) + 1, (1 << np.arange(32)) - 1, [7, 8, 11, 12, image_coding.LARGEST]]
+        [
+            (1 << np.arange(32)) + 1,
+            (1 << np.arange(32)) - 1,
+            [7, 8, 11, 12, image_coding.MAX_PACKED],
+        ]
     )
     assert read_packed(b"xx" + image_coding.pack_integers(values), 2)[0] == values.tolist()
     stored = zlib.compressobj(0, zlib.DEFLATED, -15)  # other encoders deflate otherwise
@@ -368,7 +372,7 @@ def attack(rng, count):
                 check_boxes(found.boxes)
                 assert (
                     np.abs(found.boxes[:, :3] - SENSOR.position).max(initial=0)
-                    <= range_images.FARTHEST
+                    <= range_images.MAX_BOX_DISTANCE_M
                 )
                 assert ((found.scores >= 0) & (found.scores <= 1)).all()
                 assert len(suppress(found)) <= len(found) <= 8 * len(forged)

@@ -74,11 +74,11 @@ def test_scores_bound_boxes_and_encoders_bound_images():
     assert np.abs(scores - sure.scores).max() < 1e-4
     assert (np.diff(scores) > 0).all()
     most = Detections(
-        np.array([[2000.0, 0, 0, 4, 2, 1, 0.0]] * range_images.MOST_BOXES), np.full(1000, 0.5)
+        np.array([[2000.0, 0, 0, 4, 2, 1, 0.0]] * range_images.MAX_BOXES), np.full(1000, 0.5)
     )
     np.testing.assert_allclose(decode_boxes(encode_boxes(most)).boxes, most.boxes)
     more = Detections(
-        np.repeat(most.boxes[:1], range_images.MOST_BOXES + 1, axis=0), np.full(1001, 0.5)
+        np.repeat(most.boxes[:1], range_images.MAX_BOXES + 1, axis=0), np.full(1001, 0.5)
     )
     with pytest.raises(ValueError, match="a message holds at most 1000 boxes, got 1001"):
         encode_boxes(more)
@@ -173,7 +173,7 @@ def image(model, seed=0):
     return RangeImage(Sensor("s", model, np.eye(4)), measured, 2.5, 11)
 
 
-@pytest.mark.parametrize("step", range_images.STEPS)
+@pytest.mark.parametrize("step", range_images.STEPS_M)
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.kind)
 def test_every_pixel_arrives_within_half_a_step(model, step):
     codec, sent = range_images.RangeImages(step), image(model)

@@ -1,0 +1,60 @@
+"""Lines that can be read aloud: one statement, one step.
+
+The counts below are ceilings that only fall: whoever makes one smaller lowers it here."""
+
+import ast
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FLOORS = ("toolkit", "models", "placement_env", "coview")
+COMPREHENSIONS = (ast.ListComp, ast.GeneratorExp, ast.DictComp, ast.SetComp)
+COORDINATES = frozenset("xyzuvwijkabc") | {"xmin", "ymin", "xmax", "ymax"}
+CEILINGS = {
+    "comprehension in a comprehension": 0,
+    "three names bound at once": 172,
+    "conditional expression in another": 7,
+}
+
+
+def contains(node: ast.AST, kinds: tuple[type[ast.AST], ...]) -> bool:
+    return any(isinstance(below, kinds) for below in ast.walk(node) if below is not node)
+
+
+def binds_many(node: ast.Assign) -> bool:
+    """True for three names and more bound at once, coordinates aside."""
+    target = node.targets[0]
+    if not isinstance(target, ast.Tuple | ast.List) or len(target.elts) < 3:
+        return False
+    names = {name.id for name in ast.walk(target) if isinstance(name, ast.Name)}
+    return not names <= COORDINATES
+
+
+def find_dense_lines() -> Iterator[tuple[str, str]]:
+    """Kind and place of every statement that takes more than one breath."""
+    for floor in FLOORS:
+        for path in sorted((ROOT / floor).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text())):
+                place = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}"
+                if isinstance(node, COMPREHENSIONS) and contains(node, COMPREHENSIONS):
+                    yield "comprehension in a comprehension", place
+                if isinstance(node, ast.Assign) and binds_many(node):
+                    yield "three names bound at once", place
+                if isinstance(node, ast.IfExp) and contains(node, (ast.IfExp,)):
+                    yield "conditional expression in another", place
+
+
+@pytest.fixture(scope="module")
+def dense_lines() -> list[tuple[str, str]]:
+    return list(find_dense_lines())
+
+
+@pytest.mark.parametrize("kind", CEILINGS)
+def test_dense_lines_only_get_fewer(dense_lines, kind):
+    counts = Counter(found for found, _ in dense_lines)
+    places = [place for found, place in dense_lines if found == kind]
+    assert counts[kind] <= CEILINGS[kind], "\n".join(places)
+    assert counts[kind] == CEILINGS[kind], f"lower the ceiling of {kind!r} to {counts[kind]}"
