@@ -176,8 +176,8 @@ def evaluate(
         lacks_outside = outside is not None and is_outside is None
         if detected is None or objects is None or lacks_mask or lacks_outside:
             raise ValueError(
-                "detections, truths and counted must have as many frames, but one ended after "
-                f"{number}"
+                "detections, truths, counted and outside must have as many frames, but one ended "
+                f"after {number}"
             )
         location = f" of frame {number}"
         overlaps = _overlap(
@@ -189,6 +189,9 @@ def evaluate(
         for threshold in thresholds:
             matched, ignored = overlaps.resolve(threshold)
             pooled[threshold].append((overlaps.scores[~ignored], matched[~ignored] >= 0))
+    extra_masks = counted is not None and next(masks, None) is not None
+    if extra_masks or (outside is not None and next(outsides, None) is not None):
+        raise ValueError("counted and outside must have as many frames as the detections, got more")
     results = {}
     for threshold, frames in pooled.items():
         scores = np.concatenate([frame_scores for frame_scores, _ in frames])

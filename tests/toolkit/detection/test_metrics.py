@@ -354,6 +354,9 @@ def test_curves_and_options_that_are_unusable():
         metrics.evaluate(*frame, iou_thresholds=[0.5], counted=[[True, False]])
     with pytest.raises(ValueError, match="one ended after 0"):
         metrics.evaluate(*frame, iou_thresholds=[0.5], counted=[])
+    for masks in ({"counted": [[True]] * 2}, {"outside": [[False]] * 2}):
+        with pytest.raises(ValueError, match="counted and outside must have as many frames"):
+            metrics.evaluate(*frame, iou_thresholds=[0.5], **masks)
     with pytest.raises((ValueError, TypeError)):
         metrics.evaluate(*frame, iou_thresholds=[0.5], protocol="exakt")
     for hits, truths in (([True], -1), ([True], 0), ([True, False], 3), ([True], 1.5)):

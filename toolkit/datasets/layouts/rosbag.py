@@ -254,6 +254,7 @@ def rosbag(path: Path) -> Bag:
     """Frames of a bag.
 
     Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
+    path = _enter_bag_folder(path)
     is_bare = path.is_dir() and not lexists(path / "metadata.yaml")
     files = list_bags(path) if is_bare else []
     if len(files) > 1:
@@ -479,6 +480,14 @@ def _open(path: Path) -> Iterator[list[RosObject]]:
                         f"its messages are not of ROS 2 (its profile tells): {remedy}"
                     ) from None
         yield readers
+
+
+def _enter_bag_folder(path: Path) -> Path:
+    """Folder of the only bag in a folder without bag files, as writing makes it, else `path`."""
+    if not path.is_dir() or lexists(path / "metadata.yaml") or list_bags(path):
+        return path
+    folders = [folder for folder in sorted(path.iterdir()) if lexists(folder / "metadata.yaml")]
+    return folders[0] if len(folders) == 1 else path
 
 
 def _list_files(path: Path) -> list[Path]:

@@ -200,6 +200,8 @@ def test_clouds_in_the_world_are_written_in_their_sensors_frame(tmp_path):
     cloud = SensorCloud("lidar", np.array([[7.0, 1, 0]], np.float32), placed, "world")
     write_rosbag([Frame.of_clouds("0", (cloud,), Objects.empty(), time=3.5)], tmp_path)
     (back,) = rosbag(tmp_path / "bag")
+    (outer,) = rosbag(tmp_path)  # the folder that was written opens too
+    np.testing.assert_array_equal(outer.points(), back.points())
     np.testing.assert_allclose(back.clouds[0].world_SE3_sensor, placed, atol=1e-12)
     np.testing.assert_allclose(back.points(), [[7, 1, 0]], atol=1e-6)
     assert back.time == 3.5
