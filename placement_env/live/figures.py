@@ -36,7 +36,6 @@ from toolkit.arrays import Bool, Float64, Int64
 LEVELS = 3  # of traffic
 LEAST_BLOCKS = 5  # blocks of frames that have an interval here
 NORMAL_ENDS = 1.96  # standard errors to the ends of a 95 % interval
-SURE = 0.5  # hit probability from which a road user counts as found in the scene
 
 
 @dataclass(frozen=True)

@@ -73,11 +73,6 @@ def detect(
     levelled = replace(place, level=place.level or "map")
     quick = detector + QUICK
     network = None if parse_detector(quick).known else place_detector(quick, levelled)
-    bare = (
-        place_detector(detector + NO_BACKGROUND + QUICK, levelled)
-        if learns_background(detector)
-        else network
-    )
     if format == "boxes":
         check_ending(out, (".json",), "a file of boxes")
     check = check_file if format == "boxes" else check_new_folder
@@ -89,15 +84,18 @@ def detect(
         for recording, part in zip(recordings, opened, strict=True):
             learns_scene = recording.site is None and learns_background(detector)
             scenes.append(learn_standing_scene(part) if learns_scene else None)
+        at_scene = network
+        if any(scene is not None for scene in scenes):
+            at_scene = place_detector(detector + NO_BACKGROUND + QUICK, levelled)
         detectors: list[tuple[Detector, Place]] = []
         for recording, scene in zip(recordings, scenes, strict=True):
             site = recording.site if place.at(recording.site) else None
             if network is None or parse_detector(quick, site).known:
                 detectors.append((recording_detector(quick, recording, place), place))
-            elif scene is None or bare is None:
+            elif scene is None or at_scene is None:
                 detectors.append((network, levelled))
             else:
-                detectors.append((bare, levelled))
+                detectors.append((at_scene, levelled))
         level = detectors[0][1].level or "none"
         bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
 
