@@ -193,15 +193,19 @@ def find_poses(
     more = None
     if len(recording) and not recording[0].has_images:
         sensors, seen = _seen_in_clouds(recording, count)
+        if surface is None:
+            _check_several(sensors)
         stay = select_sensors(sensors, held)
     else:
         if count < LEAST_FRAMES:
             problem = f"{count} frames are too few to tell what stands still from who passes"
             raise ValueError(f"{problem}: give {LEAST_FRAMES} or more")
+        sensors = recording[0].sensors
+        if surface is None:
+            _check_several(sensors)
         seen = [
             scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)
         ]
-        sensors = recording[0].sensors
         stay = select_sensors(sensors, held)
         if detector is not None:
             numbers = np.unique(
@@ -221,6 +225,16 @@ def find_poses(
         if progress is not None:
             progress(len(found_poses))
     return tuple(found_poses)
+
+
+def _check_several(sensors: Sequence[Sensor]) -> None:
+    """Refuse to fit a single sensor to others."""
+    if len(sensors) < 2:
+        names = ", ".join(sensor.name for sensor in sensors) or "none"
+        raise ValueError(
+            f"sensors are fitted to each other, for which two or more are needed, got {names}: "
+            "give a reference"
+        )
 
 
 def find_pose(
