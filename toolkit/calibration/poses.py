@@ -193,8 +193,6 @@ def find_poses(
     more = None
     if len(recording) and not recording[0].has_images:
         sensors, seen = _seen_in_clouds(recording, count)
-        if surface is None:
-            _check_several(sensors)
         stay = select_sensors(sensors, held)
     else:
         if count < LEAST_FRAMES:
@@ -271,7 +269,8 @@ def align_clouds(
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its
     sensor's frame. held: numbers of sensors that stay; more: see
-    `toolkit.calibration.poses.align`."""
+    `toolkit.calibration.poses.align`. Raises ValueError for fewer than two sensors."""
+    _check_several(sensors)
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
     found_poses = []
