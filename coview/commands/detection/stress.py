@@ -45,7 +45,7 @@ def stress(
             sensors.
         out: Folder for stress.json and stress.svg, rewritten after each condition."""
     from coview.studies.stress import outputs, stressing
-    from coview.studies.stress.noticing import time_faults
+    from coview.studies.stress.noticing import check_stretches, time_faults
     from placement_env.fidelity.table import load_table
     from toolkit.detection.codec import PAPER
     from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin
@@ -71,6 +71,10 @@ def stress(
     ):
         total = frame_count(recording, run.frames)
         kinds = stressing.choose_kinds(recording, question.kinds)
+        faults = {"silent", "blinded", "frozen"} & {*kinds}
+        is_timed = stressing.is_sequence(recording) and bool(faults)
+        if is_timed:
+            check_stretches(recording, run)
         detect = recording_detector(detector, recording)
         if run.cache is not None:
             check_digest(detector, detect, ", or leave --cache out")
@@ -97,7 +101,7 @@ def stress(
         results = outputs.StressResults(
             tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=exact_figures
         )
-        if stressing.is_sequence(recording) and {"silent", "blinded", "frozen"} & {*kinds}:
+        if is_timed:
             noticed, alarms = time_faults(recording, kept_detections, run)
             results = replace(results, noticed=noticed, false_alarms=alarms)
         outputs.write_stress(results, provenance, out)
