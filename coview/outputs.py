@@ -35,7 +35,7 @@ FILE_KINDS = {  # files that take long to make again, by a key that no other has
     "decoded": CARD_KIND,
 }
 MAX_JSON_BYTES = 100_000_000
-OURS = ("coview", "placement_env", "models", "toolkit")
+OURS = ("coview", "examples", "placement_env", "models", "toolkit")
 REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"
 
 

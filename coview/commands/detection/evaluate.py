@@ -34,11 +34,6 @@ class Link:
     foreground does."""
     step: float = 0.02
     """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08."""
-    refers_to: Literal["previous", "key"] = "previous"
-    """Reference of differences: the previous message, or the last whole image where messages may be
-    lost."""
-    key_every: int = 10
-    """Maximum number of messages from one whole image to the next, where differences are sent."""
     rate: float | None = None
     """Frame rate (Hz); prints each scheme's load on the link."""
 
@@ -48,8 +43,8 @@ class Rules:
     """Rules of scoring."""
 
     schemes: tuple[str, ...] | None = None
-    """Fusion schemes: early, late, hybrid, foreground, differences; when left out, the first three
-    at a known site."""
+    """Fusion schemes: early, late, hybrid, foreground; when left out, the first three at a
+    known site."""
     sensors: tuple[str, ...] = ("all",)
     """Sensor sets, each a comma-separated list of numbers or names, or all."""
     classes: tuple[arguments.Label, ...] | None = None
@@ -128,7 +123,6 @@ def evaluate(
     arguments.check_schemes(rules.schemes or ())
     arguments.check_least("--radius", rules.radius, 0.0)
     arguments.check_positive("--rate", rules.link.rate)
-    arguments.check_least("--key-every", rules.link.key_every, 1)
     arguments.check_share("--step", rules.link.step)
     find_profile(subject.errors)
     inputs = [dataset, *opening.files]
@@ -203,9 +197,7 @@ def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps
 
     link = rules.link
-    schemes_by_name = schemes_in_steps(
-        link.step, refers_to=link.refers_to, key_every=link.key_every
-    )
+    schemes_by_name = schemes_in_steps(link.step)
     default_schemes: tuple[str, ...] = PAPER_SCHEMES if is_known else ()
     schemes = [schemes_by_name[name] for name in rules.schemes or default_schemes]
     return Comparison(
