@@ -61,7 +61,7 @@ def load_published(
     """
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
-    network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
+    network = VoxelNet(replace(VoxelNetConfig.from_paper(site), area=AREA[site]))
     checkpoint = load_tensors(path)
     weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
     if not isinstance(weights, dict) or not all(

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from models.config import AnchorKind
+from models.anchor_kind import AnchorKind
 from models.network.grid import decode, encode_residuals, faces_back, per_anchor
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, BoxRows, Float, Int64, Mask, Rng, Shaped

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from models.config import ROAD_USERS, AnchorKind, VoxelNetConfig, road_users, select_anchors
+from models.anchor_kind import AnchorKind
+from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
 from models.network.voxelnet import VoxelNet
 
 
@@ -28,14 +29,14 @@ def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
 
 
 def test_published_sizes_and_classes_survive_json():
-    assert VoxelNetConfig.published("tjunction").map_shape == (200, 100)
-    assert VoxelNetConfig.published("roundabout").grid_shape == (240, 240, 10)
+    assert VoxelNetConfig.from_paper("tjunction").map_shape == (200, 100)
+    assert VoxelNetConfig.from_paper("roundabout").grid_shape == (240, 240, 10)
     parameters = sum(
-        each.numel() for each in VoxelNet(VoxelNetConfig.published("tjunction")).parameters()
+        each.numel() for each in VoxelNet(VoxelNetConfig.from_paper("tjunction")).parameters()
     )
     assert parameters == 9_460_194
     with pytest.raises(ValueError, match="'crossing'"):
-        VoxelNetConfig.published("crossing")
+        VoxelNetConfig.from_paper("crossing")
     with pytest.raises(ValueError, match="depth"):
         VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "depth": 3})
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(CLASSES.to_dict()))) == CLASSES
@@ -65,7 +66,7 @@ def test_published_sizes_and_classes_survive_json():
 
 
 @pytest.mark.parametrize(
-    "config", [VoxelNetConfig.published("roundabout"), VoxelNetConfig.light(np.arange(4))]
+    "config", [VoxelNetConfig.from_paper("roundabout"), VoxelNetConfig.light(np.arange(4))]
 )
 def test_a_configuration_survives_json(config):
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
@@ -81,7 +82,7 @@ def test_a_configuration_survives_json(config):
 )
 def test_what_makes_no_network_is_refused(changes, said):
     with pytest.raises(ValueError, match=said):
-        VoxelNetConfig.published("tjunction", **changes)
+        VoxelNetConfig.from_paper("tjunction", **changes)
 
 
 CLASSES = VoxelNetConfig.light(

@@ -286,7 +286,7 @@ EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
         *(CONFIG, dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), averaging=0.7)),
         dataclasses.replace(CONFIG, max_points=2),  # voxels of some unions are crowded
         dataclasses.replace(
-            VoxelNetConfig.published("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)
+            VoxelNetConfig.from_paper("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)
         ),
     ],
     ids=["light", "classes, faces", "crowded", "published"],

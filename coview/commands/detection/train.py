@@ -26,12 +26,12 @@ def train(
         site: Area to train for: tjunction, roundabout, a site file, or general for any place; the
             data's when left out.
         json: Print the summary as JSON."""
-    from models.train import run
-    from models.training.loop import LOG, read_curves
+    from models.train import run_training
+    from models.training.training_log import LOG, read_curves
     from toolkit.plots.curves import draw_training
 
     with progress_bar("step", hidden=json) as bar:
-        weights, measured = run(site, training, progress=bar.step)
+        weights, measured = run_training(site, training, progress=bar.step)
     draw_training(read_curves(training.out / LOG), training.out)
     pictures = "losses.png, ap.png" if training.validate else "losses.png"
     text = f"{training.out}: {weights.name}, {LOG}, {pictures}"

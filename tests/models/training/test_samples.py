@@ -11,10 +11,10 @@ from models.config import VoxelNetConfig, road_users
 from models.network.grid import anchors
 from models.network.voxelnet import VoxelNet
 from models.training import samples as module
-from models.training.loop import PRESETS
 from models.training.losses import IGNORED, NEGATIVE, POSITIVE
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
+from models.training.presets import PRESETS
 from models.training.samples import (
     LIFT_DEVIATION_M,
     MIN_KEPT_SHARE,

@@ -14,7 +14,7 @@ from models.network.faces import SORTS, FaceNetworks, face_features, face_offset
 from models.network.grid import per_anchor, voxelise
 from models.network.voxelnet import VoxelNet
 from models.training import second_stage
-from models.training.loop import make_config
+from models.training.presets import make_config
 from models.training.second_stage import (
     MAX_FACE_SHIFT_M,
     MAX_LOST_SHARE,
