@@ -152,7 +152,7 @@ def command(name: str) -> Callable[..., int]:
         module = import_study(COMMANDS[name])
     else:
         module = import_module(f"coview.commands.{COMMANDS[name]}")
-    return getattr(module, name.replace("-", "_"))
+    return getattr(module, f"{name.replace('-', '_')}_command")
 
 
 def refuse_hidden_packages() -> None:

@@ -11,7 +11,7 @@ from models.training.options import TrainingOptions
 from toolkit.detection.place import Corners
 
 
-def train(
+def train_command(
     site: Positional[str | None] = None, /, *, training: TrainingOptions, json: bool = False
 ) -> int:
     """Train VoxelNet on a packed file.
@@ -39,7 +39,7 @@ def train(
     return OK
 
 
-def export(
+def export_command(
     weights: Positional[str],
     out: Positional[Path],
     /,

@@ -110,7 +110,7 @@ class Serving:
     """Open the browser."""
 
 
-def what_if(
+def what_if_command(
     plan: Positional[str],
     /,
     *,
@@ -144,7 +144,7 @@ def what_if(
     return OK
 
 
-def live(
+def live_command(
     site: Positional[str] = "",
     /,
     *,

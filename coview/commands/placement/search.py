@@ -76,7 +76,7 @@ class SearchOptions:
         check_share("--confidence", self.confidence)
 
 
-def search(
+def search_command(
     site: Positional[str],
     /,
     *,

@@ -53,7 +53,7 @@ class SurrogateFit:
             check_iou(iou)
 
 
-def surrogate(
+def surrogate_command(
     sites: Positional[tuple[str, ...]],
     /,
     *,

@@ -7,13 +7,13 @@ from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, sensor_set, site_file
 from coview.detectors import recording_detector
-from coview.outputs import OK, SUSPECTED, Writing, check_file, check_new_folder, print_result
+from coview.outputs import OK, SUSPECTED, Writing, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
 from toolkit.sensors.error_profiles import find_profile
 
 
-def survey(
+def survey_command(
     dataset: Positional[Path],
     /,
     *,
@@ -43,7 +43,7 @@ def survey(
         seed: Seed of the sensors' noise and errors.
         json: Print as JSON."""
     from toolkit.datasets.recordings import Reads
-    from toolkit.detection.survey import survey as count
+    from toolkit.detection.survey import survey
     from toolkit.frame import select_sensors
 
     find_profile(errors)
@@ -53,14 +53,14 @@ def survey(
             raise ValueError("there is no frame to survey: check the path and the layout")
         selections = [select_sensors(recording[0].sensors, sensor_set(names)) for names in sensors]
         with progress_bar("frame", total, hidden=json) as bar:
-            counted = count(
+            counted = survey(
                 recording, classes=classes, reads=Reads(errors, seed, total), progress=bar.to
             )
     print_result(counted.as_dict(selections), counted.text(selections), as_json=json)
     return OK
 
 
-def doctor(
+def doctor_command(
     dataset: Positional[Path],
     /,
     *,
@@ -132,7 +132,7 @@ class Fit:
     reference."""
 
 
-def calibrate(
+def calibrate_command(
     dataset: Positional[Path],
     /,
     *,
@@ -176,7 +176,7 @@ def calibrate(
         total = frame_count(recording, reading.frames)
         has_clouds = total and not recording[0].has_images
         if out is not None:
-            check = check_new_folder if has_clouds else check_file
+            check = check_empty_folder if has_clouds else check_file
             check(out, inputs=inputs, overwrite=writing.overwrite)
         pose_inputs = [*inputs, out] if out else inputs
         check_file(poses, inputs=pose_inputs, overwrite=writing.overwrite)

@@ -208,7 +208,7 @@ class ShowSite:
         return OK
 
 
-def site(
+def site_command(
     command: Annotated[ImportMap, subcommand("import")]
     | Annotated[RandomSite, subcommand("random")]
     | Annotated[ShowSite, subcommand("show")]

@@ -13,7 +13,7 @@ from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Processes
 
 
-def reproduce(
+def reproduce_command(
     site: Positional[str],
     /,
     *,

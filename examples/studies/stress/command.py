@@ -15,7 +15,7 @@ from examples.studies.stress.conditions import StressQuestion
 from toolkit.runtime.run import Run
 
 
-def stress(
+def stress_command(
     dataset: Positional[Path],
     /,
     *,
