@@ -113,7 +113,8 @@ def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tupl
     """Weight and bias of a layer and its BatchNorm."""
     scale, shift = scale_and_shift(norm)
     bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
-    return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
+    scale_by_output = scale.view(-1, *(1,) * (layer.weight.ndim - 1))
+    return layer.weight.detach() * scale_by_output, bias
 
 
 def _fold_layer(layer: Any) -> nn.Conv2d | nn.ConvTranspose2d:
@@ -158,9 +159,8 @@ class FoldedRegionProposal(nn.Module):
             for layer in order:
                 x = torch.relu_(block[layer](x))
             maps.append(x)
-        return Prediction(
-            *torch.split(cell_by_cell(self.outputs, self.join(maps)).float(), self.channels, 1)
-        )
+        outputs = cell_by_cell(self.outputs, self.join(maps)).float()
+        return Prediction(*torch.split(outputs, self.channels, 1))
 
 
 class PlainJoin(nn.Module):
@@ -174,16 +174,11 @@ class PlainJoin(nn.Module):
         if rpn.add:
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
-            self.upsample = nn.ModuleList(
-                make_conv(
-                    layer.weight * scale[:, None, None],
-                    bias,
-                    layer.stride[0],
-                    layer.padding[0],
-                    transposed=True,
-                )
-                for layer, bias in zip(layers, (shift, None, None), strict=True)
-            )
+            self.upsample = nn.ModuleList()
+            for layer, bias in zip(layers, (shift, None, None), strict=True):
+                weight = layer.weight * scale[:, None, None]
+                conv = make_conv(weight, bias, layer.stride[0], layer.padding[0], transposed=True)
+                self.upsample.append(conv)
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
         """Feature map of the head."""
@@ -216,10 +211,8 @@ class LinearHead(nn.Module):
         at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)
         self.conv3x3 = make_conv(at_fine, _bias(head.conv3x3), padding=1)
         self.middle = make_conv(_compose(middle.weight, at_middle), None, 2, 1, transposed=True)
-        biases = (
-            torch.cat((at_coarse, at_middle), 1)
-            * torch.cat((coarse.bias, middle.bias))[:, None, None]
-        )
+        joined_bias = torch.cat((coarse.bias, middle.bias))
+        biases = torch.cat((at_coarse, at_middle), 1) * joined_bias[:, None, None]
         ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
         weight = torch.cat(
             (
@@ -414,10 +407,8 @@ class SparseMiddle(nn.Module):
         position = plane.place(item, ix, iy)
         mask = torch.zeros(self.shape[2], plane.size, dtype=torch.bool, device=features.device)
         mask[iz, position] = True
-        reached = Reached(
-            mask,
-            torch.empty_like(features).index_copy_(0, count_before(mask)[iz, position], features),
-        )
+        order = count_before(mask)[iz, position]
+        reached = Reached(mask, torch.empty_like(features).index_copy_(0, order, features))
         for layer in self.layers:
             reached, values = layer(reached, plane)
         level, position = torch.nonzero(reached.mask, as_tuple=True)
@@ -451,7 +442,8 @@ class SparseConvolution(nn.Module):
         empty = self.empty[level, _kind(ix, plane.nx), _kind(iy, plane.ny)]
         sums = empty.clone()
         step = torch.arange(-1, 2, dtype=torch.int32, device=position.device)
-        neighbours = position.int()[:, None] + (step[:, None] * (plane.ny + 2) + step).view(-1)
+        offsets = (step[:, None] * (plane.ny + 2) + step).view(-1)
+        neighbours = position.int()[:, None] + offsets
         inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())
         rows = mask.sum(1).tolist()
         level_sums = torch.split(sums, rows)
@@ -480,7 +472,8 @@ class SparseConvolution(nn.Module):
         x = _kind(torch.arange(plane.nx, device=self.empty.device), plane.nx)
         y = _kind(torch.arange(plane.ny, device=self.empty.device), plane.ny)
         small = torch.relu(self.empty).permute(1, 2, 0, 3).contiguous()
-        return small[x[:, None], y].expand(plane.items, -1, -1, -1, -1).contiguous()
+        response = small[x[:, None], y]
+        return response.expand(plane.items, -1, -1, -1, -1).contiguous()
 
 
 def count_before(mask: Bool[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:

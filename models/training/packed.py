@@ -246,13 +246,10 @@ class Rig:
         """Mask of points in the crop, widened by a margin (m)."""
         x, y, z = level_rows(points, self.slope).T
         xmin, ymin, xmax, ymax = self.area
-        is_inside = (
-            (x >= xmin - margin)
-            & (x <= xmax + margin)
-            & (y >= ymin - margin)
-            & (y <= ymax + margin)
-        )
-        return is_inside & (z > -margin) & (z < self.height + margin)
+        is_inside_x = (x >= xmin - margin) & (x <= xmax + margin)
+        is_inside_y = (y >= ymin - margin) & (y <= ymax + margin)
+        is_inside_z = (z > -margin) & (z < self.height + margin)
+        return is_inside_x & is_inside_y & is_inside_z
 
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
@@ -305,7 +302,10 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
 def _ascends(ends: np.ndarray, total: int) -> bool:
     """True if the numbers ascend, row after row, from 0 or more to at most the total."""
     flat = ends.ravel().astype(np.int64)
-    return not len(flat) or bool((np.diff(flat) >= 0).all() and flat[0] >= 0 and flat[-1] <= total)
+    if not len(flat):
+        return True
+    is_within = flat[0] >= 0 and flat[-1] <= total
+    return bool((np.diff(flat) >= 0).all() and is_within)
 
 
 def _check_pixels(pixels: np.ndarray, sensor: Sensor, name: str) -> None:

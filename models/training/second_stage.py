@@ -147,11 +147,9 @@ def compute_recording_ap(
         by_iou = evaluate(
             detections, truths, iou_thresholds=thresholds, counted=counted, label=label
         )
-        figures |= {
-            f"{prefix}AP@{at_iou:g}": figures_at.ap
-            for at_iou, figures_at in by_iou.items()
-            if figures_at.truths or is_vehicle
-        }
+        for iou, result in by_iou.items():
+            if result.truths or is_vehicle:
+                figures[f"{prefix}AP@{iou:g}"] = result.ap
     return figures
 
 
@@ -217,12 +215,10 @@ def platt(
     def lost(answer: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = rows @ answer
         deviation = answer - neutral
-        loss = float(
-            np.logaddexp(0.0, log_odds).sum()
-            - log_odds[hits].sum()
-            + _RIDGE / 2 * deviation @ deviation
-        )
-        return loss, rows.T @ (sigmoid(log_odds) - hits) + _RIDGE * deviation
+        likelihood = np.logaddexp(0.0, log_odds).sum() - log_odds[hits].sum()
+        loss = float(likelihood + _RIDGE / 2 * deviation @ deviation)
+        slope = rows.T @ (sigmoid(log_odds) - hits) + _RIDGE * deviation
+        return loss, slope
 
     bounds = [(_MIN_SLOPE, None), (None, None), *((0.0, None) for _ in rivals.T)]
     solution = minimize(
