@@ -183,7 +183,7 @@ class VoxelNetConfig:
             shares += row
         if not all(0 <= share < 1 for share in shares):
             raise ValueError(
-                f"thresholds and rival_shares must lie in 0..1, got {self.score_threshold}, "
+                f"thresholds and rival_shares must be within 0..1, got {self.score_threshold}, "
                 f"{by_label}"
             )
         if not set(map(len, by_label)) <= {0, size}:
@@ -390,5 +390,5 @@ def _parse(value: Any, example: Any, name: str) -> Any:
             ):
                 raise ValueError(f"{name} must be a number like {example}, got {got}")
             if not -_MAX_VALUE <= value <= _MAX_VALUE:
-                raise ValueError(f"{name} must lie within ±{_MAX_VALUE:g}, got {got}")
+                raise ValueError(f"{name} must be within ±{_MAX_VALUE:g}, got {got}")
     return value

@@ -201,8 +201,8 @@ class OnnxDetector(VoxelNetDetector):
         ):
             got = f"got {self.decoded}, {nms} and {digest}"
             raise ValueError(
-                "decoded must be true or false, nms_threshold a number, sha256 that of the file, "
-                f"{got}"
+                "decoded must be true or false, nms_threshold a number, sha256 the digest of the "
+                f"file, {got}"
             )
         config = VoxelNetConfig.from_dict(card)
         self._adopt(config, "cpu", score_threshold, nms if nms_threshold is None else nms_threshold)

@@ -191,8 +191,7 @@ def from_network(boxes: BoxRows, site: str) -> BoxRows:
 def from_published(
     weights: dict[str, Tensor], network: VoxelNet, origin: str | Path
 ) -> dict[str, Tensor]:
-    """Rename published tensors. Raises ValueError unless all of them are present in the right
-    shapes."""
+    """Rename published tensors. Raises ValueError unless all are present in the right shapes."""
     ours = network.state_dict()
     linear = {
         name: tensor[..., None, None]

@@ -106,7 +106,7 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, WeightsHeader]:
     metadata, tensors = _read_tensors(path)
     if metadata.get("format") != FORMAT:
         raise ValueError(
-            f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}"
+            f"{path} is not in the format {FORMAT!r}, its header has {metadata.get('format')!r}"
         )
     if metadata.get("digest") != digest_tensors(tensors):
         raise ValueError(

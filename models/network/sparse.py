@@ -286,7 +286,7 @@ class SparseColumns(nn.Module):
 
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of
     its map, depending on whether its row and column are even or odd. Each of the nine taps serves
-    the columns of one such kind and sends no two of them to the same cell. Cells without a column
+    the columns of one such kind and sends no two columns to the same cell. Cells without a column
     hold the bias.
     """
 
@@ -379,7 +379,7 @@ class SparseMiddle(nn.Module):
     A convolution is linear: its output is the output for an empty grid plus the output for the
     difference between its input and an empty grid's. The difference is zero wherever no point
     reaches, so only rows of reached cells are kept and multiplied. An empty grid's response varies
-    only at its borders, so a small empty grid describes all of it. Channels are last in memory,
+    only at its borders, so a small empty grid describes it. Channels are last in memory,
     level by level (`channel_order`).
     """
 

@@ -115,7 +115,7 @@ def _check_schedule(preset: Preset, machine: Machine) -> None:
     """Raise ValueError for a schedule that cannot follow the clock."""
     if machine.seconds is not None and preset.schedule != "one-cycle":
         raise ValueError(
-            f"seconds need a schedule of one cycle, got {preset.schedule!r}: say epochs"
+            f"seconds need a schedule of one cycle, got {preset.schedule!r}: pass epochs"
         )
 
 

@@ -101,7 +101,8 @@ def assign_by_kind(
 ) -> Assignment:
     """Match anchors to objects of their class; owners are rows of `boxes`.
 
-    is_required: objects that should be detected; negatives on the others of that class are ignored.
+    is_required: objects that should be detected; negatives on other objects of the class are
+    ignored.
     """
     parts = []
     first_anchor = 0

@@ -9,13 +9,13 @@ its layout, flat arrays that need only numpy and h5py:
                                 after the other: uint32 pixel number (row · columns + column),
                                 float32 measurement (m)
     rigs/{r}/ends               (s,) ends of the pixels of each sensor
-    frames/rig, frames/ends     (t,) rig of each frame, and (t, s + 1) where the changed pixels of
-                                each sensor begin and the last ones end
+    frames/rig, frames/ends     (t,) rig of each frame, and (t, s + 1) begin of the changed
+                                pixels of each sensor, and end of the last ones
     pixels, steps               (p,) changed pixels, and their measurement in 1/512 m, 0 for none
-    boxes, labels, box_ends     objects of all frames, and (t + 1,) where those of each frame begin
-    clouds/frames, ends, points where there are frames of recorded clouds: (f,) which, (f, s + 1)
-                                where the points of each sensor begin and the last ones end, (p, 3)
-                                the points in 1/512 m, on level ground
+    boxes, labels, box_ends     objects of all frames, and (t + 1,) begin of each frame's
+    clouds/frames, ends, points for frames of recorded clouds: (f,) their numbers, (f, s + 1) begin
+                                of the points of each sensor and end of the last ones, (p, 3) the
+                                points in 1/512 m, on level ground
 """
 
 import math
@@ -178,7 +178,7 @@ class Rig:
         area: xmin ymin xmax ymax (m).
         height: Height of the crop (m).
         pixels: Pixels of each sensor that see the empty site in the crop.
-        depth: Measurement of each of these pixels (m).
+        depth: Measurement of each pixel (m).
         slope: Slope of the ground.
     """
 

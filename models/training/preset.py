@@ -47,7 +47,7 @@ def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
         )
     if len(config.labels) > 1 and not config.kinds:
         raise ValueError(
-            f"several labels need anchors of their own, got {config.labels}: give kinds"
+            f"several labels need an anchor kind each, got {config.labels}: give kinds"
         )
     if preset.batch < 1 or not preset.epochs > 0:
         raise ValueError(

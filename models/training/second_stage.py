@@ -256,8 +256,8 @@ def fit_calibration(
     """Network with calibration, rivalry and a threshold per class.
 
     Each threshold is the lowest above which `MIN_PRECISION` of the detections are true, over the
-    first `count` frames (None: all) of a file that training did not use. Some of them are seen by
-    some of the sensors or by sensors with errors."""
+    first `count` frames (None: all) of a file that training did not use. Some frames are seen
+    by a part of the sensors or by sensors with errors."""
     bare = rebuild(network, score_threshold=MIN_FIT_SCORE, **dict.fromkeys(FITTED, ()))
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
@@ -367,8 +367,8 @@ def face_examples(
 ) -> FaceExamples:
     """Collect examples of the first `count` frames (None: all).
 
-    Half of them are seen by a random subset of the sensors, some by sensors with errors. network:
-    detects them, without a second stage; None for only randomly displaced boxes.
+    Half of the frames are seen by a random subset of the sensors, some by sensors with errors.
+    network: detects them, without a second stage; None for only randomly displaced boxes.
     """
     detector_in = (
         None if network is None else detector_by_area(network, score_threshold=MIN_EXAMPLE_SCORE)

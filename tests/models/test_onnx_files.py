@@ -168,7 +168,7 @@ def test_a_network_of_others_follows_its_card(tmp_path):
         ({**CARD, "labels": ["lorry"]}, {}, "labels must be different ones"),
         ({**CARD, "decoded": 1}, {}, "decoded must be true or false"),
         ({**CARD, "colour": 1}, {}, "has no colour"),
-        ({**CARD, "sha256": "0"}, {}, "sha256 that of the file"),
+        ({**CARD, "sha256": "0"}, {}, "sha256 the digest of the file"),
         ({**CARD, "faces": ["vehicle"]}, {}, "lack the networks of the card's faces"),
         ({**CARD, "decoded": False}, {}, "and return class_logits residuals"),
         (CARD, {"outputs": ("boxes", "scores")}, "returns boxes scores"),

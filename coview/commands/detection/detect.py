@@ -55,11 +55,11 @@ def detect_command(
         clouds: Cloud files, folders, bags or recordings.
         out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
         detector: general, another shipped network, a file of weights or in ONNX, or
-            package.module:callable; +background, which plan.json names too, drops what stands at
-            the recording's site or in its empty scene; general has it where the site is known, or
-            learns it where the sensors stand still over ten frames and more; general-background has
-            not; +phases4 detects on four shifted grids; +float32 in exact numbers where the
-            processor has quicker ones.
+            package.module:callable; +background, which plan.json names too, drops what is
+            always at the recording's site or in its empty scene; general has it if the site is
+            known, or learns it if the sensors stand still over ten frames and more;
+            general-background has not; +phases4 detects on four shifted grids; +float32 in exact
+            numbers even if the processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti."""
     from toolkit.datasets.recordings import Part

@@ -98,7 +98,7 @@ def evaluate_command(
 
     A second table shows, class by class, what the detector's threshold yields. The usual detector
     is the network of the site's sensors, elsewhere general. Without a known site all clouds are
-    fused at once.
+    fused together.
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
@@ -149,7 +149,7 @@ def evaluate_command(
         _check_truths(evaluation, labels, count)
         evaluation = replace(evaluation, poses=poses)
         save_evaluation(evaluation, out)
-    text = f"{evaluation.text()}\nwritten to {out}/table.json, PR curves beside it"
+    text = f"{evaluation.text()}\nwritten to {out}/table.json, PR curves next to it"
     if not subject.detector:
         text = f"{_describe_default(detector)}\n\n{text}"
     print_result(evaluation.as_dict(), text, as_json=writing.json)

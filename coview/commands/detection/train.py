@@ -47,8 +47,8 @@ def export_command(
     area: Corners | None = None,
     writing: Writing = Writing(),
 ) -> int:
-    """Write a network as ONNX, with a card of its area, voxels, anchors, classes, thresholds and
-    calibration beside it.
+    """Write a network as ONNX, and a card of its area, voxels, anchors, classes, thresholds and
+    calibration.
 
     Every command takes the file in place of a detector's name.
 
@@ -56,9 +56,9 @@ def export_command(
 
     Args:
         weights: Shipped weights, or a weights file.
-        out: ONNX file to write; the card is NAME.onnx.json beside it.
-        area: Area xmin ymin xmax ymax (m), for weights that go anywhere; that of the weights when
-            left out."""
+        out: ONNX file to write; the card is NAME.onnx.json next to it.
+        area: Area xmin ymin xmax ymax (m), for weights that go anywhere; the area of the
+            weights when left out."""
     from models.detector import weights_file
     from models.onnx_files import card_file, export_onnx
 

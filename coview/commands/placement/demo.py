@@ -17,7 +17,7 @@ from toolkit.runtime.run import Run
 RECORDING = "tjunction.hdf5"
 PLAN = "plan"  # folder
 CACHE = "cache"  # folder
-PLAN_SENSORS = 3  # of the site's six
+PLAN_SENSORS = 3  # from the site's six
 
 
 def demo_command(
@@ -39,7 +39,7 @@ def demo_command(
         plan_frames: Number of frames of each part of the plan's traffic; 0 for no plan.
         seed: Seed of the traffic.
         detector: Detector, as in coview evaluate.
-        overwrite: Replace existing files; those of another demo are replaced anyway."""
+        overwrite: Replace existing files; files of another demo are replaced anyway."""
     from toolkit.detection.evaluation import curve_files, draw_example
 
     check_least("--frames", frames, 1)

@@ -159,9 +159,9 @@ def plan_command(
     """Plan which sensors to build, and write a report with the reasons.
 
     A fast estimate searches the sets, the detector compares the best ones on fresh traffic, and the
-    answer is judged on other traffic again. Each of these three parts has --frames frames (60, 120
-    and 120 when left out). The cases say under which conditions sets are compared and must reach
-    --min-ap. An interrupted plan resumes.
+    answer is judged on other traffic again. Each part has --frames frames (60, 120 and 120 when
+    left out). The cases are the conditions under which sets are compared and must reach --min-ap.
+    An interrupted plan resumes.
 
     Example: coview plan tjunction --budget 4 --min-ap 0.9 --out out/plan
 

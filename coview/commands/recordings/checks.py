@@ -28,7 +28,7 @@ def survey_command(
     """Count what a recording holds: objects per frame, kbit of early fusion, points on the objects
     of each class.
 
-    Counted is the site's area where that is known, else all that is there.
+    Objects in the site's area are counted, or all objects if the site is unknown.
 
     Example: coview survey tjunction.hdf5 --sensors 4 3,4 0,2,5 all
 
@@ -70,8 +70,8 @@ def doctor_command(
     frames: int = 20,
     json: bool = False,
 ) -> int:
-    """Check a recording for the classic mistakes and say which are suspected and why. Exit code 1
-    if any is.
+    """Check a recording for the classic mistakes, and name those suspected and why. Exit code 1 if
+    any is.
 
     Example: coview doctor my-recording.hdf5
 
@@ -83,7 +83,7 @@ def doctor_command(
         reference: Reference, as in coview calibrate, against which the sensors' poses are checked
             too.
         layout: Layout, as in coview evaluate.
-        frames: Number of first frames whose labels are checked; of hdf5 all are.
+        frames: Number of first frames whose labels are checked; all for hdf5.
         json: Print as JSON."""
     from toolkit.calibration.poses import check_drift
     from toolkit.detection.label_doctor import diagnose
@@ -142,13 +142,13 @@ def calibrate_command(
     reading: Reading = Reading(),
     writing: Writing = Writing(),
 ) -> int:
-    """Find again where the sensors of a recording are, by what stands still there. Exit code 1 if
-    one cannot be found.
+    """Find the poses of a recording's sensors again, by what stands still there. Exit code 1 if one
+    cannot be found.
 
-    Each sensor learns its empty scene from its own frames and is registered against the reference,
-    from up to 5° and half a metre off. What the scene cannot say, such as moves along a bare plane,
-    is named and kept. Lidars known by their clouds are found by range images of these, on a vehicle
-    or in fewer than five frames by one sweep.
+    Each sensor learns its empty scene from its frames and is registered against the reference,
+    from up to 5° and half a metre off. Moves that the scene does not show, such as those along a
+    bare plane, are named and kept. Lidars known by their clouds are found by range images made from
+    them, on a vehicle or in fewer than five frames by one sweep.
 
     Example: coview calibrate monday.hdf5 --reference tjunction --out corrected.hdf5
         --poses poses.json

@@ -63,8 +63,8 @@ def convert_command(
 
     Args:
         recording: Recording in any layout.
-        to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5
-            keeps everything.
+        to: Layout to write: one that --layout takes, or one of a plug-in; rosbag has no labels,
+            hdf5 keeps everything.
         out: Folder to write, or file for hdf5."""
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:
@@ -75,7 +75,7 @@ def convert_command(
         check_ending(out, (".hdf5", ".h5"), f"a recording in layout {to}")
     if not target.file and out.suffix.lower() in (".hdf5", ".h5", ".json", ".zip"):
         raise ValueError(
-            f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or say "
+            f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or pass "
             "--to hdf5"
         )
     write = target.write
@@ -139,7 +139,7 @@ def fuse_command(
         poses: One file with all poses, or one per cloud; pipes such as <(...) work too.
         inverted: Take the poses as world to sensor (extrinsics) instead of sensor to world.
         out: File for the fused cloud (ply, pcd or npz).
-        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded
+        argoverse: Log with two lidars; prints its points per labelled cuboid next to the recorded
             counts."""
     from toolkit.clouds import down_sample, save
 
@@ -159,7 +159,7 @@ def fuse_command(
     check_file(out, inputs=[*clouds, *poses], overwrite=writing.overwrite)
     cloud = fuse_files(clouds, load_poses(clouds, poses, inverted=inverted))
     if crop.area is not None:
-        pose_remedy = "say --inverted if the poses are world to sensor"
+        pose_remedy = "pass --inverted if the poses are world to sensor"
         if inverted:
             pose_remedy = "leave out --inverted"
         remedy = f"give another --area, --height or --floor, or {pose_remedy}"
@@ -206,8 +206,8 @@ def pack_command(
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
 
-    At a known site what differs from the empty site is kept; of other recordings their points, on
-    level ground. If killed while drawing random sites, it resumes and writes the same bytes. Of
+    At a known site what differs from the empty site is kept; from other recordings their points,
+    on level ground. If killed while drawing random sites, it resumes and writes the same bytes. Of
     each random site 20 frames are recorded when --frames is left out.
 
     Example: coview pack tjunction.hdf5 --out tjunction.packed
@@ -228,7 +228,7 @@ def pack_command(
     if random_sites and (datasets or packed):
         raise ValueError("give recordings and --packed files, or --random-sites N, not both")
     if sites.at and not random_sites:
-        raise ValueError("--at needs --random-sites N: say how many recordings to make there")
+        raise ValueError("--at needs --random-sites N: give the number of recordings to make there")
     check = partial(check_file, out, inputs=[*datasets, *packed, *sites.at, *opening.files])
     if random_sites:
         was_interrupted = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up

@@ -75,7 +75,7 @@ def view_command(
 
     Frames have a slider; sensors, truth, detections and classes can be hidden; points are coloured
     by sensor, height, intensity or age. With --detector its boxes are marked as hits and false
-    alarms, and labels as missed. Served to this machine alone until Ctrl-C; with --out written as
+    alarms, and labels as missed. Served to this machine only, until Ctrl-C; with --out written as
     one page that works from disk, with --still as a picture.
 
     Example: coview view tjunction.hdf5
@@ -88,7 +88,7 @@ def view_command(
         recording: Recording in any layout.
         out: HTML page to write instead of serving, with at most 600,000 points.
         still: Picture (.png or .svg) of one frame from above to write instead of serving.
-        port: Port of the address in the browser; the next free one where it is taken."""
+        port: Port of the address in the browser; the next free one if it is taken."""
     _check_options(shown, out, still)
     with opening.open(recording) as opened:
         frames = shown.frames if out is None else shown.frames or PAGE_FRAMES
@@ -117,7 +117,7 @@ def _check_options(shown: ViewOptions, out: Path | None, still: Path | None) -> 
     check_least("--every", shown.every, 1)
     check_least("--frame", shown.frame, 0)
     if still is not None and out is not None:
-        raise ValueError("--out writes a page, --still a picture: give one of them")
+        raise ValueError("--out writes a page, --still a picture: give only one")
     if still is not None:
         check_picture(still)
     if shown.detector is not None:
@@ -161,6 +161,6 @@ def _write_page(
 
 def _print_url(as_json: bool, url: str) -> None:
     """Print the address at which a recording is served."""
-    text = f"{url} (this machine alone; Ctrl-C ends it)"
+    text = f"{url} (this machine only; Ctrl-C ends it)"
     print_result({"url": url}, text, as_json=as_json)
     sys.stdout.flush()  # here, as nothing else is printed while it is served

@@ -253,7 +253,7 @@ def test_networks_of_classes_and_wide_areas():
         AREA, "fast"
     )
     shared = VoxelNetConfig.light(AREA, labels=("vehicle", "cyclist"))
-    with pytest.raises(ValueError, match="anchors of their own"):
+    with pytest.raises(ValueError, match="an anchor kind each"):
         check_fit(shared, presets.PRESETS["fast"])
 
 

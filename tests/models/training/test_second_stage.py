@@ -291,7 +291,7 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
     kept = bare._finish(torch.as_tensor(boxes[:3]).float(), scores, np.zeros((0, 3), np.float32))
     assert sorted(kept.boxes[:, 0].tolist()) == [0.0, 5.0]
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-    for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must lie in 0..1")):
+    for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must be within 0..1")):
         with pytest.raises(ValueError, match=said):
             replace(config, rival_shares=wrong)
 
