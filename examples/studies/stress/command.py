@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from tyro.conf import Positional
@@ -11,8 +12,15 @@ from coview.detectors import check_detector, check_digest, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
+from examples.studies.stress import noticing, outputs, stressing
 from examples.studies.stress.conditions import StressQuestion
+from placement_env.fidelity.table import load_table
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.detection.codec import PAPER
+from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin
 from toolkit.runtime.run import Run
+
+FAULT_KINDS = frozenset(("silent", "blinded", "frozen"))  # whose notice is timed in sequences
 
 
 def stress_command(
@@ -44,16 +52,7 @@ def stress_command(
         table: Built-in site or .npz of coview table, to add exact figures for one or two failing
             sensors.
         out: Folder for stress.json and stress.svg, rewritten after each condition."""
-    from examples.studies.stress import outputs, stressing
-    from examples.studies.stress.noticing import time_faults
-    from placement_env.fidelity.table import load_table
-    from toolkit.detection.codec import PAPER
-    from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin
-
-    def check(overwrite: bool) -> None:
-        for name in outputs.STRESS_FILES:
-            check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
-
+    check = partial(_check_outputs, out, [dataset, *site_file(site)])
     settings = (dataset, detector, site, table, question, run)
     exact_figures = None
     if table is not None:
@@ -69,38 +68,54 @@ def stress_command(
         open_recording(dataset, site) as recording,
         claim(out, settings, check, overwrite=writing.overwrite),
     ):
-        total = frame_count(recording, run.frames)
-        kinds = stressing.choose_kinds(recording, question.kinds)
+        question = replace(question, kinds=stressing.choose_kinds(recording, question.kinds))
         detect = recording_detector(detector, recording)
         if run.cache is not None:
             check_digest(detector, detect, ", or leave --cache out")
         kept_detections = stressing.KeptDetections.from_detector(detect, run.memo)
         provenance = dataset_origin(recording) | detector_origin(detect)
+        frames = frame_count(recording, run.frames)
         provenance |= settings_origin(
-            PAPER, site=recording.site.name, frames=total, seed=run.seed, kinds=kinds
+            PAPER, site=recording.site.name, frames=frames, seed=run.seed, kinds=question.kinds
         )
-        rows: list[stressing.StressRow] = []
-
-        def keep(condition_rows: Sequence[stressing.StressRow]) -> None:
-            rows.extend(condition_rows)
-            outputs.write_rows(rows, provenance, out)
-
-        with progress_bar("frame", hidden=writing.json) as bar:
-            question = replace(question, kinds=kinds)
-            stressing.run_stress(
-                recording,
-                kept_detections,
-                question,
-                replace(run, progress=bar.stage),
-                finished=keep,
-            )
-        results = outputs.StressResults(
-            tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=exact_figures
-        )
-        if stressing.is_sequence(recording) and {"silent", "blinded", "frozen"} & {*kinds}:
-            noticed, alarms = time_faults(recording, kept_detections, run)
-            results = replace(results, noticed=noticed, false_alarms=alarms)
+        results = _run(recording, kept_detections, question, run, out, provenance, writing.json)
+        results = replace(results, exact=exact_figures)
         outputs.write_stress(results, provenance, out)
     text = f"{results.as_text()}\n\nwritten to {out}: {', '.join(outputs.STRESS_FILES)}"
     print_result(results.as_dict(provenance), text, as_json=writing.json)
     return OK
+
+
+def _check_outputs(out: Path, inputs: Sequence[Path], overwrite: bool) -> None:
+    """Check that the results may be written."""
+    for name in outputs.STRESS_FILES:
+        check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
+
+
+def _run(
+    recording: CoopDataset,
+    detector: stressing.KeptDetections,
+    question: StressQuestion,
+    run: Run,
+    out: Path,
+    provenance: dict[str, object],
+    hidden: bool,
+) -> outputs.StressResults:
+    """Test all conditions, and time the faults of sequences.
+
+    Rows are written after each condition. hidden: show no progress."""
+    rows: list[stressing.StressRow] = []
+
+    def keep(condition_rows: Sequence[stressing.StressRow]) -> None:
+        rows.extend(condition_rows)
+        outputs.write_rows(rows, provenance, out)
+
+    with progress_bar("frame", hidden=hidden) as bar:
+        shown_run = replace(run, progress=bar.stage)
+        stressing.run_stress(recording, detector, question, shown_run, finished=keep)
+    crossings = outputs.find_crossings(rows, seed=run.seed)
+    results = outputs.StressResults(tuple(rows), crossings)
+    if stressing.is_sequence(recording) and FAULT_KINDS & {*(question.kinds or ())}:
+        noticed, alarms = noticing.time_faults(recording, detector, run)
+        results = replace(results, noticed=noticed, false_alarms=alarms)
+    return results

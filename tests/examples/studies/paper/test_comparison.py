@@ -7,13 +7,8 @@ import re
 
 import pytest
 
-from examples.studies.paper.comparison import (
-    CAUSES,
-    Compared,
-    Experiment,
-    RowEvidence,
-    explain_difference,
-)
+from examples.studies.paper.comparison import Compared, Experiment, RowEvidence, explain_difference
+from examples.studies.paper.paper_tables import CAUSES
 from placement_env.analysis.intervals import Interval
 
 SAME = Compared(("early", "0,2,5"), "AP", 0.71, 0.70)

@@ -4,7 +4,24 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression
 
-from examples.studies.paper import detections, reproduction
+from examples.studies.paper import detections
+from examples.studies.paper.iou_densities import (
+    BinnedIou,
+    LogFit,
+    bin_iou,
+    densities_and_ious,
+    density_needed,
+    fit_log,
+    iou_experiment,
+)
+from examples.studies.paper.point_densities import density_experiment
+from examples.studies.paper.pr_curves import (
+    curve_experiment,
+    curve_runs,
+    interpolate_precision,
+    max_recall,
+    steps,
+)
 from placement_env.analysis.intervals import ratio_interval
 from toolkit.detection.metrics import Curve
 
@@ -13,16 +30,16 @@ NOTHING = Curve(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 def test_precision_recall_and_needed_density_by_their_points():
-    assert (reproduction.max_recall(CURVE), reproduction.max_recall(NOTHING)) == (0.96, 0.0)
-    assert [reproduction.interpolate_precision(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [
+    assert (max_recall(CURVE), max_recall(NOTHING)) == (0.96, 0.0)
+    assert [interpolate_precision(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [
         1.0,
         0.95,
         0.95,
         0.0,
     ]
     curve = Curve(np.ones(4), np.array([0.0001, 0.0002, 0.5, 0.5002]), np.ones(4))
-    assert reproduction.steps(curve).tolist() == [False, True, False, True]
-    assert reproduction.steps(NOTHING).tolist() == []
+    assert steps(curve).tolist() == [False, True, False, True]
+    assert steps(NOTHING).tolist() == []
     rng = np.random.default_rng(0)
     density = rng.integers(0, 60, 400).astype(float)
     iou = np.clip(density / 60 + rng.normal(0, 0.2, 400), 0, 1)
@@ -30,18 +47,16 @@ def test_precision_recall_and_needed_density_by_their_points():
     means = np.array([iou[density == each].mean() for each in at])
     fit = isotonic_regression(means, weights=np.array([(density == each).sum() for each in at])).x
     for wanted in (0.0, 0.2, 0.5, 0.8):
-        assert reproduction.density_needed(density, iou, wanted) == at[(fit >= wanted).argmax()]
-    assert reproduction.density_needed(density, iou, 1.01) is None
-    assert reproduction.density_needed(np.zeros(0), np.zeros(0), 0.5) is None
+        assert density_needed(density, iou, wanted) == at[(fit >= wanted).argmax()]
+    assert density_needed(density, iou, 1.01) is None
+    assert density_needed(np.zeros(0), np.zeros(0), 0.5) is None
 
 
 def test_curves_have_their_rows_and_files(stored):
-    made = reproduction.curve_experiment(stored, "tjunction", "12 frames")
+    made = curve_experiment(stored, "tjunction", "12 frames")
     rows = {row.labels: row for row in made.rows}
     for run, paper in zip(
-        reproduction.curve_runs("tjunction"),
-        (0.9870, 0.9441, 0.8653, 0.7123, 0.5365, 0.2862),
-        strict=True,
+        curve_runs("tjunction"), (0.9870, 0.9441, 0.8653, 0.7123, 0.5365, 0.2862), strict=True
     ):
         row, ours = (
             rows["AP@0.7", ",".join(map(str, run.sensors))],
@@ -51,36 +66,36 @@ def test_curves_have_their_rows_and_files(stored):
         assert bool(row.reason) == row.large
     one = rows["greatest recall", "4"]
     assert one.ours == pytest.approx(
-        detections.score_run(stored, reproduction.curve_runs("tjunction")[-1]).recall
+        detections.score_run(stored, curve_runs("tjunction")[-1]).recall
     )
     assert (one.paper, one.relation) == (0.30, "is")
     everyone = rows["precision at recall 0.95", "0,1,2,3,4,5"]
     assert (everyone.relation, everyone.paper) == ("more than", 0.95)
-    assert everyone.ours == reproduction.interpolate_precision(
-        detections.score_run(stored, reproduction.curve_runs("tjunction")[0]).curve, 0.95
+    assert everyone.ours == interpolate_precision(
+        detections.score_run(stored, curve_runs("tjunction")[0]).curve, 0.95
     )
     assert detections.visible_share(stored, (4,)) > 0.3
     assert one.reason == ""
-    ((name, lines),) = reproduction.curve_experiment(stored, "tjunction", "").curves
+    ((name, lines),) = curve_experiment(stored, "tjunction", "").curves
     assert name == "pr_curves_points"
     assert lines[0] == ("sensors", "score", "precision", "recall")
-    curve = detections.score_run(stored, reproduction.curve_runs("tjunction")[-1]).curve
+    curve = detections.score_run(stored, curve_runs("tjunction")[-1]).curve
     last = [row[1:] for row in lines if row[0] == "4"][-1]
     assert last == pytest.approx((curve.score[-1], curve.precision[-1], curve.recall[-1]), abs=1e-6)
 
 
 def test_pictures_of_the_roundabout_and_their_bins(stored_roundabout, tmp_path):
-    reproduction.curve_experiment(stored_roundabout, "roundabout", "").draw(tmp_path / "curves.svg")
+    curve_experiment(stored_roundabout, "roundabout", "").draw(tmp_path / "curves.svg")
     assert (tmp_path / "curves.svg").stat().st_size > 5000
-    made = reproduction.density_experiment(stored_roundabout, "roundabout", "")
+    made = density_experiment(stored_roundabout, "roundabout", "")
     assert {row.paper for row in made.rows} == {None}
     assert made.conclusion.endswith("The paper shows this for the T-junction alone.")
     made.draw(tmp_path / "density.svg")
     assert (tmp_path / "density.svg").stat().st_size > 5000
-    made = reproduction.iou_experiment(stored_roundabout, "roundabout", "")
+    made = iou_experiment(stored_roundabout, "roundabout", "")
     ((name, rows),) = made.curves
     assert (name, rows[0][2]) == ("iou_density_bins", "vehicles")
-    density, _ = reproduction.densities_and_ious(stored_roundabout, "roundabout")
+    density, _ = densities_and_ious(stored_roundabout, "roundabout")
     assert sum(float(row[2]) for row in rows[1:]) == (density > 0).sum()
     made.draw(tmp_path / "iou.svg")
     assert (tmp_path / "iou.svg").stat().st_size > 5000
@@ -88,9 +103,7 @@ def test_pictures_of_the_roundabout_and_their_bins(stored_roundabout, tmp_path):
 
 
 def test_curve_and_density_rows_are_cumulative_shares(stored):
-    rows = {
-        row.labels: row for row in reproduction.density_experiment(stored, "tjunction", "").rows
-    }
+    rows = {row.labels: row for row in density_experiment(stored, "tjunction", "").rows}
     points = np.concatenate([truth.points for truth in stored.truths])
     none = [(truth.points[:, [3, 4]].sum(axis=1) == 0).sum() for truth in stored.truths]
     row = rows["no points", "3,4"]
@@ -108,7 +121,7 @@ def test_curve_and_density_rows_are_cumulative_shares(stored):
     assert rows["no points", "1,3,4,5"].paper is None
     assert rows["median of the points", "4"].ours == np.median(points[:, 4])
     assert len(rows) == 18
-    ((_, lines),) = reproduction.density_experiment(stored, "tjunction", "").curves
+    ((_, lines),) = density_experiment(stored, "tjunction", "").curves
     assert lines[0] == (
         "points, at most",
         "0,1,2,3,4,5",
@@ -129,39 +142,35 @@ def test_curve_and_density_rows_are_cumulative_shares(stored):
 
 def test_log_curves_are_fitted_by_the_weight_of_bins():
     density, iou = np.array([0.0, 10, 20, 20, 400]), np.array([0.0, 0.2, 0.3, 0.5, 0.9])
-    bins = reproduction.bin_iou(density, iou, bins=20)
+    bins = bin_iou(density, iou, bins=20)
     assert bins.density.tolist() == [5, 20, 400]
     assert bins.iou == pytest.approx([0.1, 0.4, 0.9])
     assert bins.vehicles.tolist() == [2, 2, 1]
     density = np.array([0.0, 10, 50, 200, 1000])
-    fit = reproduction.fit_log(
-        reproduction.BinnedIou(
-            density, 0.2 + 0.1 * np.log(np.maximum(density, 1)), np.array([5, 1, 4, 2, 9])
-        )
+    fit = fit_log(
+        BinnedIou(density, 0.2 + 0.1 * np.log(np.maximum(density, 1)), np.array([5, 1, 4, 2, 9]))
     )
     assert fit == pytest.approx((0.2, 0.1))
     assert fit.density_needed(0.7) == pytest.approx(np.exp(5))
-    assert reproduction.LogFit(0.2, -0.1).density_needed(0.7) == np.inf
+    assert LogFit(0.2, -0.1).density_needed(0.7) == np.inf
     assert np.isnan(
-        reproduction.fit_log(
-            reproduction.BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, int))
-        ).density_needed(0.7)
+        fit_log(BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, int))).density_needed(0.7)
     )
     density, iou = np.array([10.0, 100.0, 1000.0]), np.array([0.4, 0.7, 0.8])
-    alone = reproduction.fit_log(reproduction.BinnedIou(density[:2], iou[:2], np.array([1, 1])))
-    heavy = reproduction.fit_log(reproduction.BinnedIou(density, iou, np.array([10**9, 10**9, 1])))
+    alone = fit_log(BinnedIou(density[:2], iou[:2], np.array([1, 1])))
+    heavy = fit_log(BinnedIou(density, iou, np.array([10**9, 10**9, 1])))
     assert heavy == pytest.approx(alone, abs=1e-6)
 
 
 def test_every_vehicle_falls_into_a_bin_of_blocks_of_frames(stored):
-    density, iou = reproduction.densities_and_ious(stored, "tjunction")
+    density, iou = densities_and_ious(stored, "tjunction")
     assert len(density) == len(iou) == 6 * stored.vehicles
-    bins = reproduction.bin_iou(density, iou)
+    bins = bin_iou(density, iou)
     assert bins.vehicles.sum() == len(density)
     assert bins.iou @ bins.vehicles == pytest.approx(iou.sum())
-    assert len(reproduction.bin_iou(np.zeros(3), np.ones(3)).iou) == 1
-    assert len(reproduction.bin_iou(np.zeros(0), np.zeros(0)).iou) == 0
-    row = reproduction.iou_experiment(stored, "tjunction", "").rows[0]
+    assert len(bin_iou(np.zeros(3), np.ones(3)).iou) == 1
+    assert len(bin_iou(np.zeros(0), np.zeros(0)).iou) == 0
+    row = iou_experiment(stored, "tjunction", "").rows[0]
     sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
     for run, found in stored.runs.items():
         sets = ((0, 1, 2, 3, 4, 5), (0, 1, 3, 4, 5), (1, 3, 4, 5), (0, 2, 5), (3, 4), (4,))
@@ -174,18 +183,18 @@ def test_every_vehicle_falls_into_a_bin_of_blocks_of_frames(stored):
 
 
 def test_iou_rows(stored):
-    made = reproduction.iou_experiment(stored, "tjunction", "basis")
-    density, iou = reproduction.densities_and_ious(stored, "tjunction")
+    made = iou_experiment(stored, "tjunction", "basis")
+    density, iou = densities_and_ious(stored, "tjunction")
     rows = {row.labels[0]: row for row in made.rows}
     assert rows["mean, below 70 points"].ours == pytest.approx(iou[density < 70].mean())
     assert rows["mean, 70 to 100 points"].ours == pytest.approx(
         iou[(density >= 70) & (density <= 100)].mean()
     )
     assert rows["mean, above 100 points"].ours == pytest.approx(iou[density > 100].mean())
-    fit = reproduction.fit_log(reproduction.bin_iou(density[density > 0], iou[density > 0]))
+    fit = fit_log(bin_iou(density[density > 0], iou[density > 0]))
     for wanted in (0.5, 0.6, 0.7, 0.8, 0.9):
         needed = fit.density_needed(wanted)
-        assert rows[f"density for IoU {wanted:g}, measured"].ours == reproduction.density_needed(
+        assert rows[f"density for IoU {wanted:g}, measured"].ours == density_needed(
             density, iou, wanted
         )
         assert rows[f"density for IoU {wanted:g}, by the fit"].ours == (

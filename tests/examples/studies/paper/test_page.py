@@ -8,14 +8,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from examples.studies.paper.comparison import (
-    Compared,
-    Experiment,
-    draw_agreement,
-    draw_log_fit,
-    draw_pairs,
-    paper_page,
-)
+from examples.studies.paper.charts import draw_agreement, draw_log_fit, draw_pairs
+from examples.studies.paper.comparison import Compared, Experiment
+from examples.studies.paper.page import paper_page
 from placement_env.analysis.intervals import Interval
 
 INTERVAL = Interval(0.85, 0.95)

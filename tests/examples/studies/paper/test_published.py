@@ -2,7 +2,8 @@
 
 import pytest
 
-from examples.studies.paper.comparison import (
+from examples.studies.paper.paper_rows import set_name
+from examples.studies.paper.paper_tables import (
     BENCHMARK_TABLE,
     CURVE_STATEMENTS,
     DENSITY_STATEMENTS,
@@ -10,7 +11,6 @@ from examples.studies.paper.comparison import (
     REGION_TABLE,
     SCHEME_TABLE,
     sensor_sets,
-    set_name,
 )
 
 

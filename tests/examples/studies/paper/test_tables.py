@@ -5,16 +5,19 @@ import pytest
 from scipy.stats import spearmanr
 
 from examples.studies.paper import reproduction
-from examples.studies.paper.comparison import REGION_TABLE, SCHEME_TABLE, sensor_sets
 from examples.studies.paper.detections import SchemeRun, kbit_per_sensor, ms_per_frame, score_run
+from examples.studies.paper.paper_tables import REGION_TABLE, SCHEME_TABLE, sensor_sets
+from examples.studies.paper.region_tables import benchmark_experiment, region_experiment
+from examples.studies.paper.scheme_table import scheme_experiment, scheme_runs
+from examples.studies.paper.set_table import places_of_best, rank_correlation, set_experiment
 from placement_env.fidelity.table import best_sets
 
 
 def test_table_1_has_its_rows_and_explains_what_is_sent(stored):
-    made = reproduction.scheme_experiment(stored, "tjunction", "12 frames")
+    made = scheme_experiment(stored, "tjunction", "12 frames")
     by_labels = {row.labels: row for row in made.rows}
     assert len(made.rows) == len(by_labels) == 15
-    for run in reproduction.scheme_runs(6):
+    for run in scheme_runs(6):
         paper = SCHEME_TABLE["tjunction"][run.scheme]
         for iou, theirs in zip((0.7, 0.8, 0.9), paper.ap, strict=True):
             row, ours = by_labels[run.scheme, f"AP@{iou:g}"], score_run(stored, run, iou)
@@ -25,12 +28,9 @@ def test_table_1_has_its_rows_and_explains_what_is_sent(stored):
         assert by_labels[run.scheme, "time"].ours == ms_per_frame(stored, run)
         assert by_labels[run.scheme, "time"].unit == "ms"
     assert made.basis == "12 frames"
-    rows = {
-        row.labels: row.reason
-        for row in reproduction.scheme_experiment(stored, "tjunction", "").rows
-    }
+    rows = {row.labels: row.reason for row in scheme_experiment(stored, "tjunction", "").rows}
     far = sum(truth.sent[2].sum() for truth in stored.truths) / stored.frames / 6 * 0.096
-    kbit = kbit_per_sensor(stored, reproduction.scheme_runs(6)[0])
+    kbit = kbit_per_sensor(stored, scheme_runs(6)[0])
     assert (
         rows["late", "sent by a sensor"]
         == f"{kbit / 0.256:.1f} boxes of 256 bit a sensor here, 2.0 in the paper"
@@ -41,7 +41,7 @@ def test_table_1_has_its_rows_and_explains_what_is_sent(stored):
 
 def test_conclusion_says_whether_the_order_holds(stored, stored_roundabout):
     each = {"tjunction": stored, "roundabout": stored_roundabout}
-    said = {site: reproduction.scheme_experiment(each[site], site, "") for site in each}
+    said = {site: scheme_experiment(each[site], site, "") for site in each}
     for made in said.values():
         ap = {row.labels: row.ours or 0.0 for row in made.rows if row.unit == "AP"}
         ordered = all(
@@ -60,14 +60,12 @@ def test_conclusion_says_whether_the_order_holds(stored, stored_roundabout):
 
 
 def test_rank_correlation_shares_ranks_and_is_undefined_for_a_constant():
-    assert reproduction.rank_correlation([1, 1, 2, 3], [1, 2, 3, 4]) == pytest.approx(
-        0.949, abs=1e-3
-    )
-    assert np.isnan(reproduction.rank_correlation([1, 1, 1], [1, 2, 3]))
+    assert rank_correlation([1, 1, 2, 3], [1, 2, 3, 4]) == pytest.approx(0.949, abs=1e-3)
+    assert np.isnan(rank_correlation([1, 1, 1], [1, 2, 3]))
 
 
 def test_rows_of_table_2(stored, exact_table, shares):
-    made = reproduction.set_experiment(exact_table, stored, "tjunction")
+    made = set_experiment(exact_table, stored, "tjunction")
     listed = [
         row for row in made.rows if "paper" in row.labels[0] and "our best" not in row.labels[0]
     ]
@@ -89,7 +87,7 @@ def test_rows_of_table_2(stored, exact_table, shares):
 def test_table_2_has_our_best_three_in_order(stored, exact_table):
     rows = [
         r
-        for r in reproduction.set_experiment(exact_table, stored, "tjunction").rows
+        for r in set_experiment(exact_table, stored, "tjunction").rows
         if r.labels[0].startswith("our best")
     ]
     assert len(rows) == 2 * (1 + 3 * 5)
@@ -98,23 +96,13 @@ def test_table_2_has_our_best_three_in_order(stored, exact_table):
     assert [row.ours for row in rows[:16]] == [each.ap for size in best.values() for each in size]
     assert {row.paper for row in rows} == {None}
     assert {"in the paper's list" in row.labels[0] for row in rows} == {True, False}
-    made, listed = (
-        reproduction.set_experiment(exact_table, stored, "tjunction"),
-        sensor_sets("tjunction"),
-    )
+    made, listed = (set_experiment(exact_table, stored, "tjunction"), sensor_sets("tjunction"))
     correlations = {row.labels[1]: row.ours for row in made.rows if row.unit == "rank correlation"}
     ours = [r.ours for r in made.rows if r.labels[0].startswith("paper") and r.labels[1] == "late"]
     assert correlations["late"] == pytest.approx(
         spearmanr([row.late for row in listed.rows], ours).statistic
     )
-    assert reproduction.places_of_best(exact_table, listed, "early") == {
-        6: 1,
-        5: 3,
-        4: 2,
-        3: 9,
-        2: 6,
-        1: 2,
-    }
+    assert places_of_best(exact_table, listed, "early") == {6: 1, 5: 3, 4: 2, 3: 9, 2: 6, 1: 2}
     assert f"rank correlation {correlations['early']:.3f} over 16 sets" in made.conclusion
     assert (
         "of the paper's best sets of 6 sizes 1 are the best here and 4 among the best three"
@@ -124,16 +112,16 @@ def test_table_2_has_our_best_three_in_order(stored, exact_table):
 
 
 def test_pictures(stored, exact_table, tmp_path):
-    reproduction.scheme_experiment(stored, "tjunction", "").draw(tmp_path / "schemes.svg")
+    scheme_experiment(stored, "tjunction", "").draw(tmp_path / "schemes.svg")
     assert (tmp_path / "schemes.svg").read_text().count("<path") > 20
-    reproduction.set_experiment(exact_table, stored, "tjunction").draw(tmp_path / "sets.svg")
+    set_experiment(exact_table, stored, "tjunction").draw(tmp_path / "sets.svg")
     assert (tmp_path / "sets.svg").stat().st_size > 5000
 
 
 @pytest.mark.parametrize("site", ["tjunction", "roundabout"])
 def test_rows_of_table_3(site, stored, stored_roundabout):
     each = {"tjunction": stored, "roundabout": stored_roundabout}[site]
-    made = reproduction.region_experiment(each, site, "basis")
+    made = region_experiment(each, site, "basis")
     assert len(made.rows) == 6
     for row, paper in zip(made.rows, REGION_TABLE[site], strict=True):
         ours = score_run(each, SchemeRun("early", paper.sensors), region=paper.region)
@@ -147,7 +135,7 @@ def test_rows_of_table_3(site, stored, stored_roundabout):
 
 
 def test_table_4_has_its_rows_and_gains(stored):
-    made = reproduction.region_experiment(stored, "tjunction", "")
+    made = region_experiment(stored, "tjunction", "")
     ap = [row.ours or 0.0 for row in made.rows]
     assert (
         f"1,5 together {ap[2] - max(ap[:2]):+.3f} over the better of the two (paper +0.400)"
@@ -159,7 +147,7 @@ def test_table_4_has_its_rows_and_gains(stored):
     )
     helps = ap[2] > max(ap[:2]) and ap[5] > max(ap[3:5])
     assert made.conclusion.startswith("A second view" if helps else "Not every pair")
-    made = reproduction.benchmark_experiment(stored, "tjunction", "")
+    made = benchmark_experiment(stored, "tjunction", "")
     theirs = [row for row in made.rows if row.ours is None]
     assert [row.paper for row in theirs] == [
         0.8197,
@@ -173,7 +161,7 @@ def test_table_4_has_its_rows_and_gains(stored):
         0.8722,
     ]
     one, two, seen = [row for row in made.rows if row.ours is not None]
-    regions = reproduction.region_experiment(stored, "tjunction", "").rows
+    regions = region_experiment(stored, "tjunction", "").rows
     assert (one.ours, one.paper, two.ours, two.paper) == (
         regions[0].ours,
         0.4717,
@@ -190,11 +178,9 @@ def test_table_4_has_its_rows_and_gains(stored):
 
 
 def test_conclusion_says_that_table_4_lacks_the_roundabout(stored_roundabout, tmp_path):
-    made = reproduction.benchmark_experiment(stored_roundabout, "roundabout", "")
+    made = benchmark_experiment(stored_roundabout, "roundabout", "")
     assert made.conclusion.endswith("The paper's table 4 covers the T-junction alone.")
     assert [row.paper for row in made.rows if row.ours is not None] == [0.1474, 0.8925, None]
     made.draw(tmp_path / "benchmarks.svg")
-    reproduction.region_experiment(stored_roundabout, "roundabout", "").draw(
-        tmp_path / "regions.svg"
-    )
+    region_experiment(stored_roundabout, "roundabout", "").draw(tmp_path / "regions.svg")
     assert all(path.stat().st_size > 5000 for path in tmp_path.iterdir())
