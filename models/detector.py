@@ -170,7 +170,7 @@ class VoxelNetDetector:
         detections = []
         for row, cloud in enumerate(clouds):
             if len(voxels[row].cells):
-                detections.append(self._finish(*candidates[row], cloud))
+                detections.append(self.finish_detections(*candidates[row], cloud))
             else:
                 detections.append(Detections.empty())
         return detections
@@ -223,7 +223,7 @@ class VoxelNetDetector:
                     best = candidates.best(
                         rows[torch.argsort(candidates.place[rows])]
                     )  # in map order
-                    yield row, self._finish(*best, join_clouds(clouds, unions[row]))
+                    yield row, self.finish_detections(*best, join_clouds(clouds, unions[row]))
 
     def at_known_site(self) -> "VoxelNetDetector":
         """Same detector with lower thresholds, for detections that `score_known` will score
@@ -268,7 +268,7 @@ class VoxelNetDetector:
         rivals = shares[detections.labels] * decoding.strongest_rivals(detections, self.config)
         return detections[detections.scores >= rivals.max(axis=1)]
 
-    def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
+    def finish_detections(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
         detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:

@@ -61,7 +61,7 @@ class DifferenceSender:
         self.step = step
         self.refers_to = refers_to
         self.key_every = key_every
-        self._reference: Reference | None = None
+        self.reference: Reference | None = None
         self._key = 0
 
     def write(self, image: RangeImage, missing: ImageMask | None = None) -> bytes:
@@ -72,7 +72,7 @@ class DifferenceSender:
         when numbers do not continue."""
         sent, missing = foreground.check_pixels(image, self.scene, missing)
         steps = to_steps(image.measurement, sent, self.step)
-        reference = self._reference
+        reference = self.reference
         difference = b""
         still_count = 0
         if reference is not None and reference.number < image.number < self._key + self.key_every:
@@ -96,12 +96,12 @@ class DifferenceSender:
             kind = MessageKind.FOREGROUND
             content = whole_image
             self._key = image.number
-            self._reference = Reference.from_image(image.number, step_in_mm(self.step), steps, sent)
+            self.reference = Reference.from_image(image.number, step_in_mm(self.step), steps, sent)
         else:
             kind = MessageKind.DIFFERENCE
             content = difference
             if self.refers_to == "previous":
-                self._reference = reference.after(image.number, steps, sent)
+                self.reference = reference.after(image.number, steps, sent)
         return foreground.write_scene_message(kind, image, self.scene, self.step, content, missing)
 
 

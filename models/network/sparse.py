@@ -85,13 +85,14 @@ def is_quick_at_bfloat16(device: torch.device) -> bool:
     exact = []
     coarse = []
     for _ in range(5):
-        exact.append(_time_layer(torch.float32))
-        coarse.append(_time_layer(torch.bfloat16))
+        exact.append(time_layer(torch.float32))
+        coarse.append(time_layer(torch.bfloat16))
     return min(coarse) < 0.8 * min(exact)
 
 
 @torch.inference_mode()
-def _time_layer(dtype: torch.dtype) -> float:
+def time_layer(dtype: torch.dtype) -> float:
+    """Time a layer as the networks have it (s)."""
     layer = nn.Conv2d(48, 48, 3, padding=1).to(dtype)
     x = torch.ones(1, 64, 96, 48, dtype=dtype).movedim(3, 1)
     layer(x)  # channels last, as in the network

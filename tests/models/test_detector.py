@@ -318,7 +318,7 @@ def test_unions_may_have_many_candidates_or_none(monkeypatch):
 def test_bfloat16_is_quick_where_it_takes_less_time(monkeypatch):
     def quick_at(seconds, device="cpu"):
         monkeypatch.setattr(
-            "models.network.sparse._time_layer", lambda dtype: seconds[dtype == torch.bfloat16]
+            "models.network.sparse.time_layer", lambda dtype: seconds[dtype == torch.bfloat16]
         )
         is_quick_at_bfloat16.cache_clear()
         return is_quick_at_bfloat16(torch.device(device))

@@ -83,7 +83,7 @@ class ImportMap:
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(
-            maps[0], self.centre, self.size, radians(self._find_heading()), seed, self.furnish
+            maps[0], self.centre, self.size, radians(self.find_heading()), seed, self.furnish
         )
         check_file(self.out, inputs=maps, overwrite=self.overwrite, kind=SITE_KIND)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
@@ -108,7 +108,7 @@ class ImportMap:
         say(placed)
         return code
 
-    def _find_heading(self) -> float:
+    def find_heading(self) -> float:
         """Return the heading of the area's x axis (degrees counter-clockwise from east)."""
         if self.bearing is not None and self.heading_deg is not None:
             raise ValueError(

@@ -26,36 +26,45 @@ MAX_UNSEEN_S = 1.0  # without a detection
 
 
 class Tracks:
-    """Tracks of detected objects; times in s."""
+    """Tracks of detected objects; times in s.
+
+    Attributes:
+        time: Time of the last detections.
+        state: (n, 4) position (m) and velocity (m/s) in the ground plane.
+        covariance: (n, 4, 4) covariance of `state`.
+        labels: (n,) classes.
+        seen: (n,) time of the last detection of each track.
+        detected: Last detections.
+        rows: (m,) track of each last detection."""
 
     def __init__(self) -> None:
-        self._time = 0.0
-        self._state = np.empty((0, 4))  # x, y and their velocities
-        self._covariance = np.empty((0, 4, 4))
-        self._labels = np.empty(0, np.int64)
-        self._seen = np.empty(0)
-        self._detected = Detections.empty()
-        self._rows = np.empty(0, np.int64)  # track of each detection
+        self.time = 0.0
+        self.state = np.empty((0, 4))  # x, y and their velocities
+        self.covariance = np.empty((0, 4, 4))
+        self.labels = np.empty(0, np.int64)
+        self.seen = np.empty(0)
+        self.detected = Detections.empty()
+        self.rows = np.empty(0, np.int64)  # track of each detection
 
     def __len__(self) -> int:
-        return len(self._state)
+        return len(self.state)
 
     def update(self, detections: Detections, time: float) -> None:
         """Update with detections of a time, not before the last. Raises ValueError for impossible
         boxes."""
         check_boxes(detections.boxes)
-        if not (math.isfinite(time) and (time >= self._time or not len(self))):
+        if not (math.isfinite(time) and (time >= self.time or not len(self))):
             raise ValueError(
-                f"detections must come in order of time, got {time} s after {self._time} s"
+                f"detections must come in order of time, got {time} s after {self.time} s"
             )
-        step = time - self._time if len(self) else 0.0
-        is_repeat = time == self._time
+        step = time - self.time if len(self) else 0.0
+        is_repeat = time == self.time
         move = np.eye(4)
         acceleration_step = np.array([step**2 / 2, step]) * ACCELERATION_SIGMA_MPS2
         move[[0, 1], [2, 3]] = step
-        state = self._state @ move.T
+        state = self.state @ move.T
         noise = np.kron(np.outer(acceleration_step, acceleration_step), np.eye(2))
-        covariance = move @ self._covariance @ move.T + noise
+        covariance = move @ self.covariance @ move.T + noise
         rows = self._match(detections, state, covariance)
         if not is_repeat:  # repeated measurements add nothing
             matched = np.flatnonzero(rows >= 0)
@@ -70,16 +79,16 @@ class Tracks:
         sigmas = [CENTRE_SIGMA_M, CENTRE_SIGMA_M, FIRST_SPEED_SIGMA_MPS, FIRST_SPEED_SIGMA_MPS]
         spread = np.diag([sigma**2 for sigma in sigmas])
         new_covariance = np.tile(spread, (len(new_rows), 1, 1))
-        seen = np.concatenate([self._seen, np.full(len(new_rows), time)])
+        seen = np.concatenate([self.seen, np.full(len(new_rows), time)])
         seen[rows] = time
         is_kept = time - seen <= MAX_UNSEEN_S
-        self._time = time
-        self._detected = detections
-        self._seen = seen[is_kept]
-        self._rows = (np.cumsum(is_kept) - 1)[rows]
-        self._state = np.concatenate([state, new_states])[is_kept]
-        self._covariance = np.concatenate([covariance, new_covariance])[is_kept]
-        self._labels = np.concatenate([self._labels, detections.labels[new_rows]])[is_kept]
+        self.time = time
+        self.detected = detections
+        self.seen = seen[is_kept]
+        self.rows = (np.cumsum(is_kept) - 1)[rows]
+        self.state = np.concatenate([state, new_states])[is_kept]
+        self.covariance = np.concatenate([covariance, new_covariance])[is_kept]
+        self.labels = np.concatenate([self.labels, detections.labels[new_rows]])[is_kept]
 
     def _match(
         self,
@@ -89,7 +98,7 @@ class Tracks:
     ) -> Int64[np.ndarray, " m"]:
         """Track of each detection, -1 without one: nearest pairs within the gate first."""
         distances = np.linalg.norm(detections.boxes[:, None, :2] - state[None, :, :2], axis=2)
-        distances[detections.labels[:, None] != self._labels[None]] = np.inf
+        distances[detections.labels[:, None] != self.labels[None]] = np.inf
         variance = covariance[:, 0, 0]  # as much along y
         gates = np.minimum(GATE_M + GATE_SIGMAS * np.sqrt(variance), MAX_GATE_M)
         rows = np.full(len(detections), -1, np.int64)
@@ -103,9 +112,9 @@ class Tracks:
 
     def at(self, time: float) -> Detections:
         """Return the last detections, moved to another time."""
-        speed = self._state[self._rows, 2:]
-        variance = np.diagonal(self._covariance, axis1=1, axis2=2)[self._rows, 2:].sum(axis=1)
+        speed = self.state[self.rows, 2:]
+        variance = np.diagonal(self.covariance, axis1=1, axis2=2)[self.rows, 2:].sum(axis=1)
         is_sure = np.linalg.norm(speed, axis=1) > MIN_SPEED_SIGMAS * np.sqrt(variance)
-        boxes = self._detected.boxes.copy()
-        boxes[:, :2] += np.where(is_sure[:, None], speed, 0) * (time - self._time)
-        return Detections(boxes, self._detected.scores, self._detected.labels)
+        boxes = self.detected.boxes.copy()
+        boxes[:, :2] += np.where(is_sure[:, None], speed, 0) * (time - self.time)
+        return Detections(boxes, self.detected.scores, self.detected.labels)

@@ -542,7 +542,7 @@ def test_whole_images_are_considered_where_few_pixels_stand(monkeypatch):
         sender = DifferenceSender(SCENE)
         sender.write(image(0))
         steps = range_images.to_steps(second.measurement, sent, 0.02)
-        stands = int(sender._reference.standing(steps, sent).sum())
+        stands = int(sender.reference.standing(steps, sent).sum())
         assert stands > 1000
         monkeypatch.setattr(difference_messages, "MIN_STILL_PX", stands + more)
         assert kinds([sender.write(second)]) == [kind]

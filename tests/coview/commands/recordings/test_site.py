@@ -39,7 +39,7 @@ def test_wrong_arguments(arguments, message, refused):
 )
 def test_an_import_is_turned_by_a_bearing_or_a_heading_by_its_name(options, heading):
     command = ImportMap(centre=(0.0, 0.0), size=(9.0, 9.0), out=Path("x.json"), **options)
-    assert command._find_heading() == pytest.approx(heading)
+    assert command.find_heading() == pytest.approx(heading)
 
 
 def test_a_site_is_replaced_only_when_told_and_an_import_has_no_sensors(run, refused, tmp_path):

@@ -46,10 +46,10 @@ def test_tracks_go_on_by_the_books_filter_or_stay():
     p, v, q = 0.15**2, 8.0**2, 3.0**2
     position = p + 0.01 * v + q * 0.1**4 / 4
     across = 0.1 * v + q * 0.1**3 / 2
-    assert tracks._state[0, 2] == pytest.approx(across / (position + p))
-    assert tracks._state[0, 0] == pytest.approx(position / (position + p))
-    assert tracks._covariance[0, 2, 2] == pytest.approx(v + q * 0.01 - across**2 / (position + p))
-    np.testing.assert_allclose(tracks._covariance[0, 1::2, 1::2], tracks._covariance[0, ::2, ::2])
+    assert tracks.state[0, 2] == pytest.approx(across / (position + p))
+    assert tracks.state[0, 0] == pytest.approx(position / (position + p))
+    assert tracks.covariance[0, 2, 2] == pytest.approx(v + q * 0.01 - across**2 / (position + p))
+    np.testing.assert_allclose(tracks.covariance[0, 1::2, 1::2], tracks.covariance[0, ::2, ::2])
 
 
 def test_the_nearest_is_joined_once_in_order():
@@ -57,7 +57,7 @@ def test_the_nearest_is_joined_once_in_order():
     tracks.update(cars([[0, 0], [2, 0], [1, 0]], labels=np.array([0, 0, 1])), 0.0)
     tracks.update(cars([[2.4, 0], [0.4, 0], [1.4, 0]], labels=np.array([0, 0, 1])), 0.1)
     assert len(tracks) == 3
-    assert tracks._rows.tolist() == [1, 0, 2]
+    assert tracks.rows.tolist() == [1, 0, 2]
     tracks.update(cars([[30, 0]]), 0.2)
     assert len(tracks) == 4
     for apart, step, tracks_then in (
@@ -72,10 +72,10 @@ def test_the_nearest_is_joined_once_in_order():
         tracks.update(cars([[apart, 0.0]]), step)
         assert len(tracks) == tracks_then, apart
     tracks = drive(10.0)
-    before = tracks._state.copy(), tracks._covariance.copy()
+    before = tracks.state.copy(), tracks.covariance.copy()
     tracks.update(cars([[19.1, 0.0]]), 0.1 * 19)
-    np.testing.assert_array_equal(tracks._state, before[0])
-    np.testing.assert_array_equal(tracks._covariance, before[1])
+    np.testing.assert_array_equal(tracks.state, before[0])
+    np.testing.assert_array_equal(tracks.covariance, before[1])
     assert tracks.at(0.1 * 19).boxes[0, 0] == 19.1
     tracks = Tracks()
     tracks.update(cars([[0, 0]]), 0.0)
@@ -116,16 +116,16 @@ def test_tracks_join_their_label_and_move_at_a_sure_speed():
     tracks = Tracks()
     tracks.update(cars([[0, 0], [0.9, 0]], labels=np.array([0, 1])), 0.0)
     tracks.update(cars([[0.8, 0]], labels=np.array([0])), 0.1)
-    assert tracks._rows.tolist() == [0]
-    assert tracks._state[1, 0] == 0.9
-    tracks._state[0, 2:] = 3.0, 4.0  # a speed of 5 m/s, sure below a deviation of 2.5 m/s
+    assert tracks.rows.tolist() == [0]
+    assert tracks.state[1, 0] == 0.9
+    tracks.state[0, 2:] = 3.0, 4.0  # a speed of 5 m/s, sure below a deviation of 2.5 m/s
     for across, along, moved in (
         (0.1, 6.1, 0.3),
         (6.1, 0.1, 0.3),
         (3.125, 3.125, 0.0),
         (0.1, 6.2, 0.0),
     ):
-        tracks._covariance[0, [2, 3], [2, 3]] = across, along
+        tracks.covariance[0, [2, 3], [2, 3]] = across, along
         assert tracks.at(0.2).boxes[0, 0] == pytest.approx(0.8 + moved)
         assert tracks.at(0.2).boxes[0, 1] == pytest.approx(4 / 3 * moved)
 
@@ -138,7 +138,7 @@ def test_tracks_and_detections_pair_one_to_one():
         tracks = Tracks()
         tracks.update(cars(before), 0.0)
         tracks.update(cars(now), 0.1)
-        assert tracks._rows.tolist() == rows
+        assert tracks.rows.tolist() == rows
         assert len(tracks) == 2
 
 
@@ -229,15 +229,15 @@ def test_many_tracks_are_those_of_a_slow_filter(seed):
             [*(axis[0] for axis in t["state"]), *(axis[1] for axis in t["state"])]
             for t in slow.tracks
         ]
-        assert tracks._state == pytest.approx(np.array(states).reshape(-1, 4), abs=1e-9)
-        assert tracks._covariance[:, ::2, ::2] == pytest.approx(
+        assert tracks.state == pytest.approx(np.array(states).reshape(-1, 4), abs=1e-9)
+        assert tracks.covariance[:, ::2, ::2] == pytest.approx(
             np.array([t["covariance"] for t in slow.tracks]).reshape(-1, 2, 2), abs=1e-9
         )
-        assert tracks._labels.tolist() == [t["label"] for t in slow.tracks]
-        assert tracks._seen.tolist() == [t["seen"] for t in slow.tracks]
+        assert tracks.labels.tolist() == [t["label"] for t in slow.tracks]
+        assert tracks.seen.tolist() == [t["seen"] for t in slow.tracks]
         after = tracks.at(time + 0.4)
         for row, track in enumerate(slow.rows):
-            assert slow.tracks[tracks._rows[row]] is track
+            assert slow.tracks[tracks.rows[row]] is track
             speed = np.array([axis[1] for axis in track["state"]])
             sure = speed @ speed > 4 * 2 * track["covariance"][1, 1]
             moved = found.boxes[row, :2] + (0.4 * speed if sure else 0.0)
@@ -252,11 +252,11 @@ def test_of_equally_near_detections_the_first_joins(count):
     tracks.update(cars([[0, 0]]), 0.0)
     half = count // 2
     tracks.update(cars([[0.5, 0.0]] * half + [[0.25, 0.0]] * half), 0.1)
-    assert tracks._rows.tolist() == [*range(1, half + 1), 0, *range(half + 1, count)]
+    assert tracks.rows.tolist() == [*range(1, half + 1), 0, *range(half + 1, count)]
 
 
 def test_a_detection_at_time_0_begins_a_track_and_moves_it_at_once():
     tracks = Tracks()
     for time in (0.0, 0.0):
         tracks.update(cars([[0.3, 0.0]]), time)
-        assert (len(tracks), tracks._state[0].tolist()) == (1, [0.3, 0.0, 0.0, 0.0])
+        assert (len(tracks), tracks.state[0].tolist()) == (1, [0.3, 0.0, 0.0, 0.0])
