@@ -85,7 +85,7 @@ def _call(arguments: Sequence[str]) -> int:
     import tyro
 
     from coview.outputs import say
-    from coview.refusals import describe_near, describe_refusal, recorded_refusals
+    from coview.refusals import describe_near, describe_refusal, record_refusals
 
     if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
         remedy = describe_near(arguments[0], list(COMMANDS))
@@ -103,7 +103,7 @@ def _call(arguments: Sequence[str]) -> int:
     if not names:
         names = [name for name in COMMANDS if name not in STUDIES]  # a wheel has no studies
     try:
-        with redirect_stderr(tyro_output), recorded_refusals() as events:
+        with redirect_stderr(tyro_output), record_refusals() as events:
             call = tyro.extras.subcommand_cli_from_dict(
                 {name: delay(command(name)) for name in names},
                 prog="coview",
