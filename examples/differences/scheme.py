@@ -1,8 +1,9 @@
 """Fusion scheme `differences`: foreground messages that send only what changed.
 
 The centre restores exactly the images that `foreground` would have sent, in 3 to 21 % fewer bits
-(`tests/benchmarks/toolkit/bench_messages.py`, 22 Nov 2026, commit 7831231). At 10 Hz much of the foreground is still: queues, parked cars, people who wait.
-The scheme is given to `evaluate_recording` as an object: see `python -m examples.differences`."""
+(`tests/benchmarks/toolkit/bench_messages.py`, 22 Nov 2026, commit 7831231). At 10 Hz much of the
+foreground is still: queues, parked cars, people who wait. The scheme is given to
+`evaluate_recording` as an object: see `python -m examples.differences`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
