@@ -28,7 +28,7 @@ def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
     assert (config.grid_shape, config.map_shape) == (grid, maps)
 
 
-def test_published_sizes_and_classes_survive_json():
+def test_published_networks_have_their_sizes():
     assert VoxelNetConfig.from_paper("tjunction").map_shape == (200, 100)
     assert VoxelNetConfig.from_paper("roundabout").grid_shape == (240, 240, 10)
     parameters = sum(
@@ -37,12 +37,18 @@ def test_published_sizes_and_classes_survive_json():
     assert parameters == 9_460_194
     with pytest.raises(ValueError, match="'crossing'"):
         VoxelNetConfig.from_paper("crossing")
+
+
+def test_classes_survive_json():
     with pytest.raises(ValueError, match="depth"):
         VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "depth": 3})
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(CLASSES.to_dict()))) == CLASSES
     assert CLASSES.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
     assert CLASSES.anchor_labels == (0, 0, 1, 1, 2, 2, 3)
     assert CLASSES.classes == 1
+
+
+def test_defaults_of_new_entries_are_left_out():
     light = VoxelNetConfig.light((-8, -8, 8, 8))
     assert (
         not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"}
@@ -56,6 +62,9 @@ def test_published_sizes_and_classes_survive_json():
         0.8,
         light.anchor_yaws,
     )
+
+
+def test_anchors_are_selected_in_order():
     assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
     for wrong in (("tram",), (), ("vehicle", "vehicle")):
         with pytest.raises(

@@ -22,7 +22,7 @@ def experiment(rows):
     )
 
 
-def test_differences_are_large_or_explained_in_cells_csv_and_json():
+def test_differences_are_large_beyond_a_bound():
     assert SAME.difference == pytest.approx(0.01)
     assert FAR.difference == pytest.approx(0.1)
     assert [each.large for each in (SAME, FAR, NOT_COMPARED)] == [False, True, False]
@@ -31,10 +31,16 @@ def test_differences_are_large_or_explained_in_cells_csv_and_json():
     assert not Compared((), "kbit", 500.0, 5.0).large
     assert Compared((), "AP", 0.6, 0.75).large
     assert Compared((), "AP", 0.75, 0.7).difference == pytest.approx(0.05)
+
+
+def test_reasons_name_every_cause():
     cases = itertools.product((0.1, 0.9), (0.3, 0.6, 0.95), (0.7, 0.9))
     evidence = RowEvidence(0.9, 0.8, 0.9, 0.5)
     reasons = [explain_difference(ours, paper, evidence, iou=iou) for ours, paper, iou in cases]
     assert set(re.findall(r"[(, ]([A-Z])(?=[,)])", " ".join(reasons))) == set(CAUSES)
+
+
+def test_rows_have_their_cells():
     assert SAME.cells == ("early", "0,2,5", "AP", "0.7100", "–", "0.7000", "+0.0100", "")
     assert FAR.cells[3:] == ("0.9000", "0.8500–0.9500", "0.8000", "+0.1000", "few points, A")
     assert NOT_COMPARED.cells[2:] == ("kbit", "516.25", "–", "–", "–", "")
@@ -42,6 +48,9 @@ def test_differences_are_large_or_explained_in_cells_csv_and_json():
         "> 0.6000",
         "+0.0000",
     )
+
+
+def test_csv_has_unrounded_figures():
     rows = list(csv.reader(experiment((SAME, FAR, NOT_COMPARED)).csv.splitlines()))
     assert rows[0] == [
         "scheme",
@@ -57,6 +66,9 @@ def test_differences_are_large_or_explained_in_cells_csv_and_json():
     assert rows[2][:7] == ["late", "all", "AP", "0.9", "0.85", "0.95", "0.8"]
     assert rows[2][8] == "few points, A"
     assert rows[3] == ["ours", "3", "kbit", "516.25", "", "", "", "", ""]
+
+
+def test_json_has_the_rows():
     values = json.loads(json.dumps(experiment((SAME, FAR)).as_dict()))
     assert values["rows"][1]["interval"] == [0.85, 0.95]
     assert values["rows"][0] | {"difference": 0} == {

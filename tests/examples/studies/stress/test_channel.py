@@ -21,7 +21,7 @@ def arrivals(channel, n=4000, seed=0):
     return np.array([line.arrival(0.1 * k) for k in range(n)]) - 0.1 * np.arange(n)
 
 
-def test_channels_have_delays_rates_and_sensors_that_freeze():
+def test_channels_have_delays_and_rates():
     np.testing.assert_allclose(arrivals(LinkChannel(), 50), 0, atol=1e-12)
     late = arrivals(LinkChannel(delay=0.2, jitter=0.05))
     assert late.min() == pytest.approx(0.2)
@@ -31,6 +31,9 @@ def test_channels_have_delays_rates_and_sensors_that_freeze():
     a, b = (arrivals(LinkChannel(delay=delay, loss=0.2), 300, seed=4) for delay in (0.0, 0.3))
     np.testing.assert_array_equal(np.isinf(a), np.isinf(b))
     assert not np.array_equal(np.isinf(a), np.isinf(arrivals(LinkChannel(loss=0.2), 300, seed=5)))
+
+
+def test_a_frozen_sensor_repeats_its_first_image():
     which, lagged = shown(LinkChannel(), frozen=(1,))
     assert which == [[k, 0] for k in range(12)]
     assert lagged[9].ages.tolist() == [0, 0]
@@ -38,6 +41,9 @@ def test_channels_have_delays_rates_and_sensors_that_freeze():
     assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [
         [k, 0] for k in range(12)
     ]
+
+
+def test_late_messages_need_frames_close_together():
     far = recording(apart=5.0)
     assert shown(LinkChannel(), far)[0] == [[k, k] for k in range(12)]
     assert len(shown(LinkChannel(delay=0.1), recording(apart=0.5))[0]) == 12

@@ -12,12 +12,15 @@ from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.error_terms import Calibration
 
 
-def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
+def test_kinds_have_distinct_levels():
     for kind in KINDS:
         made = make_conditions(kind, ["a", "b"])
         assert {each.kind for each in made} == {kind}
         assert len({each.level for each in made}) == len(made) > 0
     assert set(IN_SEQUENCE) < set(KINDS)
+
+
+def test_pose_errors_are_redrawn_at_each_level():
     made = make_conditions("pose", [])
     assert [(each.amount, each.level) for each in made] == [
         *(
@@ -33,6 +36,9 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
         Calibration(np.deg2rad(m.amount), m.amount) for m in made
     ]
     assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms and each.redrawn for each in made)
+
+
+def test_mounting_shifts_a_sensor_as_it_turns():
     made = make_conditions("mounting", [])
     assert [each.level for each in made[:4]] == [
         "0°, 0 cm",
@@ -42,8 +48,14 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
     ]
     assert made[-1].errors.terms[-1] == Calibration(np.deg2rad(1.0), 0.1)
     assert all(each.redrawn for each in made)
+
+
+def test_unknown_kinds_are_refused():
     with pytest.raises(ValueError, match="choose among bytes, pose, mounting, silent"):
         make_conditions("earthquake", [])
+
+
+def test_sensors_fail_in_turn():
     made = make_conditions("pairs", ["a", "b", "c"])
     assert [(each.level, each.silent) for each in made] == [
         *(("a and b", (0, 1)), ("a and c", (0, 2)), ("b and c", (1, 2)))
@@ -54,7 +66,7 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
         assert all(each.channel == PERFECT and not each.tracks for each in made)
 
 
-def test_channels_and_schemes_come_in_their_kinds():
+def test_channels_come_in_their_kinds():
     delays = make_conditions("delay", [])
     assert [(each.level, each.channel.delay, each.tracks) for each in delays[2:4]] == [
         ("0.2 s", 0.2, False),
@@ -72,6 +84,9 @@ def test_channels_and_schemes_come_in_their_kinds():
         "30% in bursts of 5, tracks",
     ]
     assert [each.channel.every for each in make_conditions("rate", [])] == [2, 2, 5, 5]
+
+
+def test_schemes_come_in_their_codecs():
     steps = ["2 cm", "4 cm", "8 cm"]
     assert names([Late()]) == [("late", "paper"), ("late", "bytes")]
     assert names([Early()]) == [("early", each) for each in ("paper", *steps)]

@@ -35,7 +35,7 @@ def rows(**schemes):
     ]
 
 
-def test_levels_where_schemes_change_places_or_never():
+def test_a_lead_begins_where_it_last_comes_to_stay():
     levels = np.array([0.0, 0.2, 0.4])
     assert crossing_level(levels, np.array([-0.1, 0.1, 0.3])) == pytest.approx(0.1)
     assert crossing_level(levels, np.array([0.1, -0.1, 0.1])) == pytest.approx(
@@ -44,17 +44,26 @@ def test_levels_where_schemes_change_places_or_never():
     assert crossing_level(levels, np.array([0.1, 0.1, 0.1])) == 0
     assert crossing_level(levels, np.array([0.0, 0.1, 0.1])) == 0
     assert crossing_level(levels, np.array([-0.1, 0.2, 0.0])) == math.inf
+
+
+def test_a_crossing_has_its_schemes_and_level():
     (found,) = find_crossings(rows(early=(0.9, 0.6, 0.2), late=(0.7, 0.6, 0.5)))
     assert (found.kind, found.iou, found.before, found.after) == ("pose", 0.7, "early", "late")
     assert found.level == pytest.approx(0.2)
     assert found.low == pytest.approx(0.2)  # both vary alike from draw to draw
     assert found.high == pytest.approx(0.2)
     assert found.share == 1
+
+
+def test_no_scheme_overtakes_one_that_leads_throughout():
     assert find_crossings(rows(early=(0.9, 0.8, 0.7), late=(0.7, 0.7, 0.6))) == ()
     assert (
         find_crossings([each for each in rows(early=(0.9, 0.6, 0.2)) if each.amount is not None])
         == ()
     )
+
+
+def test_draws_move_the_level_of_a_crossing():
     # 0.6 in every draw
     always = Tally.of_frames([np.full(6, 0.9)] * 8, [np.ones(6, bool)] * 8, [10] * 8)
     steady = [StressRow(**{**vars(row("late", x, 0.5)), "tally": always}) for x in LEVELS]
@@ -64,12 +73,18 @@ def test_levels_where_schemes_change_places_or_never():
     assert found.level == pytest.approx(0.3)
     assert found.low == pytest.approx(0.2)  # blocks of the lesser frames alone: 0.8, 0.6, 0.2
     assert found.high == pytest.approx(0.3)  # of the better ones: 1, 0.8, 0.4
+
+
+def test_a_crossing_that_no_draw_has_is_kept():
     unsure = [row("late", x, ap) for x, ap in zip(LEVELS, (0.2, 0.2, 0.5), strict=True)]
     leading = [row("early", x, ap) for x, ap in zip(LEVELS, (1.0, 1.0, 0.0), strict=True)]
     # as good in every draw
     last = StressRow(**{**vars(leading[2]), "tally": row("early", 0.4, 0.5).tally})
     (found,) = find_crossings([*unsure, *leading[:2], last])  # the figure itself is never left out
     assert (found.low, found.high, found.share) == (found.level, math.inf, 0)
+
+
+def test_the_best_scheme_has_its_range_of_levels():
     best = best_schemes(rows(early=(0.9, 0.6, 0.2), hybrid=(0.8, 0.7, 0.3), late=(0.6, 0.6, 0.5)))
     assert [(each.scheme, round(each.start, 3), round(each.end, 3)) for each in best] == [
         ("early", 0, 0.1),
@@ -77,11 +92,17 @@ def test_levels_where_schemes_change_places_or_never():
         ("late", 0.267, 0.4),
     ]
     assert best_schemes([row("early", None, 0.5), row("late", None, 0.5)]) == ()
+
+
+def test_small_leads_do_not_count():
     assert find_crossings(rows(early=(1.0, 0.9, 0.5), late=(0.996, 0.9, 0.6))) == ()
     assert find_crossings(rows(early=(1.0, 0.9, 0.596), late=(0.9, 0.9, 0.6))) == ()
     assert len(find_crossings(rows(early=(1.0, 0.9, 0.594), late=(0.9, 0.9, 0.6)))) == 1
     best = best_schemes(rows(early=(0.9, 0.6, 0.2), foreground=(0.899, 0.604, 0.202)))
     assert [(each.scheme, each.start, each.end) for each in best] == [("early", 0, 0.4)]
+
+
+def test_kinds_and_ious_are_apart():
     two = rows(early=(0.9, 0.6, 0.2), late=(0.7, 0.6, 0.5))
     strict = [StressRow(**{**vars(each), "iou": 0.9}) for each in two]
     other = [StressRow(**{**vars(each), "kind": "mounting"}) for each in two]

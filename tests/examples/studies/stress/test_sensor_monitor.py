@@ -55,7 +55,7 @@ def all_covered():
     return np.ones(EMPTY.shape, bool)
 
 
-def test_silence_is_noticed_and_work_is_not_accused():
+def test_a_working_sensor_is_not_accused():
     for image in (measured, with_car):
         assert watched([whole(0.1 * k, image(k)) for k in range(20)], all_covered) == [None] * 20
     assert (
@@ -64,6 +64,9 @@ def test_silence_is_noticed_and_work_is_not_accused():
     assert (
         watched([foreground(0.1 * k, measured(k)) for k in range(20)]) == [None] * 20
     )  # nobody there
+
+
+def test_silence_is_noticed():
     last = whole(0.3, measured(0))
     found = watched([whole(0.1 * min(k, 3), measured(min(k, 3))) for k in range(12)])
     assert found == [None] * 9 + [Fault.SILENT] * 3  # more than half a second after 0.3 s
@@ -72,6 +75,9 @@ def test_silence_is_noticed_and_work_is_not_accused():
     assert monitor.look(5.0, last) is Fault.SILENT
     assert monitor.look(5.0, whole(4.9, measured(1))) is None
     assert SensorMonitor(SCENE, start=100.0).look(100.4, None) is None
+
+
+def test_times_from_the_future_do_not_hide_silence():
     for wrong in (3600.0, 0.61, np.nan, np.inf):  # times that switch no monitor off
         monitor = SensorMonitor(SCENE)
         assert monitor.look(0.4, whole(0.4, measured(0))) is None
@@ -82,6 +88,9 @@ def test_silence_is_noticed_and_work_is_not_accused():
             SensorMonitor(SCENE, silent_after=0.4).look(0.5, whole(wrong, measured(1)))
             is Fault.SILENT
         )
+
+
+def test_wrong_settings_and_images_are_refused():
     with pytest.raises(ValueError, match="above 0"):
         SensorMonitor(SCENE, silent_after=0.0)
     with pytest.raises(
@@ -127,7 +136,7 @@ def test_shifted_lies_behind_the_scene_and_farther_beyond_it():
     assert not farther(SCENE, image)[:10].any()  # where nothing returns, everything is nearer
 
 
-def test_blinded_is_noticed_at_once_by_itself_and_others():
+def test_whole_images_show_blindness():
     blind = [whole(0.1 * k, measured(k) if k < 4 else NOTHING) for k in range(9)]
     assert watched(blind) == [None] * 6 + [Fault.BLINDED] * 3
     half = np.where(np.arange(80) < 38, NOTHING, EMPTY).astype(np.float32)
@@ -135,10 +144,15 @@ def test_blinded_is_noticed_at_once_by_itself_and_others():
     half[:, :44] = 0
     assert watched([whole(0.1 * k, measured(k, half)) for k in range(5)])[-1] is Fault.BLINDED
 
+
+def test_foreground_shows_blindness_to_what_others_see():
     sent = [foreground(0.1 * k, with_car(k) if k < 4 else NOTHING) for k in range(9)]
     assert watched(sent, all_covered) == [None] * 6 + [Fault.BLINDED] * 3
     assert watched(sent, lambda: np.arange(EMPTY.size).reshape(EMPTY.shape) < 99) == [None] * 9
     assert watched(sent) == [None] * 9
+
+
+def test_missing_pixels_show_blindness_in_the_view():
     lower = np.zeros(EMPTY.shape, bool)
     lower[30:] = True  # three fifths of what returns
 
@@ -151,6 +165,8 @@ def test_blinded_is_noticed_at_once_by_itself_and_others():
     assert watched([dark(k) for k in range(5)], view=upper) == [None] * 5
     assert watched([dark(k) for k in range(5)], view=~upper)[-1] is Fault.BLINDED
 
+
+def test_others_are_asked_only_about_hardly_a_pixel():
     def never():
         raise AssertionError("asked")
 
