@@ -24,7 +24,6 @@ from toolkit.objects import Detections, label_index
 
 _Scores = Float[np.ndarray, " n"]
 _Grid = Float32[Tensor, "H W A 7"]
-_Best = tuple[Float32[Tensor, "k 7"], Float32[Tensor, "k L"]]  # boxes, and scores of each label
 MAX_CLOUD_CANDIDATES = 2000  # before non-maximum suppression
 SAME_GROUND_SHARE = 0.3  # overlap of the smaller footprint above which two boxes are rivals
 MIN_RIVAL_SCORE = 0.2
@@ -34,14 +33,21 @@ _SURE_LOGIT = 8.0  # larger logits may have larger rounding errors than `_LOGIT_
 _LOGIT_ROUNDING = 0.01  # largest rounding error below `_SURE_LOGIT`
 
 
+class _ScoredBoxes(NamedTuple):
+    """Boxes (m) of one cloud, and their score for each of `config.labels`."""
+
+    boxes: Float32[Tensor, "k 7"]
+    scores: Float32[Tensor, "k L"]
+
+
 class BoxCandidates(NamedTuple):
-    """Boxes of anchors (m), and their score for each label or 0.
+    """Boxes of anchors, and their score for each label.
 
     Attributes:
-        item: Item of the batch, ascending.
-        place: Number of the anchor in its map.
-        boxes: Boxes (m).
-        scores: Score for each label.
+        item: Index of the cloud or tile in the batch, ascending.
+        place: Number of the anchor in the whole map: (row · columns + column) · A + anchor.
+        boxes: Boxes (x y z length width height yaw; m and radians) in the frame of the grid.
+        scores: Score for each of `config.labels`; 0 below the label's threshold.
     """
 
     item: Int64[Tensor, " n"]
@@ -49,23 +55,31 @@ class BoxCandidates(NamedTuple):
     boxes: Float32[Tensor, "n 7"]
     scores: Float32[Tensor, "n L"]
 
-    def best(self, rows: Int64[Tensor, " m"] | slice) -> _Best:
-        """Boxes and scores of the rows, at most `MAX_CLOUD_CANDIDATES`."""
+    def best(self, rows: Int64[Tensor, " m"] | slice) -> _ScoredBoxes:
+        """Boxes and scores of these rows; the `MAX_CLOUD_CANDIDATES` best if there are more."""
         boxes = self.boxes[rows]
         scores = self.scores[rows]
         if len(boxes) <= MAX_CLOUD_CANDIDATES:
-            return boxes, scores
+            return _ScoredBoxes(boxes, scores)
         best_rows = torch.topk(scores.amax(-1), MAX_CLOUD_CANDIDATES).indices
-        return boxes[best_rows], scores[best_rows]
+        return _ScoredBoxes(boxes[best_rows], scores[best_rows])
 
 
 def candidates(
     prediction: Prediction, anchors: _Grid, config: VoxelNetConfig, thresholds: Sequence[float]
-) -> list[_Best]:
-    """Boxes and scores of each cloud's best anchors."""
+) -> list[_ScoredBoxes]:
+    """Boxes and scores of each cloud's best anchors.
+
+    anchors: one box for each cell and anchor of the map. thresholds: lowest score to keep, for each
+    of `config.labels`.
+    """
     passing = all_candidates(prediction, anchors, config, thresholds)
-    ends = torch.bincount(passing.item, minlength=len(prediction.class_logits)).cumsum(0).tolist()
-    return [passing.best(slice(first, end)) for first, end in zip([0, *ends], ends, strict=False)]
+    counts = torch.bincount(passing.item, minlength=len(prediction.class_logits))
+    last_rows = counts.cumsum(0).tolist()  # rows are sorted by item
+    return [
+        passing.best(slice(first, last))
+        for first, last in zip([0, *last_rows], last_rows, strict=False)
+    ]
 
 
 def all_candidates(
@@ -77,10 +91,12 @@ def all_candidates(
 ) -> BoxCandidates:
     """Boxes of anchors above a label's threshold; scores for labels below theirs are 0.
 
-    corner: first cell of the map in each item, if the items are tiles; anything beyond the map is
-    left out.
+    An anchor has scores for all labels, or with `config.kinds` only for its label.
+
+    thresholds: lowest score to keep, for each of `config.labels`. corner: cell (row, column) of the
+    map at which each item begins, if the items are tiles; anything beyond the map is left out.
     """
-    count = len(config.anchor_labels)
+    count = len(config.anchor_labels)  # A, anchors in a cell
     logits = per_anchor(prediction.class_logits, count)
     residuals = per_anchor(prediction.residuals, count)
     direction = quality = None
@@ -88,50 +104,57 @@ def all_candidates(
         direction = per_anchor(prediction.direction_logits, count)
     if prediction.quality_logits is not None:
         quality = per_anchor(prediction.quality_logits, count)
-    label = torch.tensor(config.anchor_labels, device=logits.device)
+    anchor_label = torch.tensor(config.anchor_labels, device=logits.device)
     threshold = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
-    threshold = threshold[label][:, None] if config.kinds else threshold  # by anchor, or by label
+    # (A, 1) by anchor, or (L,) by label; slope and intercept below have the same shape
+    threshold = threshold[anchor_label][:, None] if config.kinds else threshold
     if config.head == "published":
         is_passing = torch.softmax(logits, -1)[..., 1:] > threshold
     else:  # only the class decides: a predicted IoU only lowers a score
-        bound = torch.logit(threshold)
+        min_logit = torch.logit(threshold)
         if config.calibration:
             pairs = torch.tensor(config.calibration, dtype=logits.dtype, device=logits.device)
-            slope, intercept = pairs[label].T[..., None] if config.kinds else pairs.T
-            bound = (bound - intercept) / slope
-        bound = torch.where(bound > math.log(1e-6), bound.clamp(max=_SURE_LOGIT), -torch.inf)
-        is_passing = logits > bound - _LOGIT_ROUNDING
-    cell = torch.nonzero(is_passing.any(-1), as_tuple=True)
-    class_index = cell[3] if config.kinds else slice(None)
+            slope, intercept = pairs[anchor_label].T[..., None] if config.kinds else pairs.T
+            min_logit = (min_logit - intercept) / slope
+        # scores are clipped to 1e-6, so a threshold below it lets every logit pass
+        min_logit = torch.where(
+            min_logit > math.log(1e-6), min_logit.clamp(max=_SURE_LOGIT), -torch.inf
+        )
+        is_passing = logits > min_logit - _LOGIT_ROUNDING
+    # indices of the item, row, column and anchor
+    places = torch.nonzero(is_passing.any(-1), as_tuple=True)
+    class_index = places[3] if config.kinds else slice(None)
     if config.head == "published":
-        scores = torch.softmax(logits[cell], -1)[..., 1:]
+        scores = torch.softmax(logits[places], -1)[..., 1:]  # class 0 is the background
     else:
-        scores = torch.sigmoid(logits[cell])
+        scores = torch.sigmoid(logits[places])
         if quality is not None and config.quality_power:
-            scores = scores * torch.sigmoid(quality[cell]) ** config.quality_power
+            scores = scores * torch.sigmoid(quality[places]) ** config.quality_power
         if config.calibration:
             scores = torch.sigmoid(
                 torch.logit(scores, 1e-6) * slope[class_index] + intercept[class_index]
             )
     scores = torch.where(scores > threshold[class_index], scores, 0.0)
-    row = cell[1]
-    column = cell[2]
+    item = places[0]
+    row = places[1]
+    column = places[2]
     if corner is not None:
-        row = row + corner[cell[0], 0]
-        column = column + corner[cell[0], 1]
-    is_inside = (scores.amax(-1) > 0) & (row < len(anchors)) & (column < anchors.shape[1])
-    inside_rows = torch.nonzero(is_inside)[:, 0]
-    scores = scores[inside_rows]
-    row = row[inside_rows]
-    column = column[inside_rows]
-    cell = tuple(index[inside_rows] for index in cell)
-    anchor = cell[3]
-    is_backwards = None if direction is None else direction[cell][:, 0] > 0
-    boxes = decode(residuals[cell], anchors[row, column, anchor], is_backwards)
+        row = row + corner[item, 0]
+        column = column + corner[item, 1]
+    is_candidate = (scores.amax(-1) > 0) & (row < len(anchors)) & (column < anchors.shape[1])
+    candidate_rows = torch.nonzero(is_candidate)[:, 0]
+    scores = scores[candidate_rows]
+    row = row[candidate_rows]
+    column = column[candidate_rows]
+    places = tuple(index[candidate_rows] for index in places)
+    anchor = places[3]
+    is_backwards = None if direction is None else direction[places][:, 0] > 0
+    boxes = decode(residuals[places], anchors[row, column, anchor], is_backwards)
     anchor_number = (row * anchors.shape[1] + column) * count + anchor
-    if config.kinds:
-        scores = scores * torch.eye(len(config.labels), device=logits.device)[label[anchor]]
-    return BoxCandidates(cell[0], anchor_number, boxes, scores)
+    if config.kinds:  # spread the single score over the columns of the labels
+        is_label = torch.eye(len(config.labels), device=logits.device)
+        scores = scores * is_label[anchor_label[anchor]]
+    return BoxCandidates(item=places[0], place=anchor_number, boxes=boxes, scores=scores)
 
 
 def suppress_boxes(
@@ -140,17 +163,23 @@ def suppress_boxes(
     config: VoxelNetConfig,
     nms_threshold: float,
 ) -> Detections:
-    """Drop duplicates and candidates centred outside the area."""
+    """Detections of one cloud's candidates, each with its label of the highest score.
+
+    Duplicates, boxes centred outside the area and boxes that are not finite are dropped.
+
+    scores: for each of `config.labels`. nms_threshold: IoU above which the weaker of two boxes of a
+    class is a duplicate.
+    """
     xmin, ymin, xmax, ymax = config.area
     x = boxes[:, 0]
     y = boxes[:, 1]
-    is_inside_x = (x >= xmin) & (x <= xmax)
-    is_inside_y = (y >= ymin) & (y <= ymax)
-    is_inside = is_inside_x & is_inside_y & torch.isfinite(boxes).all(1)
-    best, label = scores[is_inside].max(1)
-    labels = np.array([label_index(name) for name in config.labels])[label.cpu().numpy()]
+    is_inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)
+    best_scores, best_columns = scores[is_inside].max(1)
+    label_numbers = np.array([label_index(name) for name in config.labels])
     detections = Detections(
-        boxes[is_inside].double().cpu().numpy(), best.double().cpu().numpy(), labels
+        boxes[is_inside].double().cpu().numpy(),
+        best_scores.double().cpu().numpy(),
+        label_numbers[best_columns.cpu().numpy()],
     )
     kept_rows = nms(detections.boxes, detections.scores, nms_threshold, labels=detections.labels)
     return (
@@ -163,10 +192,13 @@ def suppress_boxes(
 def average_boxes(
     candidates: Detections, rows: Int64[np.ndarray, " k"], iou_threshold: float
 ) -> Detections:
-    """Average each kept box with candidates of its class that overlap it.
+    """Kept boxes, each averaged with the candidates of its class that overlap it.
 
     Weights are squared scores: neighbouring anchors err independently ("box voting", Gidaris and
-    Komodakis 2015).
+    Komodakis 2015). Scores and labels stay.
+
+    rows: rows of the kept boxes among the candidates. iou_threshold: IoU seen from above over which
+    a candidate takes part.
     """
     boxes = candidates.boxes
     best = candidates.boxes[rows]
@@ -174,24 +206,28 @@ def average_boxes(
         candidates.labels[rows][:, None] == candidates.labels
     )
     weights = np.where(is_averaged, candidates.scores**2, 0.0)
+    # a kept box always counts itself
     weights[np.arange(len(rows)), rows] = candidates.scores[rows] ** 2
     weights /= weights.sum(axis=1, keepdims=True)
     turn = boxes[:, 6] - best[:, 6:]
-    # a box facing the other way has the same axis
-    turn = (turn + np.pi / 2) % np.pi - np.pi / 2
+    turn = (turn + np.pi / 2) % np.pi - np.pi / 2  # a box facing the other way has the same axis
     mean = weights @ boxes
     mean[:, 6] = best[:, 6] + (weights * turn).sum(axis=1)
     return Detections(mean, candidates.scores[rows], candidates.labels[rows])
 
 
 def find_rivals(boxes: Float[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
-    """Mask of pairs whose footprints overlap so much that only one can be an object."""
+    """Symmetric mask of pairs whose footprints overlap so much that only one can be an object."""
+    # [i, j]: share of the footprint of box i that box j covers
     overlap = footprint_overlap(boxes, boxes)
     return np.maximum(overlap, overlap.T) > SAME_GROUND_SHARE
 
 
 def strongest_rivals(detections: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:
-    """Greatest score of each other label on each detection's ground; 0 below `MIN_RIVAL_SCORE`."""
+    """Highest score of each other label among the boxes that overlap each detection, or 0.
+
+    Columns are in the order of `config.labels`. Scores below `MIN_RIVAL_SCORE` count as 0.
+    """
     strongest = np.zeros((len(detections), len(config.labels)))
     if not len(detections):
         return strongest
@@ -231,24 +267,28 @@ def apply_rivals(detections: Detections, config: VoxelNetConfig) -> Detections:
     if not config.rivalry or not len(detections):
         return detections
     label_rows = {label_index(name): row for row, name in enumerate(config.labels)}
-    rows = np.array(config.rivalry)[[label_rows[int(label)] for label in detections.labels]]
-    return Detections(
-        detections.boxes,
-        rescore(detections.scores, strongest_rivals(detections, config), rows),
-        detections.labels,
+    detection_rows = [label_rows[int(label)] for label in detections.labels]
+    scores = rescore(
+        detections.scores,
+        strongest_rivals(detections, config),
+        np.array(config.rivalry)[detection_rows],
     )
+    return Detections(detections.boxes, scores, detections.labels)
 
 
 def rescore(
     scores: _Scores, rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
 ) -> _Scores:
-    """Lower scores by the scores of their rivals.
+    """Calibrated scores, lowered by the scores of their rivals.
 
-    rows: slope, intercept and weights, for each score or one for all.
+    rivals: highest score of each label that overlaps the box, 0 if none does. rows: slope,
+    intercept and a weight for each label (K = 2 + L); one row for each score (r = n) or for all
+    (r = 1).
     """
-    log_odds = rows[:, 0] * logit(scores) + rows[:, 1]
-    penalty = (rows[:, 2:] * rivals).sum(axis=1)
-    return sigmoid(log_odds - penalty)
+    slope = rows[:, 0]
+    intercept = rows[:, 1]
+    weights = rows[:, 2:]
+    return sigmoid(slope * logit(scores) + intercept - (weights * rivals).sum(axis=1))
 
 
 def logit(scores: _Scores) -> _Scores:

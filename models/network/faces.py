@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from toolkit.arrays import BoxRows, Float, Float32, Int64, Points
+from toolkit.arrays import Bool, BoxRows, Float, Float32, Int64, Points
 from toolkit.boxes import rows_in_boxes
 from toolkit.objects import LABELS, Detections, label_index
 
@@ -37,19 +37,50 @@ _FACE_COUNTS = BIN_COUNT * ZONES
 _EXTRA_FEATURES = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 
 
+# one value for the front (or left) of each of n boxes, then one for the rear (or right) of each
 _BothSides = Float[np.ndarray, " 2*n"]
 
 
 class FaceFeatures(NamedTuple):
-    """Inputs of the networks for n boxes."""
+    """Inputs of the networks for n boxes, in the order of `SORTS`.
 
-    end: Float32[np.ndarray, "2*n F"]  # the fronts of all boxes, then their rears
-    side: Float32[np.ndarray, "2*n F"]  # the left sides, then the right ones
+    Attributes:
+        end: Features of the fronts of all boxes, then of their rears.
+        side: Features of the left sides, then of the right ones.
+        top: Features of the tops.
+        counted: Points counted about each face of an end, side and top, opposite face included.
+    """
+
+    end: Float32[np.ndarray, "2*n F"]
+    side: Float32[np.ndarray, "2*n F"]
     top: Float32[np.ndarray, "n F"]
     counted: tuple[Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " n"]]
 
 
+class FaceShifts(NamedTuple):
+    """Shifts of the faces of n boxes outwards (m), in the order of `SORTS`.
+
+    Attributes:
+        end: Shift of the fronts of all boxes, then of their rears.
+        side: Shift of the left sides, then of the right ones.
+        top: Shift of the tops.
+    """
+
+    end: _BothSides
+    side: _BothSides
+    top: Float[np.ndarray, " n"]
+
+
+class _FaceRows(NamedTuple):
+    """Rows of features of one sort of face, and the points counted about each face and its
+    opposite."""
+
+    features: Float32[np.ndarray, "m F"]
+    points: Int64[np.ndarray, " m"]
+
+
 def _build_network(counts: int) -> nn.Sequential:
+    """Network from features, with this number of point counts, to a shift and its log error."""
     return nn.Sequential(
         nn.Linear(counts + _EXTRA_FEATURES, HIDDEN_WIDTH),
         nn.ReLU(),
@@ -75,26 +106,30 @@ class FaceNetworks(nn.Module):
     def answers(
         self, sort: str, features: Float[Tensor, "n F"]
     ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-        """Shift outwards (m) and its log mean error (m) of faces of one sort."""
+        """Shift outwards (m) and its log mean error (m) of faces of one of `SORTS`."""
         shift, spread = getattr(self, sort)(features).unbind(1)
+        # scaled so that an untrained network answers shifts near 0 with an error of some 5 cm
         return shift / 4, spread - 3
 
     @torch.inference_mode()
-    def shifts(self, features: FaceFeatures) -> list[Float[np.ndarray, " k"]]:
-        """Shift outwards (m) of each face, 0 without evidence."""
+    def shifts(self, features: FaceFeatures) -> FaceShifts:
+        """Shift of each face, 0 without evidence."""
         shifts = []
         for number, sort in enumerate(SORTS):
             shift, spread = self.answers(sort, torch.from_numpy(features[number]))
             has_points = torch.from_numpy(features.counted[number]) >= MIN_FACE_POINTS
-            is_sure = (torch.exp(spread) < self.prior[number]) & has_points
-            shifts.append(torch.where(is_sure, shift, 0.0).double().numpy())
-        return shifts
+            is_better = torch.exp(spread) < self.prior[number]
+            shifts.append(torch.where(is_better & has_points, shift, 0.0).double().numpy())
+        return FaceShifts(*shifts)
 
 
 def measure_faces(
     networks: FaceNetworks, detections: Detections, points: Points, labels: Sequence[str]
 ) -> Detections:
-    """Move the faces of all boxes with these labels."""
+    """Detections with the faces of all boxes of these labels moved; scores and order stay.
+
+    points: x y z (m) in the frame of the boxes.
+    """
     rows = np.flatnonzero(np.isin(detections.labels, [label_index(label) for label in labels]))
     if not len(rows):
         return detections
@@ -107,52 +142,64 @@ def measure_faces(
 def move_faces(
     boxes: BoxRows, end: _BothSides, side: _BothSides, top: Float[np.ndarray, " n"]
 ) -> BoxRows:
-    """Move faces of boxes outwards (m), or inwards to a fifth of the size; the floor stays."""
+    """Boxes with their faces moved; the floor stays.
+
+    end, side, top: as in `FaceShifts`. Shifts inwards leave a fifth of the size.
+    """
     front, rear = np.split(end, 2)
     left, right = np.split(side, 2)
     boxes = boxes.copy()
-    growth = np.stack([front + rear, left + right, top], axis=1)
-    grown = np.maximum(growth, -0.8 * boxes[:, 3:6])
+    sizes = boxes[:, 3:6]  # length, width and height; a view
+    yaw = boxes[:, 6]
+    growth = np.maximum(np.stack([front + rear, left + right, top], axis=1), -0.8 * sizes)
     ahead = (front - rear) / 2
-    aside = (left - right) / 2
-    cos = np.cos(boxes[:, 6])
-    sin = np.sin(boxes[:, 6])
-    boxes[:, 0] += ahead * cos - aside * sin
-    boxes[:, 1] += ahead * sin + aside * cos
-    boxes[:, 2] += grown[:, 2] / 2
-    boxes[:, 3:6] += grown
+    leftwards = (left - right) / 2
+    cos = np.cos(yaw)
+    sin = np.sin(yaw)
+    boxes[:, 0] += ahead * cos - leftwards * sin
+    boxes[:, 1] += ahead * sin + leftwards * cos
+    boxes[:, 2] += growth[:, 2] / 2
+    sizes += growth
     return boxes
 
 
-def face_offsets(
-    boxes: BoxRows, truths: BoxRows
-) -> tuple[_BothSides, _BothSides, Float[np.ndarray, " n"]]:
-    """Arguments of `move_faces` that turn boxes into true boxes, which may face the other way."""
+def face_offsets(boxes: BoxRows, truths: BoxRows) -> FaceShifts:
+    """Shifts that turn boxes into the true boxes, which may face the other way: only their centre
+    and size matter."""
     dx, dy = (truths - boxes)[:, :2].T
-    cos = np.cos(boxes[:, 6])
-    sin = np.sin(boxes[:, 6])
+    yaw = boxes[:, 6]
+    cos = np.cos(yaw)
+    sin = np.sin(yaw)
     ahead = dx * cos + dy * sin
-    aside = dy * cos - dx * sin
-    grown = truths[:, 3:6] - boxes[:, 3:6]
-    end = np.concatenate([grown[:, 0] / 2 + ahead, grown[:, 0] / 2 - ahead])
-    side = np.concatenate([grown[:, 1] / 2 + aside, grown[:, 1] / 2 - aside])
-    return end, side, truths[:, 2] - boxes[:, 2] + grown[:, 2] / 2
+    leftwards = dy * cos - dx * sin
+    growth = truths[:, 3:6] - boxes[:, 3:6]  # in length, width and height
+    half_length = growth[:, 0] / 2
+    half_width = growth[:, 1] / 2
+    return FaceShifts(
+        end=np.concatenate([half_length + ahead, half_length - ahead]),
+        side=np.concatenate([half_width + leftwards, half_width - leftwards]),
+        top=truths[:, 2] - boxes[:, 2] + growth[:, 2] / 2,
+    )
 
 
 def face_features(
     points: Float[np.ndarray, "k 3"], boxes: BoxRows, labels: Int64[np.ndarray, " n"]
 ) -> FaceFeatures:
-    """Count points about each face of each box."""
+    """Features of each face of each box: counts of the points about it and the opposite face.
+
+    points: x y z (m) in the frame of the boxes. labels: class of each box.
+    """
     count = len(boxes)
     last_bin_m = FIRST_BIN_M + BIN_M * BIN_COUNT  # end of the counts, beyond a face
+    # x y z length width height yaw: wider on all sides and higher, the floor stays
     reach = np.array([0, 0, last_bin_m / 2, 2 * last_bin_m, 2 * last_bin_m, last_bin_m, 0])
-    near_rows = rows_in_boxes(points, boxes + reach)
+    near_rows = rows_in_boxes(points, boxes + reach)  # rows of points near each box
     row = np.repeat(np.arange(count), [len(rows) for rows in near_rows])
     point_rows = np.concatenate([np.zeros(0, np.int64), *near_rows])
     x, y, z = (points[point_rows].astype(np.float64) - boxes[row, :3]).T
     cos = np.cos(boxes[:, 6])[row]
     sin = np.sin(boxes[:, 6])[row]
-    length, width, height = boxes[row, 3:6].T
+    length, width, height = boxes[row, 3:6].T  # box of each point
     u = x * cos + y * sin
     v = y * cos - x * sin
     t = z + height / 2
@@ -167,28 +214,37 @@ def face_features(
     length = length[is_near]
     width = width[is_near]
     height = height[is_near]
-    is_across = np.abs(v) <= width / 2 + SIDE_MARGIN_M
-    is_along = np.abs(u) <= length / 2 + SIDE_MARGIN_M
-    height_zone = (t >= 0.4 * height).astype(np.int64) + (t >= 0.7 * height)
-    third_zone = (u >= -length / 6).astype(np.int64) + (u >= length / 6)
-    side_zone = np.where(t > 0.5 * height, 1 + (u > 0.05 * length), 0)
-    front = _counts(u - length / 2, height_zone, is_across, row, count)
-    rear = _counts(-u - length / 2, height_zone, is_across, row, count)
-    left = _counts(v - width / 2, side_zone, is_along, row, count)
-    right = _counts(-v - width / 2, side_zone, is_along, row, count)
-    top = _counts(t - height, third_zone, is_across & is_along, row, count)
-    kind = np.eye(len(LABELS))[labels]
-    extras = np.column_stack([np.log(boxes[:, 3:6] / [4.5, 1.8, 1.6]), kind])
-    ends, end_points = _with_opposite(np.stack([front, rear]), extras)
-    sides, side_points = _with_opposite(np.stack([left, right]), extras)
-    tops, top_points = _with_opposite(top[None], extras)
-    return FaceFeatures(ends, sides, tops, (end_points, side_points, top_points))
+    is_within_width = np.abs(v) <= width / 2 + SIDE_MARGIN_M
+    is_within_length = np.abs(u) <= length / 2 + SIDE_MARGIN_M
+    end_zone = (t >= 0.4 * height).astype(np.int64) + (t >= 0.7 * height)  # low, middle, high
+    side_zone = np.where(t > 0.5 * height, 1 + (u > 0.05 * length), 0)  # low, high behind or ahead
+    top_zone = (u >= -length / 6).astype(np.int64) + (u >= length / 6)  # behind, middle, ahead
+    front = _counts(u - length / 2, end_zone, is_within_width, row, count)
+    rear = _counts(-u - length / 2, end_zone, is_within_width, row, count)
+    left = _counts(v - width / 2, side_zone, is_within_length, row, count)
+    right = _counts(-v - width / 2, side_zone, is_within_length, row, count)
+    top = _counts(t - height, top_zone, is_within_width & is_within_length, row, count)
+    is_class = np.eye(len(LABELS))[labels]
+    usual_size = [4.5, 1.8, 1.6]  # length, width, height of a car (m)
+    extras = np.column_stack([np.log(boxes[:, 3:6] / usual_size), is_class])
+    ends = _with_opposite(np.stack([front, rear]), extras)
+    sides = _with_opposite(np.stack([left, right]), extras)
+    tops = _with_opposite(top[None], extras)
+    return FaceFeatures(
+        end=ends.features,
+        side=sides.features,
+        top=tops.features,
+        counted=(ends.points, sides.points, tops.points),
+    )
 
 
-def _with_opposite(face_counts: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows for a network, and the number of points of both faces.
+def _with_opposite(
+    face_counts: Float[np.ndarray, "faces n F"], extras: Float[np.ndarray, "n E"]
+) -> _FaceRows:
+    """Features of one face of all n boxes, then of the opposite one if there are two.
 
-    A row has the counts of a face and of the opposite one, the size and the class."""
+    A row has log(1 + count) of a face and of the opposite one, then extras: the size and class.
+    """
     faces = len(face_counts)
     totals = face_counts.sum(axis=2, keepdims=True)
     histograms = [face_counts, face_counts[::-1]] if faces == 2 else [face_counts]
@@ -196,17 +252,24 @@ def _with_opposite(face_counts: np.ndarray, extras: np.ndarray) -> tuple[np.ndar
     columns.append(np.broadcast_to(extras, (faces, *extras.shape)))
     rows = np.concatenate(columns, axis=2)
     points = np.tile(totals.sum((0, 2)), faces).astype(np.int64)
-    return rows.reshape(-1, rows.shape[2]).astype(np.float32), points
+    return _FaceRows(rows.reshape(-1, rows.shape[2]).astype(np.float32), points)
 
 
 def _counts(
-    distance: np.ndarray, zone: np.ndarray, is_chosen: np.ndarray, row: np.ndarray, boxes: int
+    distance: Float[np.ndarray, " k"],
+    zone: Int64[np.ndarray, " k"],
+    is_chosen: Bool[np.ndarray, " k"],
+    row: Int64[np.ndarray, " k"],
+    boxes: int,
 ) -> Float[np.ndarray, "n F"]:
+    """Number of chosen points for each box, zone and step of distance (F = zones · steps).
+
+    distance: how far each point is beyond the face (m). row: box of each point.
+    """
     step = np.floor((distance - FIRST_BIN_M) / BIN_M)
-    is_inside = is_chosen & (step >= 0) & (step < BIN_COUNT)
-    bin_number = (row[is_inside] * ZONES + zone[is_inside]) * BIN_COUNT + step[is_inside].astype(
-        np.int64
-    )
+    is_counted = is_chosen & (step >= 0) & (step < BIN_COUNT)
+    first_bin = (row[is_counted] * ZONES + zone[is_counted]) * BIN_COUNT
+    bin_number = first_bin + step[is_counted].astype(np.int64)
     return (
         np.bincount(bin_number, minlength=boxes * _FACE_COUNTS)
         .reshape(boxes, _FACE_COUNTS)

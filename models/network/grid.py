@@ -24,21 +24,31 @@ from models.config import VoxelNetConfig
 from toolkit.arrays import Bool, Float, Float32, Int64, Points, Rng
 
 _Boxes = Float[Tensor, "*n 7"]
-_Random = Rng | int
+_Random = Rng | int  # a generator or a seed
 
 
 class Voxels(NamedTuple):
-    """Points of one or several clouds and their occupied voxels, sorted by batch item, z, x, y."""
+    """Points of one or several clouds and their occupied voxels, sorted by batch item, z, x, y.
 
-    points: Float32[Tensor, "n 3"]  # x y z in the frame of the grid, m
-    voxel: Int64[Tensor, " n"]  # the row in `cells` of each point's voxel
-    cells: Int64[Tensor, "v 4"]  # batch item, and the voxel's indices along x, y and z
-    items: int = 1  # clouds in the batch
+    Attributes:
+        points: x y z in the frame of the grid, m.
+        voxel: Row in `cells` of each point's voxel.
+        cells: Batch item and indices along x, y and z of each occupied voxel.
+        items: Clouds in the batch.
+    """
+
+    points: Float32[Tensor, "n 3"]
+    voxel: Int64[Tensor, " n"]
+    cells: Int64[Tensor, "v 4"]
+    items: int = 1
 
     def to(self, device: str | torch.device) -> "Voxels":
-        """Move the voxels to another device."""
+        """Copy of the voxels on a device."""
         return Voxels(
-            self.points.to(device), self.voxel.to(device), self.cells.to(device), self.items
+            points=self.points.to(device),
+            voxel=self.voxel.to(device),
+            cells=self.cells.to(device),
+            items=self.items,
         )
 
 
@@ -56,39 +66,38 @@ def voxelise(
     cloud = torch.as_tensor(points, dtype=torch.float32)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {tuple(cloud.shape)}")
-    cloud, cells = grid_cells(cloud, config)
+    cloud, point_cells = grid_cells(cloud, config)
     nx, ny, _ = config.grid_shape
-    ix, iy, iz = cells.unbind(1)
-    # less work than a map of all voxels
+    ix, iy, iz = point_cells.unbind(1)
+    # numbers of the occupied voxels: less work than a map of all voxels
     occupied, voxel = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True)
     is_crowded = torch.bincount(voxel)[voxel] > config.max_points
     if is_crowded.any():
         is_kept = thin_voxels(voxel, is_crowded, config.max_points, rng)
         cloud = cloud[is_kept]
         voxel = voxel[is_kept]
-    plane = occupied % (nx * ny)
-    cells = torch.stack(
-        (torch.zeros_like(plane), plane // ny, plane % ny, occupied // (nx * ny)), 1
-    )
-    return Voxels(cloud, voxel, cells)
+    column = occupied % (nx * ny)
+    item = torch.zeros_like(column)
+    cells = torch.stack((item, column // ny, column % ny, occupied // (nx * ny)), 1)
+    return Voxels(points=cloud, voxel=voxel, cells=cells)
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
-    """Join clouds into one batch, in their order."""
-    voxel = []
-    cells = []
-    item = 0
-    row = 0
+    """One batch of several clouds (or batches), in their order."""
+    voxel_parts = []
+    cell_parts = []
+    items = 0  # so far
+    rows = 0  # occupied voxels so far
     for voxels in batch:
-        voxel.append(voxels.voxel + row)
-        cells.append(voxels.cells + torch.tensor([item, 0, 0, 0], device=voxels.cells.device))
-        item += voxels.items
-        row += len(voxels.cells)
+        voxel_parts.append(voxels.voxel + rows)
+        cell_parts.append(voxels.cells + torch.tensor([items, 0, 0, 0], device=voxels.cells.device))
+        items += voxels.items
+        rows += len(voxels.cells)
     return Voxels(
-        torch.cat([item_voxels.points for item_voxels in batch]),
-        torch.cat(voxel),
-        torch.cat(cells),
-        item,
+        points=torch.cat([voxels.points for voxels in batch]),
+        voxel=torch.cat(voxel_parts),
+        cells=torch.cat(cell_parts),
+        items=items,
     )
 
 
@@ -114,26 +123,33 @@ def grid_cells(
 def thin_voxels(
     voxel: Int64[Tensor, " n"], is_crowded: Bool[Tensor, " n"], limit: int, rng: _Random = 0
 ) -> Bool[Tensor, " n"]:
-    """Mask of the points that stay: in crowded voxels any `limit` of them, each subset equally
-    likely."""
+    """Mask of the points that stay: a random `limit` of each crowded voxel's, and all others.
+
+    voxel: number of each point's voxel. is_crowded: True for all points of the voxels to thin.
+    """
     rows = torch.nonzero(is_crowded)[:, 0]
-    rows = rows[torch.from_numpy(np.random.default_rng(rng).permutation(len(rows))).to(rows.device)]
-    rows = rows[torch.argsort(voxel[rows], stable=True)]
+    shuffle = torch.from_numpy(np.random.default_rng(rng).permutation(len(rows)))
+    rows = rows[shuffle.to(rows.device)]
+    rows = rows[torch.argsort(voxel[rows], stable=True)]  # by voxel; shuffled within each
     sizes = torch.unique_consecutive(voxel[rows], return_counts=True)[1]
-    rank = torch.arange(len(rows), device=rows.device) - torch.repeat_interleave(
-        torch.cumsum(sizes, 0) - sizes, sizes
-    )
+    first_row = torch.repeat_interleave(torch.cumsum(sizes, 0) - sizes, sizes)
+    rank = torch.arange(len(rows), device=rows.device) - first_row  # within the voxel
     is_kept = torch.ones_like(is_crowded)
     is_kept[rows[rank >= limit]] = False
     return is_kept
 
 
 def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
-    """Box per cell, class and yaw in the frame of the grid, H along x, W along y."""
+    """Box for each cell of the map, kind and yaw in the frame of the grid, H along x, W along y.
+
+    A cell's anchors are sorted by kind, then yaw, as in `config.anchor_labels`.
+    """
     rows, columns = config.map_shape
-    dx, dy = config.stride
-    x = config.area[0] + (torch.arange(rows, dtype=torch.float64) + 0.5) * dx
-    y = config.area[1] + (torch.arange(columns, dtype=torch.float64) + 0.5) * dy
+    dx, dy = config.stride  # sides of a cell, m
+    xmin, ymin = config.area[:2]
+    x = xmin + (torch.arange(rows, dtype=torch.float64) + 0.5) * dx
+    y = ymin + (torch.arange(columns, dtype=torch.float64) + 0.5) * dy
+    # z, length, width, height and yaw
     anchor_values = [(kind.z, *kind.size, yaw) for kind in config.anchor_kinds for yaw in kind.yaws]
     boxes = torch.empty(rows, columns, len(anchor_values), 7)
     boxes[..., 0] = x[:, None, None]
@@ -145,32 +161,35 @@ def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
 def encode_residuals(
     boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True
 ) -> Float[Tensor, "*n R"]:
-    """Residuals of boxes to anchors: eight with the doubled yaw difference, or seven with the plain
-    one."""
+    """Residuals of boxes to anchors, in the order of this file's table.
+
+    doubled: True for eight with sin 2δ and cos 2δ of the yaw difference δ, False for seven with δ.
+    """
     diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
     size = anchors[..., 3:6]
     delta = boxes - anchors
     centre = delta[..., :3] / torch.cat((diagonal, diagonal, size[..., 2:]), -1)
-    yaw = delta[..., 6:]
-    angle = (torch.sin(2 * yaw), torch.cos(2 * yaw)) if doubled else (yaw,)
+    turn = delta[..., 6:]
+    angle = (torch.sin(2 * turn), torch.cos(2 * turn)) if doubled else (turn,)
     return torch.cat((centre, torch.log(boxes[..., 3:6] / size), *angle), -1)
 
 
 def decode(
     residuals: Float[Tensor, "*n R"], anchors: _Boxes, direction: Bool[Tensor, "*n"] | None = None
 ) -> _Boxes:
-    """Boxes of residuals. Eight residuals leave the yaw open by 180°, which `direction` settles."""
+    """Boxes of residuals to anchors: the inverse of `encode_residuals`.
+
+    Eight residuals leave the yaw open by 180°; direction: True for a box that faces the other way.
+    """
     diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
     size = anchors[..., 3:6]
     scale = torch.cat((diagonal, diagonal, size[..., 2:]), -1)
     centre = anchors[..., :3] + residuals[..., :3] * scale
     angle = residuals[..., 6:]
-    delta = angle
-    if angle.shape[-1] != 1:
-        delta = torch.atan2(angle[..., :1], angle[..., 1:]) / 2
+    turn = angle if angle.shape[-1] == 1 else torch.atan2(angle[..., :1], angle[..., 1:]) / 2
     if direction is not None:
-        delta = delta + math.pi * direction[..., None]
-    yaw = anchors[..., 6:] + delta
+        turn = turn + math.pi * direction[..., None]
+    yaw = anchors[..., 6:] + turn
     return torch.cat((centre, size * torch.exp(residuals[..., 3:6]), yaw), -1)
 
 
@@ -180,6 +199,9 @@ def faces_back(boxes: _Boxes, anchors: _Boxes) -> Bool[Tensor, "*n"]:
 
 
 def per_anchor(channels: Float[Tensor, "B Ak H W"], anchors: int) -> Float[Tensor, "B H W A k"]:
-    """Map of the head, reshaped by cell and anchor."""
+    """View of a map of the head with its channels split into A anchors and k values of each.
+
+    anchors: number A of anchors in a cell; the channels hold all values of one, then the next.
+    """
     items, _, rows, columns = channels.shape
     return channels.view(items, anchors, -1, rows, columns).permute(0, 3, 4, 1, 2)

@@ -32,7 +32,8 @@ from toolkit.arrays import Bool, Float, Float32, Int64
 BIAS_CHANNELS = 8  # that carry the biases; a multiple of the convolution kernels' width
 BORDER_CELLS = 2  # in which an empty grid's response varies, after three convolutions
 SMALL_GRID_CELLS = 2 * BORDER_CELLS + 1  # side of the small empty grid
-# kernel taps along one axis that see an even or odd place, and their offsets
+# for an even, then an odd index along one axis: the kernel taps that meet it, each with the
+# offset of the output cell from half the index
 _TAPS = (((1, 0),), ((0, 1), (2, 0)))
 
 
@@ -53,7 +54,7 @@ class SparseVoxelNet(nn.Module):
         if isinstance(network.middle, HeightFold):
             self.rpn = FoldedRegionProposal(network.rpn, network.head)
             self.middle = SparseColumns(network.middle, self.rpn.blocks[0][0])
-            self.rpn.blocks[0][0] = nn.Identity()
+            self.rpn.blocks[0][0] = nn.Identity()  # `SparseColumns` computes it
         else:
             self.middle = SparseMiddle(network.middle)
             self.rpn = FoldedRegionProposal(network.rpn, network.head, self.middle.channel_order)
@@ -65,7 +66,8 @@ class SparseVoxelNet(nn.Module):
         return self.rpn(self.middle(self.features(voxels), voxels))
 
     def halve(self) -> "SparseVoxelNet":
-        """Copy whose proposal part, which takes most of the time, computes in bfloat16."""
+        """Copy of the network whose proposal part, which takes most of the time, computes in
+        bfloat16."""
         halved = copy.deepcopy(self)
         halved.rpn.to(torch.bfloat16).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         return halved
@@ -82,27 +84,27 @@ def is_quick_at_bfloat16(device: torch.device) -> bool:
     ]
     if device.type != "cpu" or not any(is_supported() for is_supported in checks):
         return False
-    exact = []
-    coarse = []
-    for _ in range(5):
-        exact.append(time_layer(torch.float32))
-        coarse.append(time_layer(torch.bfloat16))
-    return min(coarse) < 0.8 * min(exact)
+    float32_times = []
+    bfloat16_times = []
+    for _ in range(5):  # in turns, so that other work on the machine delays both
+        float32_times.append(time_layer(torch.float32))
+        bfloat16_times.append(time_layer(torch.bfloat16))
+    return min(bfloat16_times) < 0.8 * min(float32_times)
 
 
 @torch.inference_mode()
 def time_layer(dtype: torch.dtype) -> float:
-    """Time a layer as the networks have it (s)."""
+    """Seconds that a convolution of the network's size takes."""
     layer = nn.Conv2d(48, 48, 3, padding=1).to(dtype)
-    x = torch.ones(1, 64, 96, 48, dtype=dtype).movedim(3, 1)
-    layer(x)  # channels last, as in the network
+    x = torch.ones(1, 64, 96, 48, dtype=dtype).movedim(3, 1)  # channels last, as in the network
+    layer(x)  # the first run prepares the convolution
     began = time.perf_counter()
     layer(x)
     return time.perf_counter() - began
 
 
 def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
-    """Scale and shift per channel of a trained BatchNorm."""
+    """Scale and shift (C,) of a trained BatchNorm, which computes x · scale + shift."""
     assert isinstance(norm, nn.BatchNorm1d | nn.BatchNorm2d | nn.BatchNorm3d)
     assert norm.running_mean is not None
     assert norm.running_var is not None
@@ -111,29 +113,31 @@ def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
 
 
 def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tuple[Tensor, Tensor]:
-    """Weight and bias of a layer and its BatchNorm."""
+    """Weight and bias of one layer equal to a layer and the BatchNorm after it."""
     scale, shift = scale_and_shift(norm)
     bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
-    scale_by_output = scale.view(-1, *(1,) * (layer.weight.ndim - 1))
-    return layer.weight.detach() * scale_by_output, bias
+    output_scale = scale.view(-1, *(1,) * (layer.weight.ndim - 1))
+    return layer.weight.detach() * output_scale, bias
 
 
 def _fold_layer(layer: Any) -> nn.Conv2d | nn.ConvTranspose2d:
-    weight, bias = fold_norm(layer[0], layer[1])
-    return make_conv(weight, bias, layer[0].stride[0], 1)
+    """3x3 convolution equal to a convolution and BatchNorm (the first two of `layer`)."""
+    conv, norm = layer[:2]
+    weight, bias = fold_norm(conv, norm)
+    return make_conv(weight, bias, conv.stride[0], padding=1)
 
 
 class FoldedRegionProposal(nn.Module):
     """`RegionProposal` and `Head`, folded; channels last in memory.
 
-    input_order: original position of each input.
+    input_order: for each channel of the input, its number in the input of `rpn`.
     """
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
         super().__init__()
         self.order = rpn.order
-        originals: Any = rpn.blocks
-        blocks = [list(map(_fold_layer, block)) for block in originals]
+        rpn_blocks: Any = rpn.blocks
+        blocks = [list(map(_fold_layer, block)) for block in rpn_blocks]
         if input_order is not None:
             blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
         self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
@@ -142,25 +146,26 @@ class FoldedRegionProposal(nn.Module):
             self.join = PlainJoin(rpn, head)
         else:
             self.join = LinearHead(rpn, head)
-        maps = [
+        # one convolution for all maps of the head, in the order of the fields of `Prediction`
+        map_layers = [
             layer
             for layer in (head.classes, head.residuals, head.direction, head.quality)
             if layer is not None
         ]
-        self.channels = [layer.out_channels for layer in maps]
-        biases = torch.cat([_bias(layer) for layer in maps])
-        self.outputs = make_conv(torch.cat([layer.weight for layer in maps]), biases)
+        self.channels = [layer.out_channels for layer in map_layers]
+        biases = torch.cat([_bias(layer) for layer in map_layers])
+        self.outputs = make_conv(torch.cat([layer.weight for layer in map_layers]), biases)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
         """Raw maps."""
-        maps = []
+        block_maps = []
         x = x.to(self.outputs.weight.dtype)
         for block, order in zip(self.blocks, self.order, strict=True):
             for layer in order:
                 x = torch.relu_(block[layer](x))
-            maps.append(x)
-        outputs = cell_by_cell(self.outputs, self.join(maps)).float()
+            block_maps.append(x)
+        outputs = cell_by_cell(self.outputs, self.join(block_maps)).float()
         return Prediction(*torch.split(outputs, self.channels, 1))
 
 
@@ -175,14 +180,20 @@ class PlainJoin(nn.Module):
         if rpn.add:
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
-            self.upsample = nn.ModuleList()
-            for layer, bias in zip(layers, (shift, None, None), strict=True):
-                weight = layer.weight * scale[:, None, None]
-                conv = make_conv(weight, bias, layer.stride[0], layer.padding[0], transposed=True)
-                self.upsample.append(conv)
+            biases = (shift, None, None)  # the maps are added, so one of them carries the shift
+            self.upsample = nn.ModuleList(
+                make_conv(
+                    layer.weight * scale[:, None, None],
+                    bias,
+                    stride=layer.stride[0],
+                    padding=layer.padding[0],
+                    transposed=True,
+                )
+                for layer, bias in zip(layers, biases, strict=True)
+            )
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
-        """Feature map of the head."""
+        """Feature map for the head. maps: one of each block, the finest first."""
         layers: Any = self.upsample
         fine = cell_by_cell(layers[0], maps[0]) if self.add else layers[0](maps[0])
         middle = layers[1](maps[1])
@@ -208,56 +219,72 @@ class LinearHead(nn.Module):
         assert head.conv3x3 is not None
         layers: Any = rpn.upsample
         self.fine, middle, coarse = layers
-        # in the order of their concatenation
-        at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)
-        self.conv3x3 = make_conv(at_fine, _bias(head.conv3x3), padding=1)
-        self.middle = make_conv(_compose(middle.weight, at_middle), None, 2, 1, transposed=True)
-        joined_bias = torch.cat((coarse.bias, middle.bias))
-        biases = torch.cat((at_coarse, at_middle), 1) * joined_bias[:, None, None]
-        ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
+        # weights of the 3x3 convolution for each map, in the order of their concatenation
+        coarse_weight, middle_weight, fine_weight = head.conv3x3.weight.chunk(3, 1)
+        self.conv3x3 = make_conv(fine_weight, _bias(head.conv3x3), padding=1)
+        self.middle = make_conv(
+            _compose(middle.weight, middle_weight), None, stride=2, padding=1, transposed=True
+        )
+        # what the biases of both maps add through the 3x3 convolution
+        bias_weight = (
+            torch.cat((coarse_weight, middle_weight), 1)
+            * torch.cat((coarse.bias, middle.bias))[:, None, None]
+        )
+        bias_kernel = _compose(bias_weight.new_ones(1, 1, 4, 4), bias_weight.sum(1, keepdim=True))
+        # the first channel of ones carries the biases, the others only fill up the width
         weight = torch.cat(
             (
-                _compose(coarse.weight, at_coarse),
-                ones,
-                ones.new_zeros(BIAS_CHANNELS - 1, *ones.shape[1:]),
+                _compose(coarse.weight, coarse_weight),
+                bias_kernel,
+                bias_kernel.new_zeros(BIAS_CHANNELS - 1, *bias_kernel.shape[1:]),
             )
         )
-        self.coarse = make_conv(weight, None, 4, 1, transposed=True)
+        self.coarse = make_conv(weight, None, stride=4, padding=1, transposed=True)
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
-        """Feature map of the head."""
+        """Feature map for the head. maps: one of each block, the finest first."""
         fine, middle, coarse = maps
-        coarse = torch.cat(
-            (coarse, coarse.new_ones(len(coarse), BIAS_CHANNELS, *coarse.shape[2:])), 1
-        )
+        ones = coarse.new_ones(len(coarse), BIAS_CHANNELS, *coarse.shape[2:])
+        coarse = torch.cat((coarse, ones), 1)
         x: Tensor = self.conv3x3(self.fine(fine))
         return x.add_(self.middle(middle)).add_(self.coarse(coarse)).relu_()
 
 
 def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K H W"]:
-    """Compute a 1x1 convolution by the convolution library.
+    """Output of a 1x1 convolution, computed by the convolution library.
 
     On one CPU thread torch would choose a plain matrix product, which takes about twice as long.
     Compilers and exporters do not know the library's convolution, and it refuses bfloat16 on
     processors without AVX-512.
     """
-    needs_plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
-    needs_plain = needs_plain or (
+    needs_torch = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
+    needs_torch = needs_torch or (
         x.dtype == torch.bfloat16 and not torch.ops.mkldnn._is_mkldnn_bf16_supported()
     )
-    if needs_plain or x.device.type != "cpu":
+    if needs_torch or x.device.type != "cpu":
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
-    return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)  # type: ignore[arg-type]
+    return torch.mkldnn_convolution(
+        x,
+        conv.weight,  # type: ignore[arg-type]
+        conv.bias,  # type: ignore[arg-type]
+        padding=(0, 0),
+        stride=(1, 1),
+        dilation=(1, 1),
+        groups=1,
+    )
 
 
 def _bias(layer: nn.Conv2d) -> Tensor:
+    """Bias of a convolution that has one."""
     assert layer.bias is not None
     return layer.bias
 
 
 def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
-    """Kernel (I, O, k + 2, k + 2) of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3,
-    3)."""
+    """Kernel (I, O, k + 2, k + 2) equal to a transposed convolution and the 3x3 one after it.
+
+    Their kernels are (I, M, k, k) and (O, M, 3, 3): I inputs, M maps between them, O outputs.
+    """
     return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
 
@@ -269,13 +296,17 @@ def make_conv(
     *,
     transposed: bool = False,
 ) -> nn.Conv2d | nn.ConvTranspose2d:
-    """Convolution with a copy of these weights; a transposed 1x1 one is a plain one."""
+    """Convolution with a copy of these weights.
+
+    weight: (outputs, inputs, k, k), or (inputs, outputs, k, k) for a transposed convolution. A
+    transposed 1x1 convolution of stride 1 is returned as the equal one that is not transposed.
+    """
     if transposed and weight.shape[2] == stride == 1:
         weight = weight.transpose(0, 1)
         transposed = False
     inputs, outputs = weight.shape[:2] if transposed else (weight.shape[1], weight.shape[0])
-    kind = nn.ConvTranspose2d if transposed else nn.Conv2d
-    conv = kind(inputs, outputs, weight.shape[2], stride, padding, bias=bias is not None)
+    conv_class = nn.ConvTranspose2d if transposed else nn.Conv2d
+    conv = conv_class(inputs, outputs, weight.shape[2], stride, padding, bias=bias is not None)
     conv.weight.data = weight.detach().clone()
     if conv.bias is not None and bias is not None:
         conv.bias.data = bias.detach().clone()
@@ -295,7 +326,7 @@ class SparseColumns(nn.Module):
         super().__init__()
         scale, shift = scale_and_shift(fold.norm)
         self.shape = fold.shape
-        self.levels = nn.Parameter(fold.weight.detach() * scale)
+        self.levels = nn.Parameter(fold.weight.detach() * scale)  # level, input, output
         self.shift = nn.Parameter(shift)
         # 3, 3, inputs, outputs
         self.taps = nn.Parameter(first.weight.detach().permute(2, 3, 1, 0).contiguous())
@@ -307,42 +338,54 @@ class SparseColumns(nn.Module):
         voxels: Voxels,
         shape: tuple[int, int, int] | None = None,
     ) -> Float[Tensor, "B K h w"]:
-        """Map after the ReLU, channels last in memory. shape: the grid's, if not the network's."""
+        """Map after the ReLU, channels last in memory.
+
+        features: a row for each occupied voxel. shape: voxels of the grid along x, y and z, if they
+        are not the network's.
+        """
         shape = shape or self.shape
         nx, ny = shape[:2]
-        column, key = voxelnet.columns(voxels, shape)
-        start = self.shift.expand(len(key), -1)
-        x = torch.relu_(
-            voxelnet.fold_columns(features, voxels.cells[:, 3], column, self.levels, start)
+        column, cell = voxelnet.columns(voxels, shape)  # `cell` of the map before the convolution
+        column_values = voxelnet.fold_columns(
+            features,
+            level=voxels.cells[:, 3],
+            column=column,
+            weight=self.levels,
+            start=self.shift.expand(len(cell), -1),
         )
-        rows = nx // 2
-        cells = ny // 2
-        ix = key // ny % nx
-        iy = key % ny
-        target = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2
-        out = self.bias.expand(voxels.items * rows * cells, -1).clone()
+        column_values = torch.relu_(column_values)
+        height = nx // 2  # cells of the map after the convolution
+        width = ny // 2
+        ix = cell // ny % nx
+        iy = cell % ny
+        target = ((cell // (nx * ny)) * height + ix // 2) * width + iy // 2
+        out = self.bias.expand(voxels.items * height * width, -1).clone()
         for odd_x, odd_y in product((0, 1), (0, 1)):
-            column_rows = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
-            column_values = x[column_rows]
-            target_cells = target[column_rows]
-            row = ix[column_rows] // 2
-            cell = iy[column_rows] // 2
+            rows = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
+            inputs = column_values[rows]
+            half_x = ix[rows] // 2
+            half_y = iy[rows] // 2
             for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y]):
-                values = column_values @ self.taps[kx, ky]
-                cells_reached = target_cells + dx * cells + dy
+                values = inputs @ self.taps[kx, ky]
+                out_cells = target[rows] + dx * width + dy
                 if dx or dy:
-                    is_inside = (row + dx < rows) & (cell + dy < cells)
+                    is_inside = (half_x + dx < height) & (half_y + dy < width)
                     values = values[is_inside]
-                    cells_reached = cells_reached[is_inside]
-                out.index_add_(0, cells_reached, values)
-        return F.relu_(out).view(voxels.items, rows, cells, -1).permute(0, 3, 1, 2)
+                    out_cells = out_cells[is_inside]
+                out.index_add_(0, out_cells, values)
+        return F.relu_(out).view(voxels.items, height, width, -1).permute(0, 3, 1, 2)
 
 
 class Plane(NamedTuple):
-    """Cells of B maps (H x W cells) in one plane.
+    """Numbers of the cells of several equal maps, joined in one plane.
 
     A margin of one cell around each map makes every neighbour a fixed step away; no cell beyond the
     border is reached.
+
+    Attributes:
+        items: Number of maps.
+        nx: Cells of a map along x, without the margin.
+        ny: Cells of a map along y, without the margin.
     """
 
     items: int
@@ -355,19 +398,21 @@ class Plane(NamedTuple):
         return self.items * (self.nx + 2) * (self.ny + 2)
 
     def place(self, item: Tensor, ix: Tensor, iy: Tensor) -> Tensor:
-        """Number of a cell of a map in the plane."""
+        """Numbers in the plane of cells (ix, iy) of the map `item`."""
         return (item * (self.nx + 2) + ix + 1) * (self.ny + 2) + iy + 1
 
     def cell(self, number: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Batch item and indices (x, y) of a cell number."""
+        """Batch item, ix and iy of cells by their numbers in the plane; the inverse of `place`."""
         row = number // (self.ny + 2)
         return row // (self.nx + 2), row % (self.nx + 2) - 1, number % (self.ny + 2) - 1
 
 
 class Reached(NamedTuple):
-    """Cells reached by points, ordered by level and place.
+    """Cells reached by points, ordered by level and place in the plane.
 
-    differences: their values minus the values of an empty grid.
+    Attributes:
+        mask: True for the n cells reached, by level and place.
+        differences: Their values minus the values of an empty grid.
     """
 
     mask: Bool[Tensor, "D P"]
@@ -402,27 +447,37 @@ class SparseMiddle(nn.Module):
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
     def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """Map seen from above."""
-        plane = Plane(voxels.items, *self.shape[:2])
+        """Map seen from above, its channels in the order of `channel_order`.
+
+        features: a row for each occupied voxel.
+        """
+        nx, ny, nz = self.shape
+        plane = Plane(items=voxels.items, nx=nx, ny=ny)
         item, ix, iy, iz = voxels.cells.unbind(1)
         position = plane.place(item, ix, iy)
-        mask = torch.zeros(self.shape[2], plane.size, dtype=torch.bool, device=features.device)
+        mask = torch.zeros(nz, plane.size, dtype=torch.bool, device=features.device)
         mask[iz, position] = True
-        order = count_before(mask)[iz, position]
-        reached = Reached(mask, torch.empty_like(features).index_copy_(0, order, features))
+        rows = count_before(mask)[iz, position]
+        # an empty grid's values are zero before the first layer
+        differences = torch.empty_like(features).index_copy_(0, rows, features)
+        reached = Reached(mask, differences)
         for layer in self.layers:
             reached, values = layer(reached, plane)
         level, position = torch.nonzero(reached.mask, as_tuple=True)
-        values_everywhere = self.layers[-1].everywhere(plane)
-        values_everywhere[(*plane.cell(position), level)] = values
-        return values_everywhere.flatten(3).permute(0, 3, 1, 2)
+        grid = self.layers[-1].everywhere(plane)
+        grid[(*plane.cell(position), level)] = values
+        return grid.flatten(3).permute(0, 3, 1, 2)
 
 
 class SparseConvolution(nn.Module):
-    """3x3x3 convolution and its ReLU on reached cells."""
+    """3x3x3 convolution and its ReLU on reached cells.
+
+    weight: with its BatchNorm folded in. empty: response to the small empty grid before the ReLU,
+    S = `SMALL_GRID_CELLS`. stride, padding: along z.
+    """
 
     weight: Tensor  # level, input, 9 · output
-    empty: Tensor  # before the ReLU
+    empty: Tensor  # level, x, y, output
 
     def __init__(
         self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int
@@ -434,7 +489,11 @@ class SparseConvolution(nn.Module):
         self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())
 
     def forward(self, reached: Reached, plane: Plane) -> tuple[Reached, Float32[Tensor, "m K"]]:
-        """Cells reached afterwards, and their values."""
+        """Cells reached after the ReLU, and their values.
+
+        Each input row is multiplied by all nine taps of a level's kernel; each output adds up the
+        products of its neighbours.
+        """
         levels = len(reached.mask)
         level_masks = [reached.mask[max(z, 0) : z + 3].any(0) for z in self.first]
         mask = dilate(torch.stack(level_masks), plane)
@@ -443,12 +502,12 @@ class SparseConvolution(nn.Module):
         empty = self.empty[level, _kind(ix, plane.nx), _kind(iy, plane.ny)]
         sums = empty.clone()
         step = torch.arange(-1, 2, dtype=torch.int32, device=position.device)
-        offsets = (step[:, None] * (plane.ny + 2) + step).view(-1)
-        neighbours = position.int()[:, None] + offsets
-        inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())
-        rows = mask.sum(1).tolist()
-        level_sums = torch.split(sums, rows)
-        level_neighbours = torch.split(neighbours, rows)
+        # places of the 3x3 neighbours of each output cell, in the order of the taps
+        neighbours = position.int()[:, None] + (step[:, None] * (plane.ny + 2) + step).view(-1)
+        inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())  # by level
+        counts = mask.sum(1).tolist()
+        level_sums = torch.split(sums, counts)  # views, filled in place
+        level_neighbours = torch.split(neighbours, counts)
         taps = torch.arange(9, dtype=torch.int32, device=sums.device)
         for out_level, z_first in enumerate(self.first):
             for z in range(max(z_first, 0), min(z_first + 3, levels)):
@@ -460,6 +519,7 @@ class SparseConvolution(nn.Module):
                 torch.mm(inputs[z], weight, out=products[:-1])
                 products[-1] = 0  # for cells that are not reached
                 is_reached = reached.mask[z]
+                # row of each cell's first tap among the products, seen as 9 · (count + 1) rows
                 first_rows = torch.where(is_reached, 9 * count_before(is_reached), 9 * count)
                 product_rows = first_rows.int()[level_neighbours[out_level]] + taps
                 level_sums[out_level].add_(
@@ -470,29 +530,37 @@ class SparseConvolution(nn.Module):
 
     def everywhere(self, plane: Plane) -> Float32[Tensor, "B H W D K"]:
         """Response of an empty grid after the ReLU."""
-        x = _kind(torch.arange(plane.nx, device=self.empty.device), plane.nx)
-        y = _kind(torch.arange(plane.ny, device=self.empty.device), plane.ny)
+        small_x = _kind(torch.arange(plane.nx, device=self.empty.device), plane.nx)
+        small_y = _kind(torch.arange(plane.ny, device=self.empty.device), plane.ny)
         small = torch.relu(self.empty).permute(1, 2, 0, 3).contiguous()
-        response = small[x[:, None], y]
-        return response.expand(plane.items, -1, -1, -1, -1).contiguous()
+        return small[small_x[:, None], small_y].expand(plane.items, -1, -1, -1, -1).contiguous()
 
 
 def count_before(mask: Bool[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:
-    """Number of set cells before each cell."""
+    """Number of set cells before each set cell; meaningless for the others."""
     return (torch.cumsum(mask.view(-1), 0) - 1).view(mask.shape)
 
 
 def dilate(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
-    """Cells with a set cell among their 3x3 neighbours."""
+    """Mask of the cells that are set or have a set cell among their eight neighbours of a level.
+
+    Margins of the plane stay unset.
+    """
     maps = mask.view(-1, plane.nx + 2, plane.ny + 2)
-    wide = torch.zeros_like(maps)
-    rows = maps[:, :-2] | maps[:, 1:-1] | maps[:, 2:]
-    wide[:, 1:-1, 1:-1] = rows[..., :-2] | rows[..., 1:-1] | rows[..., 2:]
-    return wide.view(mask.shape)
+    dilated_maps = torch.zeros_like(maps)
+    along_x = maps[:, :-2] | maps[:, 1:-1] | maps[:, 2:]
+    dilated_maps[:, 1:-1, 1:-1] = along_x[..., :-2] | along_x[..., 1:-1] | along_x[..., 2:]
+    return dilated_maps.view(mask.shape)
 
 
-def _kind(index: Tensor, n: int) -> Tensor:
-    """Place in the small empty grid: a cell's distance from a border, or the middle."""
+def _kind(index: Tensor, cells: int) -> Tensor:
+    """Index in the small empty grid that has the response of a cell of a large one.
+
+    Near a border it is as far from that border, elsewhere it is the middle. cells: number in
+    the large grid along the axis.
+    """
     return torch.where(
-        index < n - BORDER_CELLS, index.clamp(max=BORDER_CELLS), index - n + SMALL_GRID_CELLS
+        index < cells - BORDER_CELLS,
+        index.clamp(max=BORDER_CELLS),
+        index - cells + SMALL_GRID_CELLS,
     )

@@ -14,6 +14,7 @@ A convolution of all patches gives the entries of the next layer. The maps equal
 union after the other, to the rounding of float32.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from typing import Any, NamedTuple
@@ -36,50 +37,76 @@ MAX_UNSHARED_SHARE = 0.9  # tiles; above it one union after another is quicker
 PLAN_COST_UNIONS = 3  # unions that could be computed one by one while the tiles are planned
 
 
+class _Thinning(NamedTuple):
+    """Points that `voxelise` leaves out of each union.
+
+    Unions with the same crowded clouds lose the same points: they share a group.
+
+    Attributes:
+        group: Group of each union, 0 for the unions that lose no point.
+        dropped: Points left out, ascending, as group · points + row of the point.
+    """
+
+    group: Int64[np.ndarray, " U"]
+    dropped: Int64[Tensor, " k"]
+
+
 class PlacedClouds(NamedTuple):
-    """Points of all clouds in one grid, cloud after cloud, so that unions need no new voxels."""
+    """Points of all clouds in one grid, cloud after cloud, so that unions need no new voxels.
+
+    Attributes:
+        points: x y z in the frame of the grid, m.
+        cloud: Number of each point's cloud.
+        cells: Indices of each point's voxel along x, y and z.
+        voxel: Number of each point's voxel among the occupied ones.
+        crowd: Number of points of all clouds in each point's voxel.
+        clouds: Number of clouds.
+    """
 
     points: Float32[Tensor, "n 3"]
     cloud: Int64[Tensor, " n"]
-    cells: Int64[Tensor, "n 3"]  # voxel indices along x, y and z
-    voxel: Int64[Tensor, " n"]  # number of the voxel
-    crowd: Int64[Tensor, " n"]  # points of all clouds in the voxel
+    cells: Int64[Tensor, "n 3"]
+    voxel: Int64[Tensor, " n"]
+    crowd: Int64[Tensor, " n"]
     clouds: int
 
     @staticmethod
     def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> "PlacedClouds":
-        """Place points given in the frame of the grid, m."""
-        placed = [grid_cells(cloud, config) for cloud in clouds]
-        inside = [cloud for cloud, _ in placed]
-        number = torch.arange(len(clouds), device=inside[0].device)
-        counts = torch.tensor([len(cloud) for cloud in inside], device=inside[0].device)
-        cells = torch.cat([indices for _, indices in placed])
+        """Points of clouds (x y z in the frame of the grid, m) that are inside the grid."""
+        points_and_cells = [grid_cells(cloud, config) for cloud in clouds]
+        inside_points = [points for points, _ in points_and_cells]
+        device = inside_points[0].device
+        number = torch.arange(len(clouds), device=device)
+        counts = torch.tensor([len(points) for points in inside_points], device=device)
+        cells = torch.cat([indices for _, indices in points_and_cells])
         nx, ny = config.grid_shape[:2]
         ix, iy, iz = cells.unbind(1)
-        _, voxel, count = torch.unique(
+        _, voxel, voxel_count = torch.unique(
             (iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True
         )
-        cloud = torch.repeat_interleave(number, counts)
-        return PlacedClouds(torch.cat(inside), cloud, cells, voxel, count[voxel], len(clouds))
+        return PlacedClouds(
+            points=torch.cat(inside_points),
+            cloud=torch.repeat_interleave(number, counts),
+            cells=cells,
+            voxel=voxel,
+            crowd=voxel_count[voxel],
+            clouds=len(clouds),
+        )
 
     def counts(self) -> Int64[Tensor, " C"]:
         """Number of points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
-    def find_crowded(
-        self, unions: Bool[np.ndarray, "U C"], max_points: int
-    ) -> tuple[Int64[np.ndarray, " U"], Int64[Tensor, " k"]]:
-        """Points that `voxelise` leaves out of unions, in voxels with more than `max_points`
-        points.
+    def find_crowded(self, unions: Bool[np.ndarray, "U C"], max_points: int) -> _Thinning:
+        """Points left out of each union, in voxels with more than `max_points` of its points.
 
-        Returns the number of the way each union is thinned, 0 for none, and the points left out,
-        ascending, as that number · points + row of the point.
+        unions: True for the clouds of each union.
         """
         rows = torch.nonzero(self.crowd > max_points)[:, 0]
         has_crowded = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         distinct_unions, number = np.unique(unions & has_crowded, axis=0, return_inverse=True)
-        thinning = np.zeros(len(distinct_unions), np.int64)
-        dropped = [rows[:0]]
+        groups = np.zeros(len(distinct_unions), np.int64)
+        dropped = [rows[:0]]  # by group; group 0 loses no point
         for index, union in enumerate(distinct_unions):
             union_rows = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
             _, voxel, count = torch.unique(
@@ -87,31 +114,31 @@ class PlacedClouds(NamedTuple):
             )
             is_kept = thin_voxels(voxel, (count > max_points)[voxel], max_points)
             if not is_kept.all():
-                thinning[index] = len(dropped)
+                groups[index] = len(dropped)
                 dropped.append(union_rows[~is_kept] + len(dropped) * len(self.points))
-        return thinning[number.ravel()], torch.cat(dropped)
+        return _Thinning(groups[number.ravel()], torch.cat(dropped))
 
     def by_tile(self, grid: tuple[int, int], size: int, before: int) -> "PointsByTile":
-        """Sort points by tile.
+        """Rows of points sorted by tile, then cloud.
 
-        A tile has `size` columns along x and y, and `before` columns of the tiles before it.
+        A tile has `size` columns of voxels along x and y, and the last `before` columns of the
+        tiles before it, so that a point may belong to up to four tiles. grid: tiles along x and y.
         """
-        tx, ty = (self.cells[:, :2] // size).T
-        from_x, from_y = (self.cells[:, :2] % size).T
+        tile_x, tile_y = (self.cells[:, :2] // size).T
+        column_x, column_y = (self.cells[:, :2] % size).T  # within the tile
         rows = []
         keys = []
         for dx, dy in product((0, 1), (0, 1)):
-            is_reached_x = (from_x >= size - before) | (dx == 0)
-            is_reached_y = (from_y >= size - before) | (dy == 0)
-            is_reached = is_reached_x & is_reached_y
-            is_on_grid = (tx + dx < grid[0]) & (ty + dy < grid[1])
-            tile_rows = torch.nonzero(is_reached & is_on_grid)[:, 0]
+            is_reached_x = (column_x >= size - before) | (dx == 0)
+            is_reached_y = (column_y >= size - before) | (dy == 0)
+            exists = (tile_x + dx < grid[0]) & (tile_y + dy < grid[1])
+            tile_rows = torch.nonzero(is_reached_x & is_reached_y & exists)[:, 0]
+            tile = (tile_x[tile_rows] + dx) * grid[1] + tile_y[tile_rows] + dy
             rows.append(tile_rows)
-            tile = (tx[tile_rows] + dx) * grid[1] + ty[tile_rows] + dy
             keys.append(tile * self.clouds + self.cloud[tile_rows])
         row = torch.cat(rows)
         key = torch.cat(keys)
-        order = torch.argsort(key * max(len(self.points), 1) + row)
+        order = torch.argsort(key * max(len(self.points), 1) + row)  # by key, then row
         count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
         first = np.cumsum(count) - count
         return PointsByTile(
@@ -127,23 +154,26 @@ class PlacedClouds(NamedTuple):
         items: int,
         config: VoxelNetConfig,
     ) -> Voxels:
-        """Voxels of a batch of points and their items."""
+        """Voxels of a batch of `items` items.
+
+        rows: points of all items. item: index in the batch of each of them.
+        """
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
         occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
-        plane = occupied % (nx * ny)
-        level = occupied // (nx * ny)
-        cells = torch.stack((level // nz, plane // ny, plane % ny, level % nz), 1)
-        return Voxels(self.points[rows], voxel, cells, items)
+        column = occupied % (nx * ny)
+        level = occupied // (nx * ny)  # item · nz + iz
+        cells = torch.stack((level // nz, column // ny, column % ny, level % nz), 1)
+        return Voxels(points=self.points[rows], voxel=voxel, cells=cells, items=items)
 
 
 class PointsByTile(NamedTuple):
-    """Rows of points in order of tile and cloud.
+    """Rows of points in order of tile and cloud; a point near a border is in several tiles.
 
     Attributes:
         row: Rows of points.
-        begin: First place for each tile and cloud.
-        points: Number for each tile and cloud.
+        begin: First position in `row` for each tile and cloud.
+        points: Number of rows for each tile and cloud.
     """
 
     row: Int64[Tensor, " k"]
@@ -153,25 +183,30 @@ class PointsByTile(NamedTuple):
     def rows(
         self, tiles: np.ndarray, union: np.ndarray
     ) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
-        """Points of some tiles in unions, and for each the place of its tile in `tiles`."""
-        count = np.where(union, self.points[tiles], 0)
-        flat = count.ravel()
-        offset = self.begin[tiles].ravel() - np.cumsum(flat) + flat
-        positions = np.arange(flat.sum()) + np.repeat(offset, flat)
-        item = torch.from_numpy(np.repeat(np.arange(len(tiles)), count.sum(1))).to(self.row.device)
-        return self.row[torch.from_numpy(positions).to(self.row.device)], item
+        """Rows of the points in m tiles, and for each point the index of its tile in `tiles`.
+
+        union: True for the clouds that count in each tile (m, clouds).
+        """
+        device = self.row.device
+        counts = np.where(union, self.points[tiles], 0)
+        flat_counts = counts.ravel()
+        # from a position in the answer to a position in `row`, for each tile and cloud
+        offset = self.begin[tiles].ravel() - np.cumsum(flat_counts) + flat_counts
+        positions = np.arange(flat_counts.sum()) + np.repeat(offset, flat_counts)
+        item = torch.from_numpy(np.repeat(np.arange(len(tiles)), counts.sum(1))).to(device)
+        return self.row[torch.from_numpy(positions).to(device)], item
 
 
-_Bank = Float[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
+_Bank = Float[Tensor, "n t t K"]  # values of n entries: tiles of t x t cells each
 
 
 class Entries(NamedTuple):
-    """Distinct values of a layer's tiles.
+    """Distinct values of a layer's tiles over all unions.
 
     Attributes:
-        tile: Tile of one example of each.
-        union: Union of one example of each.
-        of: Entry of each tile in a union.
+        tile: Number of a tile that has the value of each entry.
+        union: Row of a union in which that tile has it.
+        of: Entry of each tile in each union.
     """
 
     tile: Int64[np.ndarray, " n"]
@@ -179,28 +214,32 @@ class Entries(NamedTuple):
     of: Int64[np.ndarray, "tiles unions"]
 
     def parts(self) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
-        """Yield groups: number of the first entry, tiles and unions."""
+        """Yield entries in batches: number of the first one, and `tile` and `union` of each."""
         for first in range(0, len(self.tile), MAX_BATCH_TILES):
             rows = slice(first, first + MAX_BATCH_TILES)
             yield first, self.tile[rows], self.union[rows]
 
     def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> _Bank:
-        """All entries' values by a function of tiles and unions, and a last one of zeros."""
+        """Values of all entries, then a last row of zeros for tiles beyond the map.
+
+        values: from tiles and unions of a batch of entries to their values (m, t, t, K).
+        """
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
-            block = values(tiles, union)
-            bank = bank if first else block.new_zeros(len(self.tile) + 1, *block.shape[1:])
-            bank[first : first + len(block)] = block
+            batch_values = values(tiles, union)
+            if not first:
+                bank = batch_values.new_zeros(len(self.tile) + 1, *batch_values.shape[1:])
+            bank[first : first + len(batch_values)] = batch_values
         return bank
 
 
 class TilePredictions(NamedTuple):
-    """Raw head maps of some entries.
+    """Raw head maps of a batch of entries.
 
     Attributes:
         first: Number of the first entry.
-        corner: First cell of each in the map.
-        maps: Raw maps.
+        corner: Row and column of each entry's first cell in the whole map.
+        maps: Raw maps, one item for each entry.
     """
 
     first: int
@@ -208,14 +247,23 @@ class TilePredictions(NamedTuple):
     maps: Prediction
 
 
+# True for the clouds, and in the last column for crowded voxels, within reach of each tile
 _Seen = Bool[np.ndarray, "tiles C+1"]
 
 
 class UnionPlan(NamedTuple):
-    """Unions of clouds, and the points left out of each (see `find_crowded`)."""
+    """Unions of clouds, and the points left out of each.
+
+    Attributes:
+        placed: Points of all clouds.
+        seen: Clouds and crowded voxels within reach of each tile, layer by layer.
+        unions: True for the clouds of each union.
+        thinning: Group of unions that lose the same points; 0: no points.
+        dropped: Points left out, as group · points + row of the point.
+    """
 
     placed: PlacedClouds
-    seen: list[_Seen]  # layer by layer the clouds, and crowded voxels, within reach of each tile
+    seen: list[_Seen]
     unions: Bool[np.ndarray, "U C"]
     thinning: Int64[np.ndarray, " U"]
     dropped: Int64[Tensor, " k"]
@@ -225,40 +273,47 @@ class UnionPlan(NamedTuple):
         return self._replace(unions=self.unions[rows], thinning=self.thinning[rows])
 
     def entries(self, layer: int) -> Entries:
-        """Values that unions share in a layer's tiles."""
+        """Entries of a layer: a tile has the same value in two unions if the same clouds of both
+        reach it and, near crowded voxels, both lose the same points."""
         seen = self.seen[layer]
         unions = self.unions
         tiles = len(seen)
         count = len(unions)
-        code = np.repeat(np.arange(tiles), count)
-        parts = [seen[:, -1:] * self.thinning]
-        for first in range(0, unions.shape[1], 31):
+        code_parts = [seen[:, -1:] * self.thinning]
+        for first in range(0, unions.shape[1], 31):  # 31 clouds are the bits of one part
             union_columns = unions[:, first : first + 31]
             bits = 1 << np.arange(union_columns.shape[1])
-            parts.append((seen[:, None, first : first + len(bits)] & union_columns) @ bits)
-        for code_part in parts:
+            code_parts.append((seen[:, None, first : first + len(bits)] & union_columns) @ bits)
+        code = np.repeat(np.arange(tiles), count)  # for each tile and union; equal: same value
+        for code_part in code_parts:
+            # numbered again after each part, so that the shifted code fits 64 bits
             code = np.unique(code << 31 | code_part.ravel(), return_inverse=True)[1]
         _, example, entry_of = np.unique(code, return_index=True, return_inverse=True)
-        return Entries(example // count, example % count, entry_of.reshape(tiles, count))
+        return Entries(
+            tile=example // count, union=example % count, of=entry_of.reshape(tiles, count)
+        )
 
 
 def tileable(network: SparseVoxelNet) -> bool:
     """True if this module can compute a network: columns folded, blocks added, a head of single
     cells."""
     join = network.rpn.join
-    is_plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
+    adds_blocks = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
     return (
-        is_plain
+        adds_blocks
         and isinstance(network.middle, SparseColumns)
         and network.rpn.order[0].count(0) == 1
     )
 
 
 def choose_size(rows: int, columns: int) -> int:
-    """Side of the tiles that compute the fewest cells of a map, including their borders."""
+    """Side of the tiles (cells of the head's map) that compute the fewest cells, borders included.
+
+    rows, columns: cells of the map.
+    """
 
     def count_cells(size: int) -> int:
-        tiles = -(-rows // size) * -(-columns // size)
+        tiles = math.ceil(rows / size) * math.ceil(columns / size)
         return tiles * (size + 2) ** 2
 
     return min(TILE_SIZES, key=count_cells)
@@ -271,60 +326,73 @@ class TiledVoxelNet:
         self._network = network
         self.config = network.config
         self._map = rows, columns = self.config.map_shape
-        self.size = choose_size(rows, columns)
-        self._grid = -(-rows // self.size), -(-columns // self.size)
-        first, *further_orders = network.rpn.order
-        order = (first[1:], *further_orders)
+        self.size = choose_size(rows, columns)  # cells of the head's map along a tile's side
+        self._grid = -(-rows // self.size), -(-columns // self.size)  # tiles along x and y
+        # the first convolution is in `SparseColumns`, so the first block has one less
+        first_order, *further_orders = network.rpn.order
+        orders = (first_order[1:], *further_orders)
         self._blocks: list[list[nn.Conv2d]] = []
-        for block, numbers in zip(network.rpn.blocks, order, strict=True):
-            self._blocks.append([block[k] for k in numbers])
-        self._strides = [2]
+        for block, order in zip(network.rpn.blocks, orders, strict=True):
+            self._blocks.append([block[number] for number in order])
+        self._strides = [2]  # layer by layer, the first convolution included
         for block in self._blocks:
             self._strides += [conv.stride[0] for conv in block]
         join: Any = network.rpn.join
-        self._finest, *raised = join.upsample
+        self._finest, *coarse_layers = join.upsample
         # A transposed convolution of kernel and stride k is a 1x1 one with outputs for k x k cells.
         weights = (
             layer.weight.permute(2, 3, 1, 0).reshape(-1, layer.in_channels, 1, 1)
-            for layer in raised
+            for layer in coarse_layers
         )
         self._raised = [make_conv(weight, None).requires_grad_(False) for weight in weights]
 
     def plan(
         self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> UnionPlan:
-        """Plan the work for unions of clouds (m)."""
+        """Plan the work for unions of clouds.
+
+        clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union.
+        """
         placed = PlacedClouds.of(clouds, self.config)
         max_points = self.config.max_points
         nx, ny, _ = self.config.grid_shape
+        # 1 in cells that a point of each cloud, or in the last map a crowded voxel, can change
         reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
         column = placed.cells[:, 0] * ny + placed.cells[:, 1]
         reach[placed.cloud, column] = 1
         reach[-1, column[placed.crowd > max_points]] = 1
         reach = reach.view(-1, 1, nx, ny)
-        size = 2 * self.size
+        size = 2 * self.size  # cells of the layer along a tile's side
         seen = []
         for stride in self._strides:
-            reach = F.max_pool2d(reach, 3, stride, 1)
+            reach = F.max_pool2d(reach, 3, stride, 1)  # spreads as the layer's 3x3 convolution
             size = size // stride
             by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
             seen.append(by_tile.flatten(1).T.cpu().numpy())
-        return UnionPlan(placed, seen, unions, *placed.find_crowded(unions, max_points))
+        thinning = placed.find_crowded(unions, max_points)
+        return UnionPlan(
+            placed=placed,
+            seen=seen,
+            unions=unions,
+            thinning=thinning.group,
+            dropped=thinning.dropped,
+        )
 
     def gains(self, plan: UnionPlan) -> bool:
         """True if shared work is quicker than one union after another."""
         unions = len(plan.unions) - PLAN_COST_UNIONS
-        return len(plan.entries(-1).tile) <= MAX_UNSHARED_SHARE * len(plan.seen[-1]) * unions
+        tiles = len(plan.seen[-1])
+        return len(plan.entries(-1).tile) <= MAX_UNSHARED_SHARE * tiles * unions
 
     def __call__(
         self, plan: UnionPlan
     ) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
-        """Yield groups of unions, as large as memory allows.
+        """Yield batches of unions, as large as memory allows.
 
-        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all
-        of them.
+        Each is a slice of the unions, the entries of the head's tiles, and an iterator over the
+        head's maps of these entries.
         """
-        count = len(plan.unions)
+        count = len(plan.unions)  # in a batch
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MAX_ENTRIES:
             count = (count + 1) // 2
         for first in range(0, len(plan.unions), count):
@@ -334,71 +402,75 @@ class TiledVoxelNet:
 
     @torch.inference_mode()
     def _maps(self, plan: UnionPlan) -> list[tuple[Tensor, Entries]]:
-        """Values and entries of each block's last layer."""
+        """Values (a bank) and entries of each block's last layer."""
         entries = plan.entries(0)
-        size = self.size
+        size = self.size  # cells of the layer along a tile's side
         layer = 0
         maps = []
         bank = self._first(plan, entries)
         for block in self._blocks:
             for conv in block:
                 layer += 1
-                after = plan.entries(layer)
-                bank = self._convolve(conv, bank, entries, after, size)
+                next_entries = plan.entries(layer)
+                bank = self._convolve(conv, bank, entries, next_entries, size)
                 size = size // self._strides[layer]
-                entries = after
+                entries = next_entries
             maps.append((bank, entries))
         return maps
 
     def _first(self, plan: UnionPlan, entries: Entries) -> _Bank:
-        """Run the first convolution on each entry's columns, those in and about its tile."""
+        """Values of entries after the first convolution, from the columns of each tile and those
+        next to it."""
         # columns; the convolution of stride 2 looks one back, two keep it in step
-        wide = 2 * self.size + 2
+        side = 2 * self.size + 2
         placed = plan.placed
         middle = self._network.middle
         by_tile = placed.by_tile(self._grid, 2 * self.size, 2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
+            """Values of tiles, each in one union."""
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(plan.dropped):
                 thinning = torch.from_numpy(plan.thinning[union]).to(rows.device)[item]
-                dropped_key = thinning * len(placed.points) + rows
-                is_kept = (
-                    plan.dropped[
-                        torch.searchsorted(plan.dropped, dropped_key).clamp_(
-                            max=len(plan.dropped) - 1
-                        )
-                    ]
-                    != dropped_key
-                )
+                point_keys = thinning * len(placed.points) + rows
+                position = torch.searchsorted(plan.dropped, point_keys)
+                position.clamp_(max=len(plan.dropped) - 1)
+                is_kept = plan.dropped[position] != point_keys
                 rows = rows[is_kept]
                 item = item[is_kept]
-            corner = 2 * self.size * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             voxels = placed.batch(rows, item, len(tiles), self.config)
-            local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
-            x: Tensor = middle(
-                self._network.features(voxels), local, (wide, wide, self.config.grid_shape[2])
-            )
-            cells = x.permute(0, 2, 3, 1)[:, 1:, 1:]
-            return self._within(cells.to(self._finest.weight.dtype), tiles)
+            corner = 2 * self.size * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
+            # cells are (item, ix, iy, iz): only ix and iy are counted from the tile's corner
+            voxel_corner = F.pad(corner[voxels.cells[:, 0]], (1, 1))
+            local_voxels = voxels._replace(cells=voxels.cells - voxel_corner)
+            shape = (side, side, self.config.grid_shape[2])
+            x: Tensor = middle(self._network.features(voxels), local_voxels, shape)
+            x = x.permute(0, 2, 3, 1)[:, 1:, 1:]  # without the cells of the tiles before
+            return self._within(x.to(self._finest.weight.dtype), tiles)
 
         return entries.bank(convolve)
 
     def _convolve(
         self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int
     ) -> _Bank:
+        """Values of the entries `after` a 3x3 convolution and ReLU of a layer.
+
+        bank: values of the entries `before`. size: cells along a side of their tiles.
+        """
+        # step to a tile (0: the one before), cells of the patch that it fills, and its cells there
         sides = (
             (0, slice(0, 1), slice(-1, None)),
             (1, slice(1, -1), slice(None)),
             (2, slice(-1, None), slice(0, 1)),
         )
+        # entry of each tile and union, with tiles of zeros (the bank's last row) about the map
         entry_of = before.of.reshape(*self._grid, -1)
-        # zeros beyond the map
         entry_of = np.pad(entry_of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
+            """Values of tiles, each in one union."""
             patches = bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3])
-            x, y = self._corners(tiles).T
+            x, y = self._corners(tiles).T  # with the margin, the tile before along both axes
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
                 rows = torch.from_numpy(entry_of[x + dx, y + dy, union]).to(bank.device)
                 patches[:, to_x, to_y] = bank[:, from_x, from_y][rows]
@@ -411,39 +483,48 @@ class TiledVoxelNet:
 
     @torch.inference_mode()
     def _heads(self, maps: list[tuple[Tensor, Entries]]) -> Iterator[TilePredictions]:
+        """Yield the head's maps of the last layer's entries, batch by batch.
+
+        maps: values and entries of each block's last layer, the finest first.
+        """
         rpn = self._network.rpn
-        for first, tiles, union in maps[-1][1].parts():
-            blocks = []
+        _, head_entries = maps[-1]
+        for first, tiles, union in head_entries.parts():
+            blocks = []  # values of the batch after each block
             for bank, bank_entries in maps:
                 rows = torch.from_numpy(bank_entries.of[tiles, union]).to(bank.device)
                 blocks.append(bank[rows])
             x = _cells(self._finest, blocks[0])
             for conv, y in zip(self._raised, blocks[1:], strict=True):
                 side = y.shape[1]
-                k = self.size // y.shape[1]
+                k = self.size // side  # cells of the head's map along a side of one coarse cell
                 width = x.shape[3]
-                raised = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
-                x.view(-1, side, k, side, k, width).add_(raised)
+                fine_y = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
+                x.view(-1, side, k, side, k, width).add_(fine_y)
             x = _cells(rpn.outputs, torch.relu_(x)).float().permute(0, 3, 1, 2)
             corner = torch.from_numpy(self.size * self._corners(tiles)).to(x.device)
-            yield TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
+            yield TilePredictions(
+                first=first, corner=corner, maps=Prediction(*torch.split(x, rpn.channels, 1))
+            )
 
     def _corners(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
+        """Row and column of tiles in the grid of tiles."""
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
     def _within(self, x: _Bank, tiles: np.ndarray) -> _Bank:
-        """Set cells beyond the map to zero, as convolutions expect."""
+        """Values of tiles with zeros in cells beyond the map, as convolutions expect."""
         size = x.shape[1]
         corners = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
             if side * self.size != cells:
                 cell = corners[:, axis, None] * size + torch.arange(size, device=x.device)
-                is_inside = (cell < cells * size // self.size).to(x.dtype)
-                x = x * (is_inside[:, :, None, None] if axis == 0 else is_inside[:, None, :, None])
+                is_on_map = (cell < cells * size // self.size).to(x.dtype)
+                x = x * (is_on_map[:, :, None, None] if axis == 0 else is_on_map[:, None, :, None])
         return x
 
 
 def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t L"]:
-    """Convolve tiles with a 1x1 kernel, stacked as one map."""
-    y = cell_by_cell(conv, x.flatten(0, 1)[None].permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
+    """Output of a 1x1 convolution for tiles, which are stacked as one map for it."""
+    tile_map = x.flatten(0, 1)[None].permute(0, 3, 1, 2)
+    y = cell_by_cell(conv, tile_map).permute(0, 2, 3, 1)
     return y.reshape(*x.shape[:3], -1)

@@ -22,20 +22,25 @@ from toolkit.arrays import Float, Float32, Int64
 
 
 class Prediction(NamedTuple):
-    """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then
-    the next.
+    """Raw maps of the head, A anchors per cell, H cells along x and W along y.
+
+    Channels count anchor by anchor: all C (or R) values of one anchor, then of the next.
+
+    Attributes:
+        class_logits: Background and vehicle (head "published"), or one per label of the anchor.
+        residuals: Residuals of the boxes to their anchors, see `models.network.grid`.
+        direction_logits: Above 0: the box faces away from the residuals' heading.
+        quality_logits: Predicted IoU of the box.
     """
 
-    # background and vehicle (published), or one per label of the anchor
     class_logits: Float[Tensor, "B AC H W"]
-    residuals: Float[Tensor, "B AR H W"]  # see `models.network.grid`
-    # above 0: faces away from the residuals' heading
+    residuals: Float[Tensor, "B AR H W"]
     direction_logits: Float[Tensor, "B A H W"] | None = None
-    quality_logits: Float[Tensor, "B A H W"] | None = None  # the predicted IoU
+    quality_logits: Float[Tensor, "B A H W"] | None = None
 
 
 class VoxelNet(nn.Module):
-    """Network of a configuration."""
+    """Network of a configuration: voxels to the raw maps of the head."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
@@ -53,9 +58,14 @@ class VoxelNet(nn.Module):
 
 
 def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n 6"]:
-    """Coordinates of points and offsets from voxels' means, m."""
+    """Position of each point (x y z, m), then its offset from the mean of its voxel's points (m).
+
+    With "published" features a position is counted from the origin of the grid, otherwise from the
+    centre of the voxel's column and the lower end of the height range.
+    """
     points = voxels.points
     voxel = voxels.voxel
+    # in float64, so that the order of the points does not matter
     total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(
         0, voxel, points.double()
     )
@@ -63,10 +73,10 @@ def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n
     offset = points - mean[voxel]
     if config.point_features == "published":
         return torch.cat((points, offset), 1)
-    size = points.new_tensor([*config.voxel_size[:2], 0.0])
+    size = points.new_tensor([*config.voxel_size[:2], 0.0])  # z = 0: heights are not divided
     origin = points.new_tensor([*config.area[:2], config.height[0]])
-    centre = origin + (voxels.cells[:, 1:] + 0.5) * size
-    return torch.cat((points - centre[voxel], offset), 1)
+    reference = origin + (voxels.cells[:, 1:] + 0.5) * size
+    return torch.cat((points - reference[voxel], offset), 1)
 
 
 class VoxelFeatures(nn.Module):
@@ -75,39 +85,47 @@ class VoxelFeatures(nn.Module):
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
         self.config = config
-        widths = (6, *(2 * width for width in config.vfe_widths))
-        sizes = zip(widths, (*config.vfe_widths, config.voxel_width), strict=True)
+        # a layer's outputs are joined by the voxel's maxima, so the next one has twice the inputs
+        input_widths = (6, *(2 * width for width in config.vfe_widths))
+        output_widths = (*config.vfe_widths, config.voxel_width)
         self.layers = nn.ModuleList()
-        for inputs, outputs in sizes:
-            layer = {"linear": nn.Linear(inputs, outputs), "norm": nn.BatchNorm1d(outputs)}
-            self.layers.append(nn.Sequential(OrderedDict({**layer, "relu": nn.ReLU()})))
+        for inputs, outputs in zip(input_widths, output_widths, strict=True):
+            layer = OrderedDict[str, nn.Module](
+                linear=nn.Linear(inputs, outputs), norm=nn.BatchNorm1d(outputs), relu=nn.ReLU()
+            )
+            self.layers.append(nn.Sequential(layer))
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
         """Features of the occupied voxels."""
         return self.encode(*self.inputs(voxels), len(voxels.cells))
 
     def inputs(self, voxels: Voxels) -> tuple[Float32[Tensor, "n 6"], Int64[Tensor, " n"]]:
-        """Features of the points, including padding of voxels, and the row of each one's voxel."""
+        """Features of the points, then of padding points, and the row of each one's voxel.
+
+        Published networks pad voxels with less than T points; a single point of zeros has the same
+        effect, since only maxima count.
+        """
         x = point_features(voxels, self.config)
         voxel = voxels.voxel
-        # one zero point represents all that fill a voxel up to T
         if self.config.point_features == "published":
-            short = torch.nonzero(
-                torch.bincount(voxel, minlength=len(voxels.cells)) < self.config.max_points
-            )[:, 0]
-            x = torch.cat((x, x.new_zeros(len(short), 6)))
-            voxel = torch.cat((voxel, short))
+            counts = torch.bincount(voxel, minlength=len(voxels.cells))
+            padded_voxels = torch.nonzero(counts < self.config.max_points)[:, 0]
+            x = torch.cat((x, x.new_zeros(len(padded_voxels), 6)))
+            voxel = torch.cat((voxel, padded_voxels))
         return x, voxel
 
     def encode(
         self, x: Float32[Tensor, "n 6"], voxel: Int64[Tensor, " n"], rows: int
     ) -> Float[Tensor, "v C"]:
-        """Features of `rows` voxels from their points' features."""
+        """Features of `rows` voxels.
+
+        x: features of points. voxel: row of each point's voxel.
+        """
         *encoders, last = self.layers
         for layer in encoders:
             x = layer(x)
             greatest = maximum(x, voxel, rows)
-            # indexing would add gradients in any order
+            # `greatest[voxel]` would add gradients in any order, this does not
             x = torch.cat((x, greatest.index_select(0, voxel)), 1)
         return maximum(last(x), voxel, rows)
 
@@ -115,7 +133,10 @@ class VoxelFeatures(nn.Module):
 def maximum(
     x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int
 ) -> Float[Tensor, "rows C"]:
-    """Maximum of each row's entries, which are not negative."""
+    """Maximum over the entries of each row and channel, 0 for a row without entries.
+
+    x: entries, not negative. row: row of each entry.
+    """
     return x.new_zeros(rows, x.shape[1]).scatter_reduce(0, row[:, None].expand_as(x), x, "amax")
 
 
@@ -126,20 +147,24 @@ class MiddleLayers(nn.Module):
         super().__init__()
         self.shape = config.grid_shape
         widths = pairwise((config.voxel_width, *config.middle_widths))
+        # the three layers', along z, x and y
         strides = ((2, 1, 1), (1, 1, 1), (2, 1, 1))
         paddings = ((1, 1, 1), (0, 1, 1), (1, 1, 1))
         self.layers = nn.ModuleList()
         for layer, (inputs, outputs) in enumerate(widths):
             conv = nn.Conv3d(inputs, outputs, 3, strides[layer], paddings[layer])
             self.layers.append(conv_norm_relu(conv))
-        depth = (((self.shape[2] + 1) // 2 - 2) + 1) // 2
+        depth = (((self.shape[2] + 1) // 2 - 2) + 1) // 2  # levels after the three strides
         if depth < 1:
             problem = f"got {self.shape[2]}: lower voxel_size[2]"
             raise ValueError(f"middle layers need at least 5 voxels of height, {problem}")
         self.width = depth * config.middle_widths[-1]
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """Map seen from above."""
+        """Map seen from above, with the levels of height as channels.
+
+        features: a row for each occupied voxel.
+        """
         nx, ny, nz = self.shape
         grid = features.new_zeros(voxels.items, nz, nx, ny, features.shape[1])
         item, ix, iy, iz = voxels.cells.unbind(1)
@@ -161,22 +186,28 @@ class HeightFold(nn.Module):
         self.shape = config.grid_shape
         self.width = config.column_width
         self.weight = nn.Parameter(torch.empty(self.shape[2], config.voxel_width, self.width))
-        # on the meta device it would import torch._dynamo, which takes seconds, and draw nothing
+        # on the meta device it would import torch._dynamo, which takes seconds, to set nothing
         if not self.weight.is_meta:
             nn.init.normal_(self.weight, std=1 / math.sqrt(config.voxel_width))
         self.norm = nn.BatchNorm1d(self.width)
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """Map seen from above."""
-        column, key = columns(voxels, self.shape)
+        """Map seen from above, 0 in cells without points; channels are last in memory.
+
+        features: a row for each occupied voxel.
+        """
+        column, cell = columns(voxels, self.shape)
         nx, ny = self.shape[:2]
-        start = features.new_zeros(len(key), self.width)
-        x = torch.relu(
-            self.norm(fold_columns(features, voxels.cells[:, 3], column, self.weight, start))
+        sums = fold_columns(
+            features,
+            level=voxels.cells[:, 3],
+            column=column,
+            weight=self.weight,
+            start=features.new_zeros(len(cell), self.width),
         )
-        flat = x.new_zeros(voxels.items * nx * ny, self.width).index_put((key,), x)
-        # channels are last in memory
-        return flat.view(voxels.items, nx, ny, -1).permute(0, 3, 1, 2)
+        x = torch.relu(self.norm(sums))
+        cells = x.new_zeros(voxels.items * nx * ny, self.width).index_put((cell,), x)
+        return cells.view(voxels.items, nx, ny, -1).permute(0, 3, 1, 2)
 
 
 def fold_columns(
@@ -186,8 +217,12 @@ def fold_columns(
     weight: Float[Tensor, "D C K"],
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
-    """Add voxels, times their level's weights, to columns."""
-    # several clouds; the voxels of one come level by level
+    """Columns, each with its voxels' features times the weights of their levels added.
+
+    level: index along z of each voxel. column: row in `start` of each voxel's column. weight: one
+    matrix for each of D levels. start: values of the n columns before.
+    """
+    # the voxels of one cloud come level by level, those of several clouds must be sorted
     if bool((level[1:] < level[:-1]).any()):
         by_level = torch.argsort(level, stable=True)
         features = features[by_level]
@@ -198,40 +233,50 @@ def fold_columns(
 
 
 def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
-    """Each voxel's occupied column (v,), and each column's place in the flat (B, H, W) map."""
+    """Number of each voxel's column among the n occupied ones (v,), and the cell of each occupied
+    column (n,), counted in the flat (B, H, W) map.
+
+    shape: voxels along x, y and z.
+    """
     nx, ny, _ = shape
     item, ix, iy, _ = voxels.cells.unbind(1)
-    key = (item * nx + ix) * ny + iy
-    occupied = torch.bincount(key, minlength=voxels.items * nx * ny) > 0
-    return (torch.cumsum(occupied, 0) - 1)[key], torch.nonzero(occupied)[:, 0]
+    cell = (item * nx + ix) * ny + iy
+    is_occupied = torch.bincount(cell, minlength=voxels.items * nx * ny) > 0
+    return (torch.cumsum(is_occupied, 0) - 1)[cell], torch.nonzero(is_occupied)[:, 0]
 
 
 class RegionProposal(nn.Module):
-    """Three blocks, each at half the previous resolution."""
+    """Three blocks, each at half the previous resolution.
+
+    order: for each block, the indices of its layers in the order of their use; a layer may be used
+    more than once. add: True if the three maps are added, False if they are joined as channels.
+    """
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()
         self.order = config.rpn_layers
         self.add = config.upsample == "add"
         widths = config.rpn_widths
-        out = config.upsample_width
+        map_width = config.upsample_width
         self.blocks = nn.ModuleList()
-        for inputs_before, width, order in zip((inputs, *widths), widths, self.order, strict=False):
-            layers = [conv_norm_relu(nn.Conv2d(inputs_before, width, 3, 2, 1))]
-            layers += [conv_norm_relu(nn.Conv2d(width, width, 3, 1, 1)) for _ in range(max(order))]
+        for block_inputs, width, order in zip((inputs, *widths), widths, self.order, strict=False):
+            layers = [conv_norm_relu(nn.Conv2d(block_inputs, width, 3, stride=2, padding=1))]
+            for _ in range(max(order)):
+                layers.append(conv_norm_relu(nn.Conv2d(width, width, 3, stride=1, padding=1)))
             self.blocks.append(nn.ModuleList(layers))
-        # kernel, stride, padding of the first block's output
-        lateral = (1, 1, 0) if self.add else (3, 1, 1)
-        sizes = zip(widths, (lateral, (2, 2, 0), (4, 4, 0)), strict=True)
+        # kernel, stride and padding for the map of each block
+        first_shape = (1, 1, 0) if self.add else (3, 1, 1)
+        shapes = (first_shape, (2, 2, 0), (4, 4, 0))
         self.upsample = nn.ModuleList(
-            nn.ConvTranspose2d(width, out, *shape, bias=not self.add) for width, shape in sizes
+            nn.ConvTranspose2d(width, map_width, *shape, bias=not self.add)
+            for width, shape in zip(widths, shapes, strict=True)
         )
         if self.add:
-            self.norm = nn.BatchNorm2d(out)
-        self.width = out if self.add else 3 * out
+            self.norm = nn.BatchNorm2d(map_width)
+        self.width = map_width if self.add else 3 * map_width
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K h w"]:
-        """Feature map of the anchors."""
+        """Feature map for the head, at the resolution of the first block."""
         maps = []
         for block, order, upsample in zip(self.blocks, self.order, self.upsample, strict=True):
             for layer in order:
@@ -256,17 +301,19 @@ class Head(nn.Module):
         if config.head == "quality":
             self.direction = nn.Conv2d(inputs, anchors, 1)
             self.quality = nn.Conv2d(inputs, anchors, 1)
-            nn.init.constant_(self.classes.bias, -math.log(99))  # type: ignore[arg-type]  # at first, vehicles are rare
+            # a probability of 1 % at first, since vehicles are rare
+            nn.init.constant_(self.classes.bias, -math.log(99))  # type: ignore[arg-type]
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
         """Raw maps."""
         if self.conv3x3 is not None:
             x = torch.relu(self.conv3x3(x))
-        classes = self.classes(x)
-        residuals = self.residuals(x)
-        direction = None if self.direction is None else self.direction(x)
-        quality = None if self.quality is None else self.quality(x)
-        return Prediction(classes, residuals, direction, quality)
+        return Prediction(
+            class_logits=self.classes(x),
+            residuals=self.residuals(x),
+            direction_logits=None if self.direction is None else self.direction(x),
+            quality_logits=None if self.quality is None else self.quality(x),
+        )
 
 
 def conv_norm_relu(conv: nn.Conv2d | nn.Conv3d) -> nn.Sequential:
