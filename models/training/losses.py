@@ -17,19 +17,24 @@ from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, BoxRows, Float, Int64, Mask, Rng, Shaped
 from toolkit.objects import label_index
 
-_Labels = Shaped[Tensor, "B H W A"]
-_Targets = Float[Tensor, "B H W A 7"]
-_Grid = Float[np.ndarray, "H W A 7"]
+_Labels = Shaped[Tensor, "B H W A"]  # POSITIVE, NEGATIVE or IGNORED for each anchor
+_Targets = Float[Tensor, "B H W A 7"]  # boxes that positive anchors should detect
+_Grid = Float[np.ndarray, "H W A 7"]  # boxes of anchors: H cells along x, W along y, A in a cell
 NEGATIVE = 0
 POSITIVE = 1
 IGNORED = -1
 
 
 class Assignment(NamedTuple):
-    """Targets of the anchors."""
+    """Targets of the anchors.
 
-    labels: Shaped[np.ndarray, "H W A"]  # POSITIVE, NEGATIVE or IGNORED
-    owner: Int64[np.ndarray, "H W A"]  # row of the object that a positive anchor should detect
+    Attributes:
+        labels: POSITIVE, NEGATIVE or IGNORED.
+        owner: Row of the object that a positive anchor should detect; 0 for other anchors.
+    """
+
+    labels: Shaped[np.ndarray, "H W A"]
+    owner: Int64[np.ndarray, "H W A"]
 
 
 def assign(
@@ -50,45 +55,46 @@ def assign(
     anchors first.
     """
     ignored = boxes[:0] if ignored is None else ignored
+    # a box is x, y, z, length, width, height, yaw
     if margin:
         wider = np.array([0, 0, 0, margin, margin, 0, 0])
         anchors = anchors + wider
         boxes = boxes + wider
         ignored = ignored + wider
-    overlap = np.zeros(anchors.shape[:3])
+    best_iou = np.zeros(anchors.shape[:3])  # each anchor's with any object
     owner = np.zeros(anchors.shape[:3], np.int64)
-    best_anchors: list[tuple[tuple[int, ...], int]] = []
+    best_anchors: list[tuple[tuple[int, ...], int]] = []  # index of an anchor, row of its object
+    max_half_side = anchors[0, 0, :, 3:5].max() / 2
     for row, box in enumerate(boxes):
-        window = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
+        window = _window(anchors, box, max_half_side)  # `[window]` is a view
         size = _snap_size(anchors[window])
         box_size = _snap_size(box)
-        gap = np.abs(anchors[window][..., :2] - box[:2])
-        smaller = np.minimum(size, box_size)
-        shared_sides = np.minimum(smaller, (size + box_size) / 2 - gap).clip(0)
-        overlap_area = shared_sides.prod(-1)
+        gap = np.abs(anchors[window][..., :2] - box[:2])  # between the centres, along x and y
+        overlap_sides = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap)
+        overlap_area = overlap_sides.clip(0).prod(-1)
         iou = overlap_area / (size.prod(-1) + box_size.prod() - overlap_area)
-        is_better = iou > overlap[window]
-        overlap[window][is_better] = iou[is_better]
+        is_better = iou > best_iou[window]
+        best_iou[window][is_better] = iou[is_better]
         owner[window][is_better] = row
         if iou.size and iou.max() >= best:
-            i, j, yaw = map(int, np.unravel_index(np.argmax(iou), iou.shape))
-            cell = (window[0].start + i, window[1].start + j)
-            best_anchors.append(((*cell, yaw), row))
-    labels = np.where(overlap <= negative, NEGATIVE, IGNORED)
-    labels = np.where(overlap > positive, POSITIVE, labels).astype(np.int8)
+            i, j, k = map(int, np.unravel_index(np.argmax(iou), iou.shape))
+            best_anchors.append(((window[0].start + i, window[1].start + j, k), row))
+    labels = np.where(best_iou <= negative, NEGATIVE, IGNORED)
+    labels = np.where(best_iou > positive, POSITIVE, labels).astype(np.int8)
     for anchor, row in best_anchors:
         labels[anchor] = POSITIVE
         owner[anchor] = row
     for box in ignored:
+        length, width = box[3:5]
+        yaw = box[6]
         window = _window(anchors, box, 0.0)
         dx, dy = np.moveaxis(anchors[window][..., :2] - box[:2], -1, 0)
-        cos = np.cos(box[6])
-        sin = np.sin(box[6])
+        cos = np.cos(yaw)
+        sin = np.sin(yaw)
         ahead = np.abs(dx * cos + dy * sin)
         aside = np.abs(dy * cos - dx * sin)
-        is_within = (ahead <= box[3] / 2) & (aside <= box[4] / 2)
-        is_negative = labels[window] == NEGATIVE
-        labels[window][is_negative & is_within] = IGNORED
+        is_within = (ahead <= length / 2) & (aside <= width / 2)
+        labels[window][(labels[window] == NEGATIVE) & is_within] = IGNORED
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
@@ -101,8 +107,8 @@ def assign_by_kind(
 ) -> Assignment:
     """Match anchors to objects of their class; owners are rows of `boxes`.
 
-    is_required: objects that should be detected; negatives on other objects of the class are
-    ignored.
+    kinds: classes of anchors, in the order of the anchors of a cell. labels: class of each box.
+    is_required: objects that should be detected; negatives on the others of that class are ignored.
     """
     parts = []
     first_anchor = 0
@@ -115,39 +121,45 @@ def assign_by_kind(
         assignment = assign(
             anchors[:, :, first_anchor:end_anchor], boxes[rows], ignored=optional, **matching
         )
-        owner = np.where(assignment.labels == POSITIVE, np.append(rows, 0)[assignment.owner], 0)
+        # without required objects `rows` is empty, but owners are 0: one more row to take
+        owner_rows = np.append(rows, 0)
+        owner = np.where(assignment.labels == POSITIVE, owner_rows[assignment.owner], 0)
         parts.append(Assignment(assignment.labels, owner))
         first_anchor = end_anchor
     return Assignment(
-        labels=np.concatenate([part.labels for part in parts], axis=2),
-        owner=np.concatenate([part.owner for part in parts], axis=2),
+        labels=np.concatenate([assignment.labels for assignment in parts], axis=2),
+        owner=np.concatenate([assignment.owner for assignment in parts], axis=2),
     )
 
 
 def sample(
     assignment: Assignment, rng: Rng, *, size: int = 256, positives: int = 128
 ) -> Assignment:
-    """Keep `size` random anchors, as in the published training."""
-    flat = assignment.labels.ravel()
+    """Assignment with `size` random anchors, the others ignored, as in the published training.
+
+    positives: most positive anchors; negative ones fill up to `size`.
+    """
+    flat_labels = assignment.labels.ravel()
     labels = np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
-    for kind, max_count in ((POSITIVE, positives), (NEGATIVE, size)):
-        rows = np.flatnonzero(flat == kind)
+    for label, max_count in ((POSITIVE, positives), (NEGATIVE, size)):
+        rows = np.flatnonzero(flat_labels == label)
         room = min(max_count, size - int((labels == POSITIVE).sum()))
-        if len(rows) > room:
-            rows = rng.choice(rows, room, replace=False)
-        labels[rows] = kind
+        labels[rows if len(rows) <= room else rng.choice(rows, room, replace=False)] = label
     return Assignment(labels.reshape(assignment.labels.shape), assignment.owner)
 
 
 def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, slice]:
-    """Rows and columns within `reach` (m) of a box's circle."""
-    reach += np.hypot(box[3], box[4]) / 2
-    rows = np.searchsorted(anchors[:, 0, 0, 0], [box[0] - reach, box[0] + reach])
-    columns = np.searchsorted(anchors[0, :, 0, 1], [box[1] - reach, box[1] + reach])
-    return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
+    """Rows and columns of cells within `reach` (m) of the circle about a box."""
+    x, y = box[:2]
+    length, width = box[3:5]
+    reach += np.hypot(length, width) / 2
+    first_row, end_row = np.searchsorted(anchors[:, 0, 0, 0], [x - reach, x + reach])
+    first_column, end_column = np.searchsorted(anchors[0, :, 0, 1], [y - reach, y + reach])
+    return slice(int(first_row), int(end_row)), slice(int(first_column), int(end_column))
 
 
-def _snap_size(boxes: np.ndarray) -> np.ndarray:
+def _snap_size(boxes: Float[np.ndarray, "*n 7"]) -> Float[np.ndarray, "*n 2"]:
+    """Extents of boxes along x and y (m) after their yaw is rounded to 0 or 90°."""
     yaw = boxes[..., 6:]
     is_across = np.abs(np.sin(yaw)) > np.abs(np.cos(yaw))
     return np.where(is_across, boxes[..., [4, 3]], boxes[..., [3, 4]])
@@ -156,21 +168,26 @@ def _snap_size(boxes: np.ndarray) -> np.ndarray:
 def paper_loss(
     prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor
 ) -> dict[str, Tensor]:
-    """Published loss of sampled anchors: cross-entropy, and smooth L1 (σ = 3) of residuals.
+    """Published loss of sampled anchors, by its parts: "class" (cross-entropy) and "box" (smooth L1
+    of residuals, σ = 3).
 
     labels: from an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7).
     """
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
+    # indices of the item, row, column and anchor
     counted = torch.nonzero(labels != IGNORED, as_tuple=True)
-    classes = F.cross_entropy(
+    positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
+    class_loss = F.cross_entropy(
         logits[counted], (labels[counted] == POSITIVE).long(), reduction="sum"
     )
-    positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
     residuals = per_anchor(prediction.residuals, count)[positive]
-    target = encode_residuals(boxes[positive], anchors[positive[1:]], doubled=False)
-    box = F.smooth_l1_loss(residuals, target, beta=1 / 9, reduction="sum")
-    return {"class": classes / max(len(counted[0]), 1), "box": box / max(len(positive[0]), 1)}
+    targets = encode_residuals(boxes[positive], anchors[positive[1:]], doubled=False)
+    box_loss = F.smooth_l1_loss(residuals, targets, beta=1 / 9, reduction="sum")  # 1 / σ²
+    return {
+        "class": class_loss / max(len(counted[0]), 1),
+        "box": box_loss / max(len(positive[0]), 1),
+    }
 
 
 def quality_loss(
@@ -180,11 +197,13 @@ def quality_loss(
     anchors: Tensor,
     classes: Sequence[int] | None = None,
 ) -> dict[str, Tensor]:
-    """Loss of class, box, direction and predicted IoU.
+    """Loss by its parts: "class", "box", "iou", "direction" and "quality" (the predicted IoU).
 
     The class has a focal loss (Lin et al. 2017), the box smooth L1 of residuals and 1 - IoU. A
-    class's sums are divided by the number of its positive anchors. classes: class of each anchor of
-    a cell (None: one class).
+    class's sums are divided by the number of its positive anchors.
+
+    labels: from an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7);
+    classes: class of each anchor of a cell (None: one class).
     """
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
@@ -194,67 +213,72 @@ def quality_loss(
     )
     assert maps.direction_logits is not None
     assert maps.quality_logits is not None
-    kind = torch.tensor([0] * count if classes is None else list(classes), device=labels.device)
+    # class of each anchor of a cell
+    anchor_class = torch.tensor(
+        [0] * count if classes is None else list(classes), device=labels.device
+    )
+    # indices of the item, row, column and anchor
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
-    number = torch.bincount(kind[positive[3]], minlength=int(kind.max()) + 1).clamp(min=1)
-    share = 1 / number[kind]  # weight of one anchor of its class, per anchor of a cell
-    counted_share = share * (labels != IGNORED)
-    class_loss = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, counted_share)
-    share_each = share[positive[3]]
-    anchor = anchors[positive[1:]]
+    positives = torch.bincount(
+        anchor_class[positive[3]], minlength=int(anchor_class.max()) + 1
+    ).clamp(min=1)
+    weight = 1 / positives[anchor_class]  # for each anchor of a cell
+    class_loss = focal_loss(
+        maps.class_logits[..., 0], labels == POSITIVE, weight * (labels != IGNORED)
+    )
+    positive_weight = weight[positive[3]]
+    anchor_boxes = anchors[positive[1:]]
     target_boxes = boxes[positive]
     residuals = maps.residuals[positive]
     direction = maps.direction_logits[..., 0][positive]
     quality = maps.quality_logits[..., 0][positive]
-    is_backwards = faces_back(target_boxes, anchor)
-    overlap = nearly_aligned_iou(decode(residuals, anchor, is_backwards), target_boxes)
-    target_residuals = encode_residuals(target_boxes, anchor)
-    box_losses = F.smooth_l1_loss(residuals, target_residuals, beta=0.02, reduction="none").sum(1)
+    is_backwards = faces_back(target_boxes, anchor_boxes)
+    iou = nearly_aligned_iou(decode(residuals, anchor_boxes, is_backwards), target_boxes)
+    box_loss = F.smooth_l1_loss(
+        residuals, encode_residuals(target_boxes, anchor_boxes), beta=0.02, reduction="none"
+    ).sum(1)
     cross_entropy = partial(F.binary_cross_entropy_with_logits, reduction="sum")
     # gradients are added in the reverse of this order
-    box_loss = 2 * (share_each * box_losses).sum()
-    iou_loss = (share_each * (1 - overlap)).sum()
-    direction_loss = 0.2 * cross_entropy(direction, is_backwards.float(), share_each)
-    quality_target = overlap.detach().clamp(0, 1)
-    predicted_loss = 0.5 * cross_entropy(quality, quality_target, share_each)
     return {
         "class": class_loss,
-        "box": box_loss,
-        "iou": iou_loss,
-        "direction": direction_loss,
-        "quality": predicted_loss,
+        "box": 2 * (positive_weight * box_loss).sum(),
+        "iou": (positive_weight * (1 - iou)).sum(),
+        "direction": 0.2 * cross_entropy(direction, is_backwards.float(), positive_weight),
+        "quality": 0.5 * cross_entropy(quality, iou.detach().clamp(0, 1), positive_weight),
     }
 
 
 def focal_loss(
     logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"]
 ) -> Tensor:
-    """Sum α (1 - p)² · cross-entropy · `counted` over anchors.
+    """Sum of α (1 - p)² · cross-entropy · `counted` over anchors.
 
-    p is the probability of the truth, and α is 0.25 for positive ones and 0.75 for others.
+    p is the probability of the truth, and α is 0.25 for positive anchors and 0.75 for others.
+    counted: weight of each anchor, 0 for ignored ones.
     """
-    signed = torch.where(positive, logits, -logits)
+    true_logits = torch.where(positive, logits, -logits)  # p = sigmoid(true_logits)
     weight = torch.where(positive, 0.25, 0.75) * counted
-    return -(weight * torch.sigmoid(-signed) ** 2.0 * F.logsigmoid(signed)).sum()
+    return -(weight * torch.sigmoid(-true_logits) ** 2.0 * F.logsigmoid(true_logits)).sum()
 
 
 def nearly_aligned_iou(
     boxes: Float[Tensor, "n 7"], targets: Float[Tensor, "n 7"]
 ) -> Float[Tensor, " n"]:
-    """3D IoU of box pairs, differentiable in any overlap, and exact for equal yaws.
+    """3D IoU of each box and its target, differentiable in any overlap, and exact for equal yaws.
 
     A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the
     first-order loss of two rectangles turned about a common centre."""
-    cos = torch.cos(targets[:, 6])
-    sin = torch.sin(targets[:, 6])
+    target_yaw = targets[:, 6]
+    cos = torch.cos(target_yaw)
+    sin = torch.sin(target_yaw)
     dx, dy, dz = (boxes - targets)[:, :3].unbind(1)
+    # between the centres, along the target's length, width and height
     gap = torch.stack((dx * cos + dy * sin, dy * cos - dx * sin, dz), 1).abs()
     size = boxes[:, 3:6]
-    target = targets[:, 3:6]
-    sin_difference = torch.sin(boxes[:, 6] - targets[:, 6]).abs()
-    turned = sin_difference[:, None] * target[:, [1, 0]] / 4
-    lost = torch.cat((turned, torch.zeros_like(turned[:, :1])), 1)
-    smaller = torch.minimum(size, target)
-    shared_sides = torch.minimum(smaller, (size + target) / 2 - gap) - lost
-    shared = shared_sides.clamp(min=0).prod(1)
-    return shared / (size.prod(1) + target.prod(1) - shared)
+    target_size = targets[:, 3:6]
+    # lost of the shared length and width; the height loses nothing
+    turn_loss = torch.sin(boxes[:, 6] - target_yaw).abs()[:, None] * target_size[:, [1, 0]] / 4
+    loss = torch.cat((turn_loss, torch.zeros_like(turn_loss[:, :1])), 1)
+    shared_size = torch.minimum(torch.minimum(size, target_size), (size + target_size) / 2 - gap)
+    overlap = (shared_size - loss).clamp(min=0).prod(1)  # volume
+    return overlap / (size.prod(1) + target_size.prod(1) - overlap)

@@ -144,9 +144,9 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None,
         )
     values = vars(parser.parse_args(arguments))
     site = values.pop("site")
-    values = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
-    }
+    for name, value in values.items():
+        if isinstance(value, list):
+            values[name] = tuple(value)
     try:
         return site, TrainingOptions(**values)
     except ValueError as error:
@@ -154,10 +154,10 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None,
 
 
 def option(name: str) -> str:
-    """Name of a field on the command line."""
+    """Name of a field's option on the command line, such as --learning-rate."""
     return "--" + name.replace("_", "-")
 
 
 def descriptions() -> dict[str, str]:
-    """Help text of each field."""
+    """Help text of each field, by its name: its line of `Attributes:` in the class's docstring."""
     return dict(re.findall(r"^ {8}(\w+): (.*)$", TrainingOptions.__doc__ or "", flags=re.MULTILINE))

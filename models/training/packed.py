@@ -23,7 +23,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import SupportsFloat
+from typing import NamedTuple, SupportsFloat
 
 import h5py
 import numpy as np
@@ -42,6 +42,7 @@ MAX_SENSOR_PIXELS = 10**8  # a file with more is damaged
 CROP_MARGIN_M = 0.2  # kept around the crop, so that noise can carry a point across its edge
 
 _Points = Float32[np.ndarray, "n 3"]
+_Pixels = Shaped[np.ndarray, " n"]  # numbers of pixels: row · columns + column
 Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
@@ -66,7 +67,8 @@ class PackedFrames:
                 self._boxes = hdf5.array(file, "boxes", axes=2)
                 self._labels = read_integers("labels", axes=1)
                 self._box_ends = read_integers("box_ends", axes=1)
-                self._places: dict[int, int] = {}  # number of each frame among recorded clouds
+                # row in `_cloud_ends` of each frame that has recorded clouds
+                self._places: dict[int, int] = {}
                 self._cloud_ends = np.zeros((0, 1), np.int64)
                 self._points = np.zeros((0, 3), np.int32)
                 if hdf5.contains(file, "clouds"):
@@ -83,6 +85,7 @@ class PackedFrames:
             raise ValueError(f"{reason}: make it again with coview pack") from error
 
     def _check(self) -> None:
+        """Raise ValueError unless all arrays fit each other."""
         frames = len(self)
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
@@ -130,7 +133,7 @@ class PackedFrames:
         return Objects(self._boxes[rows], self._labels[rows])
 
     def level_objects(self, k: int) -> Objects:
-        """Ground truth of frame k on level ground, as `points`."""
+        """Ground truth of frame k, turned to level ground as its `points` are."""
         objects = self.objects(k)
         slope = self.rig(k).slope
         if slope == LEVEL:
@@ -142,7 +145,7 @@ class PackedFrames:
         return k in self._places
 
     def changes(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Changed pixels of frame k and their steps, per sensor."""
+        """Changed pixels of frame k, and their measurements in 1/512 m (0: none), per sensor."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[rows] for rows in slices], [self._steps[rows] for rows in slices]
 
@@ -160,11 +163,25 @@ class PackedFrames:
                 rows = slice(*self._cloud_ends[self._places[k], s : s + 2])
                 clouds.append(self._points[rows].astype(np.float32) / np.float32(STEPS_PER_METRE))
             else:
-                changed = slice(*self._ends[k, s : s + 2])
-                metres = self._steps[changed].astype(np.float32) / STEPS_PER_METRE
-                points = rig.measure(s, self._pixels[changed], metres, rng)[0]
-                clouds.append(level_rows(points, rig.slope))
+                rows = slice(*self._ends[k, s : s + 2])
+                metres = self._steps[rows].astype(np.float32) / STEPS_PER_METRE
+                sweep = rig.measure(s, changed=self._pixels[rows], measured=metres, rng=rng)
+                clouds.append(level_rows(sweep.points, rig.slope))
         return clouds
+
+
+class _Sweep(NamedTuple):
+    """Measurement of one sensor inside the crop.
+
+    Attributes:
+        points: x y z in the site's frame, m.
+        pixels: Number of each point's pixel.
+        depth: Measurement of each pixel (m).
+    """
+
+    points: _Points
+    pixels: _Pixels
+    depth: Float32[np.ndarray, " n"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,50 +214,60 @@ class Rig:
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
     ) -> "Rig":
-        """Rig from images of the empty site."""
-        sensors = tuple(sensors)
+        """Rig from images of the empty site (m, 0 without a measurement), one for each sensor.
+
+        area: xmin ymin xmax ymax (m). height: top of the crop above the ground (m).
+        """
         xmin, ymin, xmax, ymax = map(float, area)
-        rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
+        rig = Rig(
+            sensors=tuple(sensors),
+            area=(xmin, ymin, xmax, ymax),
+            height=float(height),
+            pixels=(),
+            depth=(),
+            slope=slope,
+        )
         pixels = []
         depth = []
         for s, image in enumerate(empty):
-            seen = np.flatnonzero(image > 0).astype(np.uint32)
-            seen = seen[rig.in_crop(rig.world(s, seen, image.ravel()[seen]), CROP_MARGIN_M)]
-            pixels.append(seen)
-            depth.append(image.ravel()[seen])
+            measured_pixels = np.flatnonzero(image > 0).astype(np.uint32)
+            points = rig.world(s, measured_pixels, image.ravel()[measured_pixels])
+            crop_pixels = measured_pixels[rig.in_crop(points, CROP_MARGIN_M)]
+            pixels.append(crop_pixels)
+            depth.append(image.ravel()[crop_pixels])
         return replace(rig, pixels=tuple(pixels), depth=tuple(depth))
 
-    def measure(
-        self, s: int, changed: np.ndarray, measured: np.ndarray, rng: Rng | None
-    ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Noisy points in the crop, their pixels and measurements.
+    def measure(self, s: int, changed: np.ndarray, measured: np.ndarray, rng: Rng | None) -> _Sweep:
+        """Noisy measurement of sensor s in the crop.
 
-        Pixels `changed` have `measured` (0: nothing), the others the empty site.
+        changed: numbers of pixels that differ from the empty site; measured: their measurements (m,
+        0: nothing). rng: for noise, None for no noise.
         """
         rows, columns = self.sensors[s].model.shape
-        is_unchanged = np.ones(rows * columns, bool)
-        is_unchanged[changed] = False
-        is_unchanged = is_unchanged[self.pixels[s]]
-        is_seen = measured > 0
-        pixels = np.concatenate([self.pixels[s][is_unchanged], changed[is_seen]])
-        depth = np.concatenate([self.depth[s][is_unchanged], measured[is_seen]])
+        is_unchanged_pixel = np.ones(rows * columns, bool)
+        is_unchanged_pixel[changed] = False
+        is_unchanged = is_unchanged_pixel[self.pixels[s]]
+        is_measured = measured > 0
+        pixels = np.concatenate([self.pixels[s][is_unchanged], changed[is_measured]])
+        depth = np.concatenate([self.depth[s][is_unchanged], measured[is_measured]])
         if rng is not None:
             noise = rng.standard_normal(len(depth), dtype=np.float32)
             depth += noise * self.sensors[s].model.deviation(depth)
         points = self.world(s, pixels, depth)
-        is_kept = self.in_crop(points)
-        return points[is_kept], pixels[is_kept], depth[is_kept]
+        is_in_crop = self.in_crop(points)
+        return _Sweep(points=points[is_in_crop], pixels=pixels[is_in_crop], depth=depth[is_in_crop])
 
-    def world(
-        self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
-    ) -> _Points:
-        """Positions (site's frame) that pixels of sensor s measure."""
+    def world(self, s: int, pixels: _Pixels, depth: Float32[np.ndarray, " n"]) -> _Points:
+        """Points (x y z in the site's frame, m) that pixels of sensor s measure.
+
+        depth: measurement of each pixel (m).
+        """
         sensor = self.sensors[s]
         rotation = sensor.pose[:3, :3].T.astype(np.float32)
-        rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ rotation
-        rays *= depth[:, None]
-        rays += sensor.position.astype(np.float32)
-        return rays
+        points = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ rotation
+        points *= depth[:, None]
+        points += sensor.position.astype(np.float32)
+        return points
 
     def in_crop(self, points: _Points, margin: float = 0.0) -> Mask:
         """Mask of points in the crop, widened by a margin (m)."""
@@ -253,6 +280,7 @@ class Rig:
 
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
+    """Rig of the group `name`. Raises ValueError, which names the entry, for a damaged one."""
     with hdf5.reading(name):
         attributes = hdf5.read_node_attributes(file[name], name)
     poses = hdf5.array(file, f"{name}/poses", axes=3)
@@ -260,11 +288,14 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
     ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")
     try:
-        models = parse_json(attributes["sensors"])
         named_models = [
-            (str(item["name"]), make_model(item["type"], item["model"])) for item in models
+            (str(entry["name"]), make_model(entry["type"], entry["model"]))
+            for entry in parse_json(attributes["sensors"])
         ]
-        sensors = tuple(Sensor(*item, pose) for item, pose in zip(named_models, poses, strict=True))
+        sensors = tuple(
+            Sensor(name=sensor_name, model=model, pose=pose)
+            for (sensor_name, model), pose in zip(named_models, poses, strict=True)
+        )
         xmin, ymin, xmax, ymax = map(float, attributes["area"])
         height = float(attributes["height"])
         slope = check_slope(attributes.get("slope", LEVEL), "slope")
@@ -292,11 +323,17 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
         )
     if not np.isfinite(depth).all():
         raise ValueError(f"{name}/depth holds NaN or infinity")
-    seen = tuple(np.split(pixels, ends[:-1]))
-    for sensor, item in zip(sensors, seen, strict=True):
-        _check_pixels(item, sensor, f"{name}/pixels")
-    depths = tuple(np.split(depth.astype(np.float32), ends[:-1]))
-    return Rig(sensors, (xmin, ymin, xmax, ymax), height, seen, depths, slope)
+    pixels_by_sensor = tuple(np.split(pixels, ends[:-1]))
+    for sensor, sensor_pixels in zip(sensors, pixels_by_sensor, strict=True):
+        _check_pixels(sensor_pixels, sensor, f"{name}/pixels")
+    return Rig(
+        sensors=sensors,
+        area=(xmin, ymin, xmax, ymax),
+        height=height,
+        pixels=pixels_by_sensor,
+        depth=tuple(np.split(depth.astype(np.float32), ends[:-1])),
+        slope=slope,
+    )
 
 
 def _ascends(ends: np.ndarray, total: int) -> bool:
@@ -309,6 +346,7 @@ def _ascends(ends: np.ndarray, total: int) -> bool:
 
 
 def _check_pixels(pixels: np.ndarray, sensor: Sensor, name: str) -> None:
+    """Raise ValueError for pixels that the sensor does not have. name: their entry in the file."""
     rows, columns = sensor.model.shape
     if len(pixels) and not (pixels.min() >= 0 and pixels.max() < rows * columns):
         raise ValueError(

@@ -14,7 +14,7 @@ from typing import Any, SupportsFloat
 import h5py
 import numpy as np
 
-from models.training.packed import CROP_MARGIN_M, STEPS_PER_METRE, PackedFrames, Rig
+from models.training.packed import CROP_MARGIN_M, STEPS_PER_METRE, Area, PackedFrames, Rig
 from toolkit.arrays import Float32, Shaped
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
@@ -26,14 +26,21 @@ from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-MAX_DEPTH_M = (2**16 - 1) / STEPS_PER_METRE
-_CHUNK = 1 << 18
-_Progress = Callable[[int], None]
+MAX_DEPTH_M = (2**16 - 1) / STEPS_PER_METRE  # steps are uint16
+_CHUNK = 1 << 18  # values
+_Progress = Callable[[int], None]  # takes the number of frames so far
 
 
 @dataclass(frozen=True)
 class Change:
-    """Changes of one frame from the empty site."""
+    """Changes of one frame from the empty site.
+
+    Attributes:
+        pixels: Numbers of the changed pixels of each sensor.
+        steps: Their measurements in 1/512 m, 0 for none.
+        objects: Objects of the frame.
+        clouds: Points of each sensor on level ground, if the frame has recorded clouds.
+    """
 
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     steps: tuple[Shaped[np.ndarray, " _"], ...]
@@ -42,11 +49,8 @@ class Change:
 
 
 PackedRecording = tuple[Rig, Iterable[Change]]  # frames of one rig, ready to be written
-LevelSample = tuple[
-    tuple[str, ...], tuple[np.ndarray, ...], Objects, tuple[float, float, float, float]
-]
-"""Names of the sensors, their points (n, 3) on level ground, labelled objects, and area: xmin ymin
-xmax ymax (m)."""
+LevelSample = tuple[tuple[str, ...], tuple[np.ndarray, ...], Objects, Area]
+"""Names of the sensors, their points (n, 3) on level ground, labelled objects, and area."""
 
 
 def recording(
@@ -58,11 +62,11 @@ def recording(
     count: int | None = None,
     slope: Slope = LEVEL,
 ) -> PackedRecording:
-    """Frames of fixed sensors, each read when it is written.
+    """Frames of fixed sensors, ready to be packed; each is read when it is written.
 
-    area: xmin ymin xmax ymax (m), height: top of the crop (m); empty: measurements of the empty
-    site per sensor, None to take them from the frames; count: only the first frames; slope: the
-    ground's (m per m, x and y).
+    area: xmin ymin xmax ymax (m), height: top of the crop above the ground (m); empty: measurements
+    of the empty site per sensor, None to take them from the frames; count: only so many of the
+    first frames; slope: the ground's (m per m, x and y).
     """
     empty = empty_scene(frames).images if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
@@ -71,7 +75,7 @@ def recording(
 
 
 def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedRecording:
-    """Recorded dataset, or its first `count` frames."""
+    """Dataset, or its first `count` frames, ready to be packed."""
     site = dataset.site
     return recording(dataset, site.area, site.height, count=count, slope=site.relief.slope)
 
@@ -79,34 +83,51 @@ def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedR
 def sample_recordings(
     samples: Iterable[LevelSample], height: float = 4.0
 ) -> Iterator[PackedRecording]:
-    """Yield a recording for each run of samples with the same sensors and area, to be written in
-    order."""
-    for (sensors, area), group in groupby(samples, key=lambda sample: (sample[0], sample[3])):
-        no_pixels = (np.zeros(0, np.uint32),) * len(sensors)
-        no_depth = (np.zeros(0, np.float32),) * len(sensors)
-        unposed = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
-        changes = (
-            Change(no_pixels, no_pixels, objects, tuple(clouds)) for _, clouds, objects, _ in group
+    """Yield a recording of clouds for each run of samples with the same sensors and area.
+
+    Its frames read on in `samples`, so each must be written before the next is taken. Rigs have no
+    view of the empty site, and sensors no meaningful pose or model.
+    """
+
+    def sensors_and_area(sample: LevelSample) -> tuple[tuple[str, ...], Area]:
+        names, _, _, area = sample
+        return names, area
+
+    for (names, area), run in groupby(samples, key=sensors_and_area):
+        no_pixels = (np.zeros(0, np.uint32),) * len(names)
+        no_depth = (np.zeros(0, np.float32),) * len(names)
+        rig = Rig(
+            sensors=tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in names),
+            area=area,
+            height=height,
+            pixels=no_pixels,
+            depth=no_depth,
         )
-        yield Rig(unposed, area, height, no_pixels, no_depth), changes
+        changes = (
+            Change(pixels=no_pixels, steps=no_pixels, objects=objects, clouds=tuple(clouds))
+            for _, clouds, objects, _ in run
+        )
+        yield rig, changes
 
 
 def read_recordings(path: Path) -> list[PackedRecording]:
-    """Read a packed file to write it again."""
+    """Recordings of a packed file, one for each rig, ready to be packed again."""
     packed = PackedFrames(path)
-    frames_of: list[list[Change]] = [[] for _ in packed.rigs]
+    changes_by_rig: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
         pixels, steps = packed.changes(k)
         clouds = tuple(packed.points(k, None)) if packed.is_recorded(k) else None
-        change = Change(tuple(pixels), tuple(steps), packed.objects(k), clouds)
-        frames_of[packed.rigs.index(packed.rig(k))].append(change)
-    return list(zip(packed.rigs, frames_of, strict=True))
+        frame_change = Change(
+            pixels=tuple(pixels), steps=tuple(steps), objects=packed.objects(k), clouds=clouds
+        )
+        changes_by_rig[packed.rigs.index(packed.rig(k))].append(frame_change)
+    return list(zip(packed.rigs, changes_by_rig, strict=True))
 
 
 def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) -> bytes:
     """Content of the packed file of a random site.
 
-    drawn: the site, its frames, and each sensor's measurement without traffic.
+    drawn: the site, its frames, and each sensor's image (m) of the site without traffic.
     """
     site, frames, empty = drawn
     with TemporaryDirectory() as folder:
@@ -120,28 +141,31 @@ def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) ->
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
     """Write several packed files as one, and return the number of frames.
 
-    Raises ValueError without any frame.
+    unfinished: file to write. Raises ValueError without any frame.
     """
     with hdf5_file(unfinished) as (file, check):
-        return _write(file, (item for path in paths for item in read_recordings(path)), check)
+        recordings = (recording for path in paths for recording in read_recordings(path))
+        return _write(file, recordings, check)
 
 
 def change(rig: Rig, frame: Frame) -> Change:
     """Pixels that show something in the crop that the empty site does not, or the reverse."""
     pixels = []
     steps = []
-    for s, measurement in enumerate(frame.images):
-        empty_depth = np.zeros(measurement.size, np.float32)
-        flat = measurement.ravel()
+    for s, image in enumerate(frame.images):
+        empty_depth = np.zeros(image.size, np.float32)  # 0 outside the crop
         empty_depth[rig.pixels[s]] = rig.depth[s]
-        changed = np.flatnonzero(flat != empty_depth).astype(np.uint32)
-        depth = np.where(flat[changed] < MAX_DEPTH_M, flat[changed], np.float32(0))
-        is_seen = (depth > 0) & rig.in_crop(rig.world(s, changed, depth), CROP_MARGIN_M)
-        is_counted = is_seen | (empty_depth[changed] > 0)  # or hides a point of the empty site
+        image_depth = image.ravel()
+        changed = np.flatnonzero(image_depth != empty_depth).astype(np.uint32)
+        changed_depth = image_depth[changed]
+        depth = np.where(changed_depth < MAX_DEPTH_M, changed_depth, np.float32(0))
+        is_in_crop = (depth > 0) & rig.in_crop(rig.world(s, changed, depth), CROP_MARGIN_M)
+        is_counted = is_in_crop | (empty_depth[changed] > 0)  # or hides a point of the empty site
         pixels.append(changed[is_counted])
-        rounded = np.where(is_seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0)
+        # at least one step, since 0 means nothing
+        rounded = np.where(is_in_crop, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0)
         steps.append(rounded.astype(np.uint16)[is_counted])
-    return Change(tuple(pixels), tuple(steps), frame.objects)
+    return Change(pixels=tuple(pixels), steps=tuple(steps), objects=frame.objects)
 
 
 def pack(
@@ -161,20 +185,26 @@ def _write(
     check: Callable[[], None],
     progress: _Progress | None = None,
 ) -> int:
+    """Write recordings to an open file, and return the number of frames.
+
+    check: raises OSError if the disk is full.
+    """
     pixels = _Column(file, "pixels", np.uint32)
     steps = _Column(file, "steps", np.uint16)
     rig_of_frame = list[int]()
-    ends = list[np.ndarray]()
+    ends = list[np.ndarray]()  # by frame: begin of each sensor's pixels, end of the last
     objects = list[Objects]()
-    recorded: dict[int, tuple[np.ndarray, ...]] = {}
+    recorded: dict[int, tuple[np.ndarray, ...]] = {}  # clouds in steps, by number of the frame
     file.create_group("rigs")
     for r, (rig, changes) in enumerate(recordings):
         _write_rig(file.create_group(f"rigs/{r}"), rig)
         for frame_change in changes:
             ends.append(np.cumsum([pixels.length, *map(len, frame_change.pixels)]))
-            for pixel, step in zip(frame_change.pixels, frame_change.steps, strict=True):
-                pixels.append(pixel)
-                steps.append(step)
+            for sensor_pixels, sensor_steps in zip(
+                frame_change.pixels, frame_change.steps, strict=True
+            ):
+                pixels.append(sensor_pixels)
+                steps.append(sensor_steps)
             if frame_change.clouds is not None:
                 recorded[len(objects)] = tuple(map(_count_steps, frame_change.clouds))
             rig_of_frame.append(r)
@@ -188,8 +218,9 @@ def _write(
     steps.flush()
     file["frames/rig"] = np.array(rig_of_frame, np.int32)
     file["frames/ends"] = _of_one_length(ends)
-    file["boxes"] = np.concatenate([item.boxes for item in objects])
-    file["labels"] = np.concatenate([item.labels for item in objects]).astype(np.int8)
+    file["boxes"] = np.concatenate([frame_objects.boxes for frame_objects in objects])
+    labels = np.concatenate([frame_objects.labels for frame_objects in objects])
+    file["labels"] = labels.astype(np.int8)
     file["box_ends"] = np.cumsum([0, *map(len, objects)])
     if recorded:
         _write_clouds(file, recorded)
@@ -197,14 +228,14 @@ def _write(
 
 
 def _write_rig(group: h5py.Group, rig: Rig) -> None:
-    """Write the sensors, the crop and the empty site."""
+    """Write the sensors, the crop and the empty site of a rig to its group."""
     group.attrs["area"] = np.array(rig.area, np.float64)
     group.attrs["height"] = rig.height
     if rig.slope != LEVEL:
         group.attrs["slope"] = np.array(rig.slope, np.float64)
     models = [
-        {"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)}
-        for s in rig.sensors
+        {"name": sensor.name, "type": type(sensor.model).__name__, "model": asdict(sensor.model)}
+        for sensor in rig.sensors
     ]
     group.attrs["sensors"] = json.dumps(models)
     group["poses"] = np.stack([sensor.pose for sensor in rig.sensors])
@@ -217,8 +248,8 @@ def _write_rig(group: h5py.Group, rig: Rig) -> None:
 
 
 def _write_clouds(file: h5py.File, recorded: dict[int, tuple[np.ndarray, ...]]) -> None:
-    """Write recorded clouds, by the number of their frame."""
-    sizes = [list(map(len, clouds)) for clouds in recorded.values()]
+    """Write recorded clouds (in steps of the file), given by the number of their frame."""
+    sizes = [list(map(len, clouds)) for clouds in recorded.values()]  # by frame and sensor
     starts = np.cumsum([0, *map(sum, sizes[:-1])])
     ends = [np.cumsum([start, *row]) for start, row in zip(starts, sizes, strict=True)]
     points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])
@@ -231,11 +262,12 @@ def _write_clouds(file: h5py.File, recorded: dict[int, tuple[np.ndarray, ...]]) 
 
 
 def _count_steps(cloud: np.ndarray) -> np.ndarray:
-    """Coordinates in steps of the file."""
+    """Coordinates (m) in whole steps of 1/512 m."""
     return np.rint(np.asarray(cloud, np.float64) * STEPS_PER_METRE).astype(np.int32)
 
 
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows as one array; shorter ones repeat their last entry, which adds empty sensors."""
     length = max(map(len, ends))
     return np.stack([np.pad(row, (0, length - len(row)), mode="edge") for row in ends])
 
@@ -255,12 +287,14 @@ class _Column:
         self._written = self.length = 0
 
     def append(self, values: np.ndarray) -> None:
+        """Add values at the end; they are written when enough are pending, or by `flush`."""
         self._pending.append(values)
         self.length += len(values)
         if self.length - self._written >= 8 * _CHUNK:
             self.flush()
 
     def flush(self) -> None:
+        """Write all pending values."""
         self._dataset.resize(self.length, axis=0)
         if self.length > self._written:
             self._dataset[self._written :] = np.concatenate(self._pending)

@@ -16,7 +16,7 @@ from models.config import VoxelNetConfig
 from models.network.grid import Voxels, anchors, collate, voxelise
 from models.training.losses import assign, assign_by_kind, sample
 from models.training.packed import STEPS_PER_METRE, PackedFrames, Rig
-from toolkit.arrays import Float, Float32, Float64, Rng
+from toolkit.arrays import Float, Float32, Float64, Mask, Rng, Shaped
 from toolkit.boxes import count_points, points_in_boxes
 from toolkit.geometry import level_rows, plane_rotation
 from toolkit.objects import HEAVY, Objects, label_index
@@ -35,20 +35,22 @@ LIFT_DEVIATION_M = 0.07  # height of the ground, as in surveys and imported site
 SLOPE_DEVIATION = 0.006  # slope of the ground along x and along y; 12 cm at 20 m
 OUTSIDE_DEPTH_M = 150.0  # assumed distance of surfaces outside the crop, absent from packed files
 MAX_JITTER_RAD = np.deg2rad(18.0)
-_MAX_SPEEDS_M_S = np.array([14.0, 7.0, 1.8, 12.0])  # by class
+_MAX_SPEEDS_M_S = np.array([14.0, 7.0, 1.8, 12.0])  # by class, in the order of `LABELS`
 
 
 def random_errors(rng: Rng) -> ErrorProfile:
-    """Draw sensor errors, from none to beyond `poor`."""
+    """Random sensor errors, from none to beyond the profile `poor`."""
 
-    def strength(chance: float, maximum: float) -> float:
-        return float(rng.uniform(0, maximum)) if rng.random() < chance else 0.0
+    def strength(chance: float, highest: float) -> float:
+        """A strength up to the highest with this chance, else 0."""
+        return float(rng.uniform(0, highest)) if rng.random() < chance else 0.0
 
     terms: tuple[ErrorTerm, ...] = (
         error_terms.Glass(share=strength(0.6, 1.0)),
         error_terms.Paint(share=strength(0.3, 0.4)),
         error_terms.DropOut(
-            strength(0.8, 0.06), float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0
+            share=strength(0.8, 0.06),
+            half_range=float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0,
         ),
         error_terms.MixedPixels(share=strength(0.7, 0.3)),
         error_terms.rain(strength(0.2, 15.0)),
@@ -76,42 +78,45 @@ def with_errors(
     """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level
     ground.
 
-    Sensors have the poses that they are believed to have. Surfaces outside the crop can mix with
-    surfaces inside, but give no points.
+    Points are computed from the poses that the sensors are believed to have. Surfaces outside the
+    crop can mix with surfaces inside, but give no points.
     """
     rig = frames.rig(k)
     objects = frames.objects(k)
     clouds = []
     velocities = _draw_velocities(objects, seed) if errors.needs_velocities else None
-    pixels, steps = frames.changes(k)
+    changed_pixels, changed_steps = frames.changes(k)
     for s in range(len(rig.sensors)) if sensors is None else sensors:
         sensor = rig.sensors[s]
-        depth = steps[s].astype(np.float32) / STEPS_PER_METRE
+        changed_depth = changed_steps[s].astype(np.float32) / STEPS_PER_METRE
         outside_m = np.float32(min(OUTSIDE_DEPTH_M, 0.99 * sensor.model.max_range))
         image = np.full(sensor.model.shape, outside_m)
-        flat = image.ravel()
-        flat[rig.pixels[s]] = rig.depth[s]
-        flat[pixels[s]] = np.where(depth > 0, depth, outside_m)
+        true_depth = image.ravel()  # a view: it fills the image
+        true_depth[rig.pixels[s]] = rig.depth[s]
+        true_depth[changed_pixels[s]] = np.where(changed_depth > 0, changed_depth, outside_m)
         truth = TrueImage(sensor, image, objects, velocities=velocities)
         reading = errors.read(truth, seed=seed, sensor=s, frame=k)
-        measured = reading.measurement.ravel()
-        is_inside = (flat < outside_m) | (measured < 0.9 * outside_m)
-        seen = np.flatnonzero(reading.valid.ravel() & is_inside).astype(np.uint32)
+        depth = reading.measurement.ravel()
+        # a pixel of the outside counts if a term put something much nearer there, such as rain
+        has_point = reading.valid.ravel() & ((true_depth < outside_m) | (depth < 0.9 * outside_m))
+        pixels = np.flatnonzero(has_point).astype(np.uint32)
         believed_rig = Rig(
-            (Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ()
+            sensors=(Sensor(sensor.name, sensor.model, reading.pose),),
+            area=rig.area,
+            height=rig.height,
+            pixels=(),
+            depth=(),
         )
-        points = believed_rig.world(0, seen, measured[seen])
+        points = believed_rig.world(0, pixels, depth[pixels])
         if reading.shift is not None:
-            points += reading.shift.reshape(-1, 3)[seen]
+            points += reading.shift.reshape(-1, 3)[pixels]
         clouds.append(level_rows(points[rig.in_crop(points)], rig.slope))
     return clouds
 
 
 def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
-    """Velocities (m/s) along the headings; every second object is still.
-
-    Packed frames have no tracks.
-    """
+    """Random velocities (m/s) along the headings, since packed frames have no tracks; half of the
+    objects are still."""
     rng = np.random.default_rng([seed, 7])
     yaw = objects.boxes[:, 6]
     max_speed = rng.uniform(0, 1, len(objects)) * _MAX_SPEEDS_M_S[objects.labels]
@@ -120,12 +125,13 @@ def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
 
 
 def thin_cloud(points: _Points, rng: Rng) -> Float32[np.ndarray, "k 3"]:
-    """Keep a tenth to all of the points at random."""
+    """Random tenth to all of the points, in their order."""
     return points[rng.random(len(points)) < rng.uniform(MIN_KEPT_SHARE, 1.0)]
 
 
 def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
-    """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y.
+    """Points and boxes with the ground lifted by N(0, 7 cm) and tilted about `centre` by N(0, 0.6
+    %) along x and y.
 
     Boxes stay upright.
     """
@@ -139,42 +145,81 @@ def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Poi
 
 
 class Batch(NamedTuple):
-    """Examples ready for training, of B clouds."""
+    """Examples ready for training, of B clouds.
+
+    Attributes:
+        voxels: Points of all clouds, by voxel.
+        labels: POSITIVE, NEGATIVE or IGNORED of `models.training.losses` for each anchor.
+        boxes: Box that each positive anchor should detect; meaningless for other anchors.
+    """
 
     voxels: Voxels
-    labels: Tensor  # (B, H, W, A), see `models.training.losses`
-    boxes: Tensor  # (B, H, W, A, 7), targets of positive anchors
+    labels: Shaped[Tensor, "B H W A"]
+    boxes: Float32[Tensor, "B H W A 7"]
 
     def to(self, device: torch.device | str) -> "Batch":
-        """Move the batch to another device."""
-        return Batch(self.voxels.to(device), self.labels.to(device), self.boxes.to(device))
+        """Copy of the batch on a device."""
+        return Batch(
+            voxels=self.voxels.to(device),
+            labels=self.labels.to(device),
+            boxes=self.boxes.to(device),
+        )
 
 
 @dataclass(frozen=True)
 class SampleRecipe:
-    """Recipe that turns a frame into an example.
+    """Recipe that turns a frame into examples.
 
-    A network of several classes has the thresholds of its kinds.
+    Attributes:
+        subsets: Share of frames seen by a random subset of the sensors, so that one network serves
+            any set.
+        augmentation: "object": turn and shift each object with its points (the paper's); "scene":
+            turn and mirror everything.
+        positive: IoU above which an anchor is positive, if the network has no kinds of anchors:
+            kinds have thresholds of their own.
+        negative: IoU up to which an anchor is negative, if the network has no kinds of anchors.
+        sampled: Anchors in the loss, 0 for all.
+        seen: Points below which an object need not be detected.
+        errors: Share of frames with sensor errors.
+        thinned: Share of examples with thinned points.
+        tilted: Share of examples with uneven ground.
+        elsewhere: Share of the windows anywhere in the area instead of near an object.
+        windows: Examples from each reading of a frame, which costs three times as much as the
+            rest.
     """
 
-    # share of examples seen by a random subset of the sensors, so that one network serves any set
     subsets: float = 0.5
     augmentation: Literal["none", "object", "scene"] = "none"
-    """object: turn and shift each object with its points (the paper's); scene: turn and mirror
-    everything."""
-    positive: float = 0.5  # IoU thresholds of the anchors
+    positive: float = 0.5
     negative: float = 0.35
-    sampled: int = 0  # anchors in the loss, 0 for all
-    seen: int = 3  # points below which a vehicle need not be detected
-    errors: float = 0.0  # share of examples with sensor errors
-    thinned: float = 0.0  # share with thinned points
-    tilted: float = 0.0  # share with uneven ground
-    elsewhere: float = 0.0  # share of the windows anywhere in the area instead of near an object
-    windows: int = 1  # from each reading of a frame, which costs three times as much as the rest
+    sampled: int = 0
+    seen: int = 3
+    errors: float = 0.0
+    thinned: float = 0.0
+    tilted: float = 0.0
+    elsewhere: float = 0.0
+    windows: int = 1
+
+
+class _Scene(NamedTuple):
+    """Points and objects of one frame in the grid's frame.
+
+    Attributes:
+        points: x y z, m.
+        objects: Objects.
+        is_in_area: True for the objects that are centred in the detection area of the site.
+    """
+
+    points: _Points
+    objects: Objects
+    is_in_area: Mask
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
-    """Samples (epoch, k) of a packed file, reproducible."""
+    """Samples of a packed file: `samples[epoch, k]` has the examples of frame k in an epoch.
+
+    The same seed, epoch and frame give the same examples.
+    """
 
     def __init__(
         self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int
@@ -198,77 +243,93 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return stack([self._example(k, points, rng) for _ in range(recipe.windows)])
 
     def _example(self, k: int, points: _Points, rng: Rng) -> Batch:
-        points, objects, is_inside = self._scene(k, points.copy(), rng)
+        """One example from the points (x y z in the site's frame, m) of frame k."""
+        scene = self._scene(k, points.copy(), rng)
+        points = scene.points
+        objects = scene.objects
         is_seen = count_points(points, objects.boxes) >= self.recipe.seen
-        is_required = (
-            is_inside & is_seen & has_centre_inside(objects.boxes, np.array(self.config.area))
-        )
+        is_in_window = has_centre_inside(objects.boxes, np.array(self.config.area))
+        is_required = scene.is_in_area & is_seen & is_in_window
         if self.config.kinds:
             assignment = assign_by_kind(
-                self._anchors, self.config.kinds, objects.boxes, objects.labels, is_required
+                self._anchors,
+                self.config.kinds,
+                boxes=objects.boxes,
+                labels=objects.labels,
+                is_required=is_required,
             )
         else:  # a network only for vehicles ignores heavy ones
             is_vehicle = objects.labels == label_index(self.config.labels[0])
             rows = np.flatnonzero(is_vehicle & is_required)
             ignored = objects.boxes[(is_vehicle & ~is_required) | (objects.labels == HEAVY)]
-            thresholds = {"positive": self.recipe.positive, "negative": self.recipe.negative}
-            assignment = assign(self._anchors, objects.boxes[rows], **thresholds, ignored=ignored)
+            assignment = assign(
+                self._anchors,
+                objects.boxes[rows],
+                positive=self.recipe.positive,
+                negative=self.recipe.negative,
+                ignored=ignored,
+            )
+            # without vehicles `rows` is empty, but owners are 0: one more row to take
             assignment = assignment._replace(owner=np.append(rows, 0)[assignment.owner])
         if self.recipe.sampled:
             assignment = sample(
                 assignment, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2
             )
+        # without objects owners are 0: one box to take
         targets = torch.from_numpy(objects.boxes).float() if len(objects) else torch.ones(1, 7)
-        voxels = voxelise(points, self.config, rng=rng)
         return Batch(
-            voxels,
-            torch.from_numpy(assignment.labels)[None],
-            targets[torch.from_numpy(assignment.owner)][None],
+            voxels=voxelise(points, self.config, rng=rng),
+            labels=torch.from_numpy(assignment.labels)[None],
+            boxes=targets[torch.from_numpy(assignment.owner)][None],
         )
 
-    def _scene(self, k: int, points: _Points, rng: Rng) -> tuple[_Points, Objects, np.ndarray]:
-        """Points and objects of frame k in the grid's frame, and a mask of objects in the detection
-        area."""
+    def _scene(self, k: int, points: _Points, rng: Rng) -> _Scene:
+        """Frame k, augmented and moved into a random window of its area.
+
+        points: x y z in the site's frame (m); they may be changed in place.
+        """
         recipe = self.recipe
         objects = self.frames.level_objects(k)
-        area = np.array(self.frames.rig(k).area)
+        area = np.array(self.frames.rig(k).area)  # xmin ymin xmax ymax, as `grid`
         boxes = objects.boxes.copy()
-        is_inside = has_centre_inside(objects.boxes, area)
+        is_in_area = has_centre_inside(objects.boxes, area)
         if recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)
         classes = [label_index(name) for name in self.config.labels]
         # the window is near an object of any present class, each equally often
         if len(classes) > 1:
-            present = [label for label in classes if label in objects.labels[is_inside]]
-            classes = [int(rng.choice(present or classes))]
-        targets = boxes[is_inside & (objects.labels == classes[0]), :2]
+            present_classes = [label for label in classes if label in objects.labels[is_in_area]]
+            classes = [int(rng.choice(present_classes or classes))]
+        targets = boxes[is_in_area & (objects.labels == classes[0]), :2]
         if recipe.elsewhere and rng.random() < recipe.elsewhere:
             targets = targets[:0]
         window = grid[2:] - grid[:2]
         middle = (area[:2] + area[2:]) / 2
-        room = ((area[2:] - area[:2] - window) / 2).clip(0)
-        if len(targets):
-            target = targets[rng.integers(len(targets))]
-        else:
-            target = rng.uniform(area[:2], area[2:])
-        offset = rng.uniform(-window / 2, window / 2)
-        centre = np.clip(target + offset, middle - room, middle + room)
+        max_offset = ((area[2:] - area[:2] - window) / 2).clip(0)  # within the area
+        target = (
+            targets[rng.integers(len(targets))] if len(targets) else rng.uniform(area[:2], area[2:])
+        )
+        centre = np.clip(
+            target + rng.uniform(-window / 2, window / 2), middle - max_offset, middle + max_offset
+        )
         if recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)
         if recipe.thinned and rng.random() < recipe.thinned:
             points = thin_cloud(points, rng)
         if recipe.tilted and rng.random() < recipe.tilted:
             points, boxes = tilt(points, boxes, centre, rng)
-        points[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
-        boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
-        return points, Objects(boxes, objects.labels, objects.ids), is_inside
+        shift = (grid[:2] + grid[2:]) / 2 - centre  # from the window to the grid
+        points[:, :2] += shift
+        boxes[:, :2] += shift
+        moved_objects = Objects(boxes=boxes, labels=objects.labels, ids=objects.ids)
+        return _Scene(points=points, objects=moved_objects, is_in_area=is_in_area)
 
 
 def read_sample_points(
     frames: PackedFrames, k: int, rng: Rng, *, subsets: float, errors: float
 ) -> _Points:
-    """Points of frame k in the crop.
+    """Points of frame k in the crop (x y z on level ground, m).
 
     subsets: chance of a random set of sensors instead of all; errors: chance of random errors
     instead of the sensor models' noise.
@@ -284,7 +345,7 @@ def read_sample_points(
 
 
 def stack(batch: list[Batch]) -> Batch:
-    """Join examples into one batch."""
+    """One batch of several, in their order."""
     return Batch(
         voxels=collate([example.voxels for example in batch]),
         labels=torch.cat([example.labels for example in batch]),
@@ -293,38 +354,39 @@ def stack(batch: list[Batch]) -> Batch:
 
 
 def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane.
+    """Points and boxes, each object turned by up to ±18° and shifted by N(0, 0.5) (m) in the plane.
 
-    An object that would then touch another stays put (paper, training process).
+    Its points go with it. An object that would then touch another stays put (paper, training
+    process); circles about the footprints count.
     """
     points = points.copy()
     boxes = boxes.copy()
-    reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
+    radius = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     is_in_box = points_in_boxes(points, boxes)
-    for index in range(len(boxes)):
+    for row in range(len(boxes)):
         turn = rng.uniform(-MAX_JITTER_RAD, MAX_JITTER_RAD)
-        move = rng.normal(0, 0.5, 2)
-        old = boxes[index, :2].copy()
-        is_other = np.arange(len(boxes)) != index
-        distances = np.linalg.norm(boxes[is_other, :2] - (old + move), axis=1)
-        if (distances < reach[is_other] + reach[index]).any():
+        shift = rng.normal(0, 0.5, 2)
+        centre = boxes[row, :2].copy()
+        is_other = np.arange(len(boxes)) != row
+        distance = np.linalg.norm(boxes[is_other, :2] - (centre + shift), axis=1)
+        if (distance < radius[is_other] + radius[row]).any():
             continue
-        is_in_object = is_in_box[:, index]
-        offsets = points[is_in_object, :2] - old
-        points[is_in_object, :2] = offsets @ plane_rotation(turn).T + old + move
-        boxes[index, :2] += move
-        boxes[index, 6] += turn
+        is_in_object = is_in_box[:, row]
+        from_centre = points[is_in_object, :2] - centre
+        points[is_in_object, :2] = from_centre @ plane_rotation(turn).T + centre + shift
+        boxes[row, :2] += shift
+        boxes[row, 6] += turn
     return points, boxes
 
 
 def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
-    """Turn the scene about `centre`, every second one mirrored."""
+    """Points and boxes turned about `centre` by any angle, and mirrored in half of the scenes."""
     angle = rng.uniform(-np.pi, np.pi)
-    mirror = rng.random() < 0.5
-    matrix = plane_rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
+    is_mirrored = rng.random() < 0.5
+    matrix = plane_rotation(angle) @ np.diag([1.0, -1.0 if is_mirrored else 1.0])
     points = points.copy()
     boxes = boxes.copy()
     points[:, :2] = (points[:, :2] - centre) @ matrix.T + centre
     boxes[:, :2] = (boxes[:, :2] - centre) @ matrix.T + centre
-    boxes[:, 6] = angle + (-boxes[:, 6] if mirror else boxes[:, 6])
+    boxes[:, 6] = angle + (-boxes[:, 6] if is_mirrored else boxes[:, 6])
     return points, boxes

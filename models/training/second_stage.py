@@ -30,7 +30,7 @@ from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, Detector, Object
 from toolkit.points import has_centre_inside
 
 _Scores = Float[np.ndarray, " n"]
-_Hits = Int64[np.ndarray, " n"]
+_Hits = Int64[np.ndarray, " n"]  # TRUE, FALSE or UNCOUNTED for each detection
 
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)
 # for cyclists, pedestrians and heavy vehicles, which are small, or vary more
@@ -59,13 +59,38 @@ FACE_STEPS = 5000
 FACE_LEARNING_RATE = 3e-3
 # standard deviations of displaced boxes
 BOX_DEVIATIONS = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}
+# names of the weights that have channels of their own for each anchor
 _MAPS = tuple(f"head.{name}." for name in ("classes", "residuals", "direction", "quality"))
+
+
+class FrameResult(NamedTuple):
+    """Detections of a frame and its truth.
+
+    Attributes:
+        detections: Detections.
+        truth: Objects of the frame.
+        counted: True for the objects that are centred in the frame's area.
+    """
+
+    detections: Detections
+    truth: Objects
+    counted: Mask
+
+
+class _JudgedFrame(NamedTuple):
+    """Detections of a frame, each with its outcome."""
+
+    detections: Detections
+    hits: _Hits
 
 
 def detector_by_area(
     network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float | None = 0.05
 ) -> Callable[[Area], Detector]:
-    """Function that makes the detector of an area."""
+    """Function from an area to the network's detector there.
+
+    score_threshold: lowest score of a detection, None for the network's thresholds.
+    """
 
     # each detector has its anchors on the whole area, and a packed file may have thousands of areas
     @lru_cache(maxsize=MAX_KEPT_AREAS)
@@ -87,13 +112,14 @@ def detect_recording(
     subsets: float = 0.0,
     errors: float = 0.0,
     known: bool = False,
-) -> list[tuple[Detections, Objects, Mask]]:
-    """Detect in the first `count` frames (None: all) by early fusion.
+) -> list[FrameResult]:
+    """Detections and truth of the first `count` frames (None: all), by early fusion.
 
-    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors:
-    see `read_points`; known: leave out detections of the empty site.
+    seed: for noise, subsets and errors. subsets: chance that a frame is seen by a random set of the
+    sensors; errors: chance that its sensors have random errors. known: leave out detections of the
+    empty site.
     """
-    training = network.training
+    was_training = network.training  # making a detector ends it
     detector_in = detector_by_area(network, device, MIN_FIT_SCORE)
     results = []
     background = lru_cache(maxsize=MAX_KEPT_AREAS)(_background)
@@ -106,20 +132,21 @@ def detect_recording(
         detector = detector_in(area)
         if known:
             detector = KnownBackground(detector, background(frames.rig(k)))
-        results.append((detector(points), truth, has_centre_inside(truth.boxes, np.array(area))))
-    network.train(training)
+        is_counted = has_centre_inside(truth.boxes, np.array(area))
+        results.append(FrameResult(detector(points), truth, is_counted))
+    network.train(was_training)
     return results
 
 
 def _background(rig: Rig) -> Background:
-    """Learn the empty site from noisy sweeps of a rig."""
+    """Background of the empty site, from noisy sweeps of a rig."""
     rng = np.random.default_rng(0)
     no_pixels = np.zeros(0, np.uint32)
     sweeps = []
     for _ in range(EMPTY_SWEEPS):
         for s in range(len(rig.sensors)):
-            points = rig.measure(s, no_pixels, no_pixels, rng)[0]
-            sweeps.append(level_rows(points, rig.slope))
+            sweep = rig.measure(s, changed=no_pixels, measured=no_pixels, rng=rng)
+            sweeps.append(level_rows(sweep.points, rig.slope))
     return Background.learn(np.concatenate(sweeps))
 
 
@@ -133,24 +160,24 @@ def compute_recording_ap(
 ) -> dict[str, float]:
     """AP3D of early fusion over the first `count` frames (None: all), in the protocol "exact".
 
-    Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes
-    without objects are left out. seed: for the sensors' noise.
+    Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; other
+    classes without objects are left out. seed: for the sensors' noise.
     """
     results = detect_recording(network, frames, count=count, seed=seed, device=device)
-    detections = tuple(result[0] for result in results)
-    truths = tuple(result[1] for result in results)
-    counted = tuple(result[2] for result in results)
-    figures: dict[str, float] = {}
+    detections = tuple(result.detections for result in results)
+    truths = tuple(result.truth for result in results)
+    counted = tuple(result.counted for result in results)
+    aps: dict[str, float] = {}
     for label in network.config.labels:
         is_vehicle = label == LABELS[VEHICLE]
         thresholds, prefix = (IOU_THRESHOLDS, "") if is_vehicle else (OTHER_THRESHOLDS, f"{label} ")
         by_iou = evaluate(
             detections, truths, iou_thresholds=thresholds, counted=counted, label=label
         )
-        for iou, result in by_iou.items():
-            if result.truths or is_vehicle:
-                figures[f"{prefix}AP@{iou:g}"] = result.ap
-    return figures
+        for iou, figures in by_iou.items():
+            if figures.truths or is_vehicle:
+                aps[f"{prefix}AP@{iou:g}"] = figures.ap
+    return aps
 
 
 def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
@@ -165,26 +192,30 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
         return network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        bare: dict[str, Any] = dict.fromkeys(("faces", *FITTED), ())
-        wider = VoxelNet(replace(old_config, labels=config.labels, kinds=config.kinds, **bare))
+        # a second stage and calibration must be fitted again
+        no_fits: dict[str, Any] = dict.fromkeys(("faces", *FITTED), ())
+        wider = VoxelNet(replace(old_config, labels=config.labels, kinds=config.kinds, **no_fits))
     state = wider.state_dict()
-    for name, old in network.state_dict().items():
+    for name, old_weight in network.state_dict().items():
         # channels of shared anchors come from the old network, others stay as they are
         if name.startswith(_MAPS):
-            channels = len(state[name]) // len(wider.config.anchor_labels)
+            channels = len(state[name]) // len(wider.config.anchor_labels)  # one anchor's
             for label in set(config.labels) & set(old_config.labels):
                 rows = _channels(wider.config, label, channels)
                 old_rows = _channels(old_config, label, channels)
                 if len(rows) == len(old_rows):
-                    state[name][rows] = old[old_rows]
+                    state[name][rows] = old_weight[old_rows]
         elif name in state:
-            state[name] = old
+            state[name] = old_weight
     wider.load_state_dict(state)
     return wider
 
 
 def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
-    """Same weights, other configuration; new parts start at random."""
+    """Network with the same weights and some changed entries of its configuration.
+
+    New parts start at random.
+    """
     rebuilt = VoxelNet(replace(network.config, **changes))
     state = rebuilt.state_dict()
     state |= {name: tensor for name, tensor in network.state_dict().items() if name in state}
@@ -193,7 +224,7 @@ def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
 
 
 def _channels(config: VoxelNetConfig, label: str, per_anchor: int) -> list[int]:
-    """Channels of a class's anchors. per_anchor: channels of one anchor."""
+    """Numbers of the channels of a class's anchors. per_anchor: channels of one anchor."""
     anchors = [
         anchor for anchor, row in enumerate(config.anchor_labels) if config.labels[row] == label
     ]
@@ -203,26 +234,30 @@ def _channels(config: VoxelNetConfig, label: str, per_anchor: int) -> list[int]:
 def platt(
     scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None
 ) -> tuple[float, ...]:
-    """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
+    """Slope, intercept and the weights (at least 0) of L rivals' scores, fitted to hits (Platt
+    1999).
 
     They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of
-    true detections.
+    true detections. hits: True for the true detections. rivals: scores of each one's rivals.
     """
     rivals = np.zeros((len(scores), 0)) if rivals is None else rivals
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
-    neutral = np.eye(1, rows.shape[1])[0]
+    neutral = np.eye(1, rows.shape[1])[0]  # slope 1, all others 0: scores stay as they are
 
-    def lost(answer: np.ndarray) -> tuple[float, np.ndarray]:
-        log_odds = rows @ answer
-        deviation = answer - neutral
-        likelihood = np.logaddexp(0.0, log_odds).sum() - log_odds[hits].sum()
-        loss = float(likelihood + _RIDGE / 2 * deviation @ deviation)
-        slope = rows.T @ (sigmoid(log_odds) - hits) + _RIDGE * deviation
-        return loss, slope
+    def loss_and_gradient(parameters: np.ndarray) -> tuple[float, np.ndarray]:
+        log_odds = rows @ parameters
+        deviation = parameters - neutral
+        loss = float(
+            np.logaddexp(0.0, log_odds).sum()
+            - log_odds[hits].sum()
+            + _RIDGE / 2 * deviation @ deviation
+        )
+        return loss, rows.T @ (sigmoid(log_odds) - hits) + _RIDGE * deviation
 
+    # for the slope, the intercept and each weight
     bounds = [(_MIN_SLOPE, None), (None, None), *((0.0, None) for _ in rivals.T)]
     solution = minimize(
-        lost,
+        loss_and_gradient,
         neutral,
         jac=True,
         method="L-BFGS-B",
@@ -236,18 +271,20 @@ def lowest_threshold(scores: _Scores, hits: Mask, precision: float) -> float:
     """Lowest score above which a share `precision` of detections is true, 0 for all detections.
 
     If fewer than `MIN_DETECTIONS` reach that share, it is the score above which that many remain;
-    but never a score that loses more than `MAX_LOST_SHARE` of the true detections."""
+    but never a score that loses more than `MAX_LOST_SHARE` of the true detections. hits: True for
+    the true detections."""
     order = np.argsort(-scores, kind="stable")
     count = np.arange(1, len(order) + 1)
-    share = np.cumsum(hits[order]) / count
+    share = np.cumsum(hits[order]) / count  # true among the `count` best
     good_rows = np.flatnonzero((share >= precision) & (count >= MIN_DETECTIONS))
-    first_out = good_rows[-1] + 1 if len(good_rows) else min(MIN_DETECTIONS, len(order))
-    threshold = float(scores[order][first_out]) if first_out < len(order) else 0.0
+    kept_count = good_rows[-1] + 1 if len(good_rows) else min(MIN_DETECTIONS, len(order))
+    # the best score that is left out, since a detection must be above the threshold
+    threshold = float(scores[order][kept_count]) if kept_count < len(order) else 0.0
     true_scores = np.sort(scores[hits])
     if not len(true_scores):
         return threshold
-    lowest_true = true_scores[int(MAX_LOST_SHARE * len(true_scores))]
-    return min(threshold, float(np.nextafter(lowest_true, 0.0)))
+    lowest_true_score = true_scores[int(MAX_LOST_SHARE * len(true_scores))]
+    return min(threshold, float(np.nextafter(lowest_true_score, 0.0)))
 
 
 def fit_calibration(
@@ -256,50 +293,53 @@ def fit_calibration(
     """Network with calibration, rivalry and a threshold per class.
 
     Each threshold is the lowest above which `MIN_PRECISION` of the detections are true, over the
-    first `count` frames (None: all) of a file that training did not use. Some frames are seen
-    by a part of the sensors or by sensors with errors."""
-    bare = rebuild(network, score_threshold=MIN_FIT_SCORE, **dict.fromkeys(FITTED, ()))
-    labels = bare.config.labels
-    judged = _judge(bare, frames, count, seed)
+    first `count` frames (None: all) of a file that training did not use. Some of them are seen by
+    some of the sensors or by sensors with errors."""
+    uncalibrated = rebuild(network, score_threshold=MIN_FIT_SCORE, **dict.fromkeys(FITTED, ()))
+    labels = uncalibrated.config.labels
+    judged = _judge(uncalibrated, frames, count, seed)
     hits = _join_hits(judged)
-    merged = Detections.merge(detections for detections, _ in judged)
-    pairs: list[tuple[float, ...]] = []
+    merged = Detections.merge(frame.detections for frame in judged)
+    calibration: list[tuple[float, ...]] = []  # slope and intercept of each label
     for label in labels:
         is_label = (hits != UNCOUNTED) & (merged.labels == LABELS.index(label))
         pair: tuple[float, ...] = (1.0, 0.0)
         if is_label.sum() >= MIN_DETECTIONS:
             pair = platt(merged.scores[is_label], hits[is_label] == TRUE)
-        pairs.append(pair)
-    by_label = dict(zip(map(LABELS.index, labels), pairs, strict=True))
+        calibration.append(pair)
+    by_label = dict(zip(map(LABELS.index, labels), calibration, strict=True))
     calibrated_frames = []
     for detections, frame_hits in judged:
-        rows = [by_label[int(label)] for label in detections.labels]
-        slope, intercept = np.array(rows).reshape(-1, 2).T
+        pairs = [by_label[int(label)] for label in detections.labels]
+        slope, intercept = np.array(pairs).reshape(-1, 2).T
         scores = sigmoid(slope * logit(detections.scores) + intercept)
         rescored = Detections(detections.boxes, scores, detections.labels)
-        calibrated_frames.append((rescored, frame_hits))
-    rivalry, thresholds = _fit_rivals(calibrated_frames, bare.config)
-    calibrated = rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=thresholds)
-    if any(map(frames.is_recorded, range(len(frames)))):
-        return calibrated
-    rivalry_known, known_thresholds = _fit_rivals(
-        _judge(calibrated, frames, count, seed, known=True), bare.config
+        calibrated_frames.append(_JudgedFrame(rescored, frame_hits))
+    rivalry, thresholds = _fit_rivals(calibrated_frames, uncalibrated.config)
+    calibrated = rebuild(
+        uncalibrated, calibration=tuple(calibration), rivalry=rivalry, thresholds=thresholds
     )
-    return rebuild(calibrated, known=rivalry_known, known_thresholds=known_thresholds)
+    if any(map(frames.is_recorded, range(len(frames)))):  # the empty site is unknown
+        return calibrated
+    known_rivalry, known_thresholds = _fit_rivals(
+        _judge(calibrated, frames, count, seed, known=True), uncalibrated.config
+    )
+    return rebuild(calibrated, known=known_rivalry, known_thresholds=known_thresholds)
 
 
-def _join_hits(judged: Sequence[tuple[Detections, _Hits]]) -> _Hits:
-    return np.concatenate([np.zeros(0, int), *[hits for _, hits in judged]])
+def _join_hits(judged: Sequence[_JudgedFrame]) -> _Hits:
+    """Outcomes of the detections of all frames, in their order."""
+    return np.concatenate([np.zeros(0, int), *[frame.hits for frame in judged]])
 
 
 def _fit_rivals(
-    judged: Sequence[tuple[Detections, _Hits]], config: VoxelNetConfig
+    judged: Sequence[_JudgedFrame], config: VoxelNetConfig
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
-    """Fit slope, intercept and weights of rivals per label, and a threshold of the new scores."""
+    """Slope, intercept and weights of rivals for each label, and a threshold of its new scores."""
     frame_rivals = [np.zeros((0, len(config.labels)))]
-    frame_rivals += [strongest_rivals(detections, config) for detections, _ in judged]
+    frame_rivals += [strongest_rivals(frame.detections, config) for frame in judged]
     rivals = np.concatenate(frame_rivals)
-    merged = Detections.merge(detections for detections, _ in judged)
+    merged = Detections.merge(frame.detections for frame in judged)
     hits = _join_hits(judged)
     rows = []
     thresholds = []
@@ -307,6 +347,7 @@ def _fit_rivals(
         is_label = (hits != UNCOUNTED) & (merged.labels == number)
         scores = merged.scores[is_label]
         is_true = hits[is_label] == TRUE
+        # slope, intercept and weights that leave the scores as they are
         row: tuple[float, ...] = (1.0, 0.0) + (0.0,) * len(config.labels)
         if is_label.sum() >= MIN_DETECTIONS:
             row = platt(scores, is_true, rivals[is_label])
@@ -319,10 +360,12 @@ def _fit_rivals(
 
 def _judge(
     network: VoxelNet, frames: PackedFrames, count: int | None, seed: int, known: bool = False
-) -> list[tuple[Detections, _Hits]]:
-    """Detections, each with its outcome: TRUE, FALSE or UNCOUNTED.
+) -> list[_JudgedFrame]:
+    """Detections of each frame with their outcome: TRUE, FALSE or UNCOUNTED.
 
-    If the network knows vehicles and heavy vehicles, a vehicle on a heavy one is FALSE too."""
+    If the network knows vehicles and heavy vehicles, a vehicle on a heavy one is FALSE too.
+
+    count, seed, known: as in `detect_recording`."""
     judged = []
     knows_both = {"vehicle", "heavy"} <= set(network.config.labels)
     results = detect_recording(
@@ -337,6 +380,7 @@ def _judge(
     for detections, truth, counted in results:
         hits = np.full(len(detections), UNCOUNTED)
         for number in map(LABELS.index, network.config.labels):
+            # all objects, but no heavy ones for vehicles: a detection on them is not ignored
             is_target = (truth.labels != HEAVY) | (not knows_both or number != VEHICLE)
             (match,) = matches(
                 detections,
@@ -346,12 +390,17 @@ def _judge(
                 counted=counted[is_target],
             )
             hits[~match.ignored] = np.where(match.truth[~match.ignored] >= 0, TRUE, FALSE)
-        judged.append((detections, hits))
+        judged.append(_JudgedFrame(detections, hits))
     return judged
 
 
 class FaceExamples(NamedTuple):
-    """Features and offsets outwards (m) by sort of face."""
+    """Examples for the face networks, by sort of face.
+
+    Attributes:
+        features: Inputs of the network.
+        offsets: Distance of the true face from the box's face outwards (m).
+    """
 
     features: dict[str, Float32[np.ndarray, "n F"]]
     offsets: dict[str, Float32[np.ndarray, " n"]]
@@ -365,16 +414,17 @@ def face_examples(
     count: int | None = None,
     seed: int = 0,
 ) -> FaceExamples:
-    """Collect examples of the first `count` frames (None: all).
+    """Examples from objects of these classes in the first `count` frames (None: all).
 
     Half of the frames are seen by a random subset of the sensors, some by sensors with errors.
-    network: detects them, without a second stage; None for only randomly displaced boxes.
+    Boxes are true ones displaced at random, and detections of `network`, which has no second stage;
+    None: only the displaced ones.
     """
     detector_in = (
         None if network is None else detector_by_area(network, score_threshold=MIN_EXAMPLE_SCORE)
     )
-    rows = {sort: list[np.ndarray]() for sort in SORTS}
-    offsets = {sort: list[np.ndarray]() for sort in SORTS}
+    feature_parts = {sort: list[np.ndarray]() for sort in SORTS}
+    offset_parts = {sort: list[np.ndarray]() for sort in SORTS}
     label_numbers = [label_index(label) for label in labels]
     for k in range(min(len(frames), len(frames) if count is None else count)):
         rng = np.random.default_rng([seed, k])
@@ -382,32 +432,35 @@ def face_examples(
             frames, k, rng, subsets=_FACE_SUBSET_SHARE, errors=_FACE_ERROR_SHARE
         )
         objects = frames.level_objects(k)
-        is_wanted = np.isin(objects.labels, label_numbers) & has_centre_inside(
-            objects.boxes, np.array(frames.rig(k).area)
-        )
-        objects = objects[is_wanted & (count_points(points, objects.boxes) >= MIN_OBJECT_POINTS)]
+        is_class = np.isin(objects.labels, label_numbers)
+        is_inside = has_centre_inside(objects.boxes, np.array(frames.rig(k).area))
+        has_points = count_points(points, objects.boxes) >= MIN_OBJECT_POINTS
+        objects = objects[is_class & is_inside & has_points]
         boxes = displace_boxes(objects.boxes, rng)
-        truths = objects.boxes
-        kinds = objects.labels
+        truths = objects.boxes  # the true box of each of `boxes`
+        classes = objects.labels
         if detector_in is not None:
             detections = detector_in(frames.rig(k).area)(points)
-            overlap = iou_bev(detections.boxes, truths) * (detections.labels[:, None] == kinds)
-            if overlap.size:
-                is_matched = overlap.max(axis=1) > MIN_MATCH_IOU
-                owner = overlap.argmax(axis=1)
+            iou = iou_bev(detections.boxes, truths) * (detections.labels[:, None] == classes)
+            if iou.size:
+                is_matched = iou.max(axis=1) > MIN_MATCH_IOU
+                owner = iou.argmax(axis=1)[is_matched]
                 boxes = np.concatenate([boxes, detections.boxes[is_matched]])
-                owner = owner[is_matched]
                 truths = np.concatenate([truths, truths[owner]])
-                kinds = np.concatenate([kinds, kinds[owner]])
+                classes = np.concatenate([classes, classes[owner]])
         if len(boxes):
-            features = face_features(points, boxes, kinds)
-            offset = face_offsets(boxes, truths)
+            features = face_features(points, boxes, classes)
+            shifts = face_offsets(boxes, truths)
             for number, sort in enumerate(SORTS):  # faces with points near them
-                seen = features.counted[number] > 0
-                rows[sort].append(features[number][seen])
-                offsets[sort].append(offset[number][seen])
-    moved = {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()}
-    return FaceExamples({sort: np.concatenate(parts) for sort, parts in rows.items()}, moved)
+                has_face_points = features.counted[number] > 0
+                feature_parts[sort].append(features[number][has_face_points])
+                offset_parts[sort].append(shifts[number][has_face_points])
+    return FaceExamples(
+        features={sort: np.concatenate(parts) for sort, parts in feature_parts.items()},
+        offsets={
+            sort: np.concatenate(parts).astype(np.float32) for sort, parts in offset_parts.items()
+        },
+    )
 
 
 def train_faces(
@@ -418,22 +471,28 @@ def train_faces(
     count: int = 1000,
     seed: int = 0,
 ) -> VoxelNet:
-    """Network with faces trained for these labels."""
-    bare = rebuild(network, faces=())
-    staged = rebuild(network, faces=tuple(labels))
-    assert staged.faces is not None
-    fit_faces(staged.faces, face_examples(frames, bare, labels, count=count, seed=seed), seed=seed)
-    return staged
+    """Network with a second stage trained for the faces of these classes.
+
+    count: frames for examples.
+    """
+    first_stage = rebuild(network, faces=())
+    both_stages = rebuild(network, faces=tuple(labels))
+    assert both_stages.faces is not None
+    examples = face_examples(frames, first_stage, labels, count=count, seed=seed)
+    fit_faces(both_stages.faces, examples, seed=seed)
+    return both_stages
 
 
 def displace_boxes(boxes: BoxRows, rng: Rng) -> BoxRows:
-    """Displace boxes in place, size and yaw."""
+    """Copy of boxes with random errors of place, size and yaw, a tenth of them reversed; the floor
+    stays."""
     boxes = boxes.copy()
+    width = boxes[:, 4]
     floor = boxes[:, 2] - boxes[:, 5] / 2
-    width_share = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # less for pedestrians
+    width_share = np.minimum(width / 1.8, 1.0)[:, None]  # less for pedestrians
     boxes[:, :2] += rng.normal(0, BOX_DEVIATIONS["centre"], (len(boxes), 2)) * width_share
     boxes[:, 3:6] *= 1 + rng.normal(0, BOX_DEVIATIONS["size"], (len(boxes), 3))
-    boxes[:, 2] = floor + boxes[:, 5] / 2
+    boxes[:, 2] = floor + boxes[:, 5] / 2  # with the new height
     turn = rng.normal(0, BOX_DEVIATIONS["yaw"], len(boxes))
     is_reversed = rng.random(len(boxes)) < 0.1
     boxes[:, 6] += turn + np.pi * is_reversed
@@ -445,10 +504,10 @@ def fit_faces(
 ) -> dict[str, float]:
     """Train the three networks, `FACE_STEPS` steps each, on the offsets' Laplace likelihood.
 
-    Returns the mean error (m) of each sort of face before and after, over the examples. Raises
-    ValueError for a sort without examples.
+    Returns the mean error (m) over the examples before and after, as "end before", "end after" and
+    so on for each of `SORTS`. Raises ValueError for a sort without examples.
     """
-    figures: dict[str, float] = {}
+    errors_m: dict[str, float] = {}
     steps = FACE_STEPS if steps is None else steps
     for number, sort in enumerate(SORTS):
         if not len(examples.offsets[sort]):
@@ -476,7 +535,8 @@ def fit_faces(
                 optimiser.step()
                 schedule.step()
         with torch.inference_mode():
-            error = (networks.answers(sort, features)[0] - target).abs().mean()
+            shift, _ = networks.answers(sort, features)
+            error = (shift - target).abs().mean()
         networks.prior[number] = target.abs().mean()
-        figures |= {f"{sort} before": float(target.abs().mean()), f"{sort} after": float(error)}
-    return figures
+        errors_m |= {f"{sort} before": float(target.abs().mean()), f"{sort} after": float(error)}
+    return errors_m
