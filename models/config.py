@@ -40,10 +40,10 @@ _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
 # entries that calibration fits
 FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds", "rival_shares")
 ROAD_USERS = (
-    AnchorKind("vehicle", (3.9, 1.56, 1.6), 0.8),
-    AnchorKind("heavy", (9.0, 2.5, 3.2), 1.6, positive=0.45, negative=0.3),
-    AnchorKind("cyclist", (1.8, 0.65, 1.65), 0.85, margin=0.6),
-    AnchorKind("pedestrian", (0.65, 0.6, 1.7), 0.85, yaws=(0.0,), margin=0.8),
+    AnchorKind("vehicle", size=(3.9, 1.56, 1.6), z=0.8),
+    AnchorKind("heavy", size=(9.0, 2.5, 3.2), z=1.6, positive=0.45, negative=0.3),
+    AnchorKind("cyclist", size=(1.8, 0.65, 1.65), z=0.85, margin=0.6),
+    AnchorKind("pedestrian", size=(0.65, 0.6, 1.7), z=0.85, yaws=(0.0,), margin=0.8),
 )
 """Classes of a network for all road users; vehicle has the anchors of networks for vehicles
 only."""
@@ -139,6 +139,7 @@ class VoxelNetConfig:
         self._check_calibration()
 
     def _check_labels(self) -> None:
+        """Raise ValueError unless labels, faces and kinds fit each other."""
         unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
         if unknown or len(set(self.labels)) != len(self.labels) or not self.labels:
             raise ValueError(
@@ -160,7 +161,9 @@ class VoxelNetConfig:
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
 
     def _check_calibration(self) -> None:
+        """Raise ValueError unless calibration and thresholds are empty or fit the labels."""
         size = len(self.labels)
+        # entries of a row: slope, intercept and, for the last two, a weight for each label
         lengths = {"calibration": 2, "rivalry": size + 2, "known": size + 2}
         for name, length in lengths.items():
             rows = getattr(self, name)
@@ -269,7 +272,9 @@ class VoxelNetConfig:
         """Anchors of a cell, class by class: `kinds`, or the one kind that the other entries
         describe."""
         return self.kinds or (
-            AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),
+            AnchorKind(
+                label=self.labels[0], size=self.anchor_size, z=self.anchor_z, yaws=self.anchor_yaws
+            ),
         )
 
     @property
@@ -279,7 +284,7 @@ class VoxelNetConfig:
 
     @property
     def classes(self) -> int:
-        """Class logits per anchor."""
+        """Class logits per anchor: one or one per label, and a published head's background."""
         return (1 if self.kinds else len(self.labels)) + (self.head == "published")
 
     @property
@@ -373,7 +378,10 @@ def _make_example() -> dict[str, Any]:
 
 
 def _parse(value: Any, example: Any, name: str) -> Any:
-    """Value with its lists as tuples. Raises ValueError unless it has the type of the example."""
+    """Value with its lists as tuples. Raises ValueError unless it has the type of the example.
+
+    example: value of the same entry, or of the first of a list's entries. name: the entry's.
+    """
     got = str(value)[:60]
     match example:
         case tuple():

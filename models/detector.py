@@ -34,7 +34,7 @@ MIN_UNKNOWN_PERSON_SCORE = 0.4  # for a pedestrian at an unknown site
 BLOCK_CELLS = 512  # side of a block of a wide area, a multiple of the coarsest stride
 MARGIN_CELLS = 128  # around a block, a multiple of the coarsest stride
 SAME_BOX_IOU = 0.3  # footprint overlap above which boxes of several grids are averaged
-_Area = tuple[float, float, float, float]
+_Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
 
@@ -100,6 +100,7 @@ class VoxelNetDetector:
 
     @property
     def _least_scores(self) -> tuple[float, ...]:
+        """Lowest score of a candidate for each label; low enough that rivals are known."""
         max_threshold = decoding.MIN_RIVAL_SCORE if self.config.rivalry else 1.0
         return tuple(min(threshold, max_threshold) for threshold in self.thresholds)
 
@@ -113,7 +114,7 @@ class VoxelNetDetector:
         return digest if self.phases == 1 else f"{digest} on {self.phases} grids"
 
     def shift_grids(self, phases: int) -> "VoxelNetDetector":
-        """Same detector on several grids, shifted by parts of a cell, so that the position of one
+        """Same detector on `phases` grids, shifted by parts of a cell, so that the position of one
         matters less.
 
         Boxes of one class that overlap are averaged, and have the greatest of their scores. Raises
@@ -146,40 +147,41 @@ class VoxelNetDetector:
         """Detect in one cloud."""
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
-        area = self.config.area
+        xmin, xmax = self.config.area[::2]
         rows = self.config.map_shape[0]
         parts = []
         for phase in range(self.phases):
-            shift = np.append(phase * SHIFT_STEPS % 1 * (area[2] - area[0]) / rows, 0.0)
-            detections = self.batch([(points + shift).astype(np.float32)])[0]
-            parts.append(
-                replace(detections, boxes=detections.boxes - np.append(shift, np.zeros(4)))
-            )
-        pooled = Detections.merge(parts)
-        kept_rows = nms(pooled.boxes, pooled.scores, self.nms_threshold, labels=pooled.labels)
-        return decoding.average_boxes(pooled, kept_rows, SAME_BOX_IOU)
+            # parts of a cell of the map (m) along x and y; heights stay
+            shift = np.append(phase * SHIFT_STEPS % 1 * (xmax - xmin) / rows, 0.0)
+            (detections,) = self.batch([(points + shift).astype(np.float32)])
+            box_shift = np.append(shift, np.zeros(4))  # sizes and yaw stay
+            parts.append(replace(detections, boxes=detections.boxes - box_shift))
+        merged = Detections.merge(parts)
+        kept_rows = nms(merged.boxes, merged.scores, self.nms_threshold, labels=merged.labels)
+        return decoding.average_boxes(merged, kept_rows, SAME_BOX_IOU)
 
     def batch(self, clouds: _Clouds) -> list[Detections]:
-        """Detect in several clouds together."""
+        """Detections of each of several clouds, computed together."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
-        if not any(len(best.cells) for best in voxels):
+        if not any(len(cloud_voxels.cells) for cloud_voxels in voxels):
             return [Detections.empty() for _ in clouds]
         candidates = decoding.candidates(
             self.network(collate(voxels)), self.anchors, self.config, self._least_scores
         )
         detections = []
-        for row, cloud in enumerate(clouds):
-            if len(voxels[row].cells):
-                detections.append(self.finish_detections(*candidates[row], cloud))
+        for cloud, cloud_voxels, best in zip(clouds, voxels, candidates, strict=True):
+            if len(cloud_voxels.cells):
+                detections.append(self.finish_detections(best.boxes, best.scores, cloud))
             else:
                 detections.append(Detections.empty())
         return detections
 
     def unions(self, clouds: _Clouds, unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in many unions of the same clouds, such as all sets of a site's sensors.
+        """Detections in many unions of the same clouds, such as all sets of a site's sensors.
 
-        The results equal the results for each union's points, to the rounding of float32. It takes
-        much less time if most clouds reach only a part of the area (`models.network.tiles`).
+        unions: True for the clouds of each union. The results equal the results for each union's
+        points, to the rounding of float32. It takes much less time if most clouds reach only a part
+        of the area (`models.network.tiles`).
         """
         by_union: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None and self.phases == 1:
@@ -196,6 +198,7 @@ class VoxelNetDetector:
     def _at_once(
         self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: _Clouds
     ) -> Iterator[tuple[int, Detections]]:
+        """Yield the row and detections of each union of a plan that has points."""
         unions = plan.unions
         has_points = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
         for union_rows, entries, predictions in tiled(plan):
@@ -204,26 +207,26 @@ class VoxelNetDetector:
                 tile_candidates = decoding.all_candidates(
                     maps, self.anchors, self.config, self._least_scores, corner
                 )
+                # number of the entry in place of its item in the batch
                 parts.append(tile_candidates._replace(item=tile_candidates.item + first))
             candidates = decoding.BoxCandidates(
                 *(torch.cat(column) for column in zip(*parts, strict=True))
             )
-            count = torch.bincount(candidates.item, minlength=len(entries.tile)).cpu().numpy()
-            begin = np.cumsum(count) - count
-            for row, entry in zip(
-                np.arange(len(unions))[union_rows].tolist(), entries.of.T, strict=True
-            ):
+            counts = torch.bincount(candidates.item, minlength=len(entries.tile)).cpu().numpy()
+            begin = np.cumsum(counts) - counts  # first row of each entry
+            row_numbers = np.arange(len(unions))[union_rows].tolist()
+            for row, tile_entries in zip(row_numbers, entries.of.T, strict=True):
                 if has_points[row]:
-                    positions = np.repeat(
-                        begin[entry] - np.cumsum(count[entry]) + count[entry], count[entry]
-                    )
-                    rows = torch.from_numpy(positions + np.arange(len(positions))).to(
-                        candidates.item.device
-                    )
-                    best = candidates.best(
-                        rows[torch.argsort(candidates.place[rows])]
-                    )  # in map order
-                    yield row, self.finish_detections(*best, join_clouds(clouds, unions[row]))
+                    # rows of all candidates of the union's tiles
+                    tile_counts = counts[tile_entries]
+                    offset = begin[tile_entries] - np.cumsum(tile_counts) + tile_counts
+                    offsets = np.repeat(offset, tile_counts)
+                    rows = torch.from_numpy(offsets + np.arange(len(offsets)))
+                    rows = rows.to(candidates.item.device)
+                    # in map order, as for a whole map
+                    best = candidates.best(rows[torch.argsort(candidates.place[rows])])
+                    cloud = join_clouds(clouds, unions[row])
+                    yield row, self.finish_detections(best.boxes, best.scores, cloud)
 
     def at_known_site(self) -> "VoxelNetDetector":
         """Same detector with lower thresholds, for detections that `score_known` will score
@@ -257,6 +260,11 @@ class VoxelNetDetector:
         return self._take_above(rescored, self.known_thresholds)
 
     def _take_above(self, detections: Detections, thresholds: tuple[float, ...]) -> Detections:
+        """Detections above the threshold of their label that no rival of another class outdoes.
+
+        thresholds: in the order of `labels`.
+        """
+        # rows of the arrays below are all of `LABELS`, since detections have their numbers
         rows = [label_index(name) for name in self.labels]
         min_scores = np.zeros(len(LABELS))
         shares = np.zeros((len(LABELS), len(rows)))
@@ -269,7 +277,7 @@ class VoxelNetDetector:
         return detections[detections.scores >= rivals.max(axis=1)]
 
     def finish_detections(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
-        """Suppress duplicates, deduct rivals and measure faces."""
+        """Detections of one cloud's candidates: without duplicates and rivals, faces measured."""
         detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:
             detections = self._take_above(
@@ -284,6 +292,7 @@ def is_wide(area: _Area, config: VoxelNetConfig) -> bool:
     """True if an area has more columns of voxels than one grid may have."""
     xmin, ymin, xmax, ymax = area
     dx, dy = config.voxel_size[:2]
+    # a grid is rounded up to a multiple of 8 voxels along each side
     return ((xmax - xmin) / dx + 8) * ((ymax - ymin) / dy + 8) > MAX_COLUMNS
 
 
@@ -326,32 +335,35 @@ class WideVoxelNetDetector(VoxelNetDetector):
         return f"{super().digest} in {' '.join(f'{side:g}' for side in self._wide)}"
 
     def batch(self, clouds: _Clouds) -> list[Detections]:
-        """Detect in several clouds, block by block."""
+        """Detections of each of several clouds, computed block by block."""
         return [self._detect_blocks(np.asarray(cloud)) for cloud in clouds]
 
     def _detect_blocks(self, cloud: Float[np.ndarray, "n 3"]) -> Detections:
+        """Detections of one cloud in the wide area."""
         voxel = np.array(self.config.voxel_size[:2])
         low = np.array(self._wide[:2])
         high = np.array(self._wide[2:])
-        block = BLOCK_CELLS * voxel
+        block = BLOCK_CELLS * voxel  # sides along x and y, m
         margin = MARGIN_CELLS * voxel
+        z = cloud[:, 2]
+        min_z, max_z = self.config.height
         xy = cloud[:, :2].astype(np.float64)
         is_inside = ((xy > low) & (xy < high)).all(axis=1)
-        is_inside &= (cloud[:, 2] > self.config.height[0]) & (cloud[:, 2] < self.config.height[1])
-        cloud = cloud[is_inside]
+        is_inside &= (z > min_z) & (z < max_z)
+        z = z[is_inside]
         xy = xy[is_inside]
-        corners = np.floor((xy - low) / block).astype(np.int64)
+        block_numbers = np.floor((xy - low) / block).astype(np.int64)  # along x and y
         parts = []
-        for corner in np.unique(corners, axis=0):
-            start = low + corner * block - margin
+        for number in np.unique(block_numbers, axis=0):
+            start = low + number * block - margin  # origin of the block's grid
             is_near = ((xy > start) & (xy < start + block + 2 * margin)).all(axis=1)
-            points = np.column_stack([xy[is_near] - start, cloud[is_near, 2]]).astype(np.float32)
+            points = np.column_stack([xy[is_near] - start, z[is_near]]).astype(np.float32)
             (detections,) = super().batch([points])
-            centres = detections.boxes[:, :2]
+            centres = detections.boxes[:, :2]  # in the block's grid
             is_in_block = ((centres >= margin) & (centres < margin + block)).all(axis=1)
-            world = centres + start
-            is_in_block &= ((world >= low) & (world <= high)).all(axis=1)
-            shift = np.append(start, np.zeros(5))
+            world_centres = centres + start
+            is_in_block &= ((world_centres >= low) & (world_centres <= high)).all(axis=1)
+            shift = np.append(start, np.zeros(5))  # heights, sizes and yaw stay
             parts.append(
                 replace(detections[is_in_block], boxes=detections.boxes[is_in_block] + shift)
             )
@@ -381,15 +393,17 @@ def load_detector(
             f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or "
             "'general'"
         )
-    kind: Callable[..., VoxelNetDetector] = partial(VoxelNetDetector, network)
+    make_detector: Callable[..., VoxelNetDetector] = partial(VoxelNetDetector, network)
     if area is not None:
         xmin, ymin, xmax, ymax = check_area([float(side) for side in area]).tolist()
-        corners = (xmin, ymin, xmax, ymax)
-        if is_wide(corners, network.config) and goes_anywhere(network, trained_for):
-            kind = partial(WideVoxelNetDetector, network, corners)
+        sides = (xmin, ymin, xmax, ymax)
+        if is_wide(sides, network.config) and goes_anywhere(network, trained_for):
+            make_detector = partial(WideVoxelNetDetector, network, sides)
         else:
-            kind = partial(VoxelNetDetector, relocate(network, corners, trained_for))
-    detector = kind(device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
+            make_detector = partial(VoxelNetDetector, relocate(network, sides, trained_for))
+    detector = make_detector(
+        device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
+    )
     detector.name = str(name)
     return detector
 
@@ -402,15 +416,20 @@ def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDete
 
 
 def goes_anywhere(network: VoxelNet, trained_for: str) -> bool:
-    """True if a network fits any area."""
+    """True if a network fits any area.
+
+    trained_for: site of its weights' header, or "general".
+    """
     return trained_for == "general" and network.config.point_features == "local"
 
 
 def relocate(
     network: VoxelNet, area: tuple[float, float, float, float], trained_for: str
 ) -> VoxelNet:
-    """Network with the same weights on another area. Raises ValueError for weights of only one
-    area."""
+    """Network with the same weights on another area (xmin ymin xmax ymax, m).
+
+    trained_for: site of its weights' header, or "general". Raises ValueError for weights of only
+    one area."""
     config = network.config
     if area == config.area:
         return network

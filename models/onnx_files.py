@@ -35,9 +35,9 @@ from toolkit.runtime.files import parse_json, read_plain, read_text, writing
 MAX_PLACE_M = 1e5  # in boxes that a network returns
 MAX_SIZE_M = 100.0  # in boxes that a network returns
 MAX_YAW_RAD = 1e3  # in boxes that a network returns
-_POINTS = ["points"]
-_VOXELS = ["features", "voxel", "cells"]
-_BOXES = ["boxes", "scores", "labels"]
+_POINTS = ["points"]  # input of a network that makes its voxels
+_VOXELS = ["features", "voxel", "cells"]  # inputs of other networks
+_BOXES = ["boxes", "scores", "labels"]  # outputs of a network that decodes its maps
 _MISSING = "networks in ONNX need {}: pip install coview[onnx]"
 
 
@@ -78,22 +78,24 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
         xmin, ymin, xmax, ymax = map(float, area)
         network = relocate(network, (xmin, ymin, xmax, ymax), header.site or "general").eval()
     xmin, ymin, xmax, ymax = network.config.area
-    points = torch.export.Dim("points")
-    voxels = torch.export.Dim("voxels")
+    points_size = torch.export.Dim("points")
+    voxels_size = torch.export.Dim("voxels")
+    # any cloud that is large enough: the exporter only follows the operators
     cloud = np.random.default_rng(0).uniform((xmin, ymin, 0), (xmax, ymax, 3), (9000, 3))
-    seen = voxelise(torch.from_numpy(cloud), network.config)
-    sizes = ({0: points}, {0: points}, {0: voxels})
+    voxels = voxelise(torch.from_numpy(cloud), network.config)
+    # axes of the inputs, in the order of `_VOXELS`, that differ from cloud to cloud
+    sizes = ({0: points_size}, {0: points_size}, {0: voxels_size})
     for logger_name in ("torch.onnx", "onnx_ir"):
         logging.getLogger(logger_name).setLevel(logging.ERROR)
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # warnings of the exporter
-        maps = [key for key, raw_map in network(seen)._asdict().items() if raw_map is not None]
+        raw_maps = network(voxels)._asdict()
         export_options: dict[str, Any] = {
             "input_names": _VOXELS,
-            "output_names": maps,
+            "output_names": [name for name, raw_map in raw_maps.items() if raw_map is not None],
             "dynamic_shapes": sizes,
         }
-        inputs = (*network.features.inputs(seen), seen.cells)
+        inputs = (*network.features.inputs(voxels), voxels.cells)
         try:
             import onnxscript  # noqa: F401  # which torch exports with
 
@@ -210,12 +212,13 @@ class OnnxDetector(VoxelNetDetector):
         self.faces = None
         self._features = VoxelFeatures(config)
         xmin, ymin, xmax, ymax = config.area
-        middle = np.array(
-            [[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32
-        )
+        middle = [(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]
+        trial_cloud = np.array([middle] * 2, np.float32)  # two equal points
         _import_runtime()
         try_network(
-            self._content, self._points(middle) | self._voxels(middle), limits or TrialLimits()
+            self._content,
+            self._points(trial_cloud) | self._voxels(trial_cloud),
+            limits or TrialLimits(),
         )
         session = self.session
         input_names = [tensor.name for tensor in session.get_inputs()]
@@ -236,7 +239,7 @@ class OnnxDetector(VoxelNetDetector):
                 raise ValueError("its metadata lack the networks of the card's faces")
             self.faces = FaceNetworks().eval()
             self.faces.load_state_dict(load(base64.b64decode(faces)))
-        self(middle)
+        self(trial_cloud)  # raises ValueError if its outputs do not fit
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_session": None}
@@ -266,8 +269,8 @@ class OnnxDetector(VoxelNetDetector):
         points_only = len(session.get_inputs()) == 1
         inputs = self._points(cloud) if points_only else self._voxels(cloud)
         try:
-            outputs = session.run(None, inputs)
-            return dict(zip([value.name for value in session.get_outputs()], outputs, strict=True))
+            names = [output.name for output in session.get_outputs()]
+            return dict(zip(names, session.run(None, inputs), strict=True))
         except Exception as error:  # errors of ONNX Runtime share no class
             raise ValueError(
                 f"{self.name} fails with a cloud of {len(cloud)} points ({error})"
@@ -279,29 +282,31 @@ class OnnxDetector(VoxelNetDetector):
 
     def _voxels(self, cloud: Points) -> dict[str, np.ndarray]:
         """Inputs of a network that takes voxels."""
-        seen = voxelise(cloud, self.config)
-        arrays = [tensor.numpy() for tensor in (*self._features.inputs(seen), seen.cells)]
+        voxels = voxelise(cloud, self.config)
+        arrays = [tensor.numpy() for tensor in (*self._features.inputs(voxels), voxels.cells)]
         return dict(zip(_VOXELS, arrays, strict=True))
 
     def _inside(self, cloud: Points) -> Float[np.ndarray, "_ 3"]:
+        """Points inside the area and the height range."""
         xmin, ymin, xmax, ymax = self.area
         low, high = self.config.height
         return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
 
     def batch(self, clouds: Iterable[np.ndarray]) -> list[Detections]:
-        """Detect in several clouds, one after another."""
+        """Detections of each of several clouds, computed one after another."""
         return [
             self._detect(cloud) if len(self._inside(cloud)) else Detections.empty()
             for cloud in clouds
         ]
 
     def _detect(self, cloud: Points) -> Detections:
+        """Detections of one cloud. Raises ValueError if the network's outputs do not fit."""
         outputs = self.run(cloud)
         if not self.decoded:
             names = [name for name in Prediction._fields if name in outputs]
             maps = Prediction(**{name: torch.from_numpy(outputs[name]) for name in names})
             best = candidates(maps, self.anchors, self.config, self._least_scores)[0]
-            return self.finish_detections(*best, cloud)
+            return self.finish_detections(best.boxes, best.scores, cloud)
         boxes = outputs["boxes"]
         scores = outputs["scores"]
         labels = outputs["labels"]
@@ -319,9 +324,11 @@ class OnnxDetector(VoxelNetDetector):
             )
         self.check_outputs(boxes, scores)
         is_above = scores > np.array(self.thresholds)[labels.astype(int)]
-        class_scores = scores[is_above, None] * np.eye(label_count)[labels[is_above].astype(int)]
-        above = torch.from_numpy(boxes[is_above].astype(np.float32))
-        return self.finish_detections(above, torch.from_numpy(class_scores), cloud)
+        # one column for each label, 0 for all but the box's label
+        is_label = np.eye(label_count)[labels[is_above].astype(int)]
+        label_scores = torch.from_numpy(scores[is_above, None] * is_label)
+        kept_boxes = torch.from_numpy(boxes[is_above].astype(np.float32))
+        return self.finish_detections(kept_boxes, label_scores, cloud)
 
     def check_outputs(self, boxes: np.ndarray, scores: np.ndarray) -> None:
         """Raise ValueError for scores beyond 0..1, and for boxes that no road user has."""
@@ -331,13 +338,14 @@ class OnnxDetector(VoxelNetDetector):
             raise ValueError(
                 f"{self.name}: scores must be within 0..1, got {scores[is_wrong][0]:g}: {remedy}"
             )
+        centres = boxes[:, :3]
         sizes = boxes[:, 3:6]
-        is_near = (np.abs(boxes[:, :3]) <= MAX_PLACE_M).all(axis=1)
+        yaw = boxes[:, 6]
         is_sound = (
-            is_near
+            (np.abs(centres) <= MAX_PLACE_M).all(axis=1)
             & (sizes > 0).all(axis=1)
             & (sizes <= MAX_SIZE_M).all(axis=1)
-            & (np.abs(boxes[:, 6]) <= MAX_YAW_RAD)
+            & (np.abs(yaw) <= MAX_YAW_RAD)
         )
         if not is_sound.all():
             got = " ".join(f"{value:g}" for value in boxes[~is_sound][0])

@@ -25,8 +25,8 @@ class TrialLimits:
     """Limits of a network's first run.
 
     Attributes:
-        seconds: to open it and run it with two points on one core.
-        memory_bytes: mapped for that, beyond what ONNX Runtime takes itself. Linux only."""
+        seconds: Time to open it and run it with two points on one core.
+        memory_bytes: Memory mapped for that, beyond what ONNX Runtime itself takes. Linux only."""
 
     seconds: float = 15.0
     memory_bytes: int = 3 << 29
@@ -80,8 +80,9 @@ def try_network(content: bytes, inputs: Mapping[str, np.ndarray], limits: TrialL
 
 
 def _run_trial(memory_bytes: int) -> None:
-    """Run the network and inputs that standard input brings. Exits with a line on stderr if that
-    fails."""
+    """Run a network with its inputs, both from an .npz on standard input (see `try_network`).
+
+    Exits with a line on stderr if that fails."""
     import onnxruntime
 
     arrays = dict(np.load(BytesIO(sys.stdin.buffer.read())))

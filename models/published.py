@@ -25,7 +25,7 @@ from toolkit.boxes import nms
 from toolkit.objects import Detections
 
 REFERENCE = {"tjunction": (84.0, 156.0), "roundabout": (0.0, 0.0)}  # CARLA x, y
-# relative to the reference
+# xmin ymin xmax ymax (m), relative to the reference
 AREA = {"tjunction": (0.0, 0.0, 40.0, 80.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
 
 PROPOSAL_IOU = 0.3
@@ -125,13 +125,16 @@ class PublishedDetector:
         return maps.class_logits.contiguous(), maps.residuals.contiguous()
 
     def __call__(self, points: Points, /) -> Detections:
-        """Detect in one cloud."""
-        classes, residuals = self.head(points)
+        """Detections of one cloud (x y z in the site's frame, m)."""
+        class_logits, residuals = self.head(points)
+        # the residuals of both anchors in the order of this project: x, y, z, then the others
         order = [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)]
-        prediction = Prediction(classes, residuals[:, torch.tensor(order, device=self.device)])
-        boxes, scores = candidates(prediction, self.anchors, self.config, (self.score_threshold,))[
-            0
-        ]
+        prediction = Prediction(
+            class_logits=class_logits,
+            residuals=residuals[:, torch.tensor(order, device=self.device)],
+        )
+        thresholds = (self.score_threshold,)
+        ((boxes, scores),) = candidates(prediction, self.anchors, self.config, thresholds)
         if self.decoding == "published":
             kept_rows = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())
             boxes = boxes[kept_rows]
@@ -143,24 +146,30 @@ class PublishedDetector:
 
 
 def proposals(boxes: BoxRows, scores: Float64[np.ndarray, " n"]) -> np.ndarray:
-    """Rows that survive the published proposal step, best first."""
-    best = np.argsort(-scores, kind="stable")[:MAX_CLOUD_CANDIDATES]
-    length = boxes[best, 3]
-    width = boxes[best, 4]
-    yaw = boxes[best, 6]
+    """Rows of boxes that survive the published proposal step, best first.
+
+    It compares upright rectangles: the bounds of the footprints along x and y.
+    """
+    best_rows = np.argsort(-scores, kind="stable")[:MAX_CLOUD_CANDIDATES]
+    length = boxes[best_rows, 3]
+    width = boxes[best_rows, 4]
+    yaw = boxes[best_rows, 6]
     cos = np.abs(np.cos(yaw))
     sin = np.abs(np.sin(yaw))
-    upright = boxes[best].copy()
-    upright[:, 3] = length * cos + width * sin
-    upright[:, 4] = width * cos + length * sin
-    upright[:, 6] = 0.0
-    return best[nms(upright, scores[best], PROPOSAL_IOU)[:MAX_PROPOSALS]]
+    bounds = boxes[best_rows].copy()
+    bounds[:, 3] = length * cos + width * sin
+    bounds[:, 4] = width * cos + length * sin
+    bounds[:, 6] = 0.0
+    return best_rows[nms(bounds, scores[best_rows], PROPOSAL_IOU)[:MAX_PROPOSALS]]
 
 
 def to_network(
     points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site"
 ) -> Float32[np.ndarray, "n 3"]:
-    """Turn points of site or CARLA into the network's frame."""
+    """Points in the network's frame: CARLA's axes, relative to `REFERENCE`, m.
+
+    points: in the site's frame, or with frame="carla" (x, -y, z) of CARLA's map.
+    """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
     x, y, z = points.T
@@ -175,44 +184,49 @@ def to_network(
 
 
 def from_network(boxes: BoxRows, site: str) -> BoxRows:
-    """Turn boxes of the network into the site's frame."""
-    turned = boxes.copy()
+    """Boxes of the network in the site's frame; the inverse of `to_network`."""
+    x, y = boxes[:, :2].T
+    yaw = boxes[:, 6]
+    site_boxes = boxes.copy()
     if site == "tjunction":
         rx, ry = REFERENCE[site]
-        turned[:, 0] = 196 - ry - boxes[:, 1]
-        turned[:, 1] = 104 - rx - boxes[:, 0]
-        turned[:, 6] = -np.pi / 2 - boxes[:, 6]
+        site_boxes[:, 0] = 196 - ry - y
+        site_boxes[:, 1] = 104 - rx - x
+        site_boxes[:, 6] = -np.pi / 2 - yaw
     else:
-        turned[:, 1] = -boxes[:, 1]
-        turned[:, 6] = -boxes[:, 6]
-    return turned
+        site_boxes[:, 1] = -y
+        site_boxes[:, 6] = -yaw
+    return site_boxes
 
 
 def from_published(
     weights: dict[str, Tensor], network: VoxelNet, origin: str | Path
 ) -> dict[str, Tensor]:
-    """Rename published tensors. Raises ValueError unless all are present in the right shapes."""
-    ours = network.state_dict()
+    """Published tensors by their names in `network`.
+
+    origin: the file, for errors. Raises ValueError unless all are present in the right shapes.
+    """
+    state = network.state_dict()
+    # the published linear layers are 1x1 convolutions
     linear = {
         name: tensor[..., None, None]
-        for name, tensor in ours.items()
+        for name, tensor in state.items()
         if name.endswith("linear.weight")
     }
-    check_tensors(
-        {name_in_paper(name): tensor for name, tensor in (ours | linear).items()}, weights, origin
-    )
+    expected = {name_in_paper(name): tensor for name, tensor in (state | linear).items()}
+    check_tensors(expected, weights, origin)
     tensors = {
-        name: weights[name_in_paper(name)].reshape(tensor.shape) for name, tensor in ours.items()
+        name: weights[name_in_paper(name)].reshape(tensor.shape) for name, tensor in state.items()
     }
+    # inputs of the first layer: position and offset of a point, each x, up, y
+    first_layer = "features.layers.0.linear.weight"
     columns = [*_UP_LAST, *(3 + k for k in _UP_LAST)]
-    tensors["features.layers.0.linear.weight"] = tensors["features.layers.0.linear.weight"][
-        :, columns
-    ]
+    tensors[first_layer] = tensors[first_layer][:, columns]
     return tensors
 
 
 def name_in_paper(name: str) -> str:
-    """Published name of a tensor."""
+    """Published name of a tensor, by its name in `VoxelNet`. Raises ValueError if it has none."""
     for pattern, published_name in _NAMES:
         if match := re.match(pattern, name):
             return published_name(*map(int, match.groups())) + name[match.end() :]

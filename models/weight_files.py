@@ -87,13 +87,14 @@ def save_weights(path: str | Path, network: VoxelNet, header: WeightsHeader) -> 
         "ap": json.dumps(header.ap),
     }
     content = save(tensors, metadata)
-    # size of the header, which the library orders differently in every process
-    size = int.from_bytes(content[:8], "little")
-    ordered = json.dumps(
-        json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")
-    ).encode()
-    ordered += b" " * (-len(ordered) % 8)  # so that the tensors are aligned
-    write_bytes(path, len(ordered).to_bytes(8, "little") + ordered + content[8 + size :])
+    # a safetensors file: 8 bytes with the size of a JSON header, the header, the tensors; the
+    # library orders the header differently in every process, so it is sorted here
+    header_end = 8 + int.from_bytes(content[:8], "little")
+    entries = json.loads(content[8:header_end])
+    sorted_header = json.dumps(entries, sort_keys=True, separators=(",", ":")).encode()
+    sorted_header += b" " * (-len(sorted_header) % 8)  # so that the tensors are aligned
+    size = len(sorted_header).to_bytes(8, "little")
+    write_bytes(path, size + sorted_header + content[header_end:])
 
 
 def load_weights(path: str | Path) -> tuple[VoxelNet, WeightsHeader]:
@@ -120,7 +121,9 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, WeightsHeader]:
         raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
     if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
         raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
-    header = WeightsHeader(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
+    header = WeightsHeader(
+        site=metadata.get("site", ""), seed=seed, commit=metadata.get("commit", ""), ap=ap
+    )
     return network.eval(), header
 
 
@@ -176,13 +179,16 @@ def _build_network(path: Path, metadata: dict[str, str], tensors: dict[str, Tens
 
 
 def _reason(error: Exception) -> str:
+    """First line of an error's text, at most 160 characters, or its class without a text."""
     return (str(error).splitlines() or [type(error).__name__])[0][:160]
 
 
 def check_tensors(
     expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path
 ) -> None:
-    """Raise ValueError unless names and shapes agree."""
+    """Raise ValueError unless the tensors are finite and have the expected names and shapes.
+
+    origin: the file, for the error."""
     missing = expected.keys() - tensors.keys()
     unknown = tensors.keys() - expected.keys()
     if missing or unknown:
@@ -213,7 +219,7 @@ def digest_tensors(tensors: dict[str, Tensor]) -> str:
 
 
 def digest_detector(weights: str, *settings: object) -> str:
-    """SHA-256 of a detector's weights digest and settings."""
+    """SHA-256 of a detector's weights digest, and of settings that JSON can hold."""
     return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()
 
 
