@@ -141,10 +141,12 @@ def safe_cell(text: str) -> str:
 
 
 def _fixed(value: float, decimals: int) -> str:
+    """Number with so many decimals; + 0.0 makes a rounded -0.0 a 0.0."""
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def _bearing(sensor: PlannedSensor) -> float:
+    """Bearing of a sensor with one decimal, in [0, 360) degrees also after rounding."""
     return round(sensor.bearing_deg, 1) % 360.0
 
 
@@ -159,14 +161,15 @@ def plan_geojson(
     for sensor in sensors:
         properties = {name: getattr(sensor, name) for name in SENSOR_PROPERTIES}
         for name, digits in ROUNDED_DIGITS.items():
-            properties[name] = round(properties[name], digits) + 0.0
+            properties[name] = round(properties[name], digits) + 0.0  # no -0.0
         properties["bearing_deg"] = _bearing(sensor)
         layers.append(
             feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties)
         )
     cell_m2 = ground.cell**2
-    visible = ground.seen & ground.open_ground
-    for sensor, cells, polygons in zip(sensors, visible, visible_polygons(ground), strict=True):
+    visible_cells = ground.seen & ground.open_ground
+    sensor_polygons = visible_polygons(ground)
+    for sensor, cells, polygons in zip(sensors, visible_cells, sensor_polygons, strict=True):
         shape = shapely.MultiPolygon(polygons)
         area_m2 = round(float(cells.sum()) * cell_m2, 1)
         layers.append(feature(site, shape, layer="visible", name=sensor.name, m2=area_m2))

@@ -65,7 +65,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class GroundShares:
-    """Shares of the area's open ground.
+    """Shares of the area's open ground, from 0 to 1, and areas.
 
     Attributes:
         seen_by: Shares seen by at least 1, 2 and 3 sensors.
@@ -92,19 +92,20 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
     for a cell that is not positive, so large that a side has fewer than two, or far too small."""
     grid = lay_grid(site, cell, TARGET_HEIGHT_M)
     scenery = build_scenery(site)
-    lines = SightLines(scenery)
+    sight_lines = SightLines(scenery)
+    # measurements of the empty site, then of the same ground without anything on it
     images = Renderer(site, (), sensors, scenery).background
-    bare_images = Renderer(site, (), sensors, ground_mesh(site)).background
+    ground_images = Renderer(site, (), sensors, ground_mesh(site)).background
     shape = (len(sensors), len(grid.y), len(grid.x))
     seen = np.zeros(shape, bool)
     density = np.zeros(shape, np.float32)
     for s, sensor in enumerate(sensors):
-        local = transform(invert(sensor.pose), grid.points)
-        seen[s] = grid.open_ground & sensor.model.in_view(local)
-        seen[s, seen[s]] = lines.clear(sensor.position, grid.points[seen[s]])
-        is_ground = np.abs(images[s] - bare_images[s]) < SAME_RANGE_M
-        on_ground = np.where(is_ground, images[s], np.float32(0))
-        cell_density = _density(sensor, on_ground, grid.x, grid.y)
+        sensor_points = transform(invert(sensor.pose), grid.points)  # in the sensor's frame
+        seen[s] = grid.open_ground & sensor.model.in_view(sensor_points)
+        seen[s, seen[s]] = sight_lines.clear(sensor.position, grid.points[seen[s]])
+        is_ground = np.abs(images[s] - ground_images[s]) < SAME_RANGE_M
+        ground_image = np.where(is_ground, images[s], np.float32(0))  # 0: no measurement
+        cell_density = _density(sensor, ground_image, grid.x, grid.y)
         density[s] = np.where(grid.open_ground, cell_density, np.float32(0))
     middles = grid.points[..., :2]
     return Ground(
@@ -153,14 +154,19 @@ def lay_grid(site: Site, cell: float, height: float) -> Grid:
         raise ValueError(
             f"{problem}: take cells of {np.sqrt(sides.prod() / MAX_CELLS):.2g} m or more"
         )
-    middle = (area[:2] + area[2:]) / 2
-    counts = np.rint(sides / cell)
-    x = middle[0] + (np.arange(counts[0]) - (counts[0] - 1) / 2) * cell
-    y = middle[1] + (np.arange(counts[1]) - (counts[1] - 1) / 2) * cell
+    middle_x, middle_y = (area[:2] + area[2:]) / 2
+    columns, rows = np.rint(sides / cell)
+    x = middle_x + (np.arange(columns) - (columns - 1) / 2) * cell
+    y = middle_y + (np.arange(rows) - (rows - 1) / 2) * cell
     middles = np.stack(np.meshgrid(x, y), axis=-1)
     ground = np.concatenate([middles, site.ground(middles)[..., None]], axis=-1)
     up = np.array([0.0, 0.0, 1.0])
-    return Grid(x, y, ground + height * up, _open_ground(site, ground + TARGET_HEIGHT_M * up))
+    return Grid(
+        x=x,
+        y=y,
+        points=ground + height * up,
+        open_ground=_open_ground(site, ground + TARGET_HEIGHT_M * up),
+    )
 
 
 def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
@@ -179,8 +185,8 @@ def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
         )
     views = ground.views[ground.open_ground]
     cell_m2 = ground.cell**2
-    lanes = (ground.views == 0)[ground.open_ground & ground.lanes]
-    seen = (ground.seen & ground.open_ground).sum(axis=(1, 2))
+    is_blind_lane = (ground.views == 0)[ground.open_ground & ground.lanes]
+    seen_cells = (ground.seen & ground.open_ground).sum(axis=(1, 2))  # for each sensor
     return GroundShares(
         seen_by=(
             float((views >= 1).mean()),
@@ -188,8 +194,8 @@ def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
             float((views >= 3).mean()),
         ),
         blind=float((views == 0).mean()),
-        blind_lanes=float(lanes.mean()) if len(lanes) else 0.0,
-        sensor_m2=dict(zip(names, (seen * cell_m2).tolist(), strict=True)),
+        blind_lanes=float(is_blind_lane.mean()) if len(is_blind_lane) else 0.0,
+        sensor_m2=dict(zip(names, (seen_cells * cell_m2).tolist(), strict=True)),
         open_m2=float(len(views) * cell_m2),
         blind_m2=float((views == 0).sum() * cell_m2),
     )
@@ -214,8 +220,8 @@ def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
 def _density(
     sensor: Sensor, image: ImageRanges, x: np.ndarray, y: np.ndarray
 ) -> Float32[np.ndarray, "ny nx"]:
-    """Points of an image in each cell, per m²."""
-    xyz, valid = unproject(sensor, image)
+    """Points of an image in each cell, per m². x, y: centres of columns and rows (m)."""
+    xyz, valid = unproject(sensor, image)  # x y z (3, pixels), and a mask of those that returned
     cell = x[1] - x[0]
     edges = [np.append(middles - cell / 2, middles[-1] + cell / 2) for middles in (y, x)]
     counts = np.histogram2d(xyz[1, valid], xyz[0, valid], bins=edges)[0]
@@ -223,19 +229,25 @@ def _density(
 
 
 def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np.ndarray, "ny nx"]:
-    """Mask of targets without a solid or pond."""
+    """Mask of targets without a pond or a solid close above the ground.
+
+    targets: points `TARGET_HEIGHT_M` above the ground.
+    """
     open_ground = np.ones(targets.shape[:2], bool)
     if not site.solids:
         return open_ground
-    flat = targets.reshape(-1, 3)
-    solids = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in site.solids])
-    target, solid_index = solids.query(shapely.points(flat[:, :2]), predicate="intersects")
+    target_rows = targets.reshape(-1, 3)
+    footprints = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in site.solids])
+    # pairs of a target and a solid on whose footprint it is
+    target, solid_index = footprints.query(
+        shapely.points(target_rows[:, :2]), predicate="intersects"
+    )
     base = np.array([solid.base for solid in site.solids])[solid_index]
     top = np.array([solid.top for solid in site.solids])[solid_index]
-    water = np.array([solid.kind == "pond" for solid in site.solids])[solid_index]
-    height = flat[target, 2]
+    is_water = np.array([solid.kind == "pond" for solid in site.solids])[solid_index]
+    height = target_rows[target, 2]
     is_blocked = (base < height - TARGET_HEIGHT_M + MIN_CLEARANCE_M) & (top >= height)
-    open_ground.ravel()[target[water | is_blocked]] = False
+    open_ground.ravel()[target[is_water | is_blocked]] = False
     return open_ground
 
 
@@ -249,17 +261,20 @@ def _covered(
 
 
 def _polygons(ground: Ground, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.Polygon]:
-    """Merge cells along their edges; the steps of slanting edges are smoothed to about half a
-    cell."""
+    """Polygons of the cells of a mask, with holes (m, site frame).
+
+    Steps of slanting edges are smoothed to about half a cell; pieces and holes below
+    `MIN_POLYGON_M2` are left out.
+    """
     half = ground.cell / 2
+    # 1 at the first cell of each run of cells in a row, -1 behind its last one
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    rows, first = np.nonzero(edges == 1)
-    end = np.nonzero(edges == -1)[1]
-    # one box for each run of cells in a row
+    rows, first_columns = np.nonzero(edges == 1)
+    _, end_columns = np.nonzero(edges == -1)
     runs = shapely.box(
-        ground.x[first] - half,
+        ground.x[first_columns] - half,
         ground.y[rows] - half,
-        ground.x[end - 1] + half,
+        ground.x[end_columns - 1] + half,
         ground.y[rows] + half,
     )
     merged = shapely.simplify(shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half)

@@ -98,7 +98,14 @@ class LinkLoad:
 
 @dataclass(frozen=True)
 class MaterialItem:
-    """One line of the bill of materials."""
+    """One line of the bill of materials.
+
+    Attributes:
+        item: Name of the article.
+        count: Number of pieces.
+        unit_price: Price of one piece.
+        price: Price of all pieces.
+    """
 
     item: str
     count: int
@@ -192,13 +199,13 @@ def set_names(candidates: Candidates, chosen: Chosen) -> tuple[str, ...]:
 
 
 def is_named_by_pole(name: str, pole: str) -> bool:
-    """Return True for a sensor's name that says its pole.
+    """Return True for a sensor's name that begins with its pole's name, as `name_by_poles` gives.
 
     >>> is_named_by_pole("12-3 b", "12/3"), is_named_by_pole("P10", "P1")
     (True, False)
     """
-    plain = name_sensor(pole)
-    return name == plain or name.startswith(f"{plain} ")
+    pole_name = name_sensor(pole)
+    return name == pole_name or name.startswith(f"{pole_name} ")
 
 
 def unused_mounts(
@@ -341,7 +348,7 @@ def bill_of_rates(
 
 
 def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem, ...]:
-    """Sensors by model, then poles by price."""
+    """Line for each model and price of sensors, then for each price of poles."""
     models = Counter((sensor.model, sensor.model_price) for sensor in sensors)
     poles = Counter[float]()
     earlier_poles: set[str] = set()
