@@ -201,5 +201,6 @@ def _describe_unknown(name: str, known: Collection[str], kind: type[EnvConfig]) 
 
 
 def _bounds(number: int | Sequence[int]) -> tuple[int, int]:
+    """Lowest and highest of a range, which may be a single number."""
     low, high = (number, number) if isinstance(number, int | np.integer) else number
     return int(low), int(high)

@@ -144,7 +144,7 @@ class Task:
         return array.reshape(shape)
 
     def draw(self, row: int, mode: str) -> Picture:
-        """Draw a row, or describe it in text."""
+        """Picture of the episode in a row, or its description with mode "ansi"."""
         objective, members = self.running().state.placement(row)
         return bird_view(objective, members) if mode == "rgb_array" else summary(objective, members)
 
@@ -306,10 +306,12 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return tuple(self.task.draw(row, mode) for row in range(self.num_envs))
 
     def _start(self, rows: np.ndarray, options: Options | None) -> None:
+        """Start new episodes in some rows, each from its generator."""
         self.task.reset(rows, [self._generators[row] for row in rows.tolist()], options)
 
 
 def _check_render_mode(render_mode: str | None) -> str | None:
+    """The render mode. Raises ValueError for an unknown one."""
     if render_mode not in (None, *RENDER_MODES):
         raise ValueError(
             f"render_mode must be None or one of {', '.join(RENDER_MODES)}, got {render_mode!r}"
@@ -329,7 +331,8 @@ def _first_info(info: Info) -> Info:
 
 
 def _batch_info(info: Info, rows: np.ndarray) -> Info:
-    """Info as in Gymnasium's vector environments."""
+    """Info as in Gymnasium's vector environments: next to each key a mask, _key, of the rows that
+    have a value."""
     batched: Info = {}
     for key, value in info.items():
         batched[key] = _batch_info(value, rows) if isinstance(value, dict) else value
@@ -348,19 +351,20 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
     site = objective.site
     spots = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
     area = find_area(objective)
-    feet = np.concatenate([[area[:2], area[2:]], spots])
-    side = _SIDE_INCHES - _HEAD_INCHES - _FOOT_INCHES
-    low = feet.min(axis=0) - PICTURE_MARGIN_M
-    high = feet.max(axis=0) + PICTURE_MARGIN_M
-    middle = (low + high) / 2
-    reach = (high - low).max() / 2 * np.array([_SIDE_INCHES / side, 1.0])
-    scale = side / (2 * reach[1])  # inches a metre
+    shown_points = np.concatenate([[area[:2], area[2:]], spots])
+    map_inches = _SIDE_INCHES - _HEAD_INCHES - _FOOT_INCHES  # height of the map
+    low = shown_points.min(axis=0) - PICTURE_MARGIN_M
+    high = shown_points.max(axis=0) + PICTURE_MARGIN_M
+    middle_x, middle_y = (low + high) / 2
+    # half extents of the map (m): it is wider than high
+    reach_x, reach_y = (high - low).max() / 2 * np.array([_SIDE_INCHES / map_inches, 1.0])
+    scale = map_inches / (2 * reach_y)  # inches a metre
     with canvas.house_style():
         figure = canvas.blank_figure(_SIDE_INCHES, _SIDE_INCHES)
-        axes = figure.add_axes((0, _FOOT_INCHES / _SIDE_INCHES, 1, side / _SIDE_INCHES))
+        axes = figure.add_axes((0, _FOOT_INCHES / _SIDE_INCHES, 1, map_inches / _SIDE_INCHES))
         axes.set(
-            xlim=(middle[0] - reach[0], middle[0] + reach[0]),
-            ylim=(middle[1] - reach[1], middle[1] + reach[1]),
+            xlim=(middle_x - reach_x, middle_x + reach_x),
+            ylim=(middle_y - reach_y, middle_y + reach_y),
         )
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
@@ -392,11 +396,15 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
 
 
 def _name(objective: Objective) -> str:
+    """Name of the site, or words for an unknown one."""
     return "a site" if objective.site is None else objective.site.name
 
 
 def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> str:
-    """Draw some vehicles, coloured by the members' points, and return a caption."""
+    """Draw some vehicles, coloured by the points of the chosen sensors (members) on them.
+
+    Returns a caption with their number.
+    """
     from matplotlib.collections import PolyCollection
 
     noun = (
@@ -424,7 +432,10 @@ def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> st
 
 
 def _draw_strips(figure: "Figure", scale: float) -> "Axes":
-    """Draw scale bar and legend below the map, in inches."""
+    """Axes below the map, in inches from the lower left, with a scale bar and a legend.
+
+    scale: inches of the map for one metre.
+    """
     strip = figure.add_axes((0, 0, 1, _FOOT_INCHES / _SIDE_INCHES))
     strip.set(xlim=(0, _SIDE_INCHES), ylim=(0, _FOOT_INCHES))
     strip.set_axis_off()

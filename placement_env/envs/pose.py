@@ -43,11 +43,13 @@ class Rig:
 
         A sensor that was beyond a limit may stay beyond it."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
+        present_height = self.aim[:, 0]
+        present_tilt = self.aim[:, 2]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * UNIT_MOVE).T
-        min_height = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
-        max_height = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
-        min_tilt = np.minimum(TILT_LIMITS_RAD[0], self.aim[:, 2])
-        max_tilt = np.maximum(TILT_LIMITS_RAD[1], self.aim[:, 2])
+        min_height = np.minimum([mount.min_height for mount in mounts], present_height)
+        max_height = np.maximum([mount.max_height for mount in mounts], present_height)
+        min_tilt = np.minimum(TILT_LIMITS_RAD[0], present_tilt)
+        max_tilt = np.maximum(TILT_LIMITS_RAD[1], present_tilt)
         aim = [
             np.clip(height, min_height, max_height),
             np.arctan2(np.sin(heading), np.cos(heading)),
@@ -128,10 +130,10 @@ class _PoseScenarios(EpisodeSource):
         slots = np.arange(self.slots)
         scenario = self.scenario(preparation, rig, None)
         return _PoseEpisode(
-            scenario,
-            budget,
-            np.zeros(self.slots, np.bool_),
-            slots < budget,
+            scenario=scenario,
+            budget=budget,
+            failed=np.zeros(self.slots, np.bool_),
+            chosen=slots < budget,
             preparation=preparation,
             rig=rig,
         )
@@ -184,7 +186,7 @@ class _PoseTask(Task):
         scenarios = dict[int, Scenario]()
         for row in np.flatnonzero(active).tolist():
             episode = self._now[row]
-            objective = state.placement(row)[0]
+            objective, _ = state.placement(row)
             rig = episode.rig.move(moves[row, : len(episode.rig.aim)])
             if (rig.aim == episode.rig.aim).all():
                 continue
@@ -211,26 +213,28 @@ def _see_again(
     visibility: Visibility | None,
     is_still: Bool[np.ndarray, " C"],
 ) -> Visibility:
-    """View of the traffic, copied from `visibility` for candidates that have not moved."""
+    """View of the traffic, copied from `visibility` for candidates that have not moved.
+
+    is_still: candidates that have not moved; none if there is no `visibility`.
+    """
     moved_rows = np.flatnonzero(~is_still)
-    moved_candidates = (
-        candidates if len(moved_rows) == len(is_still) else candidates.select(moved_rows)
-    )
+    all_moved = len(moved_rows) == len(is_still)
+    moved_candidates = candidates if all_moved else candidates.select(moved_rows)
     live = preparation.live
     labels = preparation.setting.counted.labels
-    fresh = (
-        see(preparation.traffic, moved_candidates, labels=labels)
-        if live is None
-        else live.see(moved_candidates)
-    )
-    if visibility is None or len(moved_rows) == len(is_still):
-        return fresh
-    columns = {
+    if live is None:
+        moved_view = see(preparation.traffic, moved_candidates, labels=labels)
+    else:
+        moved_view = live.see(moved_candidates)
+    if visibility is None or all_moved:
+        return moved_view
+    # fields with a row for each candidate
+    fields = {
         name: getattr(visibility, name).copy() for name in ("points", "distance", "sent", "far")
     }
-    for name, column in columns.items():
-        column[moved_rows] = getattr(fresh, name)
-    return replace(visibility, **columns)
+    for name, rows in fields.items():
+        rows[moved_rows] = getattr(moved_view, name)
+    return replace(visibility, **fields)
 
 
 class SensorPoseEnv(PlacementEnv):
@@ -282,4 +286,5 @@ class SensorPoseVectorEnv(PlacementVectorEnv):
 
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:
+    """Height of the foot of each candidate's mount (m, site frame)."""
     return np.array([candidates.mounts[index].position[2] for index in candidates.mount])

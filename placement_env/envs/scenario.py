@@ -55,8 +55,8 @@ class Scenario:
         objective: Objective.
         slots: Number of slots.
         width: Number of candidates.
-        usable: Slots with a candidate whose link carries its data.
-        seen: Places that each candidate sees, a bit each.
+        usable: True for slots with a candidate whose link carries its data.
+        seen: Places that each candidate sees, 64 in a word, a bit each.
         places: Number of places.
         static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to
             the area, whose sides are at ±0.5; z is in units of 20 m, tilt of a right angle, the
@@ -77,11 +77,11 @@ class Scenario:
             raise ValueError(f"{problem}: make it with slots={self.width}")
         self.usable = np.pad(objective.linked, (0, slots - self.width))
         seen = places_seen(objective)
-        rows = np.zeros((slots, MAX_PLACES), np.bool_)
+        slot_places = np.zeros((slots, MAX_PLACES), np.bool_)
         self.places = seen.shape[1]
-        rows[: len(seen), : self.places] = seen
+        slot_places[: len(seen), : self.places] = seen
         self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(
-            np.packbits(rows, axis=1).view(np.uint64).T
+            np.packbits(slot_places, axis=1).view(np.uint64).T
         )
         self.static = np.zeros((len(STATIC), slots), np.float32)
         seen_share = seen.sum(axis=1) / max(1, self.places)
@@ -91,6 +91,7 @@ class Scenario:
         self.constants = np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
     def _features(self, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
+        """`STATIC` features of the candidates. seen: share of the places that each one sees."""
         sensor_poses = poses(self.objective.candidates)
         position = sensor_poses.position
         area = find_area(self.objective)
@@ -116,20 +117,22 @@ class Scenario:
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Places that each candidate sees: vehicles with enough points, or spots of the area."""
+    """Mask of the places that each candidate sees: vehicles with enough points, or, without
+    traffic, spots of the area in the field of view."""
     if objective.visibility is not None:
-        points = objective.visibility.points
-        spread = np.linspace(0, points.shape[1] - 1, MAX_PLACES).round().astype(np.int64)
-        rows = np.unique(spread)[: points.shape[1]]
-        return np.asarray(points[:, rows] >= LEAST)
+        points = objective.visibility.points  # candidates x vehicles
+        columns = np.linspace(0, points.shape[1] - 1, MAX_PLACES).round().astype(np.int64)
+        columns = np.unique(columns)[: points.shape[1]]
+        return np.asarray(points[:, columns] >= LEAST)
     xmin, ymin, xmax, ymax = find_area(objective)
+    # 22² = 484 spots, fewer than `MAX_PLACES`
     x, y = np.meshgrid(np.linspace(xmin, xmax, 22), np.linspace(ymin, ymax, 22))
     sensor_poses = poses(objective.candidates)
     dx = x.ravel() - sensor_poses.position[:, :1]
     dy = y.ravel() - sensor_poses.position[:, 1:2]
     turn = np.arctan2(dy, dx) - sensor_poses.heading[:, None]
-    bearing = np.angle(np.exp(1j * turn))
-    is_in_view = np.abs(bearing) <= sensor_poses.fov[:, None] / 2
+    off_axis = np.angle(np.exp(1j * turn))  # in -π..π
+    is_in_view = np.abs(off_axis) <= sensor_poses.fov[:, None] / 2
     return np.asarray(is_in_view & (np.hypot(dx, dy) <= VIEW_RANGE_M))
 
 
@@ -179,8 +182,8 @@ class Episode:
     Attributes:
         scenario: Scenario.
         budget: Largest number of sensors.
-        failed: Slots of failed candidates.
-        chosen: Slots of sensors that exist from the start.
+        failed: True for slots of failed candidates.
+        chosen: True for slots of sensors that exist from the start, None for no sensors.
     """
 
     scenario: Scenario
@@ -215,8 +218,11 @@ class Conditions(NamedTuple):
 class EpisodeSource:
     """Sites of an environment, and the episodes drawn from them.
 
-    sites: the first `drawn` are from the config, options may name others; slots: number in every
-    scenario.
+    config: configuration of the environment. candidates: at every site, None for the setting's.
+
+    Attributes:
+        sites: Sites; the first `drawn` are from the config, options of `reset` add others.
+        slots: Number of slots in every scenario.
     """
 
     slots: int
@@ -235,7 +241,10 @@ class EpisodeSource:
         raise NotImplementedError
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Number of a site."""
+        """Number of a site, which is loaded if it is new; None for one of the config's, drawn.
+
+        Nothing is drawn from a single one.
+        """
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
         for index, (name, loaded) in enumerate(zip(self._given, self.sites, strict=True)):
@@ -286,13 +295,18 @@ class EpisodeSource:
         budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
         failed = options.get("failed", [])
         if "failed" not in options and config.failure_counts[1]:
-            count = len(self.candidates(site))
-            drawn_number = min(_within(config.failure_counts, rng), count)
-            failed = sorted(rng.choice(count, drawn_number, replace=False).tolist())
-        count = OTHER_TRAFFICS if config.traffics is None else config.traffics
-        drawn_number = _within((0, count - 1), rng)
-        traffic = FIRST_TRAFFIC_PART + drawn_number if drawn_number else 0
-        return Conditions(site, find_scheme(scheme), int(budget), failed, traffic)
+            candidate_count = len(self.candidates(site))
+            failure_count = min(_within(config.failure_counts, rng), candidate_count)
+            failed = sorted(rng.choice(candidate_count, failure_count, replace=False).tolist())
+        traffic_count = OTHER_TRAFFICS if config.traffics is None else config.traffics
+        traffic = _within((0, traffic_count - 1), rng)
+        return Conditions(
+            site=site,
+            scheme=find_scheme(scheme),
+            budget=int(budget),
+            failed=failed,
+            traffic=FIRST_TRAFFIC_PART + traffic if traffic else 0,
+        )
 
 
 class Scenarios(EpisodeSource):
@@ -353,13 +367,14 @@ class Scenarios(EpisodeSource):
                 f"{rule}, this site has {shape}: make the environment with all its sites"
             )
         failed = np.pad(scenario.objective.row(conditions.failed), (0, self.slots - scenario.width))
-        episode = Episode(scenario, conditions.budget, failed)
+        episode = Episode(scenario=scenario, budget=conditions.budget, failed=failed)
         if not options and not self.config.leaves_open and self.drawn == 1:
             self._always = episode
         return episode
 
 
 def _describe_budget(budget: int, count: int) -> str:
+    """Error for a budget above the number of candidates."""
     return (
         f"budget must be at most the number of candidates, {count}, got {budget}: lower it, or "
         "add candidates"
@@ -367,13 +382,14 @@ def _describe_budget(budget: int, count: int) -> str:
 
 
 def keep_few(kept_values: dict[Key, Made], key: Key, value: Made) -> None:
-    """Keep a value, and forget the oldest of many."""
+    """Keep a value, and forget the oldest of more than `MAX_KEPT_SCENARIOS`."""
     kept_values[key] = value
     if len(kept_values) > MAX_KEPT_SCENARIOS:
         del kept_values[next(iter(kept_values))]
 
 
 def _load(site: Site | str) -> Site:
+    """Site itself, or by its name or file. Raises ValueError for anything else."""
     if isinstance(site, Site):
         return site
     if not isinstance(site, str):
@@ -382,10 +398,13 @@ def _load(site: Site | str) -> Site:
 
 
 def _within(bounds: tuple[int, int], rng: np.random.Generator) -> int:
-    return bounds[0] if bounds[0] == bounds[1] else int(rng.integers(bounds[0], bounds[1] + 1))
+    """Random whole number from the lowest to the highest; equal bounds draw nothing."""
+    low, high = bounds
+    return low if low == high else int(rng.integers(low, high + 1))
 
 
 def _check_options(options: Options | None) -> Options:
+    """Options of `reset`. Raises ValueError for an unknown or unsuitable one."""
     options = options or {}
     if unknown := set(options) - set(OPTIONS):
         raise ValueError(

@@ -19,7 +19,8 @@ class _SelectTask(Task):
 
     def __init__(self, n: int, scenarios: Scenarios) -> None:
         self.flat = not scenarios.factored
-        self.stop = scenarios.slots
+        self.stop = scenarios.slots  # the flat action that stops
+        # values of each factor: mounts, heights, headings, tilts, models; one mount more stops
         self.factors = (scenarios.shape[0] + 1, *scenarios.shape[1:])
         super().__init__(n, scenarios)
         self.action_space = (
@@ -50,7 +51,7 @@ class _SelectTask(Task):
         for scenario, rows in self.state.groups:
             masks[rows] = allowed[rows].astype(np.float32) @ self._one_hot_factors(scenario) > 0
         first_value = np.cumsum([0, *self.factors[:-1]])
-        masks[:, first_value[1] - 1] = True
+        masks[:, first_value[1] - 1] = True  # the last mount: stop
         # a factor needs a value, to stop too
         masks[:, first_value[1:]] |= ~allowed.any(axis=1, keepdims=True)
         return masks
@@ -71,13 +72,14 @@ class _SelectTask(Task):
         return np.where(is_stop, -1, slot), is_stop
 
     def _one_hot_factors(self, scenario: Scenario) -> Float32[np.ndarray, "slots choices"]:
+        """1 for the value that the candidate of a slot has of each factor, factor after factor."""
         if scenario not in self._one_hot:
             factors = scenario.objective.candidates.factors
-            values = []
+            has_value = []
             for axis, size in enumerate(self.factors):
-                values.append(np.arange(size) == factors[:, axis, None])
+                has_value.append(np.arange(size) == factors[:, axis, None])
             one_hot = np.zeros((scenario.slots, sum(self.factors)), np.float32)
-            one_hot[: len(factors)] = np.concatenate(values, axis=1)
+            one_hot[: len(factors)] = np.concatenate(has_value, axis=1)
             self._one_hot[scenario] = one_hot
         return self._one_hot[scenario]
 

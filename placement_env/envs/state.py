@@ -108,9 +108,12 @@ class State:
         chosen: Bool[np.ndarray, "n slots"] | None = None,
         scenarios: Mapping[int, Scenario] | None = None,
     ) -> None:
-        """Step the active episodes to these sets, or to other scenarios of some rows, unless
-        illegal."""
-        before = self.scores.reward.copy()
+        """Step the active episodes to these sets, or to other scenarios of some rows.
+
+        illegal: rows whose action was illegal, for the info; the caller decides on their sets.
+        scenarios: new scenarios by row.
+        """
+        earlier_reward = self.scores.reward.copy()
         is_changed = np.zeros(self.n, np.bool_)
         if chosen is not None:
             is_changed = active & (chosen != self.chosen).any(axis=1)
@@ -122,16 +125,16 @@ class State:
         self.illegal = illegal
         self.repeated = active & ~is_changed
         self._score(is_changed.nonzero()[0])
-        self.gain = np.where(active, self.scores.reward - before, 0.0)
+        self.gain = np.where(active, self.scores.reward - earlier_reward, 0.0)
         self._find_allowed()
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Mask:
         """Mask of sets that are feasible, within budget, and without failed sensors."""
         is_fitting = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.groups:
-            inside = chosen[rows, : scenario.width]
-            outside = chosen[rows, scenario.width :]
-            is_fitting[rows] &= scenario.objective.feasible(inside) & ~outside.any(axis=1)
+            candidates = chosen[rows, : scenario.width]
+            empty_slots = chosen[rows, scenario.width :]
+            is_fitting[rows] &= scenario.objective.feasible(candidates) & ~empty_slots.any(axis=1)
         return is_fitting
 
     def placement(self, row: int) -> tuple[Objective, list[int]]:
@@ -146,7 +149,7 @@ class State:
         Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1).
         """
         n = self.n
-        static = len(STATIC)
+        static = len(STATIC)  # number of these features, and index of the first of `DYNAMIC`
         feature_count = len(STATIC) + len(DYNAMIC)
         observations = np.empty((n, feature_count * self.slots + len(GLOBAL)), np.float32)
         features = observations[:, : -len(GLOBAL)].reshape(n, feature_count, self.slots)
@@ -159,7 +162,7 @@ class State:
             features[rows, static] = added / places
         features[:, -2] = self.chosen
         features[:, -1] = self.allowed
-        global_features = observations[:, -len(GLOBAL) :]
+        global_features = observations[:, -len(GLOBAL) :]  # a view, in the order of `GLOBAL`
         scores = self.scores
         megabit = self.scores.kbit_per_sensor / 1000
         global_features[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
@@ -210,6 +213,7 @@ class State:
         return info
 
     def _score(self, rows: Int64[np.ndarray, " m"]) -> None:
+        """Write the scores of the chosen sets of some rows."""
         if not len(rows):
             return
         for scenario, members in self.groups:
@@ -220,6 +224,7 @@ class State:
                     figure[scored_rows] = value
 
     def _enter(self, scenarios: Mapping[int, Scenario]) -> None:
+        """Take over the scenarios of some rows, and group all rows by scenario."""
         changed = {
             row: scenario
             for row, scenario in scenarios.items()
@@ -257,7 +262,7 @@ class State:
 def find_room(
     scenario: Scenario, chosen: Bool[np.ndarray, "n slots"]
 ) -> Bool[np.ndarray, "n slots"]:
-    """Mask of other candidates that may join, by their links and the room on their mounts."""
+    """Mask of candidates that may join each of n sets: their links and mounts have room."""
     objective = scenario.objective
     width = scenario.width
     has_room = scenario.usable & ~chosen
@@ -276,7 +281,10 @@ def find_room(
 def coverage_gain(
     seen: Shaped[np.ndarray, "words slots"], chosen: Bool[np.ndarray, "n slots"]
 ) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
-    """Number of places that are seen, and that each candidate would add."""
+    """Number of places that each of n sets sees, and the number that each candidate would add.
+
+    seen: places that each candidate sees, 64 in a word, a bit each.
+    """
     covered = np.zeros((len(chosen), len(seen)), np.uint64)
     row, slot = chosen.nonzero()
     np.bitwise_or.at(covered, row, seen.T[slot])
