@@ -34,7 +34,11 @@ class StageFigure(NamedTuple):
 
     @property
     def ends(self) -> Interval:
-        """Ends that hold practically always (`CERTAIN_SHARE`): Wilson's, widened by the spread."""
+        """Interval of the AP that holds practically always (`CERTAIN_SHARE`).
+
+        It is Wilson's for independent objects, each of which lives `LIFE` frames, widened by the
+        spread.
+        """
         share = min(max(self.ap, 0.0), 1.0)
         low, high = share_interval(share, max(self.objects / LIFE, 1.0), CERTAIN_SHARE)
         margin = CERTAIN_ERRORS * self.spread
@@ -55,5 +59,6 @@ def check_agreement(sensors: Sequence[str], earlier: StageFigure, later: StageFi
 
 
 def _describe_stage(figure: StageFigure) -> str:
+    """Words for the AP of a stage and what it rests on."""
     ap = format_share(figure.ap, figure.objects)
     return f"AP {ap} {figure.stage} ({figure.objects} to find in {figure.frames} frames)"

@@ -32,7 +32,7 @@ class Approaches:
     Attributes:
         names: Names of the places; the last is `PARKED`.
         lanes: Centre lines of each place except the last.
-        bays: Parking bays.
+        bays: Parking bays (x, y, yaw).
     """
 
     names: tuple[str, ...]
@@ -42,10 +42,10 @@ class Approaches:
     def locate(self, boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
         """Index into `names` for each box. A box is parked in a bay, otherwise on the nearest
         lane."""
-        spots = shapely.points(boxes[:, :2])
+        centres = shapely.points(boxes[:, :2])
         nearest = np.zeros(len(boxes), np.int64)
         if len(self.lanes):
-            distances = [shapely.distance(line, spots) for line in self.lanes]
+            distances = [shapely.distance(line, centres) for line in self.lanes]
             nearest = np.array(distances).argmin(axis=0)
         bay_distances = np.linalg.norm(boxes[:, None, :2] - self.bays[:, :2], axis=2)
         is_parked = bay_distances.min(axis=1, initial=np.inf) <= MAX_BAY_DISTANCE_M
@@ -57,7 +57,7 @@ def find_approaches(site: Site) -> Approaches:
     root = ElementTree.fromstring(site.network or "<net/>")
     edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
     ring_edges: set[str] = set()
-    merged: dict[str, str] = {}
+    merged: dict[str, str] = {}  # name of the roundabout of each node that belongs to one
     for number, roundabout in enumerate(root.findall("roundabout")):
         ring_edges |= set(roundabout.get("edges", "").split())
         merged |= dict.fromkeys(roundabout.get("nodes", "").split(), f"roundabout {number}")
@@ -66,13 +66,13 @@ def find_approaches(site: Site) -> Approaches:
         for name, edge in edges.items()
         if not edge.get("function") and name not in ring_edges
     }
-    edge_ends: dict[str, tuple[str, str]] = {}
+    edge_ends: dict[str, tuple[str, str]] = {}  # nodes at which each road begins and ends
     neighbours: dict[str, set[str]] = defaultdict(set)
     for name, edge in roads.items():
-        begin = edge.get("from", "")
-        begin = merged.get(begin, begin)
-        end = edge.get("to", "")
-        end = merged.get(end, end)
+        first_node = edge.get("from", "")
+        last_node = edge.get("to", "")
+        begin = merged.get(first_node, first_node)
+        end = merged.get(last_node, last_node)
         edge_ends[name] = (begin, end)
         neighbours[begin].add(end)
         neighbours[end].add(begin)
@@ -81,9 +81,8 @@ def find_approaches(site: Site) -> Approaches:
         for node, adjacent in neighbours.items()
         if len(adjacent) >= 3 or node.startswith("roundabout ")
     }
-    groups = _group_lanes(
-        site, roads, edge_ends, junctions, _name_junctions(site, root, merged, junctions)
-    )
+    junction_names = _name_junctions(site, root, merged, junctions)
+    groups = _group_lanes(site, roads, edge_ends, junctions, junction_names)
     approach_lines = {line.wkb for lines in groups.values() for line in lines}
     leaving = []
     inside = []
@@ -96,7 +95,7 @@ def find_approaches(site: Site) -> Approaches:
     lanes = {name: shapely.union_all(lines) for name, lines in by_name.items() if lines}
     if not lanes:
         lanes = {JUNCTION: shapely.box(*site.area)}
-    return Approaches((*lanes, PARKED), tuple(lanes.values()), site.parking)
+    return Approaches(names=(*lanes, PARKED), lanes=tuple(lanes.values()), bays=site.parking)
 
 
 def _group_lanes(
@@ -112,8 +111,8 @@ def _group_lanes(
         if end not in junctions:
             continue
         chain = _chain(name, edge_ends, junctions)
-        start = _lines(roads[chain[-1]])[0].coords[0]
-        stop = _lines(roads[name])[0].coords[-1]
+        start = _lines(roads[chain[-1]])[0].coords[0]  # first point of the first edge
+        stop = _lines(roads[name])[0].coords[-1]  # last point, at the junction
         street = roads[name].get("name", "")
         heading = compass(site, np.subtract(start[:2], stop[:2]))
         label = f"{street}, from the {heading}" if street else f"from the {heading}"
@@ -137,7 +136,9 @@ def find_streets(site: Site) -> Approaches:
             groups["the junction" if edge.get("function") else name].append(inside)
     streets = {name: shapely.union_all(lines) for name, lines in sorted(groups.items())}
     streets = streets or {"the junction": area}
-    return Approaches((*streets, PARKED), tuple(streets.values()), np.empty((0, 3)))
+    return Approaches(
+        names=(*streets, PARKED), lanes=tuple(streets.values()), bays=np.empty((0, 3))
+    )
 
 
 def _name_junctions(
@@ -179,11 +180,14 @@ def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
 
 
 def _chain(name: str, edge_ends: dict[str, tuple[str, str]], junctions: set[str]) -> list[str]:
-    """Edge and the edges before it, back to a junction."""
+    """Names of an edge and the edges before it, back to a junction or a dead end.
+
+    edge_ends: nodes at which each edge begins and ends. Circles have a junction, so the walk ends.
+    """
     chain = [name]
     while edge_ends[chain[-1]][0] not in junctions:
         start, target = edge_ends[chain[-1]]
-        # a circle has a junction
+        # edges that lead here, but for the opposite direction of the same road
         previous = [
             edge for edge, (begin, end) in edge_ends.items() if end == start and begin != target
         ]

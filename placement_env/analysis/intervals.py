@@ -75,7 +75,11 @@ def draws_of_blocks(
 def ratio_interval(
     parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, confidence: float = 0.95
 ) -> Interval:
-    """Interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean."""
+    """Interval of sum(parts) / sum(wholes), such as recall or a mean.
+
+    parts, wholes: numerator and denominator of each frame. Raises ValueError if their numbers
+    differ.
+    """
     numerators = np.asarray(parts, np.float64)
     denominators = np.asarray(wholes, np.float64)
     if numerators.ndim != 1 or numerators.shape != denominators.shape:
@@ -101,16 +105,17 @@ def percentiles(
     confidence: float = 0.95,
     fewest: int = MIN_BLOCKS,
 ) -> Interval:
-    """Middle share of the defined figures.
+    """Interval that holds the middle share `confidence` of the figures; NaNs are left out.
 
-    blocks: number that each figure is drawn from; NaN below `fewest`.
+    blocks: number of blocks that each figure is drawn from, for which the share is widened. The
+    interval is NaN below `fewest` blocks.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
     defined = figures[~np.isnan(figures)]
     if not len(defined) or blocks < fewest:
         return Interval(math.nan, math.nan)
-    tail = (1 - confidence) / 2
+    tail = (1 - confidence) / 2  # share of the figures below the interval
     if math.isfinite(blocks):
         from scipy.special import ndtr, stdtrit  # takes a tenth of what a command loads
 
@@ -130,10 +135,11 @@ def figure_interval(
     confidence: float = 0.95,
     fewest: int = MIN_BLOCKS,
 ) -> Interval:
-    """Interval of a share such as AP, widened to hold it.
+    """Interval of a share such as AP from its resamples, widened to hold the share.
 
-    objects: number of objects behind the share, in all frames. If all resamples agree, as many as
-    live one after another count as independent.
+    blocks, confidence, fewest: as in `percentiles`. objects: number of objects behind the share, in
+    all frames. If all resamples agree, the interval is Wilson's for objects / `LIFE` independent
+    objects.
     """
     low, high = percentiles(resamples, blocks, confidence=confidence, fewest=fewest)
     if low == high and objects:
@@ -142,7 +148,7 @@ def figure_interval(
 
 
 def share_interval(share: float, count: float, confidence: float) -> Interval:
-    """Wilson's score interval of a share of independent objects."""
+    """Wilson's score interval of a share of `count` independent objects."""
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     middle = share + z**2 / (2 * count)
     spread = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
@@ -158,7 +164,7 @@ def describe_interval(low: float, high: float, digits: int = 3) -> str:
 
 
 def describe_sureness(confidence: float) -> str:
-    """Words for a confidence, which resamples never make certain."""
+    """Words for a confidence: at most "over 99%", since resamples never make certain."""
     return f"over {MAX_SURE_SHARE:.0%}" if confidence > MAX_SURE_SHARE else f"{confidence:.0%}"
 
 
@@ -186,8 +192,9 @@ def frames_for_width(frames: int, width: float, target_width: float) -> int:
 def is_as_good(figures: Resamples, best: Resamples, blocks: float) -> bool:
     """True if a figure is certainly within `AP_TOLERANCE` of the best.
 
-    The whole interval of the paired loss must be. Two figures whose intervals overlap may still
-    differ; on the same frames the loss has a separate interval.
+    figures, best: for the same resamples, drawn from this number of blocks. Their differences have
+    an interval, which must be within the tolerance; two figures whose separate intervals overlap
+    may still differ.
     """
     return bool(percentiles(best - figures, blocks).high <= AP_TOLERANCE)
 
@@ -210,7 +217,10 @@ class Tally:
 
     @staticmethod
     def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> "Tally":
-        """Tally outcomes at the IoU threshold of index `at`."""
+        """Tally of the outcomes of each frame, at the IoU threshold of index `at`.
+
+        truths: number of objects in each frame.
+        """
         scores = []
         hit = []
         for outcome in outcomes:
@@ -225,10 +235,16 @@ class Tally:
         hit: Sequence[np.ndarray],
         truths: Sequence[int] | Int64[np.ndarray, " frames"],
     ) -> "Tally":
-        """Tally the detections that count, given frame by frame."""
-        frame = np.repeat(np.arange(len(scores)), [len(frame_scores) for frame_scores in scores])
+        """Tally of the detections that count.
+
+        scores, hit: arrays with each frame's detections. truths: number of objects in each frame.
+        """
+        counts = [len(frame_scores) for frame_scores in scores]
         return Tally(
-            np.concatenate(scores), np.concatenate(hit), frame, np.asarray(truths, np.int64)
+            scores=np.concatenate(scores),
+            hit=np.concatenate(hit),
+            frame=np.repeat(np.arange(len(scores)), counts),
+            truths=np.asarray(truths, np.int64),
         )
 
     @property
@@ -241,9 +257,9 @@ class Tally:
 
     @property
     def recall(self) -> float:
-        """Share of truths that were hit; NaN without truths."""
-        to_find = int(self.truths.sum())
-        return float(self.hit.sum() / to_find) if to_find else float("nan")
+        """Share of the objects that were hit; NaN without objects."""
+        objects = int(self.truths.sum())
+        return float(self.hit.sum() / objects) if objects else float("nan")
 
     @property
     def precision(self) -> float:
@@ -261,30 +277,37 @@ class Tally:
         scores = self.scores[order]
         hits = self.hit[order]
         frame = self.frame[order]
-        last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])
-        at_once = max(1, MAX_HELD_NUMBERS // max(len(frame), 1))
-        figures = []
-        for first in range(0, len(draws), at_once):
-            batch_draws = draws[first : first + at_once]
-            weights = batch_draws[:, frame]
+        # detections of equal scores come together: only the last row of each score counts
+        is_last = np.append(scores[1:] != scores[:-1], True)[: len(scores)]
+        last_rows = np.flatnonzero(is_last)
+        batch_size = max(1, MAX_HELD_NUMBERS // max(len(frame), 1))
+        aps = []
+        for first in range(0, len(draws), batch_size):
+            batch_draws = draws[first : first + batch_size]
+            weights = batch_draws[:, frame]  # how often each resample has each detection
             truths = batch_draws @ self.truths
-            detections = np.cumsum(weights, axis=1)[:, last_of_equals]
-            hits_so_far = np.cumsum(weights * hits, axis=1)[:, last_of_equals]
+            detections_so_far = np.cumsum(weights, axis=1)[:, last_rows]
+            hits_so_far = np.cumsum(weights * hits, axis=1)[:, last_rows]
             precision = np.divide(
-                hits_so_far, detections, out=np.zeros(detections.shape), where=detections > 0
+                hits_so_far,
+                detections_so_far,
+                out=np.zeros(detections_so_far.shape),
+                where=detections_so_far > 0,
             )
+            # highest precision at this recall or a higher one
             envelope = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
             area = (np.diff(hits_so_far, prepend=0) * envelope).sum(axis=1)
-            figures.append(
-                np.divide(area, truths, out=np.full(len(truths), np.nan), where=truths > 0)
-            )
-        return np.concatenate(figures)
+            aps.append(np.divide(area, truths, out=np.full(len(truths), np.nan), where=truths > 0))
+        return np.concatenate(aps)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
         """Interval of the AP over blocks of frames; NaN for few blocks, or without objects."""
         blocks = count_blocks(len(self.truths))
         objects = int(self.truths.sum())
-        drawn = self.resamples(seed=seed)
         return figure_interval(
-            self.ap, drawn, blocks=blocks, objects=objects, confidence=confidence
+            self.ap,
+            self.resamples(seed=seed),
+            blocks=blocks,
+            objects=objects,
+            confidence=confidence,
         )

@@ -40,15 +40,15 @@ def shrink(
     predicted: Float64[np.ndarray, " n"],
     blocks: float = math.inf,
 ) -> Shrunk:
-    """Shrink the figures of n sets towards their predictions.
+    """Figures of n sets, shrunk towards their predictions, and draws of them.
 
-    resamples: for each figure, with the same draws for all; blocks: number drawn from; one block
-    shows no noise, so predictions rank. Fewer than `MIN_SETS` sets, and undefined figures, are left
-    as they are.
+    resamples: a row for each figure, with the same draws for all; predicted: earlier predictions of
+    the figures; blocks: number of blocks that a resample draws. One block shows no noise, so
+    predictions rank. Fewer than `MIN_SETS` sets, and undefined figures, are left as they are.
     """
     if len(figure) < MIN_SETS or not np.isfinite(figure).all():
         return Shrunk(figure, resamples)
-    common = resamples.mean(axis=0)
+    common = resamples.mean(axis=0)  # noise that all sets share, such as hard frames
     noise = resamples - common
     noise = noise - noise.mean(axis=1, keepdims=True)
     errors = figure - predicted
@@ -60,14 +60,15 @@ def shrink(
         if math.isfinite(blocks):
             min_variance = max(variance.mean(), MIN_NOISE_AP**2 / blocks)
             missing_variance = np.maximum(min_variance - variance, 0.0)
-            # always the same for a shape
-            drawn = np.random.default_rng(0).standard_normal(noise.shape)
-            drawn -= drawn.mean(axis=1, keepdims=True)
-            unit = np.asarray(drawn / np.maximum(drawn.std(axis=1, keepdims=True), 1e-12))
-            noise = noise + np.sqrt(missing_variance)[:, None] * unit
+            # noise of mean 0 and deviation 1, always the same for a shape
+            unit_noise = np.random.default_rng(0).standard_normal(noise.shape)
+            unit_noise -= unit_noise.mean(axis=1, keepdims=True)
+            unit_noise /= np.maximum(unit_noise.std(axis=1, keepdims=True), 1e-12)
+            noise = noise + np.sqrt(missing_variance)[:, None] * unit_noise
             variance = variance + missing_variance
-        spread = max(MIN_SPREAD_AP**2, float(errors.var(ddof=1) - variance.mean()))
-        weight = spread / (spread + variance)
+        # τ² and w of the file's docstring
+        error_variance = max(MIN_SPREAD_AP**2, float(errors.var(ddof=1) - variance.mean()))
+        weight = error_variance / (error_variance + variance)
     likeliest = predicted + shift + weight * (errors - shift)
     remaining_noise = np.sqrt(weight)[:, None] * noise
     return Shrunk(likeliest, likeliest[:, None] + remaining_noise + (common - common.mean()))

@@ -59,6 +59,7 @@ def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
     n = sets.shape[1]
     size = sets.sum(axis=1)
     weight = _weights(n)
+    # a set with sensor i counts for it as S + i, a set without it as S
     return values * weight[size - 1] @ sets - values * weight[size] @ ~sets
 
 
@@ -68,14 +69,15 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
     n = sets.shape[1]
     size = sets.sum(axis=1)
     weight = _weights(n - 1)
-    inside = sets.astype(float)
-    outside = (~sets).astype(float)
-    one_inside = inside.T @ (outside * (values * weight[size - 1])[:, None])
-    both = inside.T @ (inside * (values * weight[size - 2])[:, None])
-    neither = outside.T @ (outside * (values * weight[size])[:, None])
-    index = both - one_inside - one_inside.T + neither
-    np.fill_diagonal(index, 0.0)
-    return index
+    is_member = sets.astype(float)
+    is_absent = (~sets).astype(float)
+    # sums over the sets with both sensors of a pair, only the first, and neither
+    both = is_member.T @ (is_member * (values * weight[size - 2])[:, None])
+    only_first = is_member.T @ (is_absent * (values * weight[size - 1])[:, None])
+    neither = is_absent.T @ (is_absent * (values * weight[size])[:, None])
+    interaction = both - only_first - only_first.T + neither
+    np.fill_diagonal(interaction, 0.0)
+    return interaction
 
 
 def exact_worth(value: SetFunction, sensors: int) -> Worth:
@@ -83,11 +85,11 @@ def exact_worth(value: SetFunction, sensors: int) -> Worth:
     `shapley`."""
     values = np.asarray(value(all_subsets(sensors)), float)
     return Worth(
-        shapley(values),
-        synergy(values),
-        np.zeros(sensors),
-        np.zeros((sensors, sensors)),
-        len(values),
+        shapley=shapley(values),
+        synergy=synergy(values),
+        shapley_margin=np.zeros(sensors),
+        synergy_margin=np.zeros((sensors, sensors)),
+        evaluations=len(values),
     )
 
 
@@ -111,12 +113,14 @@ def estimate_worth(
     rng = np.random.default_rng(seed)
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
+    # place of each sensor in its order: rounds, orders, 1, sensors
     position = np.argsort(orders)[:, :, None]
     k = np.arange(sensors + 1)[:, None]
     chains = position < k  # the first 0, 1 … n sensors of each order
     # the first k sensors and sensor k + 2, up to n - 2
     swaps = (position < k[:-2]) | (position == k[1:-1])
     sets = np.concatenate([chains.reshape(-1, sensors), swaps.reshape(-1, sensors)])
+    # each distinct set is scored once
     packed, row = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
     values = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
     if not np.isfinite(values).all():
@@ -133,8 +137,9 @@ def estimate_worth(
     synergies = np.zeros((rounds, sensors, sensors))
     first_sensor = orders[..., :-1]
     second_sensor = orders[..., 1:]
-    joint = (chain[..., 2:] - chain[..., 1:-1] - swap + chain[..., :-2]) / 2
-    np.add.at(synergies, (round_rows, first_sensor, second_sensor), joint)
+    # gain of two neighbours beyond their single gains; each pair is adjacent twice in a square
+    joint_gain = (chain[..., 2:] - chain[..., 1:-1] - swap + chain[..., :-2]) / 2
+    np.add.at(synergies, (round_rows, first_sensor, second_sensor), joint_gain)
     synergies += synergies.swapaxes(1, 2)
 
     scale = stdtrit(rounds - 1, (1 + confidence) / 2) / np.sqrt(rounds)  # Student's t
@@ -190,9 +195,9 @@ class Failures:
 
 
 def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
-    """Score a set under every combination of `failing` sensors.
+    """Values of a set under every combination of `failing` sensors.
 
-    Raises ValueError if the set has fewer sensors.
+    chosen: True for the sensors of the set. Raises ValueError if the set has fewer sensors.
     """
     members = np.flatnonzero(chosen)
     if not 1 <= failing <= len(members):
@@ -200,10 +205,10 @@ def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int
             f"from 1 to all {len(members)} sensors of the set can fail, got failing={failing}"
         )
     lost = np.array(list(combinations(members.tolist(), failing)))
-    sets = np.repeat(chosen[None], len(lost) + 1, axis=0)
+    sets = np.repeat(chosen[None], len(lost) + 1, axis=0)  # the intact set first
     sets[np.arange(len(lost))[:, None] + 1, lost] = False
-    figures = np.asarray(value(sets), float)
-    return Failures(float(figures[0]), lost, figures[1:])
+    values = np.asarray(value(sets), float)
+    return Failures(intact=float(values[0]), lost=lost, left=values[1:])
 
 
 def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
@@ -219,6 +224,7 @@ def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
 
 
 def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
+    """All sets of the n sensors, in the order of their values. Raises ValueError as `shapley`."""
     sensors = len(values).bit_length() - 1
     if len(values) != 2 ** max(sensors, 0):
         raise ValueError(
