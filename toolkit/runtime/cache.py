@@ -67,8 +67,8 @@ class Cache:
 
     def __init__(self, path: str | Path | None = None) -> None:
         self.path = None if path is None else Path(path)
-        self._open: tuple[int, sqlite3.Connection] | None = None
-        self._inode: int | None = None
+        self._open: tuple[int, sqlite3.Connection] | None = None  # process that opened it, handle
+        self._inode: int | None = None  # the file's when it was opened
         self._secret = b""
 
     def get(self, keys: Sequence[bytes]) -> list[Arrays | None]:
@@ -97,7 +97,7 @@ class Cache:
             rows = [
                 (key, encode_arrays(key + self._secret, value)) for key, value in values.items()
             ]
-            fitting = [row for row in rows if len(row[1]) <= MAX_VALUE_BYTES]
+            fitting = [(key, value) for key, value in rows if len(value) <= MAX_VALUE_BYTES]
             too_large = len(rows) - len(fitting)
             if too_large:
                 warnings.warn(
@@ -133,7 +133,7 @@ class Cache:
         self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome
     ) -> _Outcome:
         """Result of a call, repeated on a new file if this one is damaged, else `otherwise`."""
-        for attempt in ("as it is", "begun anew"):
+        for is_new_file in (False, True):
             try:
                 return call(self._database())
             except sqlite3.OperationalError as error:
@@ -146,11 +146,12 @@ class Cache:
                 return otherwise
             except sqlite3.DatabaseError as error:
                 self.close()
-                if attempt == "as it is":
+                if not is_new_file:
                     self._put_aside(str(error))
         return otherwise
 
     def _database(self) -> sqlite3.Connection:
+        """Open database of this process. Raises sqlite3.Error if the file cannot be used."""
         # a forked process must not share a handle
         if self._open is not None and self._open[0] == os.getpid():
             return self._open[1]
@@ -178,9 +179,11 @@ class Cache:
         return database
 
     def _on_disk(self) -> int | None:
+        """Number (inode) of the file that has the cache's path now, None without one."""
         return self.path.stat().st_ino if self.path is not None and self.path.exists() else None
 
     def _put_aside(self, error: str) -> None:
+        """Rename the damaged file, with a warning that gives the error."""
         # another process may have started it afresh already
         if self.path is None or self._on_disk() != self._inode:
             return
@@ -203,7 +206,8 @@ def recall(
 ) -> Iterator[Arrays]:
     """Yield the value of each key, from the cache or computed and then stored.
 
-    make: returns the values of the keys at missing indices, in order."""
+    make: from the indices of missing keys to their values, in order; each is computed when it is
+    taken from the iterator."""
     cached: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
     missing = [index for index, arrays in enumerate(cached) if arrays is None]
     results = iter(make(missing) if missing else ())
@@ -220,17 +224,17 @@ def read_secret(path: Path) -> bytes:
     Raises PermissionError for a file that others can read."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        number, name = tempfile.mkstemp(dir=path.parent)  # with mode 0600
+        descriptor, new_file = tempfile.mkstemp(dir=path.parent)  # with mode 0600
         try:
-            with os.fdopen(number, "wb") as file:
+            with os.fdopen(descriptor, "wb") as file:
                 file.write(secrets.token_bytes(SECRET_BYTES))
-            os.link(name, path)
+            os.link(new_file, path)  # the name appears with its content, for one process only
         except FileExistsError:  # another process was first
             pass
         except OSError:  # no links here
-            os.replace(name, path)
+            os.replace(new_file, path)
         finally:
-            Path(name).unlink(missing_ok=True)
+            Path(new_file).unlink(missing_ok=True)
     # a pipe has nothing, and must not be waited for
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     with os.fdopen(descriptor, "rb") as file:
@@ -247,42 +251,43 @@ def read_secret(path: Path) -> bytes:
 
 
 def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Encode arrays: checksum, types and shapes in a line of JSON, content.
+    """Arrays as bytes: checksum, a line of JSON (compressed or not, types and shapes), content.
 
-    Raises ValueError for arrays of objects."""
-    columns = [np.ascontiguousarray(column) for column in arrays]
-    for column in columns:
-        if column.dtype.kind not in ARRAY_KINDS:
+    key: for the checksum. Raises ValueError for arrays of objects."""
+    plain_arrays = [np.ascontiguousarray(array) for array in arrays]
+    for array in plain_arrays:
+        if array.dtype.kind not in ARRAY_KINDS:
             raise ValueError(
-                f"a cache keeps plain arrays, got one of {column.dtype}: keep its fields one by one"
+                f"a cache keeps plain arrays, got one of {array.dtype}: keep its fields one by one"
             )
-    content = b"".join(column.tobytes() for column in columns)
-    compressed = len(content) >= MIN_COMPRESSED_BYTES
-    described = [compressed, *((column.dtype.str, column.shape) for column in columns)]
-    if compressed:
+    content = b"".join(array.tobytes() for array in plain_arrays)
+    is_compressed = len(content) >= MIN_COMPRESSED_BYTES
+    description = [is_compressed, *((array.dtype.str, array.shape) for array in plain_arrays)]
+    if is_compressed:
         content = zlib.compress(content, 1)
-    body = json.dumps(described).encode() + b"\n" + content
+    body = json.dumps(description).encode() + b"\n" + content
     return _checksum(key, body) + body
 
 
 def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
-    """Decode arrays of `encode_arrays`; None for damaged bytes and other objects."""
+    """Arrays of `encode_arrays`; None for damaged bytes and other objects."""
     body = value[CHECKSUM_BYTES:] if isinstance(value, bytes) else b""
     if not body or not secrets.compare_digest(value[:CHECKSUM_BYTES], _checksum(key, body)):
         return None
     head, _, content = body.partition(b"\n")
     try:
-        compressed, *columns = json.loads(head)
-        types = [np.dtype(str(dtype)) for dtype, _ in columns]
-        shapes = [list(map(int, shape)) for _, shape in columns]
-        sizes = [
+        is_compressed, *types_and_shapes = json.loads(head)
+        types = [np.dtype(str(dtype)) for dtype, _ in types_and_shapes]
+        shapes = [list(map(int, shape)) for _, shape in types_and_shapes]
+        sizes = [  # bytes of each array
             dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)
         ]
         if any(dtype.kind not in ARRAY_KINDS for dtype in types):
             return None
         if any(length < 0 for shape in shapes for length in shape):
             return None
-        if compressed:
+        if is_compressed:
+            # at most one byte more than expected, which shows that it does not fit
             content = zlib.decompressobj().decompress(content, sum(sizes) + 1)
         if len(content) != sum(sizes):
             return None
@@ -296,6 +301,7 @@ def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
 
 
 def _checksum(key: bytes, body: bytes) -> bytes:
+    """Keyed hash of a value."""
     return hashlib.blake2b(body, digest_size=CHECKSUM_BYTES, key=key).digest()
 
 
@@ -337,16 +343,19 @@ def digest_of_source(modules: tuple[str, ...], top: Path = SOURCE_ROOT) -> str:
 def import_closure(
     modules: tuple[str, ...], top: Path = SOURCE_ROOT
 ) -> tuple[dict[str, Path], set[str]]:
-    """Source files and libraries that `modules` import, directly or not."""
+    """Source files, by module, and libraries that `modules` import, directly or not.
+
+    top: folder that holds the packages of this project.
+    """
     files: dict[str, Path] = {}
     libraries: set[str] = set()
     pending: list[_Import] = [(module, "") for module in modules]
-    done: set[_Import] = set()
+    followed: set[_Import] = set()
     while pending:
         module, name = pending.pop()
-        if (module, name) in done:
+        if (module, name) in followed:
             continue
-        done.add((module, name))
+        followed.add((module, name))
         parent = module.rpartition(".")[0]
         pending.extend([(parent, "")] if parent and _is_ours(module) else [])
         path = _file(module, top) if _is_ours(module) or module in modules else None
@@ -367,10 +376,12 @@ def import_closure(
 
 
 def _is_ours(module: str) -> bool:
+    """True for a module of this project."""
     return module.partition(".")[0] in PACKAGES
 
 
 def _file(module: str, top: Path) -> Path | None:
+    """Source file of a module, None for a library without one that is loaded."""
     if not _is_ours(module):
         loaded = getattr(sys.modules.get(module), "__file__", None)
         return Path(loaded) if loaded and loaded.endswith(".py") else None
@@ -388,41 +399,44 @@ def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...
         node = pending.pop()
         if isinstance(node, ast.Import | ast.ImportFrom):
             imports += _list_imports(node, module if is_package else module.rpartition(".")[0])
-        skipped = False
+        is_for_checkers = False
         if isinstance(node, ast.If) and isinstance(node.test, ast.Name | ast.Attribute):
-            skipped = ast.unparse(node.test).rpartition(".")[2] == "TYPE_CHECKING"
-        blocks = ("orelse",) if skipped else ("body", "orelse", "handlers", "finalbody", "cases")
+            is_for_checkers = ast.unparse(node.test).rpartition(".")[2] == "TYPE_CHECKING"
+        blocks = ["orelse"]  # fields of a node that hold statements
+        if not is_for_checkers:
+            blocks = ["body", "orelse", "handlers", "finalbody", "cases"]
         for block in blocks:
-            inner = getattr(node, block, ())
-            pending.extend(inner if isinstance(inner, list) else ())
+            statements = getattr(node, block, ())  # a lambda's body is an expression, no list
+            pending.extend(statements if isinstance(statements, list) else ())
     return tuple(imports)
 
 
 def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
+    """Imports of a statement in a module of a package, relative ones resolved."""
     if isinstance(node, ast.Import):
         return [(alias.name, "") for alias in node.names]
     parts = package.split(".")
-    above = parts[: len(parts) - node.level + 1] if node.level else []
-    module = ".".join([*above, *([node.module] if node.module else [])])
+    # one dot is the package itself, each further one the package above
+    base = parts[: len(parts) - node.level + 1] if node.level else []
+    module = ".".join([*base, *([node.module] if node.module else [])])
     return [(module, alias.name) for alias in node.names]
 
 
 @cache
 def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
-    """Modules from which a face imports `name`."""
-    offered: dict[str, _Import] = {}
+    """Imports by which a package's `__init__` or stub offers `name`; all for "*"."""
+    by_name: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
             targets = _list_imports(node, package)
-            offered |= {
-                alias.asname or alias.name: target
-                for alias, target in zip(node.names, targets, strict=True)
-            }
-    return tuple(target for key, target in offered.items() if name in ("*", key))
+            for alias, target in zip(node.names, targets, strict=True):
+                by_name[alias.asname or alias.name] = target
+    return tuple(target for key, target in by_name.items() if name in ("*", key))
 
 
 @cache
 def _version(library: str) -> str:
+    """Installed version of a library, "" if unknown."""
     for name in (library, f"{library}-cpu"):  # Open3D has a distribution for each
         try:
             return version(name)

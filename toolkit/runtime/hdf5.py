@@ -52,7 +52,7 @@ def open_hdf5(path: str | Path) -> h5py.File:
     except _DAMAGE as error:
         size = path.stat().st_size
         with path.open("rb") as file:
-            head = file.read(48)
+            head = file.read(48)  # the signature, then the superblock
         # offset of the end-of-file address, by the version of the superblock
         start = 28 if head[8:9] >= b"\2" else 40
         claimed = int.from_bytes(head[start : start + 8], "little")
@@ -80,7 +80,7 @@ def find_kinds(group: h5py.Group, names: Iterable[str]) -> dict[str, type]:
 
 
 def _own(group: h5py.Group, name: str) -> Any:
-    """Member of a group, None if missing.
+    """Member of a group, None if missing; a name that begins with / counts from the file's root.
 
     Raises ValueError if it is stored in another file, which is not even opened."""
     node = group.file["/"] if name.startswith("/") else group
@@ -165,7 +165,7 @@ def find_array(
 
 
 def rows(node: h5py.Dataset, name: str, where: _Place) -> np.ndarray:
-    """Part of a dataset, `node[where]`."""
+    """Part of a dataset, `node[where]`. name: for the OSError if it cannot be read."""
     with reading(name):
         return np.asarray(node[where])
 
@@ -213,15 +213,17 @@ def hdf5_file(
 
 
 class _Disk(io.FileIO):
-    """File that keeps an error of writing until it is checked."""
+    """File that keeps the first error of writing until it is checked, and then writes no more."""
 
     error: OSError | None = None
 
     def check(self) -> None:
+        """Raise the error that was kept."""
         if self.error is not None:
             raise self.error
 
     def write(self, content: Any) -> int:
+        """Write the content, and return its size also if that failed."""
         remaining = memoryview(content).cast("B")
         size = len(remaining)
         try:
@@ -229,7 +231,7 @@ class _Disk(io.FileIO):
                 remaining = remaining[super().write(remaining) :]
         except OSError as error:
             self.error = error
-        self.seek(len(remaining), os.SEEK_CUR)
+        self.seek(len(remaining), os.SEEK_CUR)  # where HDF5 expects the file to be
         return size
 
     def truncate(self, size: int | None = None) -> int:

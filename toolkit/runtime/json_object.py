@@ -84,9 +84,9 @@ class JsonObject:
         """Member that is one of some texts."""
         value: str = self.get(key, str)
         if value not in choices:
-            listed = ", ".join([*choices][:_MAX_LISTED]) + (
-                " or others" if len(choices) > _MAX_LISTED else ""
-            )
+            listed = ", ".join([*choices][:_MAX_LISTED])
+            if len(choices) > _MAX_LISTED:
+                listed += " or others"
             raise ValueError(
                 f"{self.where(key)} must be one of {listed}, got {value[:_MAX_TEXT]!r}"
             )
@@ -128,6 +128,7 @@ class JsonObject:
 
 
 def _check_number(value: object, where: str) -> float:
+    """Finite number. where: its path in the document, for the ValueError."""
     if (
         isinstance(value, bool)
         or not isinstance(value, int | float)

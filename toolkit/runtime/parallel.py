@@ -65,6 +65,7 @@ def return_freed_memory() -> None:
 
 
 def _c_library() -> object:
+    """C library of this process, None if it cannot be reached."""
     try:
         return ctypes.CDLL(None)
     except (OSError, TypeError):  # no handle of the program itself, as on Windows
@@ -72,7 +73,9 @@ def _c_library() -> object:
 
 
 def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Value]:
-    """Run a job on a Ray cluster, which repeats lost tasks."""
+    """Yield `job(x)` for each of `inputs`, in their order, from a Ray cluster.
+
+    The cluster repeats lost tasks. Raises what the job raises, and WorkLost."""
     ray = _connect(address)
     pending: deque[Value] = deque()
     try:
@@ -99,11 +102,14 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
             ray.cancel(reference, force=True)
 
 
-_jobs: dict[str, Task] = {}  # last job of a Ray worker, whose caches stay
+_jobs: dict[str, Task] = {}  # last job of a Ray worker, by its reference; its caches stay
 _address: str | None = None  # address of the connected cluster
 
 
 def _work_on_ray(shared: list[Value], x: Value) -> Value:
+    """Result of the job for one input, in a Ray worker.
+
+    shared: list with the job's reference, since Ray would replace a bare one by the job."""
     key = shared[0].hex()
     if key not in _jobs:
         _jobs.clear()
@@ -182,25 +188,33 @@ def tick() -> None:
 def _count_results(
     results: Iterator[Value], progress: Callable[[int], None] | None
 ) -> Iterator[Value]:
-    for done, result in enumerate(results, 1):
+    """Yield results, and call `progress` with their number so far."""
+    for count, result in enumerate(results, 1):
         if progress:
-            progress(done)
+            progress(count)
         yield result
 
 
 def _is_lost(future: Future[Value] | None) -> bool:
+    """True if an input has to be handed out again."""
     return future is None or future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
 
 
 def _in_processes(
     job: Task, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]
 ) -> Iterator[Value]:
+    """Yield `job(x)` for each of `inputs`, in their order, from processes of this machine.
+
+    ticks: called with the number of calls of `tick` so far. Work of a process that died is
+    repeated; raises WorkLost after more than `RETRIES` deaths without a result in between."""
     pickled = pickle.dumps(job)
     remaining = iter(inputs)
     # every input without a result; None while no pool has it
     pending: list[tuple[Value, Future[Value] | None]] = []
-    deaths = yielded = results_before = 0  # deaths since there was a result
-    ticked = 0  # in pools that died
+    deaths = 0  # since there was a result
+    yielded = 0
+    earlier_results = 0  # when a process died last
+    ticks_before = 0  # in pools that died
     while True:
         try:
             with _pool(pickled, workers) as pool:
@@ -213,32 +227,32 @@ def _in_processes(
                         pending[k] = x, future or pool.executor.submit(_work, x)
                     if not pending:
                         return
-                    future = pending[0][1]
+                    _, future = pending[0]
                     assert future is not None
                     while not wait([future], TICK_S).done:
-                        ticks(ticked + pool.ticks)
+                        ticks(ticks_before + pool.ticks)
                     result = future.result()
-                    ticks(ticked + pool.ticks)
+                    ticks(ticks_before + pool.ticks)
                     del pending[0]
                     yielded += 1
                     yield result
         except BrokenProcessPool:
             pending = [(x, None if _is_lost(future) else future) for x, future in pending]
-            lost = [x for x, future in pending if future is None]
-            result_count = yielded + len(pending) - len(lost)
-            deaths = deaths + 1 if result_count == results_before else 1
-            results_before = result_count
+            lost_inputs = [x for x, future in pending if future is None]
+            results = yielded + len(pending) - len(lost_inputs)
+            deaths = deaths + 1 if results == earlier_results else 1
+            earlier_results = results
             if deaths > RETRIES:
-                occurrence = f"{deaths} times in a row, at or near input {str(lost[0])[:60]}"
+                occurrence = f"{deaths} times in a row, at or near input {str(lost_inputs[0])[:60]}"
                 script = 'called from a script without `if __name__ == "__main__":`'
                 cause = f"out of memory (use fewer workers), or {script}"
                 raise WorkLost(f"a worker process died {occurrence}: {cause}") from None
-            ticked += pool.ticks
+            ticks_before += pool.ticks
 
 
 @contextmanager
 def _pool(pickled: bytes, workers: int) -> "Iterator[_Pool]":
-    """Give the block processes, which end immediately if it raises.
+    """Give the block processes with a pickled job, which end immediately if the block raises.
 
     The last ones are kept for `IDLE_S` seconds: a search repeats the same job, and a process takes
     seconds to begin."""
@@ -264,9 +278,18 @@ def _pool(pickled: bytes, workers: int) -> "Iterator[_Pool]":
 
 
 class _Pool:
+    """Processes with one job.
+
+    Attributes:
+        counter: Number of calls of `tick` in all processes.
+        executor: Executor of the processes.
+        idle: Timer that ends the processes, while they have no work.
+    """
+
     def __init__(self, pickled: bytes, workers: int) -> None:
         # forking would copy the locks of Open3D's and torch's threads
         context = multiprocessing.get_context("spawn")
+        # nothing is sent: processes end when the writing end is closed (`_end_after`)
         self._reader, self._writer = context.Pipe(duplex=False)
         self.counter = context.Value("q")
         self.executor = ProcessPoolExecutor(
@@ -296,6 +319,7 @@ _lock = threading.Lock()
 
 
 def _end_kept() -> None:
+    """End the processes that wait for a job."""
     with _lock:
         pools = list(_kept.values())
         _kept.clear()
@@ -308,6 +332,7 @@ _ticks: Value = None  # a number that all workers of a pool count up; None in ot
 
 
 def _start_worker(pickled: bytes, parent: Connection, ticks: Value) -> None:
+    """Prepare a process of a pool: its job, and its end with its parent's."""
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
@@ -317,6 +342,7 @@ def _start_worker(pickled: bytes, parent: Connection, ticks: Value) -> None:
 
 
 def _end_after(parent: Connection) -> None:
+    """End this process when the other end of the pipe is closed."""
     with suppress(EOFError, OSError):
         # nothing is ever sent: it returns when the other end is closed, or its process killed
         parent.recv()
@@ -324,4 +350,5 @@ def _end_after(parent: Connection) -> None:
 
 
 def _work(x: Value) -> Value:
+    """Result of this process's job for one input."""
     return _job(x)

@@ -70,7 +70,7 @@ class ShardFolder:
         """Undamaged shards by block; everything else is removed."""
         shards = {}
         for path in sorted(self.path.iterdir()):
-            name = _SHARD.fullmatch(path.name)
+            name = _SHARD.fullmatch(path.name)  # its groups: block and checksum
             if name and zlib.crc32(path.read_bytes()) == int(name[2], 16):
                 shards[int(name[1])] = path
             elif name or UNFINISHED in path.name:
@@ -111,6 +111,7 @@ class ShardFolder:
                 self.path.rmdir()
 
     def _clear(self) -> None:
+        """Remove all shards, finished or not."""
         for path in self.path.iterdir():
             if _SHARD.fullmatch(path.name) or UNFINISHED in path.name:
                 path.unlink()
@@ -139,7 +140,7 @@ class ShardFolder:
     ) -> Iterator[None]:
         """Turn a full or failing disk into one line that states what is safe.
 
-        frames: counts the frames of blocks."""
+        out: the file that the shards are for. frames: from blocks to their number of frames."""
         try:
             yield
         except OSError as error:
@@ -149,13 +150,13 @@ class ShardFolder:
                 f"{os.strerror(error.errno)} ({shutil.disk_usage(self.path).free / 1e6:.0f} MB "
                 "free)"
             )
-            safe = (
+            remedy = (
                 f"{frames(self.shards())} frames are safe in {self.path}, make room and start "
                 "again to go on"
             )
-            explained = OSError(f"cannot write {out}: {reason}; {safe}")
-            explained.errno = error.errno
-            raise explained from error
+            line = OSError(f"cannot write {out}: {reason}; {remedy}")
+            line.errno = error.errno  # set afterwards: str() of the error is only the line
+            raise line from error
 
 
 def make_shards(
@@ -169,23 +170,26 @@ def make_shards(
 ) -> None:
     """Make the shards of `blocks` that are missing, in `workers` processes or on a Ray cluster.
 
-    A cluster sends their content back. progress: called with the number of finished items."""
-    blocks = sorted(set(blocks) - folder.shards().keys())
-    workers = min(workers, max(1, len(blocks)))
-    done = 0
+    ray: address of the cluster, which sends their content back. progress: called with the number of
+    finished items."""
+    missing_blocks = sorted(set(blocks) - folder.shards().keys())
+    workers = min(workers, max(1, len(missing_blocks)))
+    finished_items = 0
 
     def count(items: int = 1) -> None:
-        nonlocal done
-        done += items
+        nonlocal finished_items
+        finished_items += items
         if progress is not None:
-            progress(done)
+            progress(finished_items)
 
-    threads = 1 if ray else (os.cpu_count() or 1) // max(1, workers) or 1
     job = _ShardJob(
-        work, None if ray else folder, threads, count if workers == 1 and not ray else tick
+        work=work,
+        folder=None if ray else folder,
+        threads=1 if ray else (os.cpu_count() or 1) // max(1, workers) or 1,
+        count=count if workers == 1 and not ray else tick,
     )
-    results = spread(job, blocks, workers=workers, ray=ray, ticks=progress)
-    for block, (items, content) in zip(blocks, results, strict=True):
+    results = spread(job, missing_blocks, workers=workers, ray=ray, ticks=progress)
+    for block, (items, content) in zip(missing_blocks, results, strict=True):
         if content is not None:
             folder.add(block, content)
             count(items)
@@ -199,13 +203,24 @@ def describe_differences(stored: Plan, requested: Plan) -> str:
 
 @dataclass
 class _ShardJob(Generic[_Item]):
+    """Job of a worker: make one block, and store its shard.
+
+    Attributes:
+        work: Work.
+        folder: Folder of the shards, None on a Ray cluster, whose machines need not see it.
+        threads: Number of threads that the process may use.
+        count: Called for every finished item.
+        make: Maker of a block's items, prepared once per process.
+    """
+
     work: Work[_Item]
-    folder: ShardFolder | None  # None on a Ray cluster, whose machines need not see it
+    folder: ShardFolder | None
     threads: int
     count: Callable[[], None]
     make: Callable[[int], Iterator[_Item]] | None = field(default=None, init=False)
 
     def __call__(self, block: int) -> tuple[int, bytes | None]:
+        """Number of items of a block, and the shard's content if it is not stored here."""
         self.make = self.make or self.work.start(self.threads)
         items = []
         for item in self.make(block):
@@ -216,8 +231,7 @@ class _ShardJob(Generic[_Item]):
             return len(items), content
         try:
             self.folder.add(block, content)
-        except (
-            OSError
-        ) as error:  # with the number in its arguments, so that it is not lost between processes
+        except OSError as error:
+            # with the number in its arguments, so that it is not lost between processes
             raise OSError(error.errno, str(error)) from error
         return len(items), None

@@ -16,7 +16,7 @@ def escape(text: object) -> str:
 
 
 def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
-    """Align the columns of a table; the first `texts` to the left."""
+    """Lines of a table, the first `texts` columns aligned to the left, others to the right."""
     rows = [_escape_breaks(row) for row in table]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     justify = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
@@ -28,4 +28,5 @@ def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
 
 
 def _escape_breaks(row: Sequence[str]) -> list[str]:
+    r"""Cells of a row with line breaks as \n, so that each row is one line."""
     return [cell.replace("\n", "\\n") for cell in row]
