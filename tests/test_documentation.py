@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 import tyro
-from coview.studies.stress.conditions import KINDS
+from examples.studies.stress.conditions import KINDS
 
 from coview.main import COMMANDS, command
 

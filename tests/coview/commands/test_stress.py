@@ -70,7 +70,7 @@ def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
 def test_a_sequence_that_is_too_short_for_faults_is_refused_before_any_work(
     recording, tmp_path, refused, monkeypatch
 ):
-    monkeypatch.setattr("coview.studies.stress.stressing.is_sequence", lambda recording: True)
+    monkeypatch.setattr("examples.studies.stress.stressing.is_sequence", lambda recording: True)
     line = refused("stress", recording, "--kinds", "silent", "--frames", 1, "--out", tmp_path / "o")
     assert "no stretch of traffic is 2 s long here: record more frames" in line
     assert "frames under stress" not in line
