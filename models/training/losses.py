@@ -119,8 +119,8 @@ def assign_by_kind(
         parts.append(Assignment(assignment.labels, owner))
         first_anchor = end_anchor
     return Assignment(
-        labels=np.concatenate([part.labels for part in parts], axis=2),
-        owner=np.concatenate([part.owner for part in parts], axis=2),
+        labels=np.concatenate([assignment.labels for assignment in parts], axis=2),
+        owner=np.concatenate([assignment.owner for assignment in parts], axis=2),
     )
 
 
