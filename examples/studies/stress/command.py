@@ -69,6 +69,8 @@ def stress_command(
         claim(out, settings, check, overwrite=writing.overwrite),
     ):
         question = replace(question, kinds=stressing.choose_kinds(recording, question.kinds))
+        if _times_faults(recording, question):
+            noticing.check_stretches(recording, run)
         detect = recording_detector(detector, recording)
         if run.cache is not None:
             check_digest(detector, detect, ", or leave --cache out")
@@ -90,6 +92,11 @@ def _check_outputs(out: Path, inputs: Sequence[Path], overwrite: bool) -> None:
     """Check that the results may be written."""
     for name in outputs.STRESS_FILES:
         check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
+
+
+def _times_faults(recording: CoopDataset, question: StressQuestion) -> bool:
+    """True if the notice of failing sensors is timed: in sequences, if faults are asked for."""
+    return stressing.is_sequence(recording) and bool(FAULT_KINDS & {*(question.kinds or ())})
 
 
 def _run(
@@ -115,7 +122,7 @@ def _run(
         stressing.run_stress(recording, detector, question, shown_run, finished=keep)
     crossings = outputs.find_crossings(rows, seed=run.seed)
     results = outputs.StressResults(tuple(rows), crossings)
-    if stressing.is_sequence(recording) and FAULT_KINDS & {*(question.kinds or ())}:
+    if _times_faults(recording, question):
         noticed, alarms = noticing.time_faults(recording, detector, run)
         results = replace(results, noticed=noticed, false_alarms=alarms)
     return results

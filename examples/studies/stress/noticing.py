@@ -65,14 +65,25 @@ class FalseAlarms:
     minutes: float
 
 
+def check_stretches(recording: SiteRecording, run: Run = Run()) -> None:
+    """Raise ValueError if no stretch of traffic is `ONSET_S` long."""
+    count = min(len(recording), run.frames_or(len(recording)))
+    stretches = _stretches(recording, count, run.seed)
+    if not any(stretch[-1].time - stretch[0].time >= ONSET_S for stretch in stretches):
+        raise ValueError(
+            f"no stretch of traffic is {ONSET_S:g} s long here: record more frames with coview "
+            "simulate --every 0.1"
+        )
+
+
 def time_faults(
     recording: SiteRecording, detector: Detector, run: Run = Run()
 ) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
     """Time every fault of every sensor, and count false alarms over every link.
 
     recording: frames close together in time; run: its seed is for noise and links, its frames are
-    the number of first frames. Raises ValueError if no stretch of traffic is longer than
-    `ONSET_S`."""
+    the number of first frames. Raises ValueError like `check_stretches`."""
+    check_stretches(recording, run)
     count = min(len(recording), run.frames_or(len(recording)))
     seed = run.seed
     scenes = Scenes(ReadRecording(recording, Reads(noise_seed=seed)))
@@ -105,11 +116,6 @@ def time_faults(
                 alarms[link, sent_as] += sum(
                     _count_alarms(centre, arrivals, sensor, sent_as) for sensor in sensors
                 )
-    if not any(times_to_notice.values()):
-        raise ValueError(
-            f"no stretch of traffic is {ONSET_S:g} s long here: record with coview simulate "
-            "--every 0.1"
-        )
     noticed = [_summarise_times(*key, times) for key, times in times_to_notice.items()]
     false_alarms = [
         FalseAlarms(*key, alarm_count, minutes[key[0]]) for key, alarm_count in alarms.items()

@@ -12,7 +12,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from examples.studies.stress.channel import MAX_AGE_S, Lagged, delay_frames
+from examples.studies.stress.channel import MAX_AGE_S, PERFECT, Lagged, delay_frames
 from examples.studies.stress.conditions import (
     IN_SEQUENCE,
     KINDS,
@@ -159,8 +159,8 @@ def run_stress(
 
     run: its seed is for noise, errors, channels and bootstrap, its frames are the number of first
     frames; with its cache an interrupted run resumes; finished: called with the rows of each
-    condition. Raises ValueError like `choose_kinds` and `KeptDetections`, and for a label that the
-    detector does not know."""
+    condition. Raises ValueError like `choose_kinds` and `KeptDetections`, for a label that the
+    detector does not know, and if no frame is scored."""
     check_known(detector, [question.label])
     kept_detections = KeptDetections.from_detector(detector, run.memo)
     names = [sensor.name for sensor in recording.sensors]
@@ -168,6 +168,7 @@ def run_stress(
     for kind in choose_kinds(recording, question.kinds):
         conditions += make_conditions(kind, names)
     count = min(len(recording), run.frames_or(len(recording)))
+    _check_scored(recording, count)
     report = run.stage("frames under stress", count * len(conditions))
     scenes = Scenes(ReadRecording(recording, Reads(noise_seed=run.seed)))
     frame_report = report if run.alone else None
@@ -180,6 +181,22 @@ def run_stress(
         if finished is not None:
             finished(condition_rows)
     return tuple(rows)
+
+
+def _settling_time(recording: SiteRecording) -> float:
+    """Time after traffic restarts in which frames are not scored (s)."""
+    return MAX_AGE_S if _frame_spacing(recording) <= MOST_APART else 0.0
+
+
+def _check_scored(recording: SiteRecording, count: int) -> None:
+    """Raise ValueError if none of the first frames is scored."""
+    settled_s = _settling_time(recording)
+    frames = delay_frames(recording, PERFECT, frames=count, noise_seed=None)
+    if not any(lagged.since >= settled_s for lagged in frames):
+        raise ValueError(
+            f"none of the {count} frames is scored, because the first {settled_s:g} s after "
+            "traffic starts never are: use more frames"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +213,7 @@ class _ConditionJob:
 
     def __call__(self, task: tuple[int, Condition]) -> list[StressRow]:
         number, condition = task
-        settled_s = MAX_AGE_S if _frame_spacing(self.recording) <= MOST_APART else 0.0
+        settled_s = _settling_time(self.recording)
         schemes = [find_scheme(scheme) for scheme in self.question.schemes]
         systems = make_systems(schemes, condition.kind)
         trials = [Trial(system, self.question.label, self.question.iou) for system in systems]

@@ -159,6 +159,16 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress(driving, tops):
     assert len({row.judged.ap for row in rows[:3]} | {row.kbit_per_sensor for row in rows}) > 2
 
 
+def test_frames_of_the_first_second_alone_are_too_few(driving, tops):
+    question = StressQuestion(schemes=("early",), kinds=("bytes",))
+    assert driving()[1].time - driving()[0].time == pytest.approx(0.1)
+    said = "none of the 10 frames is scored, because the first 1 s after traffic starts never are"
+    with pytest.raises(ValueError, match=said):
+        run_stress(driving(), tops(), question, Run(frames=10))
+    rows = run_stress(driving(), tops(), question, Run(frames=12))
+    assert {row.judged.frames for row in rows} <= {1, 2}
+
+
 def without_interval(row):
     # NaN in a process of its own
     return replace(row, judged=replace(row.judged, low=0.0, high=1.0))
