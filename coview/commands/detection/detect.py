@@ -79,9 +79,9 @@ def detect_command(
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
         parts = [Part(recording, frames) for recording in recordings]
         scenes: list[StandingScene | None] = []
-        for recording, part in zip(recordings, parts, strict=True):
+        for recording, samples in zip(recordings, parts, strict=True):
             learns_scene = recording.site is None and learns_background(detector)
-            scenes.append(learn_standing_scene(part) if learns_scene else None)
+            scenes.append(learn_standing_scene(samples) if learns_scene else None)
         placed = detectors.choose(recordings, scenes)
         level = placed[0].place.level or "none"
         bar = stack.enter_context(progress_bar("cloud", sum(map(len, parts)), hidden=writing.json))
@@ -127,8 +127,8 @@ class _Detectors:
         for recording, scene in zip(recordings, scenes, strict=True):
             site = recording.site if self.place.at(recording.site) else None
             if self.network is None or parse_detector(self.name + QUICK, site).known:
-                known = recording_detector(self.name + QUICK, recording, self.place)
-                placed.append(_PlacedDetector(known, self.place))
+                detector = recording_detector(self.name + QUICK, recording, self.place)
+                placed.append(_PlacedDetector(detector, self.place))
             elif scene is None or with_scene is None:
                 placed.append(_PlacedDetector(self.network, self.levelled))
             else:

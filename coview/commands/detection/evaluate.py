@@ -229,11 +229,11 @@ def _select_frames(
 
     if not len(recording):
         return recording
-    part = Part(recording, count)
+    frames = Part(recording, count)
     if None in sets:
-        return part
+        return frames
     names = [name for sensors in sets for name in sensors or ()]
-    return _Seen(part, tuple(names))
+    return _Seen(frames, tuple(names))
 
 
 def _check_truths(evaluation: "Evaluation", labels: Sequence[str], count: int) -> None:

@@ -111,28 +111,28 @@ def view_command(
     return OK
 
 
-def _check_options(shown: ViewOptions, out: Path | None, still: Path | None) -> None:
+def _check_options(options: ViewOptions, out: Path | None, still: Path | None) -> None:
     """Raise ValueError for impossible options, ImportError without viser."""
-    check_least("--frames", shown.frames, 1, "leave it out for all")
-    check_least("--every", shown.every, 1)
-    check_least("--frame", shown.frame, 0)
+    check_least("--frames", options.frames, 1, "leave it out for all")
+    check_least("--every", options.every, 1)
+    check_least("--frame", options.frame, 0)
     if still is not None and out is not None:
         raise ValueError("--out writes a page, --still a picture: give only one")
     if still is not None:
         check_picture(still)
-    if shown.detector is not None:
-        check_detector(shown.detector)
+    if options.detector is not None:
+        check_detector(options.detector)
     if still is None:
         check_viser()
 
 
 def _draw_still(
-    sample: Frame, drawing: Drawing, shown: ViewOptions, title: str, still: Path, as_json: bool
+    sample: Frame, drawing: Drawing, options: ViewOptions, title: str, still: Path, as_json: bool
 ) -> None:
     """Write a picture of one frame, and print what it shows."""
     drawn = drawing.draw(sample, drawing.origin(sample))
-    half = None if shown.area is None else drawing.place.half
-    write_still(drawn, still, title=f"{title}, {drawn.name}", colouring=shown.colour, half=half)
+    half = None if options.area is None else drawing.place.half
+    write_still(drawn, still, title=f"{title}, {drawn.name}", colouring=options.colour, half=half)
     description = drawn.describe()
     summary = {"still": str(still), "said": description}
     print_result(summary, f"{still}: {description}", as_json=as_json)
