@@ -177,11 +177,8 @@ def plan(
 
     Args:
         site: tjunction, roundabout, or a site file."""
-    from placement_env.report.planning.planning import (
-        PLAN_FILES,
-        plan as answer_question,
-        write_plan,
-    )
+    from placement_env.report.planning.plan_writing import PLAN_FILES, write_plan
+    from placement_env.report.planning.planning import plan as answer_question
 
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]

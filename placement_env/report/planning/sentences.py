@@ -1,4 +1,4 @@
-"""Sentences of a plan: verdict and refusals, why this set, assumptions and unknowns."""
+"""Sentences of a plan: verdict, why this set, assumptions and unknowns."""
 
 import math
 from collections.abc import Sequence
@@ -19,29 +19,6 @@ from toolkit.sites.site import Site
 from toolkit.sites.surroundings import count_things, describe_things
 
 MIN_OVERRATED_SETS = 3  # judged sets needed to measure by how much predictions overrate
-
-
-def refuse_question(question: Question) -> tuple[str, ...]:
-    """List reasons against any plan that need no simulation."""
-    if question.sensors == 0:
-        return ("The budget is 0 sensors, so there is nothing to build: allow 1 or more.",)
-    if question.site.network:
-        return ()
-    return (
-        f"Site {question.site.name!r} has no road network, so there is no traffic to plan for: "
-        "import one from a map, or build one with toolkit.sites.network.",
-    )
-
-
-def refuse_traffic(
-    question: Question, missing: Sequence[str], frames: int, part_name: str
-) -> tuple[str, ...]:
-    """Explain that one part of the traffic lacks counted classes."""
-    return (
-        f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} "
-        f"in {describe_count(frames, 'frame')} of {part_name} traffic: increase --frames, change "
-        "--seed, or enlarge the area.",
-    )
 
 
 def describe_cases(question: Question) -> str:
