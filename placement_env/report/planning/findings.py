@@ -15,7 +15,7 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.objective import Objective
 from placement_env.protocol import Doubting
 from placement_env.report import content
-from placement_env.report.planning import judging
+from placement_env.report.planning import choice, judging
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.detection.provenance import coview_version, detector_origin
@@ -50,7 +50,7 @@ class Findings:
 
     question: Question
     entrants: Entrants
-    choice: judging.Choice
+    choice: choice.Choice
     objective: Objective
     network: str
     excluded: tuple[str, ...]

@@ -8,9 +8,9 @@ from placement_env.fidelity.preparation import check_scorable
 from placement_env.handover import mounted
 from placement_env.handover.ground import visible_ground
 from placement_env.report import content
-from placement_env.report.planning import judging
 from placement_env.report.planning.answer import build_plan
 from placement_env.report.planning.buildable import narrow_question
+from placement_env.report.planning.choosing import choose_at_drawings, choose_set
 from placement_env.report.planning.entrant_search import prepare_search, search_entrants
 from placement_env.report.planning.findings import Findings
 from placement_env.report.planning.moments import pick_moments
@@ -54,7 +54,7 @@ def _answer(question: Question) -> content.Planned:
     objective = objectives[0]
     compared = prepare_judge(question, objectives, question.part("comparison"), compares=True)
     check_objects(question, compared.judge)
-    choice = judging.choose_set(
+    choice = choose_set(
         objective,
         entrants,
         compared.judge,
@@ -73,7 +73,7 @@ def _answer(question: Question) -> content.Planned:
         network=searched.preparations[0].network,
         excluded=searched.excluded,
         traffic=[preparation.traffic for preparation in parts],
-        drawings=judging.choose_at_drawings(compared.judge, choice, question.min_ap),
+        drawings=choose_at_drawings(compared.judge, choice, question.min_ap),
     )
     candidates = objective.candidates
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])

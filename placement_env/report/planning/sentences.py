@@ -7,7 +7,7 @@ from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
 from placement_env.handover.mounted import LinkLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
-from placement_env.report.planning.judging import Rule
+from placement_env.report.planning.choice import Rule
 from placement_env.report.planning.question import Question
 from placement_env.search.first_look import LOOK_FRAMES
 from placement_env.search.order import MIN_LEVEL_OBJECTS, describe_money

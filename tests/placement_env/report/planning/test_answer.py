@@ -10,9 +10,10 @@ from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import visible_ground
 from placement_env.report.planning.answer import build_plan
+from placement_env.report.planning.choice import Choice
+from placement_env.report.planning.choosing import choose_set
 from placement_env.report.planning.chosen_set import ChosenSet
 from placement_env.report.planning.findings import Findings, trace_plan
-from placement_env.report.planning.judging import Choice, choose_set
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.objects import Detections, Objects
 from toolkit.traffic.snapshots import Snapshot

@@ -33,9 +33,11 @@ from placement_env.report.planning import (
     answer,
     breakdowns,
     buildable,
+    choosing,
     chosen_set,
     entrant_search,
     error_draws,
+    judged_options,
     judging,
     moments,
     plan_writing,
@@ -44,11 +46,13 @@ from placement_env.report.planning import (
     question as questions,
     scored_boxes,
     sentences,
+    size_races,
 )
 from placement_env.report.planning.breakdowns import measure_blind_streets
+from placement_env.report.planning.choice import Choice, choose
 from placement_env.report.planning.chosen_set import ChosenSet
 from placement_env.report.planning.findings import check_stages
-from placement_env.report.planning.judging import Choice, Judge
+from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.moments import pick_moments
 from placement_env.report.planning.plan_writing import write_plan
 from placement_env.report.planning.planning import plan
@@ -130,7 +134,7 @@ def staged(ask, street, monkeypatch):
     monkeypatch.setattr(entrant_search, "keep_entrants", searched)
     monkeypatch.setattr(planning, "prepare_judge", judged)
     monkeypatch.setattr(prepared_judge, "prepare_judge", judged)
-    monkeypatch.setattr(judging, "choose_set", noting(noted.chosen, judging.choose_set))
+    monkeypatch.setattr(planning, "choose_set", noting(noted.chosen, choosing.choose_set))
     monkeypatch.setattr(planning, "pick_moments", noting(noted.moments, pick_moments))
 
     def made(**options):
@@ -421,9 +425,9 @@ def test_results_at_drawings_come_through_and_the_cheapest_that_just_reaches_cou
     )
     both = replace(street.judge, drawings=(street.judge,))
     choice = Choice(options, np.array([[1, 1, 0, 0], [1, 0, 0, 0]], bool), 0, 0, (), "best")
-    results = judging.choose_at_drawings(both, choice, 0.5)  # 0.75 and 0.5, to reach just 0.5
+    results = choosing.choose_at_drawings(both, choice, 0.5)  # 0.75 and 0.5, to reach just 0.5
     assert [(each.judged.ap, each.poles) for each in results] == [(0.75, ("b",))] * 2
-    results = judging.choose_at_drawings(both, choice, 0.76)  # none reaches it, so the best
+    results = choosing.choose_at_drawings(both, choice, 0.76)  # none reaches it, so the best
     assert [each.poles for each in results] == [("a",)] * 2
     assert results[0] == DrawingResult(results[0].judged, ("a",))
 
@@ -590,7 +594,7 @@ def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
         asked.append((judge, choice.members, min_ap))
         return (result,)
 
-    monkeypatch.setattr(judging, "choose_at_drawings", noted)
+    monkeypatch.setattr(planning, "choose_at_drawings", noted)
     assert staged.plan(min_ap=0.7).plan.by_drawing == (result,)
     assert asked == [(staged.judge, (0, 1), 0.7)]
 
@@ -689,7 +693,7 @@ def test_a_set_just_near_the_highest_ap_may_be_best(street):
         )
     )
     draws = {i: np.linspace(0.0, 1.0, 100) ** (i + 1) for i in range(3)}
-    assert judging.choose(options, draws)[0] == 1
+    assert choose(options, draws)[0] == 1
 
 
 def test_a_hit_of_the_very_first_vehicle_counts_in_its_group(street):
@@ -719,15 +723,17 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
         expected = np.array([1.0, 0.75, np.nextafter(0.75, 0)])
         return Contest(np.arange(3), expected, np.full(3, 8), 0.8, 24, expected)
 
-    monkeypatch.setattr(judging, "contest", ended)
-    monkeypatch.setattr(judging, "check_agreement", lambda *_: None)  # of AP that are made up
-    monkeypatch.setattr(judging, "NEAR_AP", 0.25)
+    monkeypatch.setattr(size_races, "contest", ended)
+    monkeypatch.setattr(
+        judged_options, "check_agreement", lambda *_: None
+    )  # of AP that are made up
+    monkeypatch.setattr(size_races, "NEAR_AP", 0.25)
     sets = np.eye(4, dtype=bool)[:3]
     found = Entrants(sets, np.zeros(3), ((),) * 3, 3)
-    choice = judging.choose_set(
+    choice = choosing.choose_set(
         street.objective, found, street.judge, confidence=0.6, run=Run(seed=5)
     )
-    assert asked == [{"confidence": 0.6, "seed": 5, "frames": judging.MAX_RACED_FRAMES}]
+    assert asked == [{"confidence": 0.6, "seed": 5, "frames": size_races.MAX_RACED_FRAMES}]
     assert [option.judged is not None for option in choice.options] == [True, True, False]
     assert choice.confidence is None  # of 8 frames
 
@@ -735,7 +741,7 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
 def test_other_iou_thresholds_say_which_likely_ties_are_judged():
     """Of six sets in the order of their race, the last is too far behind; means are those of the
     shared frames."""
-    expected = 1.0 - judging.LIKELY_TIE_AP * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
+    expected = 1.0 - size_races.LIKELY_TIE_AP * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
     ran = Contest(np.arange(6), expected, np.array([24, 24, 12, 12, 12, 12]), 0.8, 24, expected)
     asked = []
 
@@ -744,11 +750,11 @@ def test_other_iou_thresholds_say_which_likely_ties_are_judged():
         return np.array([0.5, 0.6, 0.4, 0.7])
 
     evaluator: Any = SimpleNamespace(mean_ap=mean_ap)
-    found = judging._find_rivals(ran, np.eye(6, dtype=bool), evaluator, np.arange(60))
+    found = size_races.find_finalists(ran, np.eye(6, dtype=bool), evaluator, np.arange(60))
     assert found.tolist() == [0, 4, 2]
     assert asked == [([1, 2, 3, 4], list(range(12)))]
     alone = replace(ran, expected=expected - np.array([0.0, 1, 1, 1, 1, 1]))
-    assert judging._find_rivals(
+    assert size_races.find_finalists(
         alone, np.eye(6, dtype=bool), evaluator, np.arange(60)
     ).tolist() == [0, 1, 2]
 
@@ -795,7 +801,7 @@ def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
 
     found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
     sound, blind = (judge(detector) for detector in (street.detected.detector, Blind()))
-    choices = [judging.choose_set(street.objective, found, each) for each in (sound, blind)]
+    choices = [choosing.choose_set(street.objective, found, each) for each in (sound, blind)]
     ((judged,), _) = sound.judge_cases(choices[0].sets[[choices[0].chosen]])
     ((unseen,), _) = blind.judge_cases(choices[0].sets[[choices[0].chosen]])
     findings: Any = [
@@ -812,7 +818,7 @@ def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
         ValueError, match=r"AP 0\.\d+ in the comparison .*, but AP 0\.000 in the judgement"
     ):
         check_stages(findings[0], unseen.judged)
-    known = judging._Options(street.objective, found, sound)
+    known = judged_options.JudgedOptions(street.objective, found, sound)
     known.judge_rows([2])
     with pytest.raises(
         ValueError, match=r"AP 0\.00 in the race \(96 to find in 24 frames\), but AP 0\."
@@ -826,7 +832,7 @@ def test_judging_of_the_closest_sets_and_of_the_schemes_is_counted_frame_by_fram
     judge = judging.Judge((Detected(frames, street.detected.detector, "early"),))
     told: list[tuple[str, int, int | None]] = []
     run = Run(progress=lambda *stage: told.append(stage))
-    choice = judging.choose_set(street.objective, found, judge, run=run)
+    choice = choosing.choose_set(street.objective, found, judge, run=run)
     assert {("frames of the closest sets", done, 48) for done in range(1, 25)} <= set(
         told
     )  # the race saw the others
@@ -842,7 +848,7 @@ def test_sureness_is_that_of_the_chosen_set_on_all_frames_and_never_below_what_t
     found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
     frames = type(street.detected.renders)(street.site, street.detected.renders.sensors, 48)
     judge = judging.Judge((Detected(frames, street.detected.detector, "early"),))
-    choice = judging.choose_set(street.objective, found, judge)
+    choice = choosing.choose_set(street.objective, found, judge)
     assert choice.confidence is not None
     assert 0 <= choice.confidence <= 1
     perfect = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 400, 120)
