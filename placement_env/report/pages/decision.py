@@ -27,7 +27,7 @@ from placement_env.report.pages.document import (
     build_content,
 )
 from placement_env.report.pages.figure_texts import interval_text, number_text, percent, price_text
-from placement_env.search.order import describe_money
+from placement_env.search.exclusions import describe_money
 from toolkit.display import describe_count
 from toolkit.sensors.models import MODELS
 from toolkit.sites.site import Site

@@ -27,7 +27,7 @@ class BuildableView(NamedTuple):
 
 def narrow_question(question: Question, run: Run) -> Question:
     """Return the question with the poses that see most, if there are too many to search."""
-    narrowed_poses = narrow_pool(question.searched, run)
+    narrowed_poses = narrow_pool(question.search_setting, run)
     if narrowed_poses is None:
         return question
     pool = question.setting.pool

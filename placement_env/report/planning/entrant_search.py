@@ -11,7 +11,7 @@ from placement_env.objective import Objective
 from placement_env.report.planning.buildable import BuildableView, find_max_sensors, keep_buildable
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.refusals import Refusal, refuse_traffic
-from placement_env.search.order import describe_exclusions, explain_kept
+from placement_env.search.exclusions import describe_exclusions, explain_kept
 from placement_env.search.portfolio.entrants import (
     Effort,
     Entrants,
@@ -47,7 +47,7 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
 
     Raises `Refusal` if the traffic lacks a class, or if nothing or no kept pole may be built."""
     pool = question.setting.pool
-    preparations = [Preparation(drawing.searched, run) for drawing in question.at_drawings]
+    preparations = [Preparation(drawing.search_setting, run) for drawing in question.at_drawings]
     for preparation in preparations:
         missing = _list_missing(question, preparation)
         if missing:

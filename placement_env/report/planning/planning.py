@@ -43,7 +43,7 @@ def _check_question(question: Question) -> None:
         pool = question.setting.pool
     except NoCandidates as error:
         raise Refusal((f"There is no candidate: {error}.",)) from None
-    check_scorable(question.judged(pool), "detector")
+    check_scorable(question.judge_setting(pool), "detector")
 
 
 def _answer(question: Question) -> content.Planned:

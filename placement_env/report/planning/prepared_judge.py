@@ -33,7 +33,7 @@ def prepare_judge(
 
     objectives: one for each drawing of the site; compares: the judge compares many sets."""
     preparations = [
-        Preparation(drawing.judged(objective.candidates), run, compares=compares)
+        Preparation(drawing.judge_setting(objective.candidates), run, compares=compares)
         for drawing, objective in zip(question.at_drawings, objectives, strict=True)
     ]
     judges = [

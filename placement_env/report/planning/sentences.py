@@ -9,8 +9,9 @@ from placement_env.handover.mounted import LinkLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.choice import Rule
 from placement_env.report.planning.question import Question
+from placement_env.search.description import MIN_LEVEL_OBJECTS
+from placement_env.search.exclusions import describe_money
 from placement_env.search.first_look import LOOK_FRAMES
-from placement_env.search.order import MIN_LEVEL_OBJECTS, describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.display import describe_count

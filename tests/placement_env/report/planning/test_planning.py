@@ -20,7 +20,7 @@ from placement_env.report.planning.judging import SetJudgement
 from placement_env.report.planning.plan_writing import format_json, write_plan
 from placement_env.report.planning.planning import plan
 from placement_env.report.planning.prepared_judge import PreparedJudge, prepare_final_judge
-from placement_env.search.order import describe_exclusions
+from placement_env.search.exclusions import describe_exclusions
 from placement_env.setting import Setting
 from toolkit.objects import Detections
 from toolkit.runtime.run import Run
@@ -238,8 +238,8 @@ def test_a_site_without_vehicles(asked, monkeypatch):
 
 def test_the_search_knows_no_errors_and_the_judges_do(ask):
     question = ask(SITE, candidates="paper", errors=("poor",))
-    assert question.searched.cases.names == ("paper",)
-    assert question.judged(question.setting.pool).cases.profiles == (POOR,)
+    assert question.search_setting.cases.names == ("paper",)
+    assert question.judge_setting(question.setting.pool).cases.profiles == (POOR,)
 
 
 @pytest.mark.slow

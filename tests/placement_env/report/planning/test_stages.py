@@ -608,7 +608,9 @@ def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkey
         "from_preparation",
         staticmethod(lambda prepared, seed: replace(street.judge, seed=seed)),
     )
-    each = [SimpleNamespace(judged=lambda candidates, n=n: (n, candidates)) for n in range(2)]
+    each = [
+        SimpleNamespace(judge_setting=lambda candidates, n=n: (n, candidates)) for n in range(2)
+    ]
     asked: Any = SimpleNamespace(at_drawings=each, run=Run(seed=5))
     objectives: Any = [SimpleNamespace(candidates="a"), SimpleNamespace(candidates="b")]
     made, judge = prepare_judge(asked, objectives, Run(seed=9))
