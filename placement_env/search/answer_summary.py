@@ -46,6 +46,7 @@ class Answer:
 
 
 def report_result(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
+    """Return the figures of one search for JSON, and its lines of text."""
     best = result.best
     assessment = result.assessment
     sensors = describe_sensors(list_names(objective, best.subset), result.sensors, objective.site)
@@ -79,10 +80,11 @@ def report_result(objective: Objective, result: Result) -> tuple[Summary, list[s
 def report_curve(
     order: SearchOrder, objective: Objective, points: tuple[CurvePoint, ...]
 ) -> Answer:
-    named = [set_names(objective.candidates, point.subset) for point in points]
-    rows = [
-        asdict(point) | {"sensors": [*names]} for point, names in zip(points, named, strict=True)
-    ]
+    """Return the points of a budget curve as an answer."""
+    point_names = [set_names(objective.candidates, point.subset) for point in points]
+    rows = []
+    for point, names in zip(points, point_names, strict=True):
+        rows.append(asdict(point) | {"sensors": [*names]})
     summary = {
         "curve": rows,
         "judge": order.judge,
@@ -107,7 +109,7 @@ def report_curve(
             "choice:"
         )
     ]
-    for point, names in zip(points, named, strict=True):
+    for point, names in zip(points, point_names, strict=True):
         price = describe_money(point.price, order.currency)
         pays = "" if point.pays else ", no more than a cheaper one"
         judged = describe_estimate(point, order.judge, point.objects)
@@ -119,6 +121,7 @@ def report_curve(
 
 
 def list_names(objective: Objective, subset: Iterable[int]) -> list[str]:
+    """Return the names of a set's candidates."""
     return [objective.names[c] for c in subset]
 
 

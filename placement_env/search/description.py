@@ -122,12 +122,13 @@ def describe_assessment(assessment: Assessment) -> list[str]:
             f"  the {assessment.errors_by} over error profiles: "
             f"{describe_profiles(assessment.by_errors, objects)}"
         )
-    return lines + [
-        f"  {' and '.join(contender.searches)}: {describe_estimate(contender, assessment.by, objects)}, "
-        f"predicted {format_share(contender.predicted, objects)}, "
-        f"{format_share(contender.curse, objects, signed=True)} too much"
-        for contender in assessment.contenders
-    ]
+    for contender in assessment.contenders:
+        searches = " and ".join(contender.searches)
+        estimate = describe_estimate(contender, assessment.by, objects)
+        predicted = format_share(contender.predicted, objects)
+        excess = format_share(contender.curse, objects, signed=True)
+        lines.append(f"  {searches}: {estimate}, predicted {predicted}, {excess} too much")
+    return lines
 
 
 def describe_profiles(by_errors: Sequence[ProfileAP], objects: int) -> str:

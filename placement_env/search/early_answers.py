@@ -36,6 +36,9 @@ class BetterReport:
         self._reward = objective.score(first.subset).reward
 
     def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
+        """Report a set unless it is the last one, or too little better.
+
+        raced: frames of the race so far, 0 before it."""
         if subset == self._last or (not raced and reward < self._reward + MIN_GAIN_AP):
             return
         self._last = subset

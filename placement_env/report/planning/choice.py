@@ -60,6 +60,7 @@ class Choice:
 
 
 def rank_thrift(option: PlanOption) -> tuple[float, int, float, float]:
+    """Sort key: cheap sets first, then few sensors, then a high mean AP over IoU thresholds."""
     return option.price, len(option.sensors), -(option.mean_ap or 0.0), option.kbit_per_sensor
 
 
