@@ -162,7 +162,8 @@ def _check_start(start: Candidates) -> None:
 class _Climb:
     """Best set of poses so far, and the costs of all steps.
 
-    An interrupted climb resumes from the costs in its checkpoint. These are passed to the strategy again, so it comes back to where it was without scoring.
+    An interrupted climb resumes from the costs in its checkpoint. These are passed to the strategy
+    again, so it comes back to where it was without scoring.
 
     Attributes:
         vector: Coded poses of the best set.
