@@ -24,7 +24,7 @@ from placement_env.report.planning.chosen_set import ChosenSet
 from placement_env.report.planning.error_draws import by_draw
 from placement_env.report.planning.findings import Findings, check_stages, trace_plan
 from placement_env.report.planning.judging import Judge, SetJudgement
-from placement_env.report.planning.plan_folder import format_stock
+from placement_env.report.planning.plan_stock import format_stock
 from placement_env.report.planning.scored_boxes import score_boxes
 from toolkit.arrays import Float64
 from toolkit.detection.provenance import detector_origin
