@@ -28,7 +28,7 @@ from toolkit.sites.site import Mount
 
 HEIGHT_STEP_M = 0.5  # m between the panoramas of a mount
 MAX_HEIGHT_GAP_M = 1.5  # m of height within which a first view is taken from another panorama
-MAX_KEPT_BYTES = 600_000_000  # of the panoramas kept in memory
+DEFAULT_PANORAMA_BYTES = 600_000_000  # of the panoramas kept in memory
 Place = tuple[float, float, float]
 _Wanted = list[tuple[Place, Mount]]
 Reach = Literal["mount", "own", "nearest"]
@@ -57,7 +57,7 @@ class LiveView:
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
         # surrounds by place
         self._kept = Bounded()
-        self._most = MAX_KEPT_BYTES
+        self._most = DEFAULT_PANORAMA_BYTES
         self._stand_alone()
 
     def _stand_alone(self) -> None:
