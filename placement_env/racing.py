@@ -17,7 +17,7 @@ import numpy as np
 
 from placement_env.analysis.shrinkage import shrink
 from placement_env.subsets import Sets
-from toolkit.arrays import Float64, Int64, Rng
+from toolkit.arrays import Bool, Float64, Int64, Rng
 
 # returns a figure, such as AP, of each of n sensor sets from some frames
 PartialScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]]
@@ -250,11 +250,9 @@ def race_until(
         if is_over or is_known:
             dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
-        lead = ranked.resamples - ranked.resamples[0]
-        is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
-        is_running[0] = True
         next_frames = min(frames, used_frames * rules.eta) - used_frames
-        is_running &= np.cumsum(is_running) <= max(1.0, (rules.most - spent) / next_frames)
+        max_sets = max(1.0, (rules.most - spent) / next_frames)
+        is_running = _find_running(ranked.resamples, risk, max_sets)
         if used_frames >= rules.least and is_running.sum() == 1:  # more frames would change no rank
             dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
@@ -299,6 +297,19 @@ def _rank_rung(
         resamples = shrunk.resamples
     ranks = np.argsort(-expected, kind="stable")
     return _RankedRung(rows[ranks], resampled.figure[ranks], expected[ranks], resamples[ranks])
+
+
+def _find_running(
+    resamples: Float64[np.ndarray, "n resamples"], risk: float, max_sets: float
+) -> Bool[np.ndarray, " n"]:
+    """Find the ranked sets that go on to the next rung, the best always among them.
+
+    risk: least share of resamples in which a set must beat the best."""
+    lead = resamples - resamples[0]
+    is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
+    is_running[0] = True
+    is_running &= np.cumsum(is_running) <= max_sets
+    return is_running
 
 
 def _doubt(
