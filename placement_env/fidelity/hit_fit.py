@@ -40,8 +40,15 @@ DEFAULT_FIT_FRAMES = 100  # of each site
 
 
 class Observed(NamedTuple):
-    """Hits and AP of sensor sets at one site. radius: of hybrid fusion (m); sensors: kinds of
-    models."""
+    """Hits and AP of sensor sets at one site.
+
+    Attributes:
+        visibility: View of the candidates.
+        subsets: The sets.
+        hits: Whether each set hits each object.
+        ap: AP of each set.
+        radius: Radius of hybrid fusion (m).
+        sensors: Names of the sensor models."""
 
     visibility: Visibility
     subsets: Sets

@@ -247,8 +247,10 @@ def shipped_model(
 def find_hit_model(
     models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str
 ) -> HitModel:
-    """Model for a scheme, IoU threshold and class. Raises ValueError where `source` has none, and
-    lists the choices."""
+    """Find the model for a scheme, IoU threshold and class.
+
+    source: name of the models' file for the error. Raises ValueError, with the choices, if no model
+    fits."""
     models = list(models)
     for model in models:
         if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):

@@ -333,14 +333,15 @@ def _list_violated(
     return violated
 
 
-def join_levels(parts: Sequence[Levels]) -> Levels:
-    """Levels of the objects of several programmes over the same candidates, with separate
-    parties."""
+def join_levels(class_levels: Sequence[Levels]) -> Levels:
+    """Join the levels of several classes over the same candidates, object after object.
+
+    Each class keeps its parties: the sums of worth that its objects count in."""
     return Levels(
-        known=np.concatenate([part.known for part in parts], axis=1),
-        threshold=np.concatenate([part.threshold for part in parts], axis=1),
-        gain=np.concatenate([part.gain for part in parts], axis=1),
-        parties=block_diag(*[part.parties for part in parts]),
+        known=np.concatenate([levels.known for levels in class_levels], axis=1),
+        threshold=np.concatenate([levels.threshold for levels in class_levels], axis=1),
+        gain=np.concatenate([levels.gain for levels in class_levels], axis=1),
+        parties=block_diag(*[levels.parties for levels in class_levels]),
     )
 
 
