@@ -333,15 +333,16 @@ def _list_violated(
     return violated
 
 
-def join_levels(class_levels: Sequence[Levels]) -> Levels:
-    """Join the levels of several classes over the same candidates, object after object.
+def join_levels(groups: Sequence[Levels]) -> Levels:
+    """Join groups of objects, seen by the same candidates, into one: object after object.
 
-    Each class keeps its parties: the sums of worth that its objects count in."""
+    A group holds the objects of one class or one level of traffic. It keeps its parties: the sums
+    of worth that its objects count in."""
     return Levels(
-        known=np.concatenate([levels.known for levels in class_levels], axis=1),
-        threshold=np.concatenate([levels.threshold for levels in class_levels], axis=1),
-        gain=np.concatenate([levels.gain for levels in class_levels], axis=1),
-        parties=block_diag(*[levels.parties for levels in class_levels]),
+        known=np.concatenate([group.known for group in groups], axis=1),
+        threshold=np.concatenate([group.threshold for group in groups], axis=1),
+        gain=np.concatenate([group.gain for group in groups], axis=1),
+        parties=block_diag(*[group.parties for group in groups]),
     )
 
 
