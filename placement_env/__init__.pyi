@@ -20,7 +20,8 @@ from .live.planner import LivePlanner as LivePlanner
 from .objective import Objective as Objective, Score as Score
 from .protocol import Estimate as Estimate, Fidelity as Fidelity
 from .report.content import Plan as Plan
-from .report.planning.planning import plan as plan, write_plan as write_plan
+from .report.planning.planning import plan as plan
+from .report.planning.plan_writing import write_plan as write_plan
 from .report.planning.question import Question as Question, Stock as Stock
 from .rl.adapter import SB3VecEnv as SB3VecEnv, as_sb3 as as_sb3
 from .rl.training import rollout as rollout, train_policy as train_policy

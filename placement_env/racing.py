@@ -17,7 +17,7 @@ import numpy as np
 
 from placement_env.analysis.shrinkage import shrink
 from placement_env.subsets import Sets
-from toolkit.arrays import Float64, Int64, Rng
+from toolkit.arrays import Bool, Float64, Int64, Rng
 
 # returns a figure, such as AP, of each of n sensor sets from some frames
 PartialScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]]
@@ -189,6 +189,21 @@ class _Dropped(NamedTuple):
     frames: int
 
 
+class _RankedRung(NamedTuple):
+    """Sets of one rung, best first.
+
+    Attributes:
+        rows: Row of each set.
+        measured: Measured figure of each set.
+        expected: Likeliest figure, given the prediction too.
+        resamples: Likeliest figure in each resample."""
+
+    rows: Int64[np.ndarray, " _"]
+    measured: Float64[np.ndarray, " _"]
+    expected: Float64[np.ndarray, " _"]
+    resamples: Float64[np.ndarray, "_ resamples"]
+
+
 def race_until(
     scores: ResampledScores,
     sets: Sets,
@@ -210,11 +225,7 @@ def race_until(
     one in every block. Raises ValueError without a set or frame.
     """
     frames = len(order)
-    if min(len(sets), frames) < 1:
-        raise ValueError(
-            f"a race until a confidence needs a set and a frame, got {len(sets)} sets, {frames} "
-            "frames"
-        )
+    _check_entrants(sets, frames)
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     risk = (1 - rules.confidence) / len(running)
     used_frames = 0
@@ -226,40 +237,26 @@ def race_until(
         frame_count = min(frames, max(rules.first, used_frames * rules.eta))
         resampled = scores(sets[running], order[:frame_count])
         counted = frame_count if resampled.frames is None else resampled.frames
-        spent = spent + len(running) * (counted - used_frames)
+        spent += len(running) * (counted - used_frames)
         used_frames = counted
-        figures_measured = resampled.figure
-        if predicted is not None:
-            shrunk = shrink(
-                resampled.figure, resampled.resamples, predicted[running], resampled.blocks
-            )
-            resampled = resampled._replace(figure=shrunk.figure, resamples=shrunk.resamples)
-        expected[running] = resampled.figure
-        ranked = np.argsort(-resampled.figure, kind="stable")
-        resampled = resampled._replace(
-            figure=resampled.figure[ranked], resamples=resampled.resamples[ranked]
-        )
-        running = running[ranked]
-        figures_measured = figures_measured[ranked]
-        rungs.append(Rung(running, resampled.resamples))
+        ranked = _rank_rung(resampled, running, predicted)
+        running = ranked.rows
+        expected[running] = ranked.expected
+        rungs.append(Rung(running, ranked.resamples))
         by_chance = 0.0 if resampled.frames is None or len(sets) == 1 else 0.5**resampled.blocks
         confidence = 1 - max(by_chance, _doubt(rungs, int(running[0]), rules.tolerance))
-        if (
-            used_frames == frames
-            or used_frames < frame_count
-            or (confidence >= rules.confidence and used_frames >= rules.least)
-        ):
-            dropped.append(_Dropped(running, figures_measured, used_frames))
+        is_over = used_frames == frames or used_frames < frame_count
+        is_known = confidence >= rules.confidence and used_frames >= rules.least
+        if is_over or is_known:
+            dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
-        lead = resampled.resamples - resampled.resamples[0]
-        is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
-        is_running[0] = True
         next_frames = min(frames, used_frames * rules.eta) - used_frames
-        is_running &= np.cumsum(is_running) <= max(1.0, (rules.most - spent) / next_frames)
+        max_sets = max(1.0, (rules.most - spent) / next_frames)
+        is_running = _find_running(ranked.resamples, risk, max_sets)
         if used_frames >= rules.least and is_running.sum() == 1:  # more frames would change no rank
-            dropped.append(_Dropped(running, figures_measured, used_frames))
+            dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
-        dropped.append(_Dropped(running[~is_running], figures_measured[~is_running], used_frames))
+        dropped.append(_Dropped(running[~is_running], ranked.measured[~is_running], used_frames))
         running = running[is_running]
     dropped.reverse()
     ranking = np.concatenate([group.rows for group in dropped])
@@ -275,6 +272,44 @@ def race_until(
         tolerance=rules.tolerance,
         by_chance=by_chance,
     )
+
+
+def _check_entrants(sets: Sets, frames: int) -> None:
+    """Raise ValueError without a set or frame."""
+    if min(len(sets), frames) < 1:
+        raise ValueError(
+            f"a race until a confidence needs a set and a frame, got {len(sets)} sets, {frames} "
+            "frames"
+        )
+
+
+def _rank_rung(
+    resampled: Resampled,
+    rows: Int64[np.ndarray, " n"],
+    predicted: Float64[np.ndarray, " all"] | None,
+) -> _RankedRung:
+    """Rank the sets of a rung by their figures, combined with the predictions if given."""
+    expected = resampled.figure
+    resamples = resampled.resamples
+    if predicted is not None:
+        shrunk = shrink(resampled.figure, resamples, predicted[rows], resampled.blocks)
+        expected = shrunk.figure
+        resamples = shrunk.resamples
+    ranks = np.argsort(-expected, kind="stable")
+    return _RankedRung(rows[ranks], resampled.figure[ranks], expected[ranks], resamples[ranks])
+
+
+def _find_running(
+    resamples: Float64[np.ndarray, "n resamples"], risk: float, max_sets: float
+) -> Bool[np.ndarray, " n"]:
+    """Find the ranked sets that go on to the next rung, the best always among them.
+
+    risk: least share of resamples in which a set must beat the best."""
+    lead = resamples - resamples[0]
+    is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
+    is_running[0] = True
+    is_running &= np.cumsum(is_running) <= max_sets
+    return is_running
 
 
 def _doubt(

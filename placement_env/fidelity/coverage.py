@@ -92,7 +92,7 @@ class Coverage:
         return self.by_class(subsets).combined(self.classes).without_nan()
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Share of the objects of each class. NaN where the class has no objects."""
+        """Share of the objects of each class. NaN if the class has none."""
         share = np.full((len(subsets), len(self.classes)), np.nan)
         for block, views in self._sums.blocks(subsets):
             for k, (of_class, count) in enumerate(self._own):

@@ -102,10 +102,19 @@ class Outcome(NamedTuple):
 class Detected:
     """AP of sensor sets by detection, which the other fidelities approximate.
 
-    memo: where detections and outcomes are kept, or the path of its file, None for this object's
-    memory; processes: that work on the frames, with the same figures; classes: of the objects that
-    count, several combined. Raises ValueError where these do not fit, for a class that the detector
-    does not know, and for a detector without `digest` with a memo that others share."""
+    Args:
+        renders: Measurements of the candidates.
+        detector: The detector.
+        scheme: Fusion scheme, or its name.
+        codec: Codec of the sent data.
+        iou: IoU from which a detection counts.
+        memo: Keeps detections and outcomes, or the path of its file; None to keep them in this
+            object's memory.
+        processes: Processes that work on the frames, with the same figures.
+        classes: Classes of the objects that count; several are combined.
+
+    Raises ValueError if these do not fit, for a class that the detector does not know, and for a
+    detector without `digest` with a memo that others share."""
 
     name = "detector"
 
@@ -159,7 +168,7 @@ class Detected:
         return detected
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Figures of each set over all frames. AP and recall are NaN where no objects count."""
+        """Figures of each set over all frames. AP and recall are NaN if no objects count."""
         return self.estimates(subsets)[self.iou]
 
     def partial(self, subsets: Sets, frames: int | Sequence[int]) -> Estimate:

@@ -40,8 +40,15 @@ DEFAULT_FIT_FRAMES = 100  # of each site
 
 
 class Observed(NamedTuple):
-    """Hits and AP of sensor sets at one site. radius: of hybrid fusion (m); sensors: kinds of
-    models."""
+    """Hits and AP of sensor sets at one site.
+
+    Attributes:
+        visibility: View of the candidates.
+        subsets: The sets.
+        hits: Whether each set hits each object.
+        ap: AP of each set.
+        radius: Radius of hybrid fusion (m).
+        sensors: Names of the sensor models."""
 
     visibility: Visibility
     subsets: Sets
@@ -70,7 +77,7 @@ def fit(
 
     resamples: repeated fits to sites (unless single), blocks of frames and sets drawn with
     replacement, from which the model states its uncertainty and its error at the sites (of a single
-    one, sets) left out. Raises ValueError where the data are empty."""
+    one, sets) left out. Raises ValueError if the data are empty."""
     for observation in observed:
         _check(observation)
     hits = sum(int(observation.hits.sum()) for observation in observed)
@@ -229,7 +236,7 @@ def fit_detected(
     """Models of each class at each IoU threshold.
 
     detected_sites: at each site the visibility, the detections of the same candidates, frames and
-    classes, and the sets; ious: of vehicles, from those of `Detected`, all where empty. Raises
+    classes, and the sets; ious: of vehicles, from those of `Detected`, all if empty. Raises
     ValueError where the data of a class are empty."""
     first = detected_sites[0][1]
     estimates = [detected.class_estimates(sets) for _, detected, sets in detected_sites]
@@ -321,7 +328,7 @@ def fit_sites(
     """Models of a detector's hits at some sites, for each scheme, class and IoU threshold.
 
     ious: of vehicles; run: its seed, plus the place of a site in the list, draws traffic, poses and
-    sets; its cache keeps detections, so an interrupted run resumes. Raises ValueError where a class
+    sets; its cache keeps detections, so an interrupted run resumes. Raises ValueError if a class
     is absent or is always hit."""
     from placement_env.fidelity.seeing import see
 

@@ -139,12 +139,19 @@ class HitDomain:
 class HitModel:
     """Numbers of the formula above, for one scheme (its name), IoU threshold and class of objects.
 
-    false_alarms: number of false alarms that outrank a hit, for each object that is less surely
-    found and not hit; source: the fitted data in words; domain: in figures, None where unknown;
-    resampled: `NUMBERS` of fits to resamples of the same data, which show the uncertainty of the
-    fit; error: root mean square of the error of APs predicted by these fits at sites that they were
-    made without, per √(AP (1 - AP)); 0 where unknown. Raises ValueError where one is out of
-    range."""
+    Fields that are not listed are numbers of the formula.
+
+    Attributes:
+        false_alarms: Number of false alarms that outrank a hit, for each object that is less surely
+            found and not hit.
+        source: The fitted data in words.
+        domain: The fitted data in figures, None if unknown.
+        resampled: `NUMBERS` of fits to resamples of the same data, which show the uncertainty of
+            the fit.
+        error: Root mean square of the error of APs predicted by these fits at sites that they were
+            made without, per √(AP (1 - AP)); 0 if unknown.
+
+    Raises ValueError if a number is out of range."""
 
     scheme: str
     iou: float
@@ -247,8 +254,10 @@ def shipped_model(
 def find_hit_model(
     models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str
 ) -> HitModel:
-    """Model for a scheme, IoU threshold and class. Raises ValueError where `source` has none, and
-    lists the choices."""
+    """Find the model for a scheme, IoU threshold and class.
+
+    source: name of the models' file for the error. Raises ValueError, with the choices, if no model
+    fits."""
     models = list(models)
     for model in models:
         if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):

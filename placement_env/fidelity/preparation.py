@@ -382,7 +382,7 @@ class Preparation:
 
 
 def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> None:
-    """Raise ValueError where no table, surrogate or detector scores the candidates. Nothing is
+    """Raise ValueError if no table, surrogate or detector scores the candidates. Nothing is
     rendered."""
     name = _checked_name(setting, fidelity)
     for path, site_names, what in (

@@ -40,11 +40,17 @@ RENDER_PARTS = 2 * LIFE
 class Renders:
     """Measurements of candidates in traffic.
 
-    cache: where renders are kept and shared with other processes, None for this object's memory;
-    noise_seed: None for no noise; errors: of the sensors, drawn from that seed when a cloud is
-    requested; redrawn: anew for each block of `LIFE` frames, as if the sensors were mounted again,
-    so that figures over all frames are means over many mountings; else once for all frames. Pickles
-    exclude rendered data."""
+    Pickles exclude rendered data.
+
+    Args:
+        traffic: Frames to render.
+        candidates: Sensors that measure.
+        cache: Keeps renders for other processes too, None to keep them in this object's memory.
+        noise_seed: Seed of noise and errors, None for no noise.
+        errors: Errors of the sensors, drawn when a cloud is requested.
+        redrawn: Draw the errors for each block of `LIFE` frames again, as if the sensors were
+            mounted again, so that figures over all frames are means over many mountings; else once
+            for all frames."""
 
     def __init__(
         self,
@@ -177,7 +183,9 @@ class Renders:
 
     def _kept(self, c: int, part: int) -> "_Packed":
         """Kept part of a candidate's frames, rendered anew if damaged."""
-        (arrays,) = recall(self._cache, [self._key(c, part)], lambda _: [self._render(c, part)])
+        (arrays,) = recall(
+            self._cache, [self._key(c, part)], lambda _: [self._render_part(c, part)]
+        )
         return _Packed(*arrays)
 
     def _rig(self, c: int) -> Rig:
@@ -212,21 +220,28 @@ class Renders:
         rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
         return rig.pixels[0], rig.depth[0]
 
-    def _render(self, c: int, part: int) -> Arrays:
-        """Fields of `_Packed` of a part."""
+    def _render_part(self, c: int, part: int) -> Arrays:
+        """Render every `RENDER_PARTS`-th frame of sensor c, from frame `part` on.
+
+        Returns pixels, steps and ends of `_Packed`: what differs from the empty site, frame after
+        frame."""
         renderer = build_renderer(self.traffic).looking([self.sensors[c]])
-        changes = []
-        still = renderer.background[0].ravel().astype(np.float32)
+        empty_image = renderer.background[0].ravel().astype(np.float32)
         rig = self._rig(c)
+        frame_pixels = []
+        frame_steps = []
         for snapshot in self.traffic.snapshots[part::RENDER_PARTS]:
             images = renderer.render(snapshot).measurements
             if self._whole:
-                changes.append(_find_changes(still, images[0].ravel()))
+                pixels, steps = _find_changes(empty_image, images[0].ravel())
             else:
                 changed = change(rig, Frame(renderer.sensors, images, snapshot.objects))
-                changes.append((changed.pixels[0], changed.steps[0]))
-        pixels, steps = (np.concatenate(column) for column in zip(*changes, strict=True))
-        return pixels, steps, np.cumsum([0, *(len(column) for column, _ in changes)])
+                pixels = changed.pixels[0]
+                steps = changed.steps[0]
+            frame_pixels.append(pixels)
+            frame_steps.append(steps)
+        ends = np.cumsum([0, *map(len, frame_pixels)])
+        return np.concatenate(frame_pixels), np.concatenate(frame_steps), ends
 
 
 class Recorded:
@@ -284,8 +299,12 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class _Packed:
-    """Packed part of a candidate's frames: pixels unlike the rig's, their steps (0: none), and ends
-    of each frame."""
+    """Packed part of a candidate's frames.
+
+    Attributes:
+        pixels: Pixels that differ from the empty site, frame after frame.
+        steps: Measurement of each of these pixels in steps, 0 for none.
+        ends: Index at which the pixels of each frame end, after a 0."""
 
     pixels: Shaped[np.ndarray, " p"]
     steps: Shaped[np.ndarray, " p"]

@@ -12,14 +12,9 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_choice
 from placement_env.fidelity.occlusion import SeenPoints, look_at
-from placement_env.fidelity.panorama import (
-    Lookup,
-    ScoredItems,
-    Still,
-    Surround,
-    place_strips,
-    successive_strips,
-)
+from placement_env.fidelity.ray_table import Lookup
+from placement_env.fidelity.still import Still
+from placement_env.fidelity.surround import ScoredItems, Surround, place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
 from placement_env.setting import Rendering

@@ -40,9 +40,20 @@ _no_more = partial(np.zeros, (0, 0, 0, 0))  # of classes beside the first
 class TableOrigin:
     """Origin of a table.
 
-    place: digest of site and sensors (`hash_site`); frames, objects: numbers of these; recording,
-    detector: digests; seed: of the noise; hybrid_radius: m; errors: name of the sensors' error
-    profile; ious: for each class the IoU threshold that replaces each of `IOUS`."""
+    Attributes:
+        site: Name of the site.
+        sensors: Names of the sensors.
+        place: Digest of site and sensors (`hash_site`).
+        frames: Number of frames.
+        objects: Number of objects.
+        recording: Digest of the recording.
+        detector: Digest of the detector.
+        seed: Seed of the noise.
+        commit: Commit of this project.
+        hybrid_radius: Radius of hybrid fusion (m).
+        errors: Name of the sensors' error profile.
+        classes: Classes that the table has figures for.
+        ious: IoU threshold of each class that replaces each of `IOUS`."""
 
     site: str
     sensors: tuple[str, ...]

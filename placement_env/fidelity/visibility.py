@@ -28,11 +28,17 @@ if TYPE_CHECKING:
 class Visibility:
     """View of C candidates on the O scored objects.
 
-    The objects (of some classes, centred in the area) are those of F frames, frame after frame.
-    points: on each object inside the crop, noise-free; distance: from the sensor to the object's
-    centre, horizontal, m, seen or not; frame: of each object, ascending; boxes: of the objects;
-    sent: expected points in the crop of each frame; far: those of them horizontally beyond the
-    radius of hybrid fusion; labels: class of each object, all vehicles if not given."""
+    The objects have some classes, are centred in the area, and come frame after frame, for F
+    frames.
+
+    Attributes:
+        points: Noise-free points of each candidate on each object inside the crop.
+        distance: Horizontal distance from sensor to centre of the object (m), seen or not.
+        frame: Frame of each object, ascending.
+        boxes: Box of each object.
+        sent: Expected points of each candidate in the crop of each frame.
+        far: Sent points that are horizontally beyond the radius of hybrid fusion.
+        labels: Class of each object; all are vehicles if not given."""
 
     points: Float32[np.ndarray, "C O"]
     distance: Float32[np.ndarray, "C O"]

@@ -234,7 +234,8 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
 
     The traffic is the plan's if there is one. It takes minutes. Raises ValueError without a sensor,
     OSError if the folder cannot be written."""
-    from placement_env.report.planning.planning import plan, write_plan
+    from placement_env.report.planning.plan_writing import write_plan
+    from placement_env.report.planning.planning import plan
     from placement_env.report.planning.question import Question
 
     candidates = planner.yard.candidates(planner.variant)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.fidelity.panorama import Bounded, build_moment
+from placement_env.fidelity.bounded import Bounded
 from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.surround import build_moment
 from placement_env.fidelity.traffic import build_renderer
 from placement_env.handover.ground import lay_grid
 from toolkit.arrays import Bool, Float32, Float64, Shaped

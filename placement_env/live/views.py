@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor
-from placement_env.fidelity.panorama import LiveView, list_heights, make_table_ahead
+from placement_env.fidelity.panorama import LiveView, list_heights
 from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.ray_table import make_table_ahead
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.live.figures import Meter

@@ -73,6 +73,14 @@ PLAIN = Learning()
 EXPLORING = Learning(entropy=0.3)  # a search keeps its best set, so it may explore more
 
 
+def _check_poles(objective: Objective) -> None:
+    """Raise ValueError if poles must carry a sensor."""
+    if objective.setting.keep:
+        raise ValueError(
+            "a policy does not know poles that must carry a sensor: pass --method portfolio or swap"
+        )
+
+
 def search(
     objective: Objective,
     budget: int,
@@ -89,10 +97,7 @@ def search(
     plays `POLICY_EPISODES` episodes. checkpoint: keeps the policy, and the best set up to each
     round.
     """
-    if objective.setting.keep:
-        raise ValueError(
-            "a policy does not know poles that must carry a sensor: pass --method portfolio or swap"
-        )
+    _check_poles(objective)
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits = Limits(seconds, evaluations)
     best = 0.0
@@ -143,13 +148,16 @@ def search(
     limits.count += rolled_out.evaluations
     trained = objective.score(np.flatnonzero(chosen))
     best_score = rolled_out.best if rolled_out.best.reward > trained.reward else trained
-    words = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
-    certificate = Certificate("none", best_score.reward, note=words)
-    origin = objective.describe_origin(best_score.subset)
-    history = limits.history(best_score.reward)
-    return Result(
-        "policy", best_score, history, certificate, limits.count, limits.elapsed, origin=origin
-    )
+    note_text = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
+    return _build_result(objective, best_score, limits, note_text)
+
+
+def _build_result(objective: Objective, best: Score, limits: Limits, note: str) -> Result:
+    """Return the result for the best set. note: on what the policy reaches."""
+    certificate = Certificate("none", best.reward, note=note)
+    origin = objective.describe_origin(best.subset)
+    history = limits.history(best.reward)
+    return Result("policy", best, history, certificate, limits.count, limits.elapsed, origin=origin)
 
 
 def train_policy(

@@ -9,7 +9,7 @@ link. Some take further options.
                  winner is judged on other traffic
     exhaustive   every set of up to 16 candidates: the optimum, the best of each size, the exact
                  AP-kbit-price front
-    greedy       one sensor after another; also `raced`, with the same arguments
+    greedy       one sensor after another; also `search_by_races`, with the same arguments
     swap         change one sensor at a time until nothing improves, from several starts
     cpsat        coverage and k-coverage with a proven bound (OR-Tools)
     hits         expected hits with a proven bound (OR-Tools)

@@ -16,8 +16,9 @@ from placement_env.handover.exchange import EXCHANGE_FILES, safe_cell, write_exc
 from placement_env.handover.ground import visible_ground
 from placement_env.handover.mounted import format_sensors, mounted_site, set_names, unused_mounts
 from placement_env.objective import Objective
+from placement_env.search.answer_summary import Answer
 from placement_env.search.cmaes import as_candidates
-from placement_env.search.order import Answer, SearchOrder
+from placement_env.search.order import SearchOrder
 from placement_env.search.portfolio.curve import MAX_AMOUNTS, CurvePoint
 from toolkit.arrays import Float64
 from toolkit.plots import canvas

@@ -98,7 +98,7 @@ def find_unfinished(folder: Path, question: Mapping[str, object]) -> ShardFolder
 
 
 @contextmanager
-def unfinished(
+def open_checkpoint(
     folder: Path, question: Mapping[str, object], *, code: str = __name__, overwrite: bool = False
 ) -> Iterator[Checkpoint]:
     """Yield the checkpoint of a search in a separate folder, removed when the block ends normally.

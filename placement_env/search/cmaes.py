@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -118,85 +119,132 @@ def improve(
     `Result.best.subset` only counts the sensors. Raises ValueError without a sensor, if two share a
     mount or if the start may not be built, and ImportError without `cma`.
     """
-    if (
-        not len(start)
-        or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any()
-    ):
-        mounts = np.unique(start.mount).size
-        raise ValueError(
-            f"need sensors on mounts of their own, got {len(start)} on {mounts} mounts"
-        )
+    _check_start(start)
     cma = _cma()
-    limits = Limits(
-        seconds, DEFAULT_VECTORS if seconds is None and evaluations is None else evaluations
-    )
+    has_limit = seconds is not None or evaluations is not None
+    limits = Limits(seconds, evaluations if has_limit else DEFAULT_VECTORS)
     rng = np.random.default_rng(seed)
     coding = Coding(start)
-    sensors = start.sensors
-    (first_score,) = score_poses([sensors])
-    if first_score is None:
-        raise ValueError("the sensors to start from may not be built: choose a feasible set")
-    score = first_score
-    limits.count += 1
-    limits.record(score.reward)
-    best = coding.encode()
-    reward = score.reward
-    size = 4 + int(3 * np.log(len(best)))
+    climb = _Climb(score_poses, coding, start.sensors, limits, checkpoint)
     # `cma` draws from this generator instead of the global one
     generator_options = {
         "seed": np.nan,
         "randn": lambda *shape: rng.standard_normal(shape),
         "verbose": -9,
     }
-    saved = checkpoint.load()
-    saved_costs = [] if saved is None else np.split(saved["costs"], saved["ends"])[:-1]
-    steps_costs: list[Float64[np.ndarray, " _"]] = []
-
-    def state() -> KeptState:
-        costs = np.concatenate([*steps_costs, np.zeros(0)])
-        ends = np.cumsum([len(step_costs) for step_costs in steps_costs]).tolist()
-        return {"limits": limits.state(), "score": asdict(score), "costs": costs, "ends": ends}
-
-    while saved_costs or not limits.spent:
-        strategy = cma.CMAEvolutionStrategy(
-            best, INITIAL_SPREAD, {**coding.options(), **generator_options, "popsize": size}
-        )
-        while not strategy.stop() and (saved_costs or not limits.spent):
-            vectors = strategy.ask()
-            sets = [coding.decode(vector) for vector in vectors]
-            if saved_costs:
-                costs = saved_costs.pop(0).tolist()
-                scores: Sequence[Score | None] = [None] * len(costs)
-            else:
-                room = int(min(len(vectors), limits.evaluations - limits.count))
-                scores = score_poses(sets[:room])
-                limits.count += room
-                costs = [INFEASIBLE_COST if s is None else -s.reward for s in scores]
-            best_index = int(np.argmin(costs))
-            if -costs[best_index] > reward:
-                reward = -costs[best_index]
-                sensors = sets[best_index]
-                best = vectors[best_index]
-                score = scores[best_index] or score
-                limits.record(reward)
-            if len(costs) == len(vectors):
-                strategy.tell(vectors, costs)
-            steps_costs.append(np.array(costs))
-            if saved is None:
-                checkpoint.offer(state)
-            elif not saved_costs:  # back at the interruption
-                limits.resume(saved["limits"])
-                score = load_score(saved["score"])
-                saved = None
+    size = 4 + int(3 * np.log(len(climb.vector)))
+    while climb.continues:
+        options = {**coding.options(), **generator_options, "popsize": size}
+        strategy = cma.CMAEvolutionStrategy(climb.vector, INITIAL_SPREAD, options)
+        while not strategy.stop() and climb.continues:
+            climb.step(strategy)
         size *= 2
-    score = replace(score, subset=tuple(range(len(sensors))))
+    score = replace(climb.score, subset=tuple(range(len(climb.sensors))))
     certificate = Certificate(
         "none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start"
     )
     history = limits.history(score.reward)
     return Result(
-        "CMA-ES", score, history, certificate, limits.count, limits.elapsed, sensors=sensors
+        "CMA-ES", score, history, certificate, limits.count, limits.elapsed, sensors=climb.sensors
     )
+
+
+def _check_start(start: Candidates) -> None:
+    """Raise ValueError without a sensor, or if two share a mount."""
+    mount_counts = np.bincount(start.mount, minlength=len(start.mounts))
+    if not len(start) or (mount_counts > start.places).any():
+        mounts = np.unique(start.mount).size
+        raise ValueError(
+            f"need sensors on mounts of their own, got {len(start)} on {mounts} mounts"
+        )
+
+
+class _Climb:
+    """Best set of poses so far, and the costs of all steps.
+
+    An interrupted climb resumes from the costs in its checkpoint. These are passed to the strategy
+    again, so it comes back to where it was without scoring.
+
+    Attributes:
+        vector: Coded poses of the best set.
+        sensors: The best set.
+        score: Its score.
+        reward: Its reward."""
+
+    def __init__(
+        self,
+        score_poses: PoseScorer,
+        coding: "Coding",
+        sensors: Poses,
+        limits: Limits,
+        checkpoint: Checkpoint,
+    ) -> None:
+        (score,) = score_poses([sensors])
+        if score is None:
+            raise ValueError("the sensors to start from may not be built: choose a feasible set")
+        limits.count += 1
+        limits.record(score.reward)
+        self.vector = coding.encode()
+        self.sensors = sensors
+        self.score = score
+        self.reward = score.reward
+        self._score_poses = score_poses
+        self._coding = coding
+        self._limits = limits
+        self._checkpoint = checkpoint
+        self._steps_costs: list[Float64[np.ndarray, " _"]] = []
+        self._saved = saved = checkpoint.load()
+        self._saved_costs = [] if saved is None else np.split(saved["costs"], saved["ends"])[:-1]
+
+    @property
+    def continues(self) -> bool:
+        """True while saved costs are left or the limits allow more."""
+        return bool(self._saved_costs) or not self._limits.spent
+
+    def step(self, strategy: Any) -> None:
+        """Score the vectors that the strategy asks for, and keep the best.
+
+        strategy: a `cma.CMAEvolutionStrategy`."""
+        vectors = strategy.ask()
+        sets = [self._coding.decode(vector) for vector in vectors]
+        if self._saved_costs:
+            costs = self._saved_costs.pop(0).tolist()
+            scores: Sequence[Score | None] = [None] * len(costs)
+        else:
+            room = int(min(len(vectors), self._limits.evaluations - self._limits.count))
+            scores = self._score_poses(sets[:room])
+            self._limits.count += room
+            costs = [INFEASIBLE_COST if score is None else -score.reward for score in scores]
+        best_index = int(np.argmin(costs))
+        if -costs[best_index] > self.reward:
+            self.reward = -costs[best_index]
+            self.sensors = sets[best_index]
+            self.vector = vectors[best_index]
+            self.score = scores[best_index] or self.score
+            self._limits.record(self.reward)
+        if len(costs) == len(vectors):
+            strategy.tell(vectors, costs)
+        self._steps_costs.append(np.array(costs))
+        self._save()
+
+    def _save(self) -> None:
+        """Offer a state to the checkpoint, or resume limits and score after the last saved step."""
+        if self._saved is None:
+            self._checkpoint.offer(self._state)
+        elif not self._saved_costs:  # back at the interruption
+            self._limits.resume(self._saved["limits"])
+            self.score = load_score(self._saved["score"])
+            self._saved = None
+
+    def _state(self) -> KeptState:
+        costs = np.concatenate([*self._steps_costs, np.zeros(0)])
+        ends = np.cumsum([len(step_costs) for step_costs in self._steps_costs]).tolist()
+        return {
+            "limits": self._limits.state(),
+            "score": asdict(self.score),
+            "costs": costs,
+            "ends": ends,
+        }
 
 
 def build_pose_scorer(

@@ -39,7 +39,7 @@ METHODS: dict[str, Method] = {
     "portfolio": Method(f"{_SEARCH}.portfolio.portfolio", resumes=True),
     "exhaustive": Method(f"{_SEARCH}.exact.exhaustive"),
     "greedy": Method(f"{_SEARCH}.greedy"),
-    "raced": Method(f"{_SEARCH}.greedy", "raced"),
+    "raced": Method(f"{_SEARCH}.greedy", "search_by_races"),
     "swap": Method(f"{_SEARCH}.swap", resumes=True),
     "cpsat": Method(f"{_SEARCH}.exact.cpsat", needs="ortools"),
     "hits": Method(f"{_SEARCH}.exact.hits", needs="ortools"),

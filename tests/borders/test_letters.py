@@ -14,15 +14,9 @@ import pytest
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 
-from placement_env.report.pages.document import (
-    Document,
-    Drawing,
-    Paragraph,
-    Section,
-    drop_unset,
-    to_html,
-    to_pdf,
-)
+from placement_env.report.pages.document import Document, Drawing, Paragraph, Section
+from placement_env.report.pages.printable_names import drop_unset
+from placement_env.report.pages.typesetting import to_html, to_pdf
 from toolkit.plots import canvas, fonts
 
 CHINESE = "信号灯杆一"

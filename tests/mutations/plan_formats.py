@@ -25,12 +25,8 @@ from placement_env.live.picture import keep_picture
 from placement_env.live.project import ProjectFile
 from placement_env.objective import Score
 from placement_env.report.content import PLAN_VERSION
-from placement_env.report.planning.plan_folder import (
-    PLAN_FILE,
-    format_stock,
-    found_nothing,
-    read_plan_folder,
-)
+from placement_env.report.planning.plan_folder import PLAN_FILE, found_nothing, read_plan_folder
+from placement_env.report.planning.plan_stock import format_stock
 from placement_env.report.planning.question import Question, Stock
 from placement_env.search.result import (
     Assessment,

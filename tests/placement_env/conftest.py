@@ -17,7 +17,7 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.report.planning import judging
+from placement_env.report.planning import choosing, judging
 from placement_env.report.planning.judging import Judge
 from placement_env.search.portfolio import evaluators, portfolio
 from placement_env.setting import Setting, Weights
@@ -200,7 +200,7 @@ class Known:
 @pytest.fixture
 def blocks_of_four(monkeypatch):
     """Small examples have blocks of one life, four frames."""
-    for module in (intervals, evaluators, portfolio, judging):
+    for module in (intervals, evaluators, portfolio, judging, choosing):
         monkeypatch.setattr(module, "BLOCK_FRAMES", 4)
 
 

@@ -9,7 +9,7 @@ from placement_env.candidates.candidates import with_terms
 from placement_env.handover.mounted import build_load, describe_narrow_links
 from placement_env.links import check_link_share, describe_share, link_load, max_load
 from placement_env.objective import Objective
-from placement_env.report.planning.judging import choose
+from placement_env.report.planning.choice import choose
 from placement_env.search import greedy
 from placement_env.setting import Setting
 from toolkit.runtime.run import Run

@@ -167,7 +167,8 @@ def plan_command(
 
     Args:
         site: tjunction, roundabout, or a site file."""
-    from placement_env.report.planning.planning import PLAN_FILES, plan, write_plan
+    from placement_env.report.planning.plan_writing import PLAN_FILES, write_plan
+    from placement_env.report.planning.planning import plan as answer_question
 
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
@@ -198,7 +199,7 @@ def plan_command(
     )
     steps = PLAN_STEPS if goal.min_ap is None else PRICE_STEPS
     with claimed, progress_bar("", hidden=output.json, steps=steps) as bar:
-        planned = plan(replace(question, run=replace(run, progress=bar.stage)))
+        planned = answer_question(replace(question, run=replace(run, progress=bar.stage)))
         written = write_plan(planned, out)
     text = (
         f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"

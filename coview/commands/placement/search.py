@@ -102,7 +102,8 @@ def search_command(
         site: tjunction, roundabout, or a site file."""
     from placement_env.search.answer import answer_files, check_georeference, write_answer
     from placement_env.search.exact.cheapest import Demand
-    from placement_env.search.order import SearchOrder, run_search
+    from placement_env.search.order import SearchOrder
+    from placement_env.search.search_run import run_search
 
     method = _check(search, setting)
     if run.cache is not None:

@@ -100,7 +100,7 @@ class ImportMap:
                 "FILE.geojson"
             )
             return code
-        from placement_env.search.greedy import with_first_sensors
+        from placement_env.search.first_sensors import with_first_sensors
 
         with progress_bar("first sensors"):
             placed = with_first_sensors(imported, self.sensors)

@@ -24,13 +24,10 @@ from placement_env.report.pages.document import (
     Fact,
     Facts,
     Paragraph,
-    interval_text,
-    number,
-    percent,
-    price_text,
-    say,
+    build_content,
 )
-from placement_env.search.order import describe_money
+from placement_env.report.pages.figure_texts import interval_text, number_text, percent, price_text
+from placement_env.search.exclusions import describe_money
 from toolkit.display import describe_count
 from toolkit.sensors.models import MODELS
 from toolkit.sites.site import Site
@@ -65,14 +62,14 @@ def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> C
     chosen_option = plan.chosen
     if chosen_option is None:
         if not plan.verdict.reasons:
-            return say(plan.verdict.sentence)
-        return say(plan.verdict.sentence, Bullets(plan.verdict.reasons))
+            return build_content(plan.verdict.sentence)
+        return build_content(plan.verdict.sentence, Bullets(plan.verdict.reasons))
     facts = [_describe_requirement(plan)]
     facts += _describe_classes(plan)
     facts += [_describe_blind(plan), _describe_failure(plan), _describe_links(plan)]
     facts += _describe_confidence(plan, chosen_option)
     facts += [_describe_drawn(plan), _describe_price(plan), _describe_next(plan, chosen_option)]
-    return say(
+    return build_content(
         _describe_build(plan, chosen_option),
         Facts(tuple(filter(None, facts))),
         _draw_plan_view(plan, chosen_option, site, ground),
@@ -243,10 +240,9 @@ def _describe_links(plan: content.Plan) -> Fact | None:
         return None
     narrow_poles = [link.pole for link in plan.links if not link.fits]
     fullest = max(plan.links, key=lambda link: link.share)
-    load = (
-        f"{number(fullest.load_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s at "
-        f"{FRAME_RATE_HZ:g} frames a second"
-    )
+    needed = number_text(fullest.load_mbit_s, 2)
+    capacity = number_text(fullest.capacity_mbit_s, 2)
+    load = f"{needed} of {capacity} Mbit/s at {FRAME_RATE_HZ:g} frames a second"
     cheaper_scheme = _describe_cheaper_scheme(plan)
     if narrow_poles:
         text = (
@@ -269,7 +265,9 @@ def _describe_cheaper_scheme(plan: content.Plan) -> str:
     cheapest = min(good_rows, key=lambda row: row.kbit_per_sensor, default=planned)
     if planned is None or cheapest is None or cheapest.kbit_per_sensor >= planned.kbit_per_sensor:
         return ""
-    kbit_texts = " instead of ".join(number(row.kbit_per_sensor, 1) for row in (cheapest, planned))
+    kbit_texts = " instead of ".join(
+        number_text(row.kbit_per_sensor, 1) for row in (cheapest, planned)
+    )
     ap_text = f"AP {cheapest.judged.format_ap()} instead of {planned.judged.format_ap()}"
     alternative = f" {SENDS[cheapest.scheme]} would do as well: {ap_text}"
     return (

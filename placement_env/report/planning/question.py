@@ -198,8 +198,10 @@ class Question:
         return self.stock.currency
 
     @cached_property
-    def searched(self) -> Setting:
-        """Setting of the searches: by surrogate if available, else by coverage, with noise only."""
+    def search_setting(self) -> Setting:
+        """Setting of the searches, without errors beyond the sensors' noise.
+
+        Sets are scored by the surrogate, or by coverage if no surrogate fits the question."""
         cases = replace(self.cases, errors=("paper",))
         plain = replace(self.setting, cases=cases, candidates=self.setting.pool, detector=None)
         try:
@@ -217,7 +219,7 @@ class Question:
             questions.append(replace(self, setting=replace(self.setting, site=site), drawings=1))
         return tuple(questions)
 
-    def judged(self, candidates: Candidates) -> Setting:
+    def judge_setting(self, candidates: Candidates) -> Setting:
         """Return the setting of the judges, for candidates of the stock."""
         return replace(self.setting, candidates=candidates, fidelity="detector")
 

@@ -1,4 +1,4 @@
-"""Sentences of a plan: verdict and refusals, why this set, assumptions and unknowns."""
+"""Sentences of a plan: verdict, why this set, assumptions and unknowns."""
 
 import math
 from collections.abc import Sequence
@@ -7,10 +7,11 @@ from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
 from placement_env.handover.mounted import LinkLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
-from placement_env.report.planning.judging import Rule
+from placement_env.report.planning.choice import Rule
 from placement_env.report.planning.question import Question
+from placement_env.search.description import MIN_LEVEL_OBJECTS
+from placement_env.search.exclusions import describe_money
 from placement_env.search.first_look import LOOK_FRAMES
-from placement_env.search.order import MIN_LEVEL_OBJECTS, describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.display import describe_count
@@ -19,29 +20,6 @@ from toolkit.sites.site import Site
 from toolkit.sites.surroundings import count_things, describe_things
 
 MIN_OVERRATED_SETS = 3  # judged sets needed to measure by how much predictions overrate
-
-
-def refuse_question(question: Question) -> tuple[str, ...]:
-    """List reasons against any plan that need no simulation."""
-    if question.sensors == 0:
-        return ("The budget is 0 sensors, so there is nothing to build: allow 1 or more.",)
-    if question.site.network:
-        return ()
-    return (
-        f"Site {question.site.name!r} has no road network, so there is no traffic to plan for: "
-        "import one from a map, or build one with toolkit.sites.network.",
-    )
-
-
-def refuse_traffic(
-    question: Question, missing: Sequence[str], frames: int, part_name: str
-) -> tuple[str, ...]:
-    """Explain that one part of the traffic lacks counted classes."""
-    return (
-        f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} "
-        f"in {describe_count(frames, 'frame')} of {part_name} traffic: increase --frames, change "
-        "--seed, or enlarge the area.",
-    )
 
 
 def describe_cases(question: Question) -> str:
@@ -245,25 +223,38 @@ def list_assumptions(
     """List the assumptions behind the figures.
 
     sampled: whether the objective of the searches scored subsets of the set."""
-    setting = question.setting
+    lines = [
+        *_list_methods(question, detector),
+        *_list_scoring_limits(question),
+        *_list_stock_limits(question),
+    ]
+    if fidelity == "coverage":
+        lines.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
+    if question.drawings > 1:
+        lines.append(
+            f"Figures of whole sets are means over {question.drawings} drawings of what no map "
+            "knows; zones, classes, schemes, kbit and pictures are of the first."
+        )
+    if sampled:
+        lines.append(
+            "For a set this large, the worth of each sensor and the order of building go by the "
+            "fidelity of the searches."
+        )
+    return tuple(lines)
+
+
+def _list_methods(question: Question, detector: str) -> list[str]:
+    """List how traffic, AP, intervals, kbit and errors were computed."""
     cases = question.cases
     search_seed = question.part("search").seed
     comparison_seed = question.part("comparison").seed
     judgement_seed = question.part("judgement").seed
-    classes = setting.counted
-    stock = question.stock
-    other_labels = [label for label in LABELS if label not in classes.names]
-    objects = f"of {classes.names[0]} alone,"
-    if len(classes) > 1:
-        objects = f"the {classes.described(cases.threshold)},"
-    elif classes.names == VEHICLES.names:
-        objects = "of vehicles alone, heavy ones not counted,"
-    lines = [
+    return [
         "Traffic is simulated (SUMO) and measurements are ray-cast with the noise of the "
         "sensors' models; nothing was measured at the place itself.",
         describe_origins(question.site),
-        f"AP is {objects} centred in the detection area, by the detector {detector} at IoU "
-        f"{iou_text(cases.threshold)} in {setting.fusion.name} fusion.",
+        f"AP is {_describe_objects(question)} centred in the detection area, by the detector "
+        f"{detector} at IoU {iou_text(cases.threshold)} in {question.setting.fusion.name} fusion.",
         f"Searches, comparison and judgement each have their own traffic (seeds {search_seed}, "
         f"{comparison_seed} and {judgement_seed}): no AP stated for the chosen set is from traffic "
         "that it was searched or chosen on.",
@@ -273,17 +264,41 @@ def list_assumptions(
         f"kbit {_describe_codec(question)}; links are compared with them at 10 frames a second.",
         _describe_errors(question),
     ]
-    if len(cases.ious) > 1:
-        ious = ", ".join(f"{iou:g}" for iou in cases.ious)
+
+
+def _describe_objects(question: Question) -> str:
+    """Describe the objects over which AP is computed."""
+    classes = question.setting.counted
+    if len(classes) > 1:
+        return f"the {classes.described(question.cases.threshold)},"
+    if classes.names == VEHICLES.names:
+        return "of vehicles alone, heavy ones not counted,"
+    return f"of {classes.names[0]} alone,"
+
+
+def _list_scoring_limits(question: Question) -> list[str]:
+    """List which IoU thresholds and classes the figures are for."""
+    ious = question.cases.ious
+    lines = []
+    if len(ious) > 1:
+        iou_texts = ", ".join(f"{iou:g}" for iou in ious)
         lines.append(
-            f"Every AP is the mean over IoU {ious}, as in COCO, unless another IoU stands beside "
-            f"it; pictures of single frames show hits at IoU {cases.ious[0]:g}."
+            f"Every AP is the mean over IoU {iou_texts}, as in COCO, unless another IoU stands "
+            f"beside it; pictures of single frames show hits at IoU {ious[0]:g}."
         )
+    other_labels = [label for label in LABELS if label not in question.setting.counted.names]
     if other_labels:
         lines.append(
             f"{join_names(other_labels)} did not count in the choice; the AP stated for them is "
             "that of the same detections."
         )
+    return lines
+
+
+def _list_stock_limits(question: Question) -> list[str]:
+    """List what prices leave out, and whether poses were left out."""
+    stock = question.stock
+    lines = []
     if stock.catalogue is None:
         lines.append(
             "No catalogue was given: sensors cost nothing besides their poles, prices are in "
@@ -299,19 +314,7 @@ def list_assumptions(
             f"The poles offer more poses than can be searched: the {len(stock.only):,} that see "
             f"most in the first {LOOK_FRAMES} frames went on."
         )
-    if fidelity == "coverage":
-        lines.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
-    if question.drawings > 1:
-        lines.append(
-            f"Figures of whole sets are means over {question.drawings} drawings of what no map "
-            "knows; zones, classes, schemes, kbit and pictures are of the first."
-        )
-    if sampled:
-        lines.append(
-            "For a set this large, the worth of each sensor and the order of building go by the "
-            "fidelity of the searches."
-        )
-    return tuple(lines)
+    return lines
 
 
 def describe_origins(site: Site) -> str:

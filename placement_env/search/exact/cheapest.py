@@ -333,14 +333,16 @@ def _list_violated(
     return violated
 
 
-def join_levels(parts: Sequence[Levels]) -> Levels:
-    """Levels of the objects of several programmes over the same candidates, with separate
-    parties."""
+def join_levels(groups: Sequence[Levels]) -> Levels:
+    """Join groups of objects, seen by the same candidates, into one: object after object.
+
+    A group holds the objects of one class or one level of traffic. It keeps its parties: the sums
+    of worth that its objects count in."""
     return Levels(
-        known=np.concatenate([part.known for part in parts], axis=1),
-        threshold=np.concatenate([part.threshold for part in parts], axis=1),
-        gain=np.concatenate([part.gain for part in parts], axis=1),
-        parties=block_diag(*[part.parties for part in parts]),
+        known=np.concatenate([group.known for group in groups], axis=1),
+        threshold=np.concatenate([group.threshold for group in groups], axis=1),
+        gain=np.concatenate([group.gain for group in groups], axis=1),
+        parties=block_diag(*[group.parties for group in groups]),
     )
 
 

@@ -134,61 +134,28 @@ def search(
     check_whole("budget", budget, least=1)
     objective.setting.check_budget(budget)
     limits = Limits(seconds, evaluations)
-    confidence = judging.confidence
     schedule = Schedule.of(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
     effort = Effort((budget,), schedule.searching(SEARCH_COUNT), evaluations, judging.neighbours)
-    others = at_other_ious(objective)
-    entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
-    if objective.preparation is not None and not objective.setting.cases.plain:
-        # the best set without failures, in all traffic, may also be the best in the worst case
-        preparation = objective.preparation
-        intact = Objective(
-            replace(preparation.plain.setting, candidates=objective.candidates), preparation.run
-        )
-        unharmed = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
-        entrants = join_entrants([objective], [entrants, unharmed])
+    entrants = _find_entrants(objective, effort, seed, checkpoint)
     limits.count = entrants.considered
-
-    def answer(subset: list[int], note: str) -> Result:
-        best = objective.score(subset)
-        certificate = Certificate("none", best.reward, note=note)
-        history = limits.history(best.reward)
-        origin = objective.describe_origin(best.subset)
-        return Result(
-            "portfolio",
-            best,
-            history,
-            certificate,
-            entrants.considered,
-            limits.elapsed,
-            origin=origin,
-        )
-
     if not len(entrants.sets):
-        return answer([], "no search found a set that may be built and pays")
-    timed_evaluator = schedule.limit(racing, 1 / 2, 1)
-    max_set_frames = MAX_SET_FRAMES if seconds is None else math.inf
+        return _answer(objective, [], "no search found a set that may be built and pays", limits)
     race = contest(
         objective,
         entrants.sets,
-        timed_evaluator,
-        confidence=confidence,
+        schedule.limit(racing, 1 / 2, 1),
+        confidence=judging.confidence,
         seed=seed,
-        most=max_set_frames,
+        most=MAX_SET_FRAMES if seconds is None else math.inf,
     )
-    if (
-        race.figures[0] <= 0
-        and not len(objective.kept)
-        and (objective.weights.comm or objective.weights.price)
-    ):
-        return answer(
-            [],
-            (
-                f"by the {racing.name} none of the {len(entrants.sets)} compared sets is worth "
-                "what it costs"
-            ),
+    has_costs = bool(objective.weights.comm or objective.weights.price)
+    if race.figures[0] <= 0 and not len(objective.kept) and has_costs:
+        note = (
+            f"by the {racing.name} none of the {len(entrants.sets)} compared sets is worth "
+            "what it costs"
         )
+        return _answer(objective, [], note, limits)
     members = np.flatnonzero(entrants.sets[race.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     note = (
@@ -196,8 +163,41 @@ def search(
         "out the others"
     )
     return replace(
-        answer(members, note),
+        _answer(objective, members, note, limits),
         assessment=_assess(objective, entrants, race, (final, schedule), judging),
+    )
+
+
+def _find_entrants(
+    objective: Objective, effort: Effort, seed: int, checkpoint: Checkpoint
+) -> Entrants:
+    """Search for the sets to race.
+
+    If failures or levels count, the best set without failures, in all traffic, may also be the best
+    in the worst case, so it is searched for too."""
+    others = at_other_ious(objective)
+    entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
+    preparation = objective.preparation
+    if preparation is None or objective.setting.cases.plain:
+        return entrants
+    intact = Objective(
+        replace(preparation.plain.setting, candidates=objective.candidates), preparation.run
+    )
+    intact_entrants = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
+    return join_entrants([objective], [entrants, intact_entrants])
+
+
+def _answer(objective: Objective, members: list[int], note: str, limits: Limits) -> Result:
+    """Return the result for a set, without an assessment. note: explains why this set."""
+    best = objective.score(members)
+    return Result(
+        "portfolio",
+        best,
+        limits.history(best.reward),
+        Certificate("none", best.reward, note=note),
+        limits.count,
+        limits.elapsed,
+        origin=objective.describe_origin(best.subset),
     )
 
 
@@ -274,11 +274,10 @@ def _assess(
     traffic."""
     winner = int(race.ranking[0])
     final, schedule = judge
-    judged_rows = [winner]
+    rows = np.array([winner])
     if judging.contenders:
-        answered = [row for row, names in enumerate(entrants.searches) if names]
-        judged_rows += [row for row in answered if row != winner]
-    rows = np.array(judged_rows)
+        answer_rows = [row for row, names in enumerate(entrants.searches) if names]
+        rows = np.array([winner, *(row for row in answer_rows if row != winner)])
     judged, frames = _judge_in_time(
         entrants.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
     )
@@ -296,17 +295,12 @@ def _assess(
     answer = contenders[0]
     winner_row = entrants.sets[[winner]]
     objects = final.count_objects(frames)
-    names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
     cost = float(weigh_costs(objective, winner_row, judged.kbit[:1])[0])
     race_frames = int(race.frames[0])
     if final.name == "detector" and final.cases.plain and len(final.profiles) == 1:
-        raced_objects = round(objects * race_frames / len(frames))
-        raced_figure = StageFigure(
-            "in the race", float(race.figures[0]) + cost, raced_objects, race_frames
-        )
-        check_agreement(
-            names, raced_figure, StageFigure("in the judgement", answer.ap, objects, len(frames))
-        )
+        names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
+        judged_figure = StageFigure("in the judgement", answer.ap, objects, len(frames))
+        _check_race(names, race, cost, judged_figure)
     confidence = math.nan
     if is_comparable(race_frames, objects):
         reach = 0.0 if math.isnan(answer.low) else share_beyond_reach(judged.resamples[0] - cost)
@@ -325,7 +319,7 @@ def _assess(
         asked=judging.confidence,
         tolerance=AP_TOLERANCE,
         entrants=len(entrants.sets),
-        raced=int(race.frames[0]),
+        raced=race_frames,
         contenders=tuple(contender for contender in contenders if contender.searches)
         if judging.contenders
         else (),
@@ -333,6 +327,16 @@ def _assess(
         by_errors=by_errors,
         errors_by=final.cases.errors_by if by_errors else "",
     )
+
+
+def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigure) -> None:
+    """Raise ValueError if race and judgement of the winner exclude each other.
+
+    names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower."""
+    race_frames = int(race.frames[0])
+    race_objects = round(judged.objects * race_frames / judged.frames)
+    race_ap = float(race.figures[0]) + cost
+    check_agreement(names, StageFigure("in the race", race_ap, race_objects, race_frames), judged)
 
 
 def aps_at_profiles(

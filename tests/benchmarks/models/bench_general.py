@@ -38,7 +38,7 @@ CAMERAS, LIDARS = 6, 8  # number at a site file
 
 def recordings(asked):
     """Sites and their frames."""
-    from placement_env.search.greedy import with_first_sensors
+    from placement_env.search.first_sensors import with_first_sensors
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.datasets.simulation import random_recording, simulate_dataset
     from toolkit.runtime.run import Simulation

@@ -27,7 +27,7 @@ from regret_sites import Place, places  # noqa: E402
 from placement_env.analysis.intervals import AP_TOLERANCE, Tally  # noqa: E402
 from placement_env.fidelity.detector import IGNORED  # noqa: E402
 from placement_env.report.content import Judgement, PlanOption  # noqa: E402
-from placement_env.report.planning.judging import choose  # noqa: E402
+from placement_env.report.planning.choice import choose  # noqa: E402
 from placement_env.setting import Setting  # noqa: E402
 from toolkit.runtime.run import Run  # noqa: E402
 

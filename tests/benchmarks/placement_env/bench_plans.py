@@ -31,7 +31,7 @@ from regret_sites import ROOT  # noqa: E402
 
 from placement_env.candidates.candidates import pool  # noqa: E402
 from placement_env.fidelity.preparation import Preparation  # noqa: E402
-from placement_env.report.planning import planning  # noqa: E402
+from placement_env.report.planning import chosen_set, planning  # noqa: E402
 from placement_env.report.planning.question import Question, Stock  # noqa: E402
 from placement_env.setting import Setting  # noqa: E402
 from toolkit.runtime.run import Run  # noqa: E402
@@ -78,7 +78,7 @@ class Drawn(Stock):
 
 def measure(name: str, seed: int, cache: Path) -> dict[str, Any]:
     for left_out in ("schemes", "worth", "failures", "order"):
-        setattr(planning.ChosenSet, left_out, lambda self: ())
+        setattr(chosen_set.ChosenSet, left_out, lambda self: ())
     site, run = make(name, seed), Run(seed=seed, frames=FRAMES, cache=cache)
     setting = Setting(site, candidates=Drawn())
     began = process_time()

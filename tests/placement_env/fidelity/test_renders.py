@@ -142,7 +142,7 @@ def test_a_cache_is_shared_and_its_damage_repaired(
         Renders(small_traffic, small_candidates, Cache(path)).clouds(3, 1), renders.clouds(3, 1)
     )
     assert len(Cache(path)) == 3  # the empty site, and two parts of the frames
-    monkeypatch.setattr(Renders, "_render", None)
+    monkeypatch.setattr(Renders, "_render_part", None)
     kept = Renders(small_traffic, small_candidates.select([1]), Cache(path), noise_seed=0)
     assert np.array_equal(kept.clouds(3, 0), renders.clouds(3, 1))
     with pytest.raises(TypeError):
@@ -246,7 +246,7 @@ def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp
     Renders(small_traffic, small_candidates, cache).clouds(0, 0)
     Renders(small_traffic, small_candidates, cache, errors=TYPICAL).clouds(0, 0)
     assert len(cache) == 4  # in the crop, and whole, each the empty site and a part of the frames
-    monkeypatch.setattr(Renders, "_render", None)
+    monkeypatch.setattr(Renders, "_render_part", None)
     kept = Renders(small_traffic, small_candidates, cache, errors=POOR)
     assert np.array_equal(
         kept.clouds(0, 0), Renders(small_traffic, small_candidates, cache, errors=POOR).clouds(0, 0)

@@ -20,8 +20,10 @@ from placement_env.search.answer import (
     kbit_per_frame,
     write_answer,
 )
+from placement_env.search.answer_summary import Answer
+from placement_env.search.description import describe_mounted
 from placement_env.search.exact import exhaustive
-from placement_env.search.order import Answer, SearchOrder, describe_mounted
+from placement_env.search.order import SearchOrder
 from placement_env.search.portfolio.curve import CurvePoint
 from placement_env.search.result import ProfileAP, Result
 from placement_env.setting import Setting

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from placement_env.search import cmaes, greedy, swap
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, unfinished
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, open_checkpoint
 from placement_env.search.portfolio.entrants import Effort, entrants
 from placement_env.search.progress import Limits, Progress
 from placement_env.setting import Weights
@@ -144,7 +144,7 @@ def test_a_damaged_state_is_not_believed(tmp_path, damage):
 
 def left_unfinished(folder, question):
     try:
-        with unfinished(folder, question) as checkpoint:
+        with open_checkpoint(folder, question) as checkpoint:
             checkpoint.save({"a": 1})
             checkpoint.place("own").mkdir()
             raise Killed
@@ -155,7 +155,7 @@ def left_unfinished(folder, question):
 def test_unfinished_searches_go_when_they_end_or_another_is_asked(tmp_path):
     folder = tmp_path / "out.parts"
     left_unfinished(folder, {"seed": 1, "most": np.inf})
-    with unfinished(folder, {"seed": 1, "most": np.inf}) as checkpoint:
+    with open_checkpoint(folder, {"seed": 1, "most": np.inf}) as checkpoint:
         assert checkpoint.load() == {"a": 1}
         with pytest.raises(FileExistsError, match="another run is writing"):
             left_unfinished(folder, {"seed": 1})
@@ -164,7 +164,7 @@ def test_unfinished_searches_go_when_they_end_or_another_is_asked(tmp_path):
     left_unfinished(folder, {"seed": 1})
     with pytest.raises(FileExistsError, match="made from seed 1 instead of 2"):
         left_unfinished(folder, {"seed": 2})
-    with unfinished(folder, {"seed": 2}, overwrite=True) as checkpoint:
+    with open_checkpoint(folder, {"seed": 2}, overwrite=True) as checkpoint:
         assert checkpoint.load() is None
 
 

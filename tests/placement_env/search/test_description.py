@@ -8,7 +8,7 @@ import pytest
 from placement_env.candidates.candidates import paper_candidates
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Estimate
-from placement_env.search import order, result
+from placement_env.search import description, exclusions, result
 from placement_env.setting import Setting, Weights
 from toolkit.geometry import look
 from toolkit.sensors.models import DepthCamera
@@ -17,44 +17,45 @@ from toolkit.sites.files import load_site
 
 
 def test_all_figures_are_said_and_how_sure_they_are():
-    assert order.describe_sensors(["a", "b"]) == ["a", "b"]
+    assert description.describe_sensors(["a", "b"]) == ["a", "b"]
     moved = [
         Sensor(
             "a", DepthCamera(), look((1.0, -2.0, 6.5), float(np.deg2rad(90)), float(np.deg2rad(10)))
         )
     ]
-    assert order.describe_sensors(["a"], moved) == [
+    assert description.describe_sensors(["a"], moved) == [
         "a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 (from +x) tilt 10.0 degrees"
     ]
-    assert order.describe_sensors(["a"], moved, load_site("tjunction")) == [
+    assert description.describe_sensors(["a"], moved, load_site("tjunction")) == [
         "a moved to x 1.00 y -2.00 z 6.50 m, bearing 270.0 tilt 10.0 degrees"
     ]
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
     assert (
-        order.describe_score(score) == "coverage 0.5000, 100.0 kbit per sensor, 200.0 kbit, price 2"
+        description.describe_score(score)
+        == "coverage 0.5000, 100.0 kbit per sensor, 200.0 kbit, price 2"
     )
-    assert order.describe_score(replace(score, fidelity="table")) == (
+    assert description.describe_score(replace(score, fidelity="table")) == (
         "AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (table)"
     )
     candidates = paper_candidates(load_site("tjunction"))
-    said = order.describe_doubts(
+    said = description.describe_doubts(
         Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3]
     )
     assert said == [
         "the surrogate predicts the detector's AP with a standard error of 0.020",
         "warning: not fitted to DepthCamera",
     ]
-    assert order.describe_doubts(
+    assert description.describe_doubts(
         Objective(Setting(candidates=candidates, fidelity=Unsure())), []
     ) == ["the surrogate predicts the detector's AP with an unknown error", said[1]]
-    assert order.describe_doubts(Objective(Setting("tjunction", fidelity="table")), [0]) == []
+    assert description.describe_doubts(Objective(Setting("tjunction", fidelity="table")), [0]) == []
     own = result.Contender(("greedy",), (0, 2), 0.9, 0.8, 0.7, 0.85)
     plain = result.Assessment(
         "detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81
     )
     each = (result.ProfileAP("paper", 0.9, 0.85, 0.95), result.ProfileAP("poor", 0.8, 0.7, 0.9))
     lines, more = (
-        order.describe_assessment(a)
+        description.describe_assessment(a)
         for a in (plain, replace(plain, by_errors=each, errors_by="worst"))
     )
     assert [line for line in more if line not in lines] == [
@@ -64,10 +65,10 @@ def test_all_figures_are_said_and_how_sure_they_are():
         )
     ]
     assert [line for line in more if line in lines] == lines
-    assert order.describe_by_errors({"paper": 0.9, "poor": 0.8}) == [
+    assert description.describe_by_errors({"paper": 0.9, "poor": 0.8}) == [
         "AP at each error profile: paper 0.9000, poor 0.8000"
     ]
-    assert order.describe_by_errors({}) == []
+    assert description.describe_by_errors({}) == []
 
 
 @pytest.mark.parametrize(
@@ -94,13 +95,13 @@ def test_why_there_is_no_sensor(kbit, ap, comm, reason):
             return Estimate(detected, detected.copy(), subsets.sum(axis=1) * kbit)
 
     candidates = paper_candidates(load_site("tjunction"))
-    assert order.describe_empty(
+    assert exclusions.describe_empty(
         Objective(Setting(candidates=candidates, fidelity=Constant(), weights=Weights(comm)))
     ).startswith(reason)
     roomy = replace(
         candidates, mounts=tuple(replace(mount, capacity=9e9) for mount in candidates.mounts)
     )
-    assert "fits its link:" not in order.describe_empty(
+    assert "fits its link:" not in exclusions.describe_empty(
         Objective(Setting(candidates=roomy, fidelity=Constant(), weights=Weights(comm)))
     )
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import placement_env.search.greedy as greedy
 from placement_env.candidates.candidates import aims
 from placement_env.fidelity.visibility import Visibility
-from placement_env.search.greedy import HalvedViews, with_first_sensors
+from placement_env.search import first_sensors
+from placement_env.search.first_sensors import HalvedViews, with_first_sensors
 from toolkit.sites.files import load_site
 from toolkit.sites.maps import MapPiece, import_osm
 
@@ -40,8 +40,8 @@ def imported():
 
 
 def test_sensors_are_placed_on_mounts_of_their_own_and_spread(imported, monkeypatch):
-    monkeypatch.setattr(greedy, "FIRST_FRAMES", 4)
-    monkeypatch.setattr(greedy, "FIRST_HEADINGS", 4)
+    monkeypatch.setattr(first_sensors, "FIRST_FRAMES", 4)
+    monkeypatch.setattr(first_sensors, "FIRST_HEADINGS", 4)
     placed = with_first_sensors(imported, 3)
     site = placed.site
     assert replace(site, sensors=()) == imported
@@ -67,7 +67,7 @@ def test_a_number_of_sensors_that_makes_no_sense(count, imported):
 
 def test_sites_where_nothing_can_be_placed(monkeypatch):
     site = load_site("tjunction")
-    monkeypatch.setattr(greedy, "FIRST_FRAMES", 1)
+    monkeypatch.setattr(first_sensors, "FIRST_FRAMES", 1)
     with pytest.raises(ValueError, match="has no mount"):
         with_first_sensors(replace(site, mounts=()), 2)
     with pytest.raises(ValueError, match="network"):

@@ -14,7 +14,7 @@ from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cheapest, cpsat, exhaustive, hits
 from placement_env.search.exact.cheapest import Demand
-from placement_env.search.order import explain_kept
+from placement_env.search.exclusions import explain_kept
 from placement_env.search.portfolio.entrants import Effort, entrants
 from placement_env.search.progress import Progress
 from placement_env.setting import Setting, Weights

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from placement_env.cases import Cases
-from placement_env.search.order import SearchOrder, run_search
+from placement_env.search.order import SearchOrder
+from placement_env.search.search_run import run_search
 from placement_env.setting import AP_ONLY, Setting, Weights
 from toolkit.display import format_share
 from toolkit.objects import Detections
@@ -110,7 +111,7 @@ def test_several_error_profiles_are_judged_and_said(common):
 
 @pytest.mark.slow
 def test_a_long_search_tells_a_first_answer_and_looks_at_fewer_frames(common, monkeypatch):
-    monkeypatch.setattr("placement_env.search.order.SEARCH_FRAMES", 2)
+    monkeypatch.setattr("placement_env.search.search_run.SEARCH_FRAMES", 2)
     monkeypatch.setattr("placement_env.search.first_look.LOOK_FRAMES", 2)
     told = []
     order = common(tell=told.append)

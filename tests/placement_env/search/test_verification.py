@@ -65,17 +65,20 @@ def test_a_race_finds_the_best_of_all_sets_for_a_part_of_the_frames(dear):
     assert ran.spent < ran.full / 3
     assert dear.scores(sets[ran.winners[:1]]).reward[0] == pytest.approx(ran.scores[0])
     objective = Objective(Setting("roundabout", fidelity="table"))
-    for ask in (lambda: objective.race(np.eye(8, dtype=bool)), lambda: greedy.raced(objective, 2)):
+    for ask in (
+        lambda: objective.race(np.eye(8, dtype=bool)),
+        lambda: greedy.search_by_races(objective, 2),
+    ):
         with pytest.raises(ValueError, match="all frames at once"):
             ask()
     plain = greedy.search(dear, 3)
     dear.forget()
     dear.scored_by.asked = 0
-    raced = greedy.raced(dear, 3, seed=1)
+    raced = greedy.search_by_races(dear, 3, seed=1)
     assert raced.best.reward == pytest.approx(plain.best.reward, abs=0.02)
     assert raced.evaluations < plain.evaluations
     assert raced.best.reward == dear.score(raced.best.subset).reward
-    assert greedy.raced(dear, 3, evaluations=1).evaluations < raced.evaluations
+    assert greedy.search_by_races(dear, 3, evaluations=1).evaluations < raced.evaluations
 
 
 def test_entrants_race_and_are_ranked_at_each_error_profile(dear):

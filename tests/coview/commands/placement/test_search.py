@@ -598,7 +598,7 @@ def test_an_unfinished_search_keeps_what_it_saw_where_there_is_no_cache(run, tmp
         places.append(order.run.cache)
         raise OSError("killed")
 
-    monkeypatch.setattr("placement_env.search.order.run_search", noted)
+    monkeypatch.setattr("placement_env.search.search_run.run_search", noted)
     assert run("search", "tjunction", *FEW, "--cache", "None", "--out", tmp_path / "o")[0] == 2
     assert places == [tmp_path / "o.parts" / "search.cache.state"]
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.occlusion import look_at
-from placement_env.fidelity.panorama import Lookup, ScoredItems, Still, Surround
+from placement_env.fidelity.ray_table import Lookup
 from placement_env.fidelity.seeing import look_round
+from placement_env.fidelity.still import Still
+from placement_env.fidelity.surround import ScoredItems, Surround
 from placement_env.fidelity.traffic import build_renderer
 from toolkit.geometry import pose
 from toolkit.objects import VEHICLE

@@ -5,21 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from placement_env.fidelity import panorama as module
-from placement_env.fidelity.panorama import (
-    AZIMUTHS,
-    CELL_COLUMNS,
-    CELL_EDGES,
-    PER_STEEP,
-    PER_TURN,
-    Lookup,
-    RayTable,
-    Rectangles,
-    cell_elevations,
-    compute_aim,
-    find_cells,
-    ray_table,
-)
+from placement_env.fidelity import ray_table
+from placement_env.fidelity.cells import CELL_COLUMNS, CELL_EDGES, cell_elevations, find_cells
+from placement_env.fidelity.ray_table import Lookup, RayTable, compute_aim, get_ray_table
+from placement_env.fidelity.rectangles import AZIMUTHS, PER_STEEP, PER_TURN, Rectangles
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
@@ -134,13 +123,15 @@ def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(monkeypatch):
     large = SolidStateLidar(rows=300, columns=300)
     every = [np.array([each], np.float32) for each in (-np.pi, np.pi, -np.pi / 2, np.pi / 2)]
     assert whole(RayTable(large, 0.0, 0.0), every).tolist() == [90_000]
-    assert ray_table(CAMERA, 0.3, 0.0) is ray_table(DepthCamera(width=120, height=90), 0.3, 0.0)
-    before = ray_table(CAMERA, 0.3, 0.0)
-    monkeypatch.setattr(module, "MOST_TABLE_BYTES", 2 * before.nbytes)
+    assert get_ray_table(CAMERA, 0.3, 0.0) is get_ray_table(
+        DepthCamera(width=120, height=90), 0.3, 0.0
+    )
+    before = get_ray_table(CAMERA, 0.3, 0.0)
+    monkeypatch.setattr(ray_table, "MAX_TABLE_BYTES", 2 * before.nbytes)
     for tilt in (0.31, 0.32, 0.33):
-        ray_table(CAMERA, tilt, 0.0)
-        assert module._TABLES.nbytes <= module.MOST_TABLE_BYTES
-    assert ray_table(CAMERA, 0.3, 0.0) is not before  # dropped meanwhile
+        get_ray_table(CAMERA, tilt, 0.0)
+        assert ray_table.RAY_TABLES.nbytes <= ray_table.MAX_TABLE_BYTES
+    assert get_ray_table(CAMERA, 0.3, 0.0) is not before  # dropped meanwhile
     assert compute_aim(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0))).tilt == pytest.approx(0.0)
 
 

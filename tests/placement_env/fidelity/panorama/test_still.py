@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.occlusion import look_at
-from placement_env.fidelity.panorama import Lookup, Still
+from placement_env.fidelity.ray_table import Lookup
+from placement_env.fidelity.still import Still
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects

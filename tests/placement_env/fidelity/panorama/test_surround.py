@@ -3,15 +3,10 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.panorama import (
-    AZIMUTHS,
-    PER_TURN,
-    Lookup,
-    RayTable,
-    ScoredItems,
-    Still,
-    Surround,
-)
+from placement_env.fidelity.ray_table import Lookup, RayTable
+from placement_env.fidelity.rectangles import AZIMUTHS, PER_TURN
+from placement_env.fidelity.still import Still
+from placement_env.fidelity.surround import ScoredItems, Surround
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 

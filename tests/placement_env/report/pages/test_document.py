@@ -21,21 +21,20 @@ from placement_env.report.pages.document import (
     SceneView,
     Section,
     TableBlock,
-    table,
-    to_html,
-    to_pdf,
+    build_table,
 )
 from placement_env.report.pages.report import build_document
 from placement_env.report.pages.scene import Layer, Scene
+from placement_env.report.pages.typesetting import to_html, to_pdf
 from toolkit.viewing.scene import POLICY, script_data
 
 
 def test_headings_and_names_are_text_with_units():
     assert [Column("price", "EUR").heading, Column("AP").heading] == ["price (EUR)", "AP"]
     with pytest.raises(ValueError, match="shorter"):
-        table("Links", [Column("a"), Column("b")], [["x"]])
-    assert table("Links", [Column("Pole")], []) == ()
-    (only,) = table("Links", [Column("Pole"), Column("kbit", digits=2)], [["p", 3]])
+        build_table("Links", [Column("a"), Column("b")], [["x"]])
+    assert build_table("Links", [Column("Pole")], []) == ()
+    (only,) = build_table("Links", [Column("Pole"), Column("kbit", digits=2)], [["p", 3]])
     assert only.rows == ((Cell("p"), Cell("3.00", 3.0)),)
     rows = ((Cell(HOSTILE), Cell(HOSTILE, 1.0)),)
     blocks = (

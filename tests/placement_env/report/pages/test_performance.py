@@ -13,7 +13,13 @@ from placement_env.report.content import (
     SchemeFigures,
     SensorWorth,
 )
-from placement_env.report.pages import document, report
+from placement_env.report.pages import (
+    detection_section,
+    document,
+    ground_section,
+    schemes_section,
+    sensors_sections,
+)
 
 
 def read(section, plan, *others):
@@ -33,7 +39,7 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
         BreakdownRow("far", None),
     )
     plan = replace(example.plan, by_zone=rows, by_range=(), by_approach=())
-    section = read(report.detection_section, plan)
+    section = read(detection_section.detection_section, plan)
     assert section.conclusion == (
         "Detection is weakest at “west”, AP 0.80 (0.78–0.82, 40 vehicles), and best at “east”, "
         "AP 0.90 (0.88–0.92, 40 vehicles)."
@@ -46,7 +52,8 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     assert [cell.text for cell in table.rows[2]] == ["far", "–", "no vehicle", "–", "0", "–", "–"]
     near = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
     section = read(
-        report.detection_section, replace(example.plan, by_zone=near, by_range=(), by_approach=())
+        detection_section.detection_section,
+        replace(example.plan, by_zone=near, by_range=(), by_approach=()),
     )
     assert section.conclusion.startswith(
         "No part of the site is clearly worse than another: the weakest, “west”, has AP"
@@ -56,7 +63,7 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     plan = replace(
         example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=()
     )
-    drawing, _, distance, *_ = read(report.detection_section, plan).blocks
+    drawing, _, distance, *_ = read(detection_section.detection_section, plan).blocks
     assert drawing.caption == "By zone, only “west” had vehicles: AP 0.87 (0.85–0.89, 40 vehicles)."
     assert distance.text == "AP by distance is unknown: there was no vehicle to detect."
     seen = (
@@ -64,7 +71,9 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
         ClassSeen("cyclist", 1, 1, 0.5),
         ClassSeen("heavy", 0, 10, None),
     )
-    *_, said, table = read(report.detection_section, replace(example.plan, by_class=seen)).blocks
+    *_, said, table = read(
+        detection_section.detection_section, replace(example.plan, by_class=seen)
+    ).blocks
     assert said.text == (
         "The class covered least is cyclist: 50% of 1 road user had at least 1 point on them. "
         "These are shares of coverage, not AP."
@@ -82,21 +91,21 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
         scheme("late", 0.8, 300.0),
         scheme("late", 0.99, 300.0, 0.5),
     )
-    section = read(report.schemes_section, replace(example.plan, schemes=mine))
+    section = read(schemes_section.schemes_section, replace(example.plan, schemes=mine))
     assert section.conclusion == (
         "Early fusion has the highest AP, 0.90 (0.88–0.92), against 0.80 (0.78–0.82) with late "
         "fusion as planned, and the difference is not due to chance; late fusion sends 300 kbit "
         "per sensor and frame, the least."
     )
     alike = (replace(mine[0], as_good=True), *mine[1:])
-    said = read(report.schemes_section, replace(example.plan, schemes=alike)).conclusion
+    said = read(schemes_section.schemes_section, replace(example.plan, schemes=alike)).conclusion
     assert "and on the same frames they cannot be told apart" in said
     assert section.blocks[1].caption == "Early fusion sends 5.0 times as much as late fusion."
-    best = read(report.schemes_section, replace(example.plan, schemes=mine[1:2]))
+    best = read(schemes_section.schemes_section, replace(example.plan, schemes=mine[1:2]))
     assert best.conclusion.startswith("Late fusion, as planned, has the highest AP, 0.80 (")
     assert best.blocks[1].caption == "A sensor sends 300 kbit per frame with late fusion."
     assert (
-        read(report.schemes_section, replace(example.plan, schemes=())).conclusion
+        read(schemes_section.schemes_section, replace(example.plan, schemes=())).conclusion
         == "No other fusion scheme was judged."
     )
 
@@ -104,8 +113,8 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
 def test_levels_and_error_profiles_have_tables(example):
     rows = (BreakdownRow("thin traffic", judged(0.97)), BreakdownRow("dense traffic", judged(0.9)))
     plain, section = (
-        read(report.detection_section, example.plan),
-        read(report.detection_section, replace(example.plan, by_level=rows)),
+        read(detection_section.detection_section, example.plan),
+        read(detection_section.detection_section, replace(example.plan, by_level=rows)),
     )
     assert plain.conclusion == section.conclusion
     assert len(section.blocks) > len(plain.blocks)
@@ -119,8 +128,8 @@ def test_levels_and_error_profiles_have_tables(example):
     )
     rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
     plain, section = (
-        read(report.detection_section, example.plan),
-        read(report.detection_section, replace(example.plan, by_errors=rows)),
+        read(detection_section.detection_section, example.plan),
+        read(detection_section.detection_section, replace(example.plan, by_errors=rows)),
     )
     assert plain.conclusion == section.conclusion
     said = [
@@ -136,7 +145,10 @@ SHARES = GroundShares((0.8, 0.5, 0.25), 0.2, 0.05, {"d0": 400.0, "d1": 1000.0}, 
 
 def test_shares_and_density_are_those_of_lanes(example):
     section = read(
-        report.ground_section, replace(example.plan, ground=SHARES), example.site, example.ground
+        ground_section.ground_section,
+        replace(example.plan, ground=SHARES),
+        example.site,
+        example.ground,
     )
     assert section.conclusion == (
         "At least one sensor sees 80% of the open ground, and two or more see 50%; no sensor "
@@ -157,7 +169,7 @@ def test_shares_and_density_are_those_of_lanes(example):
     sparse = np.argwhere(ground.lanes)[: int(ground.lanes.sum()) // 4]
     density[:, sparse[:, 0], sparse[:, 1]] = 0.2
     section = read(
-        report.ground_section,
+        ground_section.ground_section,
         replace(example.plan, ground=SHARES),
         example.site,
         replace(ground, density=density),
@@ -167,9 +179,9 @@ def test_shares_and_density_are_those_of_lanes(example):
         "what is there; the other lanes get 2 per m² in the middle case."
     )
     bare = replace(example.ground, lanes=np.zeros_like(example.ground.lanes))
-    section = read(report.ground_section, example.plan, example.site, bare)
+    section = read(ground_section.ground_section, example.plan, example.site, bare)
     assert section.blocks[1].caption.startswith("No lane lies in the area")
-    assert read(report.ground_section, example.plan, example.site, None).blocks == ()
+    assert read(ground_section.ground_section, example.plan, example.site, None).blocks == ()
 
 
 def test_worth_and_synergy_of_one_two_and_many(example):
@@ -180,7 +192,7 @@ def test_worth_and_synergy_of_one_two_and_many(example):
         ),
         SensorWorth("c", 0.1, {"a": -0.1, "b": 0.0}),
     )
-    section = read(report.worth_section, replace(example.plan, worth=mine))
+    section = read(sensors_sections.worth_section, replace(example.plan, worth=mine))
     assert section.conclusion == (
         "a is worth most, 0.600 AP, and c least, 0.100. a and b complement each other best "
         "(+0.050). a and c duplicate each other most (-0.100)."
@@ -194,16 +206,18 @@ def test_worth_and_synergy_of_one_two_and_many(example):
         "-0.100",
     ]
     two = (SensorWorth("a", 0.7, {"b": -0.09}), SensorWorth("b", 0.2, {"a": -0.09}))
-    assert read(report.worth_section, replace(example.plan, worth=two)).conclusion == (
+    assert read(sensors_sections.worth_section, replace(example.plan, worth=two)).conclusion == (
         "a is worth most, 0.700 AP, and b least, 0.200. a and b duplicate each other most (-0.090)."
     )
-    section = read(report.worth_section, replace(example.plan, worth=(SensorWorth("a", 0.6, {}),)))
+    section = read(
+        sensors_sections.worth_section, replace(example.plan, worth=(SensorWorth("a", 0.6, {}),))
+    )
     assert section.conclusion == "There is one sensor, a, and all of the AP is its own: 0.600."
     assert section.blocks == ()
 
 
 def test_failures_and_the_order_of_building(example):
-    section = read(report.failures_section, example.plan)
+    section = read(sensors_sections.failures_section, example.plan)
     assert section.conclusion == (
         "All sensors together give AP 0.962 (0.932–0.992, 412 vehicles). If 1 sensor fails, the "
         "worst loss is that of d3: AP 0.780 (0.750–0.810, 412 vehicles) is left. If 2 sensors "
@@ -212,7 +226,7 @@ def test_failures_and_the_order_of_building(example):
     )
     assert section.blocks[0].caption == ("In 0 of 6 cases no more than 0.01 of the AP is lost.")
     assert [cell.text for cell in section.blocks[1].rows[0]][-1] == "0.052"
-    section = read(report.order_section, example.plan)
+    section = read(sensors_sections.order_section, example.plan)
     assert section.conclusion == (
         "Build d3 first: for 1.50 EUR it alone gives AP 0.710 (0.680–0.740, 412 vehicles); the "
         "last, d5, brings it to AP 0.962 (0.932–0.992, 412 vehicles)."
@@ -220,8 +234,8 @@ def test_failures_and_the_order_of_building(example):
     assert section.blocks[0].caption == ("Every sensor adds more than 0.01 of AP.")
     *others, last = example.plan.order
     level = replace(example.plan, order=(*others, replace(last, judged=others[-1].judged)))
-    caption = read(report.order_section, level).blocks[0].caption
+    caption = read(sensors_sections.order_section, level).blocks[0].caption
     assert caption == "From 3 sensors on, more sensors add no more than 0.01 of AP."
-    one = read(report.order_section, replace(example.plan, order=example.plan.order[:1]))
+    one = read(sensors_sections.order_section, replace(example.plan, order=example.plan.order[:1]))
     assert one.conclusion.endswith("412 vehicles).")
     assert one.blocks[0].caption == "Every sensor adds more than 0.01 of AP."

@@ -15,10 +15,16 @@ from placement_env.report.content import (
     SchemeFigures,
     Verdict,
 )
-from placement_env.report.pages import document, report
+from placement_env.report.pages import (
+    document,
+    installation_sections,
+    method_section,
+    others_section,
+)
 from placement_env.report.pages.decision import decision_section
-from placement_env.report.pages.document import use_pole_names
-from placement_env.report.pages.report import build_document, value_text
+from placement_env.report.pages.method_section import value_text
+from placement_env.report.pages.printable_names import use_pole_names
+from placement_env.report.pages.report import build_document
 
 CHOSEN = ("d0", "d1", "d3", "d5")
 
@@ -140,7 +146,7 @@ def test_values_value_text():
 
 
 def test_the_chosen_set_stands_beside_front_and_alternatives(example):
-    section = read(report.others_section, example.plan)
+    section = read(others_section.others_section, example.plan)
     assert section.conclusion == (
         "On the same frames, 1 other set is surely within 0.01 of the best; none is cheaper than "
         "the chosen set."
@@ -152,14 +158,15 @@ def test_the_chosen_set_stands_beside_front_and_alternatives(example):
     better = replace(
         example.plan, front=(better,), near_optimal=(), provenance={"search_fidelity": "coverage"}
     )
-    section = read(report.others_section, better)
+    section = read(others_section.others_section, better)
     assert section.conclusion == (
         "On the same frames, no other set is surely within 0.01 of the best. The highest AP, "
         "0.99 (0.98–1.00, 9 vehicles), costs 1.50 EUR."
     )
     assert [column.title for column in section.blocks[-1].columns][1] == "coverage"
     assert (
-        read(report.others_section, replace(example.plan, near_optimal=(), front=())).blocks == ()
+        read(others_section.others_section, replace(example.plan, near_optimal=(), front=())).blocks
+        == ()
     )
 
 
@@ -168,7 +175,7 @@ def test_figures_of_sets_and_what_they_are_compared_by_are_explained(example):
     lucky = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 103, 12)
     front = (*example.plan.front[:-1], replace(example.plan.chosen, judged=lucky))
     plan = replace(example.plan, front=front, considered=front)
-    for section in (read(report.others_section, plan),):
+    for section in (read(others_section.others_section, plan),):
         assert section.blocks[0].text == (
             "The AP of each set in this section is from the traffic on which the sets were "
             "compared. There the chosen set has 1.000 (0.990–1.000, 103 vehicles); its 0.962 "
@@ -185,35 +192,37 @@ def test_figures_of_sets_and_what_they_are_compared_by_are_explained(example):
         ({"over_errors": least}, "over the error profiles"),
     ):
         over = replace(example.plan, chosen=replace(chosen, **cases))
-        said = read(report.others_section, over).blocks[0].text
+        said = read(others_section.others_section, over).blocks[0].text
         assert said == f"The AP of each set in this section is that {words}, as the question asks."
 
 
 def test_bills_schedules_and_links_are_listed(example):
-    section = read(report.links_section, example.plan)
+    section = read(installation_sections.links_section, example.plan)
     assert section.conclusion == "1 link of 4 cannot carry what is sent: post00."
     assert section.blocks[0].caption.startswith("All links together carry 12.48 Mbit/s")
     assert [cell.text for cell in section.blocks[1].rows[0]] == [
         *("post00", "3.12", "3.90", "4.02", "3.00", "130.0", "no")
     ]
-    fine = read(report.links_section, replace(example.plan, links=example.plan.links[1:]))
+    fine = read(
+        installation_sections.links_section, replace(example.plan, links=example.plan.links[1:])
+    )
     assert fine.conclusion == (
         "Every link carries what is sent; the fullest, at post01, is used to 20%: it needs 3.90 "
         "of 20.00 Mbit/s."
     )
-    section = read(report.materials_section, example.plan)
+    section = read(installation_sections.materials_section, example.plan)
     assert section.conclusion == (
         "The total is 6 EUR; the largest part, 4 EUR, is “pole with power and link” (4 at 1 EUR)."
     )
     bare = read(
-        report.materials_section,
+        installation_sections.materials_section,
         replace(example.plan, currency="", materials=(MaterialItem("pole", 1, 1.0, 1.0),)),
     )
     assert (
         bare.conclusion == "The total is 1 unit; the largest part, 1 unit, is “pole” (1 at 1 unit)."
     )
     assert bare.blocks[0].text == "Prices are in units of one ordinary pole."
-    section = read(report.schedule_section, example.plan, example.site)
+    section = read(installation_sections.schedule_section, example.plan, example.site)
     assert section.conclusion == "Mount 4 sensors on 4 poles, 5.2 m above the foot of the pole."
     assert [cell.text for cell in section.blocks[1].rows[0]] == [
         *("d0", "post00", "depth camera", "40.90", "8.10", "5.20"),
@@ -223,19 +232,19 @@ def test_bills_schedules_and_links_are_listed(example):
     plan = replace(
         example.plan, sensors=(replace(first, longitude=None, latitude=None, height=3.0), *others)
     )
-    section = read(report.schedule_section, plan, example.site)
+    section = read(installation_sections.schedule_section, plan, example.site)
     assert section.conclusion.endswith("3.0 to 5.2 m above the foot of the pole.")
     assert "has no geographic reference" in section.blocks[0].text
     assert "x runs towards 0°, y towards 270°" in section.blocks[0].text
     assert [column.title for column in section.blocks[1].columns][3:5] == ["x", "y"]
     aligned = replace(example.site, map_SE3_site=np.eye(4))
-    section = read(report.schedule_section, plan, aligned)
+    section = read(installation_sections.schedule_section, plan, aligned)
     assert [column.title for column in section.blocks[1].columns][3:5] == ["east x", "north y"]
     assert len(section.blocks[1].columns) == 8
 
 
 def test_assumptions_unknowns_and_provenance(example):
-    section = read(report.method_section, example.plan)
+    section = read(method_section.method_section, example.plan)
     assert section.conclusion == (
         "Every AP here is that of VoxelNet, trained at tjunction in simulated traffic, 412 "
         "vehicles in 60 frames: it ranks places for sensors, and does not replace a trial on the "
@@ -260,7 +269,7 @@ def test_assumptions_unknowns_and_provenance(example):
 
 
 def test_nothing_is_claimed_where_nothing_was_judged(nothing_chosen):
-    (asked,) = read(report.method_section, nothing_chosen.plan).blocks
+    (asked,) = read(method_section.method_section, nothing_chosen.plan).blocks
     assert [cell.text for cell in asked.rows[1]] == ["max kbit", "0.001"]
 
 

@@ -4,8 +4,9 @@ import pytest
 
 from placement_env.classes import join_names
 from placement_env.report.content import Judgement, overlap
-from placement_env.report.pages import document, report
-from placement_env.report.pages.document import Cell, Column, number, table
+from placement_env.report.pages import columns, figure_texts
+from placement_env.report.pages.document import Cell, Column, build_table
+from placement_env.report.pages.figure_texts import number_text
 
 JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
 
@@ -25,22 +26,22 @@ JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
     ],
 )
 def test_a_share_is_never_rounded_to_all_or_nothing(share, text):
-    assert document.percent(share) == text
+    assert figure_texts.percent(share) == text
 
 
 def test_figures_prices_and_names_in_words():
-    assert number(None) == number(float("nan")) == number(float("inf")) == "–"
+    assert number_text(None) == number_text(float("nan")) == number_text(float("inf")) == "–"
     assert Column("AP").cell(None) == Column("AP").cell(float("nan")) == Cell("–", None)
-    assert [document.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
-    assert [document.price_text(p, "") for p in (1.0, 2.5, 4.0)] == [
+    assert [figure_texts.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
+    assert [figure_texts.price_text(p, "") for p in (1.0, 2.5, 4.0)] == [
         "1 unit",
         "2.5 units",
         "4 units",
     ]
-    assert document.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
-    assert document.interval_text(JUDGED) == "0.910–0.980"
-    (judged,) = table(
-        "", report.JUDGED_COLUMNS, [report.judged_cells(JUDGED), report.judged_cells(None)]
+    assert figure_texts.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
+    assert figure_texts.interval_text(JUDGED) == "0.910–0.980"
+    (judged,) = build_table(
+        "", columns.JUDGED_COLUMNS, [columns.judgement_cells(JUDGED), columns.judgement_cells(None)]
     )
     assert [[cell.text for cell in row] for row in judged.rows] == [
         ["0.950", "0.910–0.980", "96.5", "1,412", "60"],

@@ -9,8 +9,11 @@ import shapely
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import visible_ground
-from placement_env.report.planning.judging import Choice, choose_set
-from placement_env.report.planning.planning import ChosenSet, Findings, build_plan, trace_plan
+from placement_env.report.planning.answer import build_plan
+from placement_env.report.planning.choice import Choice
+from placement_env.report.planning.choosing import choose_set
+from placement_env.report.planning.chosen_set import ChosenSet
+from placement_env.report.planning.findings import Findings, trace_plan
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.objects import Detections, Objects
 from toolkit.traffic.snapshots import Snapshot
@@ -94,7 +97,7 @@ def test_pairs_have_exact_worth_and_every_scheme(pair):
 
 
 def test_large_sets_are_sampled_by_the_fidelity_of_the_searches(street, pair, monkeypatch):
-    monkeypatch.setattr("placement_env.report.planning.planning.MAX_SUBSET_SENSORS", 1)
+    monkeypatch.setattr("placement_env.report.planning.chosen_set.MAX_SUBSET_SENSORS", 1)
     monkeypatch.setattr(street.detected, "outcomes", None)
     first, second = pair.worth()
     assert (first.shapley, second.shapley) == pytest.approx((0.375, 0.375))

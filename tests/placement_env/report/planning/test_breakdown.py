@@ -8,8 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.classes import Classes
 from placement_env.fidelity.detector import Detected
-from placement_env.report.planning.judging import Judge
-from placement_env.report.planning.planning import (
+from placement_env.report.planning.breakdowns import (
     by_approach,
     by_class,
     by_errors,
@@ -17,11 +16,10 @@ from placement_env.report.planning.planning import (
     by_level,
     by_range,
     by_zone,
-    fuse_clouds,
-    pick_moments,
-    score_boxes,
-    thin,
 )
+from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.moments import pick_moments, thin
+from placement_env.report.planning.scored_boxes import fuse_clouds, score_boxes
 
 
 @pytest.fixture
@@ -172,7 +170,7 @@ def test_the_busiest_frames_are_taken(street, monkeypatch):
         taken.append(k)
         return shot
 
-    monkeypatch.setattr("placement_env.report.planning.planning._moment", noted)
+    monkeypatch.setattr("placement_env.report.planning.moments.build_scene_moment", noted)
     pick_moments(street.detected, (0,), count=2)
     assert taken == [3, 4]
 

@@ -8,8 +8,10 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
-from placement_env.report.planning import judging
-from placement_env.report.planning.judging import Judge, choose, choose_set, find_front_options
+from placement_env.report.planning import size_races
+from placement_env.report.planning.choice import choose, find_front_options
+from placement_env.report.planning.choosing import choose_set
+from placement_env.report.planning.judging import Judge
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.runtime.run import Run
 
@@ -190,7 +192,7 @@ def test_sets_are_compared_over_error_profiles(street, monkeypatch):
     )
     judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
-    monkeypatch.setattr(judging, "NEAR_AP", 1.0)
+    monkeypatch.setattr(size_races, "NEAR_AP", 1.0)
     picked, alone = (
         choose_set(street.objective, found, judge),
         choose_set(street.objective, found, street.judge),

@@ -10,7 +10,9 @@ from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import PlanOption
-from placement_env.report.planning.judging import Choice, Judge, choose_at_drawings, judge_tallies
+from placement_env.report.planning.choice import Choice
+from placement_env.report.planning.choosing import choose_at_drawings
+from placement_env.report.planning.judging import Judge, judge_tallies
 from toolkit.objects import Detections
 
 

@@ -14,16 +14,13 @@ from placement_env.candidates.candidates import paper_candidates
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
 from placement_env.report.pages.decision import decision_section
-from placement_env.report.planning import planning
+from placement_env.report.planning import prepared_judge
+from placement_env.report.planning.buildable import find_buildable
 from placement_env.report.planning.judging import SetJudgement
-from placement_env.report.planning.planning import (
-    find_buildable,
-    format_json,
-    judge_finally,
-    plan,
-    write_plan,
-)
-from placement_env.search.order import describe_exclusions
+from placement_env.report.planning.plan_writing import format_json, write_plan
+from placement_env.report.planning.planning import plan
+from placement_env.report.planning.prepared_judge import PreparedJudge, prepare_final_judge
+from placement_env.search.exclusions import describe_exclusions
 from placement_env.setting import Setting
 from toolkit.objects import Detections
 from toolkit.runtime.run import Run
@@ -241,8 +238,8 @@ def test_a_site_without_vehicles(asked, monkeypatch):
 
 def test_the_search_knows_no_errors_and_the_judges_do(ask):
     question = ask(SITE, candidates="paper", errors=("poor",))
-    assert question.searched.cases.names == ("paper",)
-    assert question.judged(question.setting.pool).cases.profiles == (POOR,)
+    assert question.search_setting.cases.names == ("paper",)
+    assert question.judge_setting(question.setting.pool).cases.profiles == (POOR,)
 
 
 @pytest.mark.slow
@@ -326,9 +323,9 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
 
     def prepare(question, objectives, run):
         asked.append(run.frames)
-        return SimpleNamespace(frames=run.frames), Sure(run.frames)
+        return PreparedJudge(SimpleNamespace(frames=run.frames), Sure(run.frames))
 
-    monkeypatch.setattr(planning, "_prepare_judge", prepare)
+    monkeypatch.setattr(prepared_judge, "prepare_judge", prepare)
     for width, frames in (
         (None, [60]),
         (0.04, [60, 120]),
@@ -337,7 +334,7 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
     ):
         asked.clear()
         question = SimpleNamespace(part=lambda name: Run(frames=60), width=width, run=Run())
-        _, judge = judge_finally(question, [], np.zeros(4, bool))
+        _, judge = prepare_final_judge(question, [], np.zeros(4, bool))
         assert asked == frames, width
         assert judge.frames == frames[-1]
 

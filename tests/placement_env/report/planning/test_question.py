@@ -117,12 +117,13 @@ def test_classes_thresholds_and_error_profiles_are_written_down(ask):
     both = ask(SITE, errors=("typical", "poor"), errors_by="mean").as_dict()
     assert (both["errors"], both["errors_by"]) == (["typical", "poor"], "mean")
     question = ask(SITE, candidates="paper", errors=("typical",), seed=4, frames=3)
-    assert question.searched.cases.names == ("paper",)
-    assert question.searched.fidelity == "surrogate"
-    judged = question.judged(question.setting.pool)
+    assert question.search_setting.cases.names == ("paper",)
+    assert question.search_setting.fidelity == "surrogate"
+    judged = question.judge_setting(question.setting.pool)
     assert (judged.cases.names, judged.fidelity) == (("typical",), "detector")
     parts = [question.part(name) for name in ("search", "comparison", "judgement")]
     assert [(each.seed, each.frames) for each in parts] == [(4, 3), (1000007, 3), (2000010, 3)]
     assert (
-        ask(SITE, candidates="paper", scheme="foreground", iou=0.63).searched.fidelity == "coverage"
+        ask(SITE, candidates="paper", scheme="foreground", iou=0.63).search_setting.fidelity
+        == "coverage"
     )

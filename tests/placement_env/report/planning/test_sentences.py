@@ -16,7 +16,7 @@ from placement_env.report.content import (
     SchemeFigures,
     Verdict,
 )
-from placement_env.report.planning import sentences
+from placement_env.report.planning import refusals, sentences
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
@@ -162,14 +162,14 @@ def test_choices_and_assumptions_follow_the_question(ask):
 
 
 def test_refusals_say_how_short_of_the_requirement(ask, street):
-    assert "budget is 0 sensors" in sentences.refuse_question(ask(street.site, sensors=0))[0]
+    assert "budget is 0 sensors" in refusals.refuse_question(ask(street.site, sensors=0))[0]
     question = ask(street.site)
-    assert "has no road network" in sentences.refuse_question(question)[0]
-    assert sentences.refuse_traffic(question, ["vehicle"], 1, "simulated") == (
+    assert "has no road network" in refusals.refuse_question(question)[0]
+    assert refusals.refuse_traffic(question, ["vehicle"], 1, "simulated") == (
         "No vehicle enters the detection area of site 'street' in 1 frame of simulated traffic: "
         "increase --frames, change --seed, or enlarge the area.",
     )
-    assert sentences.refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith(
+    assert refusals.refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith(
         "No cyclist and no heavy enters"
     )
     final = Judgement(0.8, 0.7, 0.9, 0.8, 1.0, 50, 20)

@@ -29,15 +29,34 @@ from placement_env.report.content import (
     PlanOption,
     Verdict,
 )
-from placement_env.report.planning import judging, planning, question as questions, sentences
-from placement_env.report.planning.judging import Choice, Judge
-from placement_env.report.planning.planning import (
-    ChosenSet,
-    measure_blind_streets,
-    pick_moments,
-    plan,
-    write_plan,
+from placement_env.report.planning import (
+    answer,
+    breakdowns,
+    buildable,
+    choosing,
+    chosen_set,
+    entrant_search,
+    error_draws,
+    judged_options,
+    judging,
+    moments,
+    plan_writing,
+    planning,
+    prepared_judge,
+    question as questions,
+    scored_boxes,
+    sentences,
+    size_races,
 )
+from placement_env.report.planning.breakdowns import measure_blind_streets
+from placement_env.report.planning.choice import Choice, choose
+from placement_env.report.planning.chosen_set import ChosenSet
+from placement_env.report.planning.findings import check_stages
+from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.moments import pick_moments
+from placement_env.report.planning.plan_writing import write_plan
+from placement_env.report.planning.planning import plan
+from placement_env.report.planning.prepared_judge import PreparedJudge, prepare_judge
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.portfolio import NEAR_TIE_AP
 from placement_env.setting import AP_ONLY
@@ -101,7 +120,7 @@ def staged(ask, street, monkeypatch):
 
     def judged(question, objectives, run, *, compares=False):
         noted.parts.append(run)
-        return Prepared(question.setting, run), noted.judge
+        return PreparedJudge(Prepared(question.setting, run), noted.judge)
 
     def noting(to, original):
         def call(*given, **named):
@@ -110,11 +129,12 @@ def staged(ask, street, monkeypatch):
 
         return call
 
-    monkeypatch.setattr(planning, "Preparation", Prepared)
+    monkeypatch.setattr(entrant_search, "Preparation", Prepared)
     monkeypatch.setattr(Objective, "of_moved", staticmethod(moved))
-    monkeypatch.setattr(planning, "keep_entrants", searched)
-    monkeypatch.setattr(planning, "_prepare_judge", judged)
-    monkeypatch.setattr(judging, "choose_set", noting(noted.chosen, judging.choose_set))
+    monkeypatch.setattr(entrant_search, "keep_entrants", searched)
+    monkeypatch.setattr(planning, "prepare_judge", judged)
+    monkeypatch.setattr(prepared_judge, "prepare_judge", judged)
+    monkeypatch.setattr(planning, "choose_set", noting(noted.chosen, choosing.choose_set))
     monkeypatch.setattr(planning, "pick_moments", noting(noted.moments, pick_moments))
 
     def made(**options):
@@ -160,7 +180,7 @@ def test_with_failures_what_is_best_intact_enters_too(staged):
 
 
 def test_other_iou_thresholds_are_for_the_searches_of_the_question(staged, monkeypatch):
-    monkeypatch.setattr(planning, "at_other_ious", lambda scored, prepared: {0.5: "other"})
+    monkeypatch.setattr(entrant_search, "at_other_ious", lambda scored, prepared: {0.5: "other"})
     staged.plan(failing=1)
     assert staged.others == [{0.5: "other"}, {}]
 
@@ -196,7 +216,7 @@ def test_classes_that_are_not_there_are_refused_and_some_objects_are_enough(stag
 )
 def test_searches_go_to_the_size_that_number_money_and_mounts_allow(street, ask, asked, most):
     """The four sensors cost 11, 11, 10.5 and 23, each on a pole of its own."""
-    assert planning._max_sensors(ask(street.site, **asked), street.candidates) == most
+    assert buildable.find_max_sensors(ask(street.site, **asked), street.candidates) == most
 
 
 def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(street, ask):
@@ -205,16 +225,17 @@ def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(st
     mounts = tuple(replace(mount, max_sensors=2) for mount in street.candidates.mounts)
     double = replace(street.candidates, mounts=mounts).select(np.array([0, 1, 2]))
     free = replace(double, axes=Axes(*vars(double.axes).values()))
-    assert planning._max_sensors(ask(street.site, sensors=9), free) == 6
+    assert buildable.find_max_sensors(ask(street.site, sensors=9), free) == 6
     # ascending: 10, 10, 10, 10.5, 11, 11
     for money, most in ((30.0, 3), (40.5, 4), (40.4, 3), (62.5, 6)):
-        assert planning._max_sensors(ask(street.site, sensors=9, money=money), free) == most
+        assert buildable.find_max_sensors(ask(street.site, sensors=9, money=money), free) == most
 
 
 def test_money_alone_buys_a_dozen_at_most(ask, make):
     site = Site("s", np.array([0.0, 0, 9, 9]))
     assert (
-        planning._max_sensors(ask(site, sensors=None, money=1e6), make(mounts=20).candidates) == 12
+        buildable.find_max_sensors(ask(site, sensors=None, money=1e6), make(mounts=20).candidates)
+        == 12
     )
 
 
@@ -249,16 +270,16 @@ def test_errors_are_drawn_ten_times_and_a_tenth_is_below(street, monkeypatch, fr
         def __init__(self, errors):
             self.errors = errors
 
-    monkeypatch.setattr(planning, "Renders", Stub)
+    monkeypatch.setattr(error_draws, "Renders", Stub)
     monkeypatch.setattr(
-        planning, "_judge_draw", lambda judge, detected, renders, chosen, seed: seed**2 / 100
+        error_draws, "judge_draw", lambda judge, detected, renders, chosen, seed: seed**2 / 100
     )
     profiles = [
         SimpleNamespace(renders=each) for each in (Stub(PAPER_ERRORS), Stub(POOR), "others")
     ]
     told: list[tuple[str, int, int | None]] = []
     run = Run(progress=lambda *stage: told.append(stage))
-    (row,) = planning.by_draw(SimpleNamespace(profiles=profiles, frames=frames), (0,), run)
+    (row,) = error_draws.by_draw(SimpleNamespace(profiles=profiles, frames=frames), (0,), run)
     assert told == [("draws of the errors poor", done, 10) for done in range(1, 11)]
     assert (row.profile, row.aps, row.frames) == (
         "poor",
@@ -284,7 +305,7 @@ def test_one_draw_is_judged_as_the_plan_is_on_as_many_frames(street):
 
     renders: Any = SimpleNamespace(draw_once=draw_once)
     judge = Judge((street.detected.at(0.7, (0.7, 0.9)),), Cases(iou=(0.7, 0.9)))
-    assert planning._judge_draw(judge, judge.detected, renders, (0, 1), 3) == 0.5
+    assert error_draws.judge_draw(judge, judge.detected, renders, (0, 1), 3) == 0.5
     assert asked == [(3, (0, 1), 8)]
 
 
@@ -294,7 +315,7 @@ def test_schemes_are_judged_at_every_threshold_and_as_good_only_at_the_plans(str
     rows = ChosenSet((0, 1), ("a", "b"), judge, street.objective).schemes()
     assert [row.iou for row in rows] == [0.7, 0.8, 0.9, (0.7, 0.9)] * 3
     monkeypatch.setattr(
-        planning, "is_as_good", lambda drawn, own, blocks: blocks == 2 and (drawn == own).all()
+        chosen_set, "is_as_good", lambda drawn, own, blocks: blocks == 2 and (drawn == own).all()
     )
     single = ChosenSet((0, 1), ("a", "b"), street.judge, street.objective)
     assert [row.as_good for row in single.schemes()] == [True, False, False] * 3
@@ -326,14 +347,16 @@ def test_schemes_are_judged_at_every_threshold_and_as_good_only_at_the_plans(str
 def test_what_a_plan_hands_over_and_what_an_earlier_one_left(street, tmp_path, monkeypatch):
     handed = []
     monkeypatch.setattr(
-        planning, "write_report", lambda planned, folder: (folder / "report.html").write_text("x")
+        plan_writing,
+        "write_report",
+        lambda planned, folder: (folder / "report.html").write_text("x"),
     )
 
     def noted(folder, site, sensors, ground, *, unused, currency):
         handed.append((site.name, ground, [mount.name for mount in unused], currency))
         (folder / "schedule.csv").write_text("x")
 
-    monkeypatch.setattr(planning, "write_exchange", noted)
+    monkeypatch.setattr(plan_writing, "write_exchange", noted)
     made = replace(WHOLE, currency="EUR", poles_unused=("post1", "post3"))
     assert write_plan(Planned(made, street.site, street.candidates, "ground"), tmp_path) == [
         tmp_path / name for name in ("plan.json", "report.html", "schedule.csv")
@@ -402,9 +425,9 @@ def test_results_at_drawings_come_through_and_the_cheapest_that_just_reaches_cou
     )
     both = replace(street.judge, drawings=(street.judge,))
     choice = Choice(options, np.array([[1, 1, 0, 0], [1, 0, 0, 0]], bool), 0, 0, (), "best")
-    results = judging.choose_at_drawings(both, choice, 0.5)  # 0.75 and 0.5, to reach just 0.5
+    results = choosing.choose_at_drawings(both, choice, 0.5)  # 0.75 and 0.5, to reach just 0.5
     assert [(each.judged.ap, each.poles) for each in results] == [(0.75, ("b",))] * 2
-    results = judging.choose_at_drawings(both, choice, 0.76)  # none reaches it, so the best
+    results = choosing.choose_at_drawings(both, choice, 0.76)  # none reaches it, so the best
     assert [each.poles for each in results] == [("a",)] * 2
     assert results[0] == DrawingResult(results[0].judged, ("a",))
 
@@ -427,7 +450,7 @@ def test_pictures_are_drawn_by_the_seed(street, monkeypatch):
         Dense(street.site, street.detected.renders.sensors), street.detected.detector, "early"
     )
     monkeypatch.setattr(
-        planning, "_moment", lambda detected, chosen, k, points, seed: (k, points, seed)
+        moments, "build_scene_moment", lambda detected, chosen, k, points, seed: (k, points, seed)
     )
     asked: list[Any] = [*pick_moments(detected, (0,), count=1)]
     assert asked == [(0, 2500, 0)]
@@ -438,17 +461,17 @@ def test_pictures_are_drawn_by_the_seed(street, monkeypatch):
 def test_what_is_refused_alone_is_not_built_whatever_it_sends(street):
     """The four cost 11, 11, 10.5 and 23."""
     poor = street.objective.weighed(street.objective.weights, most_price=11.0)
-    assert planning.find_buildable(poor, None).tolist() == [0, 1, 2]
+    assert buildable.find_buildable(poor, None).tolist() == [0, 1, 2]
     least = float(poor.sent.min())
-    assert planning.find_buildable(poor, least).tolist() == [
+    assert buildable.find_buildable(poor, least).tolist() == [
         c for c in range(3) if poor.sent[c] == least
     ]
 
 
 def test_a_number_that_is_none_never_gets_into_a_plan(monkeypatch):
-    monkeypatch.setattr(planning, "replace_infinite", lambda values: values)
+    monkeypatch.setattr(plan_writing, "replace_infinite", lambda values: values)
     with pytest.raises(ValueError, match="not JSON compliant"):
-        planning.format_json(replace(WHOLE, question={"money": math.nan}))
+        plan_writing.format_json(replace(WHOLE, question={"money": math.nan}))
 
 
 def test_false_alarms_where_nothing_is_to_be_found_have_no_precision():
@@ -546,8 +569,8 @@ def test_the_search_has_the_pool_that_was_narrowed(staged, street, monkeypatch):
     def prepare(setting, run):
         raise KeyError(*(sensor.name for sensor in setting.candidates.sensors))
 
-    monkeypatch.setattr(planning, "narrow_pool", lambda setting, run: [1, 3])
-    monkeypatch.setattr(planning, "Preparation", prepare)
+    monkeypatch.setattr(buildable, "narrow_pool", lambda setting, run: [1, 3])
+    monkeypatch.setattr(entrant_search, "Preparation", prepare)
     with pytest.raises(KeyError) as stopped:
         staged.plan()
     assert stopped.value.args == tuple(street.candidates.sensors[k].name for k in (1, 3))
@@ -571,29 +594,33 @@ def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
         asked.append((judge, choice.members, min_ap))
         return (result,)
 
-    monkeypatch.setattr(judging, "choose_at_drawings", noted)
+    monkeypatch.setattr(planning, "choose_at_drawings", noted)
     assert staged.plan(min_ap=0.7).plan.by_drawing == (result,)
     assert asked == [(staged.judge, (0, 1), 0.7)]
 
 
 def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkeypatch):
-    monkeypatch.setattr(planning, "Preparation", lambda setting, run, compares: (setting, run))
+    monkeypatch.setattr(
+        prepared_judge, "Preparation", lambda setting, run, compares: (setting, run)
+    )
     monkeypatch.setattr(
         Judge,
         "from_preparation",
         staticmethod(lambda prepared, seed: replace(street.judge, seed=seed)),
     )
-    each = [SimpleNamespace(judged=lambda candidates, n=n: (n, candidates)) for n in range(2)]
+    each = [
+        SimpleNamespace(judge_setting=lambda candidates, n=n: (n, candidates)) for n in range(2)
+    ]
     asked: Any = SimpleNamespace(at_drawings=each, run=Run(seed=5))
     objectives: Any = [SimpleNamespace(candidates="a"), SimpleNamespace(candidates="b")]
-    made, judge = planning._prepare_judge(asked, objectives, Run(seed=9))
+    made, judge = prepare_judge(asked, objectives, Run(seed=9))
     prepared: Any = made
     assert prepared == ((0, "a"), Run(seed=9))
     assert (judge.seed, [other.seed for other in judge.drawings]) == (5, [5])
 
 
 def test_ignored_detections_count_in_no_group(street):
-    scored = planning.score_boxes(street.judge, (0, 2))
+    scored = scored_boxes.score_boxes(street.judge, (0, 2))
     ghost = scored.hits[0] == FALSE_ALARM
     assert ghost.sum() == 8
 
@@ -601,7 +628,7 @@ def test_ignored_detections_count_in_no_group(street):
         return (boxes[:, 0] > -6).astype(np.int64)
 
     ignored = replace(scored, hits=np.where(ghost, IGNORED, scored.hits))
-    rows = planning.by_group(ignored, ["west", "east"], side, 0)
+    rows = breakdowns.by_group(ignored, ["west", "east"], side, 0)
     assert [row.judged.precision for row in rows] == [1.0, 1.0]
     assert rows[0].judged.ap == 1.0
 
@@ -613,7 +640,7 @@ def test_points_of_pictures_are_thinned_by_frame_and_sensor(street, monkeypatch)
         asked.append((len(cloud), points, seed))
         return cloud
 
-    monkeypatch.setattr(planning, "thin", noted)
+    monkeypatch.setattr(moments, "thin", noted)
     pick_moments(street.detected, (0, 2), count=1, points=9, seed=5)
     assert asked == [(50, 9, [5, 0, 0]), (50, 9, [5, 0, 2])]
 
@@ -668,17 +695,17 @@ def test_a_set_just_near_the_highest_ap_may_be_best(street):
         )
     )
     draws = {i: np.linspace(0.0, 1.0, 100) ** (i + 1) for i in range(3)}
-    assert judging.choose(options, draws)[0] == 1
+    assert choose(options, draws)[0] == 1
 
 
 def test_a_hit_of_the_very_first_vehicle_counts_in_its_group(street):
-    scored = planning.score_boxes(street.judge, (0,))
+    scored = scored_boxes.score_boxes(street.judge, (0,))
     assert (scored.hits == 0).sum() == 1
     far = scored.boxes.copy()
     far[scored.hits[0] == 0, 0] = (
         40.0  # the detection lies in the other group, the vehicle does not
     )
-    rows = planning.by_group(
+    rows = breakdowns.by_group(
         replace(scored, boxes=far),
         ["west", "east"],
         lambda boxes: (boxes[:, 0] > 20).astype(int),
@@ -698,15 +725,17 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
         expected = np.array([1.0, 0.75, np.nextafter(0.75, 0)])
         return Contest(np.arange(3), expected, np.full(3, 8), 0.8, 24, expected)
 
-    monkeypatch.setattr(judging, "contest", ended)
-    monkeypatch.setattr(judging, "check_agreement", lambda *_: None)  # of AP that are made up
-    monkeypatch.setattr(judging, "NEAR_AP", 0.25)
+    monkeypatch.setattr(size_races, "contest", ended)
+    monkeypatch.setattr(
+        judged_options, "check_agreement", lambda *_: None
+    )  # of AP that are made up
+    monkeypatch.setattr(size_races, "NEAR_AP", 0.25)
     sets = np.eye(4, dtype=bool)[:3]
     found = Entrants(sets, np.zeros(3), ((),) * 3, 3)
-    choice = judging.choose_set(
+    choice = choosing.choose_set(
         street.objective, found, street.judge, confidence=0.6, run=Run(seed=5)
     )
-    assert asked == [{"confidence": 0.6, "seed": 5, "frames": judging.MAX_RACED_FRAMES}]
+    assert asked == [{"confidence": 0.6, "seed": 5, "frames": size_races.MAX_RACED_FRAMES}]
     assert [option.judged is not None for option in choice.options] == [True, True, False]
     assert choice.confidence is None  # of 8 frames
 
@@ -714,7 +743,7 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
 def test_other_iou_thresholds_say_which_likely_ties_are_judged():
     """Of six sets in the order of their race, the last is too far behind; means are those of the
     shared frames."""
-    expected = 1.0 - judging.LIKELY_TIE_AP * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
+    expected = 1.0 - size_races.LIKELY_TIE_AP * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
     ran = Contest(np.arange(6), expected, np.array([24, 24, 12, 12, 12, 12]), 0.8, 24, expected)
     asked = []
 
@@ -723,11 +752,11 @@ def test_other_iou_thresholds_say_which_likely_ties_are_judged():
         return np.array([0.5, 0.6, 0.4, 0.7])
 
     evaluator: Any = SimpleNamespace(mean_ap=mean_ap)
-    found = judging._find_rivals(ran, np.eye(6, dtype=bool), evaluator, np.arange(60))
+    found = size_races.find_finalists(ran, np.eye(6, dtype=bool), evaluator, np.arange(60))
     assert found.tolist() == [0, 4, 2]
     assert asked == [([1, 2, 3, 4], list(range(12)))]
     alone = replace(ran, expected=expected - np.array([0.0, 1, 1, 1, 1, 1]))
-    assert judging._find_rivals(
+    assert size_races.find_finalists(
         alone, np.eye(6, dtype=bool), evaluator, np.arange(60)
     ).tolist() == [0, 1, 2]
 
@@ -750,12 +779,12 @@ def test_what_may_be_built_at_every_drawing_is_kept_in_the_order_of_the_first(st
         for k in (1, 2, 3)
     ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planning, "find_buildable", lambda each, most: np.array(rows[id(each)]))
-        kept: Any = planning._keep_buildable(prepared, [first, second, third], None)
+        patch.setattr(buildable, "find_buildable", lambda each, most: np.array(rows[id(each)]))
+        kept: Any = buildable.keep_buildable(prepared, [first, second, third], None)
         assert kept == [((k, [1, 2]), (-k, [1, 2])) for k in (1, 2, 3)]
-        alone: Any = planning._keep_buildable(prepared[:1], [first], None)
+        alone: Any = buildable.keep_buildable(prepared[:1], [first], None)
         assert alone == [((1, [0, 1, 2, 3]), (-1, [0, 1, 2, 3]))]
-        two: Any = planning._keep_buildable(prepared[:2], [first, second], None)
+        two: Any = buildable.keep_buildable(prepared[:2], [first, second], None)
         assert two[0] == ((1, [0, 1, 2]), (-1, [0, 1, 2]))
 
 
@@ -774,24 +803,24 @@ def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
 
     found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
     sound, blind = (judge(detector) for detector in (street.detected.detector, Blind()))
-    choices = [judging.choose_set(street.objective, found, each) for each in (sound, blind)]
+    choices = [choosing.choose_set(street.objective, found, each) for each in (sound, blind)]
     ((judged,), _) = sound.judge_cases(choices[0].sets[[choices[0].chosen]])
     ((unseen,), _) = blind.judge_cases(choices[0].sets[[choices[0].chosen]])
-    findings = [
+    findings: Any = [
         SimpleNamespace(choice=each, question=ask(street.site), objective=street.objective)
         for each in choices
     ]
-    planning.check_stages(findings[0], judged.judged)
-    planning.check_stages(findings[1], unseen.judged)
+    check_stages(findings[0], judged.judged)
+    check_stages(findings[1], unseen.judged)
     with pytest.raises(
         ValueError, match=r"AP 0\.000 in the comparison \(192 .*, but AP 0\.\d+ in the judgement"
     ):
-        planning.check_stages(findings[1], judged.judged)
+        check_stages(findings[1], judged.judged)
     with pytest.raises(
         ValueError, match=r"AP 0\.\d+ in the comparison .*, but AP 0\.000 in the judgement"
     ):
-        planning.check_stages(findings[0], unseen.judged)
-    known = judging._Options(street.objective, found, sound)
+        check_stages(findings[0], unseen.judged)
+    known = judged_options.JudgedOptions(street.objective, found, sound)
     known.judge_rows([2])
     with pytest.raises(
         ValueError, match=r"AP 0\.00 in the race \(96 to find in 24 frames\), but AP 0\."
@@ -809,11 +838,11 @@ def test_judging_of_the_closest_sets_and_of_the_schemes_is_counted_frame_by_fram
     judge = judging.Judge((Detected(frames, street.detected.detector, "early"),))
     told: list[tuple[str, int, int | None]] = []
     run = Run(progress=lambda *stage: told.append(stage))
-    choice = judging.choose_set(street.objective, found, judge, run=run)
+    choice = choosing.choose_set(street.objective, found, judge, run=run)
     assert {("frames of the closest sets", done, 48) for done in range(1, 25)} <= set(
         told
     )  # the race saw the others
-    planning.ChosenSet(
+    chosen_set.ChosenSet(
         choice.members, choice.option.sensors, judge, street.objective, run
     ).schemes()
     assert {("frames of the fusion schemes", done, 48) for done in range(1, 49)} <= set(told)
@@ -825,12 +854,12 @@ def test_sureness_is_that_of_the_chosen_set_on_all_frames_and_never_below_what_t
     found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
     frames = type(street.detected.renders)(street.site, street.detected.renders.sensors, 48)
     judge = judging.Judge((Detected(frames, street.detected.detector, "early"),))
-    choice = judging.choose_set(street.objective, found, judge)
+    choice = choosing.choose_set(street.objective, found, judge)
     assert choice.confidence is not None
     assert 0 <= choice.confidence <= 1
     perfect = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 400, 120)
-    assert planning.judge_sureness(0.19, perfect, np.ones(100)) == 1.0
-    assert planning.judge_sureness(0.19, replace(perfect, low=np.nan), np.ones(100)) is None
-    assert planning.judge_sureness(0.19, replace(perfect, low=np.nan, ap=0.9), np.ones(100)) == 0.19
-    assert planning.judge_sureness(0.8, perfect, np.full(100, 0.9)) == 0.8
-    assert planning.judge_sureness(None, perfect, np.ones(100)) is None
+    assert answer.judge_sureness(0.19, perfect, np.ones(100)) == 1.0
+    assert answer.judge_sureness(0.19, replace(perfect, low=np.nan), np.ones(100)) is None
+    assert answer.judge_sureness(0.19, replace(perfect, low=np.nan, ap=0.9), np.ones(100)) == 0.19
+    assert answer.judge_sureness(0.8, perfect, np.full(100, 0.9)) == 0.8
+    assert answer.judge_sureness(None, perfect, np.ones(100)) is None

@@ -1,0 +1,40 @@
+"""Cells over all directions, coarser than the places of `rectangles`, for the still scene."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from toolkit.arrays import Float, Float32, Float64, Int64
+
+CELL_COLUMNS = 240  # columns of cells over all directions, for the standing scene
+# finest towards the horizon
+CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])
+CELL_ROWS = len(CELL_EDGES) - 1
+Angles = Float[np.ndarray, " n"]
+
+
+def find_cells(
+    azimuth: Angles, elevation: Angles
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
+    """Column and row of the cells of directions."""
+    column = (
+        np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi))).astype(np.int64) % CELL_COLUMNS
+    )
+    return column, np.clip(
+        np.searchsorted(CELL_EDGES, elevation, side="right") - 1, 0, CELL_ROWS - 1
+    )
+
+
+def cell_elevations() -> Float64[np.ndarray, " rows"]:
+    """Elevations of the middle of each row of cells."""
+    return (CELL_EDGES[1:] + CELL_EDGES[:-1]) / 2
+
+
+@lru_cache(maxsize=1)
+def list_cell_directions() -> Float32[np.ndarray, "cells 3"]:
+    """Directions through the middle of each cell."""
+    azimuth = (np.arange(CELL_COLUMNS) + 0.5)[:, None] * (2 * np.pi / CELL_COLUMNS) - np.pi
+    elevation = cell_elevations()
+    flat = np.cos(elevation)
+    axes = (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth)
+    return np.stack(axes, axis=-1).reshape(-1, 3).astype(np.float32)

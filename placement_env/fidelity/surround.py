@@ -1,0 +1,186 @@
+"""`Surround`: moving objects seen from one place, as strips in order of azimuth."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from placement_env.fidelity.ray_table import Lookup, RayTable
+from placement_env.fidelity.rectangles import AZIMUTHS, Rectangles
+from placement_env.fidelity.still import Still
+from placement_env.fidelity.traffic import Traffic, build_renderer, scored
+from toolkit.arrays import Float64, Int32, Int64
+from toolkit.points import Crop, has_centre_inside
+from toolkit.rendering.renderer import Moment
+from toolkit.rendering.strips import (
+    BEYOND,
+    WITHIN,
+    Counted,
+    Strips,
+    SuccessiveStrips,
+    concatenate_strips,
+)
+from toolkit.sensors.sensor import SensorModel
+from toolkit.traffic.snapshots import Snapshot
+
+TILT_MARGIN_COLUMNS = 16  # places of azimuth by which slightly more tilt may move a strip
+MAX_MOMENTS = 64  # frames whose scenes are kept
+
+
+class ScoredItems(NamedTuple):
+    """Scored objects among all objects of some frames.
+
+    Attributes:
+        place: Index of each object among the scored ones, or their number if it is not scored.
+        frame: Frame of each object.
+        items: Number of scored objects.
+        frames: Number of frames."""
+
+    place: Int64[np.ndarray, " n"]
+    frame: Int64[np.ndarray, " n"]
+    items: int
+    frames: int
+
+    @staticmethod
+    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> "ScoredItems":
+        """Scored objects of some classes (numbers) in some frames."""
+        masks = [scored(snapshot.objects, traffic.site, labels) for snapshot in snapshots]
+        counts = np.concatenate([np.zeros(0, np.bool_), *masks])
+        frame = np.repeat(np.arange(len(masks)), list(map(len, masks)))
+        return ScoredItems(
+            np.where(counts, np.cumsum(counts) - 1, counts.sum()),
+            frame,
+            int(counts.sum()),
+            len(masks),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Surround:
+    """Strips of one place, ready for lookup.
+
+    Attributes:
+        scored: Scored objects.
+        rectangles: Azimuth and elevation of each strip.
+        item: Index of each strip's object among the scored ones, or their number if not scored.
+        frame: Frame of each strip.
+        widest: Width of the widest strip (places).
+        gains: Points sent, and far ones, that a ray in each strip has over the background, by
+            sensor model.
+        stills: Background by sensor model."""
+
+    scored: ScoredItems
+    rectangles: Rectangles
+    item: Int32[np.ndarray, " n"]
+    frame: Int32[np.ndarray, " n"]
+    widest: float
+    gains: dict[SensorModel, tuple[np.ndarray, np.ndarray]]
+    stills: "dict[SensorModel, Still]"
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Surround":
+        return self  # never changed, and up to 10 MB
+
+    @staticmethod
+    def of(strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]") -> "Surround":
+        """Surround of the strips of one place. stills: standing scene seen from there, by sensor
+        model."""
+        rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
+        turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
+        rectangles = rectangles._replace(
+            left=rectangles.left - turns, right=rectangles.right - turns
+        )
+        order = np.argsort(rectangles.left, kind="stable")
+        rectangles = Rectangles(*(column[order] for column in rectangles))
+        strips = Strips(*(column[order] for column in strips))
+        counts = strips.shows >= WITHIN
+        far = strips.shows == BEYOND
+        gains = {}
+        for model, still in stills.items():
+            behind = still.behind(
+                (strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2
+            )
+            gains[model] = (counts - behind[0], far - behind[1])
+        widest = float((rectangles.right - rectangles.left).max(initial=0))
+        item = np.where(counts, scored.place[strips.item], scored.items)
+        frame = scored.frame[strips.item]
+        return Surround(
+            scored, rectangles, item.astype(np.int32), frame.astype(np.int32), widest, gains, stills
+        )
+
+    @cached_property
+    def nbytes(self) -> int:
+        """Memory of the arrays."""
+        pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
+        return sum(
+            array.nbytes for array in (*self.rectangles, self.item, self.frame, *sum(pairs, ()))
+        )
+
+    def seen(
+        self, lookup: Lookup
+    ) -> tuple[
+        Float64[np.ndarray, " items"],
+        Float64[np.ndarray, " frames"],
+        Float64[np.ndarray, " frames"],
+    ]:
+        """Points of a sensor on each scored object, points sent in each frame, and the far ones
+        among them."""
+        table = lookup.table
+        items = self.scored.items + 1
+        frames = self.scored.frames
+        points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
+        sent, far = (np.full(frames, chance) for chance in self.stills[lookup.model].alone(lookup))
+        for rows in self._ahead(table, float(lookup.heading)):
+            ahead = Rectangles(*(chance[rows] for chance in self.rectangles))
+            hit, rays = table.counts(ahead, lookup.heading, lookup.more)
+            points += np.bincount(self.item[rows].take(hit), rays, items)
+            frame = self.frame[rows].take(hit)
+            sent += np.bincount(frame, rays * more_sent[rows].take(hit), frames)
+            far += np.bincount(frame, rays * more_far[rows].take(hit), frames)
+        return points[:-1], np.maximum(sent, 0), np.maximum(far, 0)
+
+    def _ahead(self, table: RayTable, heading: float) -> list[slice]:
+        """Strips that rays of a table may fall on."""
+        before = self.widest + TILT_MARGIN_COLUMNS
+        length = table.columns + before + TILT_MARGIN_COLUMNS
+        if length >= AZIMUTHS:
+            return [slice(0, len(self.item))]
+        first = (table.first_column + heading - before) % AZIMUTHS
+        ends = [(first, first + length), (0.0, first + length - AZIMUTHS)]
+        return [
+            slice(*np.searchsorted(self.rectangles.left, end).tolist())
+            for end in ends
+            if end[1] > end[0]
+        ]
+
+
+def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> SuccessiveStrips:
+    """Finder of strips seen from places."""
+    return SuccessiveStrips(
+        build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius)
+    )
+
+
+def place_strips(
+    successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
+) -> list[Strips]:
+    """Strips of each place in some frames."""
+    parts = []
+    first = 0
+    for k in frames:
+        fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
+        strips = successive.of(build_moment(traffic, k), fine)
+        parts.append(strips._replace(item=strips.item + np.int32(first)))
+        first += len(fine)
+    strips_of_all = concatenate_strips(parts)
+    order = np.argsort(strips_of_all.viewpoint, kind="stable")
+    ends = np.searchsorted(strips_of_all.viewpoint[order], np.arange(places + 1))
+    return [strips_of_all.take(order[begin:end]) for begin, end in pairwise(ends)]
+
+
+@lru_cache(maxsize=MAX_MOMENTS)
+def build_moment(traffic: Traffic, k: int) -> Moment:
+    """Scene of what moves in a frame, made once for the latest ones."""
+    return build_renderer(traffic).moment(traffic.snapshots[k])

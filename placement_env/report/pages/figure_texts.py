@@ -1,0 +1,58 @@
+"""Figures as words: numbers, shares, prices, and AP with its interval."""
+
+import math
+from collections.abc import Iterable
+
+from placement_env.report import content
+from toolkit.display import describe_count
+
+UNDEFINED_MARK = "–"  # for an undefined figure
+
+
+def number_text(value: float | None, digits: int = 3) -> str:
+    """Format a figure with this many decimals."""
+    return f"{value:,.{digits}f}" if value is not None and math.isfinite(value) else UNDEFINED_MARK
+
+
+def percent(share: float | None) -> str:
+    """Format a share in percent, never rounded to 0 or 100 %."""
+    if share is None or not math.isfinite(share):
+        return UNDEFINED_MARK
+    if 0 < share < 0.01:
+        return "under 1%"
+    return "over 99%" if 0.99 < share < 1 else f"{100 * share:.0f}%"
+
+
+def price_text(price: float, currency: str) -> str:
+    """Format a price. Without a currency it is in units of one ordinary pole."""
+    text = f"{price:,.{0 if price == round(price) else 2}f}"
+    if currency:
+        return f"{text} {currency}"
+    if "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return f"{text} unit{'s' * (price != 1)}"
+
+
+def ap_text(judged: content.Judgement) -> str:
+    """Format an AP with its interval and number of vehicles."""
+    return f"AP {ap_figure(judged)}"
+
+
+def ap_figure(judged: content.Judgement) -> str:
+    """Format an AP with its interval and number of vehicles, without the word AP."""
+    return (
+        f"{judged.format_ap()} ({interval_text(judged)}, "
+        f"{describe_count(judged.vehicles, judged.kind)})"
+    )
+
+
+def list_aps(judgements: Iterable[tuple[str, content.Judgement]]) -> str:
+    """List the AP of each name, for screen readers."""
+    return "; ".join(f"{name}: {ap_text(judgement)}" for name, judgement in judgements)
+
+
+def interval_text(judged: content.Judgement) -> str:
+    """Format both ends of the interval, if there is one."""
+    if math.isnan(judged.low):
+        return "no interval"
+    return f"{number_text(judged.low, judged.digits)}–{number_text(judged.high, judged.digits)}"

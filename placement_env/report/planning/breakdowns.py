@@ -1,0 +1,162 @@
+"""Figures of the chosen set by place, distance, approach, traffic level, error profile and class.
+
+Vehicles and false alarms belong to the group of their box's centre, and a hit belongs to the group
+of the vehicle it hit."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from placement_env.analysis.approaches import compass, find_approaches, find_streets
+from placement_env.analysis.intervals import Tally
+from placement_env.cases import LEVEL_NAMES
+from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.detector import IGNORED
+from placement_env.handover.ground import Ground
+from placement_env.report import content
+from placement_env.report.planning import judging
+from placement_env.report.planning.scored_boxes import ScoredBoxes, count_set_points, fuse_clouds
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.objects import LABELS, label_index
+from toolkit.points import count_on_ground, has_centre_inside
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+RANGE_ENDS_M = (10.0, 20.0, 30.0, 40.0)  # distances from the nearest sensor that end groups
+CENTRE_SHARE = 0.25  # radius of the middle zone, as a share of the area's shorter side
+GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
+
+
+def _row(
+    name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]
+) -> content.BreakdownRow:
+    return content.BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
+
+
+def by_group(
+    scored: ScoredBoxes, names: Sequence[str], group_of: GroupOf, seed: int
+) -> tuple[content.BreakdownRow, ...]:
+    """Judge each group. group_of: function that returns the group of each box."""
+    truth_groups = group_of(scored.truths)
+    detection_groups = np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
+    is_hit = scored.hits >= 0
+    detection_groups[is_hit] = truth_groups[scored.hits[is_hit]]
+    rows = []
+    for number, name in enumerate(names):
+        is_truth = truth_groups == number
+        judgement = None
+        if is_truth.any():
+            tallies = []
+            for iou_index, groups in enumerate(detection_groups):
+                is_counted = groups == number
+                tallies.append(_tally_classes(scored, is_truth, is_counted, iou_index))
+            judgement = judging.judge_tallies(tallies, scored.classes, seed)
+        rows.append(_row(name, judgement, scored.points[is_truth]))
+    return tuple(rows)
+
+
+def _tally_classes(
+    scored: ScoredBoxes,
+    is_truth: Bool[np.ndarray, " t"],
+    is_counted: Bool[np.ndarray, " n"],
+    iou_index: int,
+) -> list[Tally]:
+    labels = scored.classes.labels
+    return [scored.tally(label, is_truth, is_counted, iou_index) for label in labels]
+
+
+def by_zone(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
+    """Judge the middle and the quarters around it, named by the compass."""
+    xmin, ymin, xmax, ymax = site.area
+    middle = np.array([xmin + xmax, ymin + ymax]) / 2
+    radius = CENTRE_SHARE * min(xmax - xmin, ymax - ymin)
+    quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
+    names = (f"centre (within {radius:g} m)", *(compass(site, quarter) for quarter in quarters))
+
+    def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        offset = boxes[:, :2] - middle
+        quarter = 1 + (offset[:, 0] < 0) + 2 * (offset[:, 1] < 0)
+        return np.where(np.hypot(*offset.T) <= radius, 0, quarter).astype(np.int64)
+
+    return by_group(scored, names, group_of, seed)
+
+
+def by_range(
+    scored: ScoredBoxes, sensors: Sequence[Sensor], seed: int
+) -> tuple[content.BreakdownRow, ...]:
+    """Judge by distance to the nearest sensor."""
+    positions = np.array([sensor.position[:2] for sensor in sensors])
+    edges = pairwise((0.0, *RANGE_ENDS_M))
+    names = [f"{start:g} to {end:g} m" for start, end in edges]
+    names.append(f"beyond {RANGE_ENDS_M[-1]:g} m")
+
+    def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        distances = np.linalg.norm(boxes[:, None, :2] - positions, axis=2).min(axis=1)
+        return np.searchsorted(RANGE_ENDS_M, distances).astype(np.int64)
+
+    return by_group(scored, names, group_of, seed)
+
+
+def by_approach(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
+    """Judge by the lane nearest to each vehicle."""
+    approaches = find_approaches(site)
+    rows = by_group(scored, approaches.names, approaches.locate, seed)
+    return tuple(row for row in rows if row.judged is not None)
+
+
+def measure_blind_streets(site: Site, ground: Ground) -> dict[str, float]:
+    """Measure the lanes that no sensor sees (m²), by street, the largest first."""
+    rows, columns = np.nonzero(ground.open_ground & ground.lanes & (ground.views == 0))
+    boxes = np.zeros((len(rows), 7))
+    boxes[:, 0] = ground.x[columns]
+    boxes[:, 1] = ground.y[rows]
+    streets = find_streets(site)
+    areas = np.bincount(streets.locate(boxes), minlength=len(streets.names)) * ground.cell**2
+    order = np.argsort(-areas, kind="stable")
+    return {streets.names[k]: float(areas[k]) for k in order if areas[k]}
+
+
+def by_level(
+    scored: ScoredBoxes, judge: judging.Judge, members: tuple[int, ...]
+) -> tuple[content.BreakdownRow, ...]:
+    """Judge each level of traffic; empty if traffic is undivided."""
+    names = LEVEL_NAMES[judge.cases.levels]
+    rows = []
+    for name, judgement, frames in zip(names, judge.by_level(members), judge.levels, strict=False):
+        points = scored.points[np.isin(scored.truth_frame, frames)]
+        rows.append(_row(name, judgement, points))
+    return tuple(rows)
+
+
+def by_errors(judge: judging.Judge, members: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
+    """Judge each error profile, with failures and levels if they count; empty for one profile."""
+    judgements = judge.by_errors(members)
+    return tuple(
+        _row(name, judgements[name], count_set_points(detected, members))
+        for name, detected in zip(judgements, judge.profiles, strict=False)
+    )
+
+
+def by_class(
+    judge: judging.Judge, members: tuple[int, ...], labels: Sequence[str] = LABELS
+) -> tuple[content.ClassSeen, ...]:
+    """Return the coverage of each class: share of its road users with `LEAST` points or more."""
+    detected = judge.detected
+    site = judge.detected.renders.site
+    frame_labels = []
+    frame_seen = []
+    for k in range(judge.frames):
+        objects = detected.renders.objects(k)
+        objects = objects[has_centre_inside(objects.boxes, site.area)]
+        points = count_on_ground(fuse_clouds(detected, members, k), objects.boxes, site)
+        frame_labels.append(objects.labels)
+        frame_seen.append(points >= LEAST)
+    object_labels = np.concatenate(frame_labels)
+    is_seen = np.concatenate(frame_seen)
+    rows = []
+    for label in labels:
+        label_seen = is_seen[object_labels == label_index(label)]
+        share = float(label_seen.mean()) if len(label_seen) else None
+        rows.append(content.ClassSeen(label, len(label_seen), int(LEAST), share))
+    return tuple(rows)

@@ -1,0 +1,110 @@
+"""`choose_set`: the answer of a plan among the entrants.
+
+Without a requirement the answer is the cheapest set that is as good as the best of the races. With
+a requirement it is the cheapest set whose AP reaches it; sets are judged by price until one does.
+If none does, it is the best set. AP is always over the cases of the plan (`PlanOption.counted`)."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from placement_env.analysis.intervals import BLOCK_FRAMES
+from placement_env.analysis.shrinkage import shrink
+from placement_env.objective import Objective
+from placement_env.report.content import DrawingResult
+from placement_env.report.planning.choice import Choice, Rule, choose, rank_thrift
+from placement_env.report.planning.judged_options import JudgedOptions
+from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.size_races import race_sizes
+from placement_env.search.portfolio.entrants import Entrants
+from placement_env.search.portfolio.evaluators import race_order
+from toolkit.runtime.run import Run
+
+FIRST_LOOK_FRAMES = 12  # frames of the first look at all sets that may reach a requirement
+FIRST_LOOK_ERROR_AP = 0.1  # by which the first look may underrate a set
+
+
+def choose_at_drawings(
+    judge: Judge, choice: Choice, min_ap: float | None
+) -> tuple[DrawingResult, ...]:
+    """Judge the answer, and choose among the judged sets, at each drawing of the site."""
+    if not judge.drawings:
+        return ()
+    rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
+    sets = choice.sets[rows]
+    results = []
+    for drawing in judge.alone:
+        judgements, draws = drawing.judge_cases(sets)
+        mean_aps = drawing.evaluator.mean_ap(sets, np.arange(drawing.frames)).tolist()
+        options = [
+            replace(choice.options[i], mean_ap=mean_aps[n], **judgements[n]._asdict())
+            for n, i in enumerate(rows)
+        ]
+        answer = choose(options, dict(enumerate(draws)))[1][0]
+        if min_ap is not None:
+            reaching = [n for n, judged in enumerate(judgements) if judged.counted.ap >= min_ap]
+            answer = min(reaching, key=lambda n: rank_thrift(options[n]), default=answer)
+        judgement = judgements[rows.index(choice.chosen)].counted
+        results.append(DrawingResult(judgement, options[answer].poles))
+    return tuple(results)
+
+
+def choose_set(
+    objective: Objective,
+    entrants: Entrants,
+    judge: Judge,
+    *,
+    min_ap: float | None = None,
+    confidence: float = 0.95,
+    run: Run = Run(),
+) -> Choice:
+    """Choose among the entrants, at least one.
+
+    confidence: confidence at which a race of one size ends."""
+    options = JudgedOptions(objective, entrants, judge)
+    if min_ap is not None and (reached := _find_cheapest(options, min_ap, run)) is not None:
+        return Choice(tuple(options.options), entrants.sets, reached, reached, (), "cheapest")
+    races = race_sizes(options, confidence, run)
+    sizes = entrants.sets.sum(axis=1)
+    order = race_order(judge.frames, seed=run.seed)
+    options.judge_rows(races.list_rows(), run)
+    for race, winner in races.by_size.values():
+        options.check_race(winner, float(race.figures[0]), order[: race.frames[0]])
+    best, alike = choose(options.options, options.draws)
+    answer = best
+    rule: Rule = "best" if min_ap is None else "none"
+    if min_ap is None and alike[0] != best:
+        answer = alike[0]
+        rule = "as good"
+    near_options = tuple(i for i in alike if i != answer)
+    size_rows = np.flatnonzero(sizes == sizes[answer])
+    size_race = races.by_size.get(int(sizes[answer]))
+    answer_race = None if size_race is None else size_race.race
+    sureness = options.measure_sureness(answer, size_rows, answer_race)
+    return Choice(tuple(options.options), entrants.sets, answer, best, near_options, rule, sureness)
+
+
+def _find_cheapest(options: JudgedOptions, min_ap: float, run: Run) -> int | None:
+    """Return the cheapest set whose AP reaches the requirement, None without one.
+
+    Sets are judged by price until one reaches it."""
+    entrants = options.entrants
+    judge = options.judge
+    order = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK_FRAMES]
+    report = run.stage("frames of the first look", len(order))
+    first_look = judge.evaluator.evaluate(entrants.sets, order, report)
+    blocks = len(np.unique(order // BLOCK_FRAMES))
+    shrunk = shrink(first_look.ap, first_look.resamples, entrants.predicted, blocks)
+    expected_aps = shrunk.figure
+    prices = np.array([option.price for option in options.options])
+    rows = np.lexsort((-expected_aps, prices)).tolist()
+    report = run.stage("sets judged by price", len(rows))
+    for step, i in enumerate(rows, 1):
+        if expected_aps[i] >= min_ap - FIRST_LOOK_ERROR_AP:
+            options.judge_rows([i])
+            counted = options.options[i].counted
+            if counted is not None and counted.ap >= min_ap and options.options[i].fits_links:
+                return i
+        if report is not None:
+            report(step)
+    return None

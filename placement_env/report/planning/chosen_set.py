@@ -1,0 +1,133 @@
+"""Schemes, Shapley values, failures and order of building of the chosen set."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from placement_env.analysis.intervals import count_blocks, is_as_good
+from placement_env.analysis.worth import estimate_worth, exact_worth
+from placement_env.cases import Cases
+from placement_env.fidelity.detector import IOUS, Detected
+from placement_env.objective import Objective
+from placement_env.report import content
+from placement_env.report.planning import judging
+from placement_env.subsets import all_subsets
+from toolkit.arrays import Bool, Float64
+from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.runtime.run import Run
+
+MAX_SUBSET_SENSORS = 6  # of larger sets, not every subset is judged by the detector
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenSet:
+    """Schemes, worth of each sensor, failures and order of building of the chosen set.
+
+    Attributes:
+        members: Indices of its candidates, ascending.
+        names: Names of its candidates.
+        judge: Judge on the final traffic.
+        objective: Objective of the searches, which scores subsets of large sets.
+        run: Run of the plan."""
+
+    members: tuple[int, ...]
+    names: tuple[str, ...]
+    judge: judging.Judge
+    objective: Objective
+    run: Run = Run()
+
+    @property
+    def small(self) -> bool:
+        """True if the detector judges every subset."""
+        return len(self.members) <= MAX_SUBSET_SENSORS
+
+    def stage(self, name: str) -> Callable[[int], None] | None:
+        """Return a callback that counts the frames of a stage."""
+        return self.run.stage(f"frames of the {name}", self.judge.frames)
+
+    def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
+        """Expand subsets of the set to rows over all candidates."""
+        rows = np.zeros((len(subsets), len(self.judge.detected.renders.sensors)), np.bool_)
+        rows[:, list(self.members)] = subsets
+        return rows
+
+    def _judge(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> list[content.Judgement]:
+        return self.judge.judge(self.rows(subsets), progress=self.stage(stage))
+
+    def _aps(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> Float64[np.ndarray, " n"]:
+        """Return the AP of subsets, by the detector for small sets, else by the objective."""
+        if self.small:
+            return np.array([judgement.ap for judgement in self._judge(subsets, stage)])
+        return self.objective.scores(self.rows(subsets)).ap
+
+    def schemes(self) -> tuple[content.SchemeFigures, ...]:
+        """Judge the set under every scheme at every IoU."""
+        judge = replace(self.judge, drawings=())
+        planned = judge.detected
+        intact = judge.intact
+        ious = intact.ious
+        whole_set = self.rows(np.ones((1, len(self.members)), np.bool_))
+        planned_draws = judge.judge_drawn(whole_set, intact)[1][0]
+        blocks = count_blocks(self.judge.frames)
+        thresholds = sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious)
+        shared_names = ("codec", "memo", "processes", "classes")
+        shared = {name: getattr(planned, name) for name in shared_names}
+        figures = []
+        for scheme in PAPER_SCHEMES:
+            detected = Detected(planned.renders, planned.detector, scheme, **shared)
+            scheme_judge = replace(judge, profiles=(detected.at(ious[0], ious),))
+            report = self.stage("fusion schemes")
+            frames = range(scheme_judge.frames)
+            outcomes = scheme_judge.detected.outcomes([self.members], frames, report)[self.members]
+            kbit = float(np.mean([outcome.bits.mean() for outcome in outcomes])) / 1000
+            for iou in thresholds:
+                judgements, draws = scheme_judge.judge_drawn(whole_set, replace(intact, iou=iou))
+                as_good = iou == intact.threshold and is_as_good(draws[0], planned_draws, blocks)
+                figures.append(content.SchemeFigures(scheme, iou, judgements[0], kbit, as_good))
+        return tuple(figures)
+
+    def worth(self) -> tuple[content.SensorWorth, ...]:
+        """Return Shapley values and interactions, exact for small sets, else sampled."""
+        count = len(self.members)
+        if self.small:
+            aps = self._aps(all_subsets(count), "subsets")
+            worth = exact_worth(lambda _: aps, count)
+        else:
+            worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
+        sensor_worths = []
+        for k, name in enumerate(self.names):
+            synergy = dict(zip(self.names, worth.synergy[k].tolist(), strict=True))
+            del synergy[name]
+            sensor_worths.append(content.SensorWorth(name, float(worth.shapley[k]), synergy))
+        return tuple(sensor_worths)
+
+    def failures(self) -> tuple[content.FailureCase, ...]:
+        """Judge the remaining sensors after one failure, then after two, the worst case first."""
+        count = len(self.members)
+        names = np.array(self.names)
+        cases: list[content.FailureCase] = []
+        for failing in range(1, min(3, count)):
+            remaining = Cases(failing=failing).expand(np.ones((1, count), np.bool_))[0][1:]
+            judgements = self._judge(remaining, "failures")
+            failure_cases = [
+                content.FailureCase(tuple(names[~is_left].tolist()), judgement)
+                for is_left, judgement in zip(remaining, judgements, strict=True)
+            ]
+            cases += sorted(failure_cases, key=lambda case: case.judged.ap)
+        return tuple(cases)
+
+    def order(self) -> tuple[content.BuildStep, ...]:
+        """Return the order of building, in which each sensor adds the most AP.
+
+        The detector judges all steps."""
+        built = np.zeros((1, len(self.members)), np.bool_)
+        while not built[-1].all():
+            options = built[-1] | np.eye(len(self.members), dtype=np.bool_)[~built[-1]]
+            best = int(np.argmax(self._aps(options, "order of building")))
+            built = np.concatenate([built, options[best : best + 1]])
+        added = np.diff(built, axis=0).argmax(axis=1)
+        prices = self.objective.price(self.rows(built[1:])).tolist()
+        judgements = self._judge(built[1:], "order of building")
+        names = [self.names[i] for i in added]
+        return tuple(map(content.BuildStep, names, prices, judgements))

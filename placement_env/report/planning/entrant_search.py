@@ -1,0 +1,114 @@
+"""Search of a plan: traffic and objectives at each drawing of the site, and the sets found."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_env.fidelity.preparation import Preparation
+from placement_env.objective import Objective
+from placement_env.report.planning.buildable import BuildableView, find_max_sensors, keep_buildable
+from placement_env.report.planning.question import Question
+from placement_env.report.planning.refusals import Refusal, refuse_traffic
+from placement_env.search.exclusions import describe_exclusions, explain_kept
+from placement_env.search.portfolio.entrants import (
+    Effort,
+    Entrants,
+    at_other_ious,
+    join_entrants,
+    keep_entrants,
+)
+from placement_env.setting import AP_ONLY
+from toolkit.objects import LABELS
+from toolkit.runtime.run import Run
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedSearch:
+    """Inputs of the searches, one of each for every drawing of the site.
+
+    Attributes:
+        run: Run of the search traffic.
+        preparations: Search traffic.
+        views: Buildable candidates and what they see.
+        objectives: Objectives over the buildable candidates.
+        excluded: Sentences on what excludes the other candidates."""
+
+    run: Run
+    preparations: Sequence[Preparation]
+    views: Sequence[BuildableView]
+    objectives: Sequence[Objective]
+    excluded: tuple[str, ...]
+
+
+def prepare_search(question: Question, run: Run) -> PreparedSearch:
+    """Simulate the search traffic, and find the candidates that may be built.
+
+    Raises `Refusal` if the traffic lacks a class, or if nothing or no kept pole may be built."""
+    pool = question.setting.pool
+    preparations = [Preparation(drawing.search_setting, run) for drawing in question.at_drawings]
+    for preparation in preparations:
+        missing = _list_missing(question, preparation)
+        if missing:
+            reasons = refuse_traffic(question, missing, preparation.frames, "simulated")
+            raise Refusal(reasons, pool)
+    pool_objectives = [
+        Objective.of_moved(preparation, preparation.setting.pool, preparation.visibility, AP_ONLY)
+        for preparation in preparations
+    ]
+    first = pool_objectives[0]
+    excluded = describe_exclusions(first, question.max_kbit, question.currency)
+    views = keep_buildable(preparations, pool_objectives, question.max_kbit)
+    buildable_names = [sensor.name for sensor in views[0].candidates.sensors]
+    is_buildable = np.isin(first.names, buildable_names)
+    max_kbit = math.inf if question.max_kbit is None else question.max_kbit
+    obstacles = explain_kept(first, is_buildable, max_kbit, question.currency)
+    if obstacles or not buildable_names:
+        raise Refusal(obstacles or excluded, pool)
+    objectives = [
+        Objective.of_moved(preparation, *view, AP_ONLY)
+        for preparation, view in zip(preparations, views, strict=True)
+    ]
+    return PreparedSearch(run, preparations, views, objectives, excluded)
+
+
+def _list_missing(question: Question, preparation: Preparation) -> list[str]:
+    """List the counted classes that no traffic of a preparation has."""
+    seen_labels = preparation.visibility.labels
+    counted_labels = question.setting.counted.labels
+    return [LABELS[label] for label in counted_labels if not (seen_labels == label).any()]
+
+
+def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
+    """Search for entrants at each drawing of the site.
+
+    If the cases have failures or levels, the intact sets in all traffic are searched too, because
+    the best of them may be best in the worst case."""
+    max_count = find_max_sensors(question, prepared.objectives[0].candidates)
+    effort = Effort(tuple(range(1, max_count + 1)), min_ap=question.min_ap)
+    run = prepared.run
+    entrant_lists = [
+        keep_entrants(
+            objective,
+            effort,
+            run.memo,
+            depends_on=preparation.traffic.digest(),
+            others=at_other_ious(objective, preparation),
+            seed=run.seed,
+        )
+        for objective, preparation in zip(prepared.objectives, prepared.preparations, strict=True)
+    ]
+    if not question.cases.plain:
+        entrant_lists += [
+            keep_entrants(
+                Objective.of_moved(preparation.plain, *view, AP_ONLY),
+                effort,
+                run.memo,
+                depends_on=preparation.traffic.digest(),
+                others={},
+                seed=run.seed,
+            )
+            for preparation, view in zip(prepared.preparations, prepared.views, strict=True)
+        ]
+    return join_entrants(prepared.objectives, entrant_lists)

@@ -1,0 +1,103 @@
+"""`JudgedOptions`: the entrants as options of a plan, judged on demand."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from placement_env.analysis import intervals
+from placement_env.analysis.agreement import StageFigure, check_agreement
+from placement_env.analysis.intervals import Resamples
+from placement_env.analysis.shrinkage import shrink
+from placement_env.candidates.candidates import name_sensor
+from placement_env.objective import Objective
+from placement_env.racing import Contest
+from placement_env.report.content import PlanOption
+from placement_env.report.planning.judging import Judge, one_stage, state_figure
+from placement_env.search.portfolio.entrants import Entrants
+from toolkit.arrays import Int64
+from toolkit.runtime.run import Run
+
+
+class JudgedOptions:
+    """Options of a choice, which are judged on demand."""
+
+    def __init__(self, objective: Objective, entrants: Entrants, judge: Judge) -> None:
+        self.objective = objective
+        self.entrants = entrants
+        self.judge = judge
+        self.draws: dict[int, Resamples] = {}
+        self.options: list[PlanOption] = []
+        mounts = objective.candidates.mounts
+        for i, is_member in enumerate(entrants.sets):
+            score = objective.score(np.flatnonzero(is_member))
+            mount_indices = objective.candidates.mount[list(score.subset)]
+            option = PlanOption(
+                sensors=tuple(name_sensor(objective.names[c]) for c in score.subset),
+                price=score.price,
+                kbit_per_sensor=score.kbit_per_sensor,
+                kbit=score.kbit,
+                # as by its search: scored together with other sets it may round differently
+                predicted=round(float(entrants.predicted[i]), 6),
+                judged=None,
+                searches=entrants.searches[i],
+                poles=tuple(mounts[m].name for m in mount_indices),
+            )
+            self.options.append(option)
+
+    def judge_rows(self, rows: Sequence[int], run: Run = Run()) -> None:
+        """Judge sets on all frames, unless they are judged. run: reports the frames done."""
+        new_rows = [i for i in rows if i not in self.draws]
+        if not new_rows:
+            return
+        new_sets = self.entrants.sets[new_rows]
+        stage = one_stage(run, "frames of the closest sets", self.judge.frames)
+        judged_sets, draws = self.judge.judge_cases(new_sets, stage)
+        all_frames = np.arange(self.judge.frames)
+        mean_aps = self.judge.evaluator.mean_ap(new_sets, all_frames).tolist()
+        for k, i in enumerate(new_rows):
+            members = tuple(np.flatnonzero(self.entrants.sets[i]).tolist())
+            self.options[i] = replace(
+                self.options[i],
+                mean_ap=mean_aps[k],
+                fits_links=self.objective.fits_links(members, self.judge.kbit(members)),
+                **judged_sets[k]._asdict(),
+            )
+            self.draws[i] = draws[k]
+
+    def check_race(self, row: int, ap: float, frames: Int64[np.ndarray, " k"]) -> None:
+        """Raise ValueError if a judged set had quite another AP in its race.
+
+        The worst of several cases is lower on few frames, so it is not compared."""
+        option = self.options[row]
+        counted = option.judged
+        if counted is not None and self.judge.cases.plain and len(self.judge.profiles) == 1:
+            objects = self.judge.evaluator.count_objects(frames)
+            raced = StageFigure("in the race", ap, objects, len(frames))
+            check_agreement(option.sensors, raced, state_figure("in the comparison", counted))
+
+    def measure_sureness(
+        self, row: int, size_rows: Int64[np.ndarray, " k"], race: Contest | None
+    ) -> float | None:
+        """Return the probability that no set of as many sensors is better than a judged one.
+
+        Better means by more than `AP_TOLERANCE`. Judged sets count with all frames, the others with
+        the frames of their last rung. size_rows: rows of the sets of this size; race: their race.
+        Returns None without a race, and with too few frames or objects."""
+        counted = self.options[row].counted
+        if race is None or counted is None:
+            return None
+        if not intervals.is_comparable(counted.frames, counted.vehicles):
+            return None
+        judged_rows = [i for i in size_rows.tolist() if i in self.draws]
+        judgements = [self.options[i].counted for i in judged_rows]
+        aps = np.array([judgement.ap for judgement in judgements if judgement])
+        draws = np.stack([self.draws[i] for i in judged_rows])
+        predicted = self.entrants.predicted[judged_rows]
+        blocks = intervals.count_blocks(counted.frames)
+        likely_aps = shrink(aps, draws, predicted, blocks).resamples
+        gains = likely_aps - likely_aps[judged_rows.index(row)]
+        is_better = gains > intervals.AP_TOLERANCE
+        raced_rows = np.searchsorted(size_rows, [row, *judged_rows])
+        dropped_doubt = race.doubt(int(raced_rows[0]), raced_rows[1:].tolist())
+        return max(0.0, 1 - float(is_better.any(axis=0).mean()) - dropped_doubt)

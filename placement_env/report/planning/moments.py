@@ -1,0 +1,60 @@
+"""Frames of the final traffic for pictures and the 3D scene of a report."""
+
+import numpy as np
+
+from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
+from placement_env.report import content
+from toolkit.arrays import Float32
+
+MOMENTS = 8  # frames of pictures
+MOMENT_POINTS = 2500  # points of each sensor in such a frame, at most
+
+
+def pick_moments(
+    detected: Detected,
+    members: tuple[int, ...],
+    *,
+    count: int = MOMENTS,
+    points: int = MOMENT_POINTS,
+    seed: int = 0,
+) -> tuple[content.SceneMoment, ...]:
+    """Pick the first run of `count` frames with the most vehicles.
+
+    points: number of points to keep of each cloud, drawn from the seed."""
+    object_counts = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
+    count = min(count, detected.frames)
+    first = int(np.convolve(object_counts, np.ones(count, np.int64), mode="valid").argmax())
+    return tuple(
+        build_scene_moment(detected, members, k, points, seed) for k in range(first, first + count)
+    )
+
+
+def build_scene_moment(
+    detected: Detected, members: tuple[int, ...], k: int, points: int, seed: int
+) -> content.SceneMoment:
+    """Return frame k with its thinned clouds, objects and detections."""
+    outcome = detected.outcomes([members], [k])[members][0]
+    truth = outcome.truth[detected.ious.index(detected.iou)]
+    objects = detected.renders.objects(k)
+    is_scored = detected.scored(k)
+    scored_indices = np.flatnonzero(is_scored)
+    is_hit = np.zeros(len(objects), np.bool_)
+    is_hit[scored_indices[truth[truth > FALSE_ALARM]]] = True
+    return content.SceneMoment(
+        clouds=tuple(thin(detected.renders.clouds(k, c), points, [seed, k, c]) for c in members),
+        truth=objects,
+        detections=detected.detections(members, k),
+        truth_hit=is_hit,
+        truth_ignored=~is_scored,
+        detection_hit=truth >= 0,
+        detection_ignored=truth == IGNORED,
+    )
+
+
+def thin(
+    cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]
+) -> Float32[np.ndarray, "m 3"]:
+    """Draw at most `points` points of a cloud, in order."""
+    if len(cloud) <= points:
+        return cloud
+    return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]

@@ -1,0 +1,85 @@
+"""Cases, classes and codec of the question in plan.json."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from placement_env.cases import MAX_FAILING, MAX_LEVELS, Cases
+from placement_env.classes import Classes
+from toolkit.detection.codec import Codec
+from toolkit.detection.link.range_images import CODECS, find_codec
+from toolkit.runtime.files import name_errors
+from toolkit.runtime.json_object import JsonObject
+from toolkit.sensors.error_profiles import PROFILES
+
+PLAN_AGAIN = "make the plan again with coview plan"
+
+
+def read_cases(question: JsonObject) -> Cases:
+    """Read the cases of a question. Raises ValueError for a wrong or unknown member."""
+    several = isinstance(question.value.get("iou"), list)
+    ious = tuple(question.numbers("iou")) if several else (question.number("iou"),)
+    errors = question.texts("errors")
+    for name in errors:
+        if name not in PROFILES:
+            profile_names = ", ".join(PROFILES)
+            raise ValueError(
+                f"question.errors has a profile {name[:60]!r} that is not one of {profile_names}: "
+                f"{PLAN_AGAIN}"
+            )
+    with name_errors("question"):
+        return Cases(
+            iou=ious,
+            failing=question.whole("failing", 0, MAX_FAILING),
+            failures=question.choice("failures", ("worst", "mean")),  # type: ignore[arg-type]
+            levels=question.whole("levels", 1, MAX_LEVELS),
+            levels_by=question.choice("levels_by", ("worst", "mean")),  # type: ignore[arg-type]
+            errors=tuple(errors),
+            errors_by=question.choice("errors_by", ("worst", "mean")),  # type: ignore[arg-type]
+        )
+
+
+def read_classes(question: JsonObject, cases: Cases) -> Classes:
+    """Read the classes that count, with their weights and IoU thresholds.
+
+    Raises ValueError for a wrong member."""
+    names = question.texts("classes")
+    weights = question.numbers("class_weights")
+    stated_ious = question.get("class_ious", list)
+    with name_errors("question"):
+        combine = question.choice("combine", ("mean", "worst"))
+        plain = Classes(tuple(names), tuple(weights), combine)  # type: ignore[arg-type]
+        if len(stated_ious) != len(plain.names):
+            raise ValueError(
+                f"class_ious must hold one for each of {', '.join(plain.names)}, got "
+                f"{len(stated_ious)}"
+            )
+        ious = [
+            _find_class_iou(cases, plain, name, iou)
+            for name, iou in zip(plain.names, stated_ious, strict=True)
+        ]
+        return replace(plain, ious=tuple(ious))
+
+
+def _find_class_iou(cases: Cases, plain: Classes, name: str, stated: object) -> float | None:
+    """Return the IoU of a class, None if it is the usual one."""
+    usual = cases.class_ious(plain, name)
+    if stated == usual or stated == list(np.atleast_1d(usual)):
+        return None
+    if isinstance(stated, bool) or not isinstance(stated, int | float):
+        raise ValueError(
+            f"class_ious of {name} must be one number, or the IoU of the question, got "
+            f"{stated!r:.60}"
+        )
+    return float(stated)
+
+
+def read_codec(question: JsonObject) -> Codec:
+    """Find the codec of a question by its digest. Raises ValueError for an unknown one."""
+    digest = question.get("codec", str)
+    for name in CODECS:
+        if find_codec(name).digest == digest:
+            return find_codec(name)
+    raise ValueError(
+        f"question.codec must belong to {' or '.join(CODECS)}, got {digest[:60]!r}: {PLAN_AGAIN}"
+    )

@@ -1,0 +1,241 @@
+"""Stock of a plan in plan.json, written and read: poles, sensor models and prices."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+
+from placement_env.candidates.candidates import Axes, Candidates, aims, pool
+from placement_env.candidates.sensor_catalogue import RATES, PricedModel, SensorCatalogue
+from placement_env.report.planning.question import Question, Stock
+from toolkit.geometry import MAX_COORDINATE_M
+from toolkit.runtime.files import name_errors
+from toolkit.runtime.json_object import Json, JsonObject
+from toolkit.sensors.models import name_in_words
+from toolkit.sites.files import format_attitude, format_model, read_model, read_sensor
+from toolkit.sites.site import MAX_BUILT_HEIGHT_M, ORIGINS, Mount, Site
+
+MAX_STOCK_POLES = 5000
+MAX_STOCK_MODELS = 100
+MAX_AIM_STEPS = 360
+MAX_STOCK_SENSORS = 10_000
+MAX_KEEP_OUT_AREAS = 1000
+MAX_STOCK_POSES = 400_000
+MAX_PRICE = 1e15
+MAX_KBIT = 1e12
+
+
+def format_stock(question: Question, candidates: Candidates) -> Json:
+    """Return the stock of a plan for plan.json, in the site's metres.
+
+    The stock has poles, sensor models, prices and keep-out areas."""
+    stock = question.stock
+    axes = candidates.axes
+    catalogue = stock.catalogue
+    names = [name_in_words(type(model).__name__) for model in axes.models]
+    if catalogue is not None:
+        names = [catalogue.get_name(model) for model in axes.models]
+    prices = axes.prices or (None,) * len(axes.models)
+    models = [
+        {"name": names[i], "price": prices[i], "model": format_model(model)}
+        for i, model in enumerate(axes.models)
+    ]
+    is_product = stock.is_product
+    return {
+        "poles": [_format_pole(mount) for mount in candidates.mounts],
+        "models": models,
+        "heights_m": axes.heights.tolist() if is_product else None,
+        "headings": len(axes.headings) if is_product else None,
+        "tilts_deg": np.rad2deg(axes.tilts).round(9).tolist() if is_product else None,
+        "sensors": None if is_product else _format_mounted(candidates),
+        "keep_out_wkt": [area.wkt for area in stock.keep_out],
+        "catalogue": None if catalogue is None else _format_catalogue(catalogue),
+    }
+
+
+def _format_pole(mount: Mount) -> Json:
+    x, y, z = mount.position.tolist()
+    return {
+        "name": mount.name,
+        "x": x,
+        "y": y,
+        "z": z,
+        "min_height": mount.min_height,
+        "max_height": mount.max_height,
+        "price": mount.price,
+        "capacity_kbit": mount.capacity,
+        "max_sensors": mount.max_sensors,
+        "origin": mount.origin,
+    }
+
+
+def _format_mounted(candidates: Candidates) -> list[Json]:
+    rows = zip(candidates.sensors, candidates.factors.tolist(), strict=True)
+    return [
+        {
+            "name": sensor.name,
+            "pole": factors[0],
+            "model": factors[4],
+            "position": sensor.position.tolist(),
+            **format_attitude(sensor),
+        }
+        for sensor, factors in rows
+    ]
+
+
+def _format_catalogue(catalogue: SensorCatalogue) -> Json:
+    return {
+        "currency": catalogue.currency,
+        "pole_price": catalogue.pole_price,
+        "rates": catalogue.rates,
+        "years": catalogue.years,
+        "digest": catalogue.digest,
+    }
+
+
+def read_optional(node: JsonObject, key: str, read: Callable[[str], Any]) -> Any:
+    """Read a member that may be null, but not missing."""
+    return None if node.value.get(key, ...) is None else read(key)
+
+
+def read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
+    """Read poles, sensor models, prices and keep-out areas.
+
+    head: title, client, author and date of the catalogue. Raises ValueError for a wrong member."""
+    poles = tuple(_read_pole(pole) for pole in stock.nodes("poles", MAX_STOCK_POLES))
+    models = [_read_priced(model) for model in stock.nodes("models", MAX_STOCK_MODELS)]
+    if not poles or not models:
+        raise ValueError("stock must hold a pole and a model: the file is damaged")
+    area_texts = stock.texts("keep_out_wkt")[: MAX_KEEP_OUT_AREAS + 1]
+    areas = tuple(_read_area(text, i) for i, text in enumerate(area_texts))
+    if len(areas) > MAX_KEEP_OUT_AREAS:
+        raise ValueError(f"stock.keep_out_wkt must hold at most {MAX_KEEP_OUT_AREAS} areas")
+    catalogue = None
+    if stock.value.get("catalogue", ...) is not None:
+        catalogue = _read_catalogue(stock.node("catalogue"), models, head)
+    if stock.value.get("sensors", ...) is None:
+        candidates = _read_pool(stock, site, poles, models)
+    else:
+        candidates = _read_mounted(stock, poles, models)
+    return Stock(candidates=candidates, catalogue=catalogue, keep_out=areas)
+
+
+def _read_pole(pole: JsonObject) -> Mount:
+    name = pole.get("name", str)
+    origin = pole.choice("origin", ORIGINS)
+    position = np.array([pole.number(axis, -MAX_COORDINATE_M, MAX_COORDINATE_M) for axis in "xyz"])
+    min_height = pole.number("min_height", 0, MAX_BUILT_HEIGHT_M)
+    max_height = pole.number("max_height", 0, MAX_BUILT_HEIGHT_M)
+    price = pole.number("price", 0, MAX_PRICE)
+    capacity = pole.number("capacity_kbit", 0, MAX_KBIT)
+    max_sensors = pole.whole("max_sensors", 1, MAX_STOCK_SENSORS)
+    with name_errors(pole.path):
+        return Mount(name, position, min_height, max_height, price, capacity, max_sensors, origin)
+
+
+def _read_priced(row: JsonObject) -> tuple[PricedModel, bool]:
+    """Read a model, and whether it has a price."""
+    price = read_optional(row, "price", lambda key: row.number(key, 0, MAX_PRICE))
+    model = read_model(row.node("model"))
+    return PricedModel(row.get("name", str), model, price or 0.0), price is not None
+
+
+def _read_area(text: str, number: int) -> shapely.Geometry:
+    where = f"stock.keep_out_wkt[{number}]"
+    try:
+        area = shapely.from_wkt(text)
+    except shapely.errors.ShapelyError:
+        raise ValueError(
+            f"{where} must be a polygon as well-known text, got {text[:60]!r}"
+        ) from None
+    if not _is_sound(area):
+        raise ValueError(f"{where} must be a sound polygon in the site's metres, got {text[:60]!r}")
+    return area
+
+
+def _is_sound(area: shapely.Geometry | None) -> bool:
+    """Return whether an area is a valid polygon with coordinates within bounds."""
+    if area is None or area.geom_type not in ("Polygon", "MultiPolygon"):
+        return False
+    if not area.is_valid or area.is_empty or not np.isfinite(area.bounds).all():
+        return False
+    return max(map(abs, area.bounds)) <= MAX_COORDINATE_M
+
+
+def _read_catalogue(
+    node: JsonObject, models: list[tuple[PricedModel, bool]], head: dict[str, str]
+) -> SensorCatalogue:
+    if not all(is_priced for _, is_priced in models):
+        raise ValueError(
+            "stock.models must all have a price where there is a catalogue: the file is damaged"
+        )
+    rates = node.node("rates")
+    rates.check_keys(RATES)
+    return SensorCatalogue(
+        tuple(model for model, _ in models),
+        node.get("currency", str),
+        read_optional(node, "pole_price", lambda key: node.number(key, 0, MAX_PRICE)),
+        node.get("digest", str),
+        {key: rates.number(key, 0, MAX_PRICE) for key in rates.value},
+        node.number("years", 0, 1000),
+        head,
+    )
+
+
+def _read_pool(
+    stock: JsonObject, site: Site, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
+) -> Candidates:
+    heights = stock.numbers("heights_m")
+    tilts = stock.numbers("tilts_deg")
+    headings = stock.whole("headings", 1, MAX_AIM_STEPS)
+    if max(len(heights), len(tilts)) > MAX_AIM_STEPS:
+        raise ValueError(f"stock.heights_m and tilts_deg must hold at most {MAX_AIM_STEPS} numbers")
+    poses = len(poles) * len(heights) * headings * len(tilts) * len(models)
+    if poses > MAX_STOCK_POSES:
+        raise ValueError(
+            f"stock must have at most {MAX_STOCK_POSES} poses, got {poses}: leave out poles"
+        )
+    models_offered: Any = [priced_model.model for priced_model, _ in models]
+    if all(is_priced for _, is_priced in models):
+        models_offered = {priced_model.model: priced_model.price for priced_model, _ in models}
+    radians = np.deg2rad(tilts).tolist()
+    with name_errors("stock"):
+        return pool(
+            site,
+            heights=heights,
+            headings=headings,
+            tilts=radians,
+            models=models_offered,
+            mounts=poles,
+        )
+
+
+def _read_mounted(
+    stock: JsonObject, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
+) -> Candidates:
+    sensors = []
+    factors = []
+    for row in stock.nodes("sensors", MAX_STOCK_SENSORS):
+        pole = row.whole("pole", 0, len(poles) - 1)
+        model = row.whole("model", 0, len(models) - 1)
+        sensor = read_sensor(row.numbers("position", 3), row, models[model][0].model)
+        sensors.append(sensor)
+        factors.append((pole, model))
+    if not sensors:
+        raise ValueError("stock.sensors must hold one sensor or more, or be null")
+    mount = np.array([pole for pole, _ in factors], np.int64)
+    headings, tilts = aims(sensors)
+    heights = [
+        sensor.position[2] - poles[pole].position[2]
+        for sensor, pole in zip(sensors, mount.tolist(), strict=True)
+    ]
+    prices: tuple[float, ...] = ()
+    if all(is_priced for _, is_priced in models):
+        prices = tuple(priced_model.price for priced_model, _ in models)
+    sensor_models = tuple(priced_model.model for priced_model, _ in models)
+    axes = Axes(np.zeros(0), np.zeros(0), np.zeros(0), sensor_models, prices)
+    empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
+    poses = np.column_stack([heights, headings, tilts])
+    with name_errors("stock"):
+        return Candidates.of_poses(sensors, mount, poses, empty)

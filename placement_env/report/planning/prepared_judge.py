@@ -1,0 +1,76 @@
+"""Judges of sensor sets, each prepared on one part of a plan's traffic."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from placement_env.analysis.intervals import BLOCK_FRAMES, frames_for_width
+from placement_env.fidelity.preparation import Preparation
+from placement_env.objective import Objective
+from placement_env.report.planning.judging import Judge, one_stage
+from placement_env.report.planning.question import Question
+from placement_env.report.planning.refusals import Refusal, refuse_traffic
+from toolkit.arrays import Bool
+from toolkit.runtime.run import Run
+
+MAX_FINAL_FRAMES = 1200  # frames that a plan may use to reach a width
+
+
+class PreparedJudge(NamedTuple):
+    """Traffic at the first drawing of the site, and the judge over all drawings."""
+
+    preparation: Preparation
+    judge: Judge
+
+
+def prepare_judge(
+    question: Question, objectives: Sequence[Objective], run: Run, *, compares: bool = False
+) -> PreparedJudge:
+    """Simulate one part of the traffic, and return the judge on it.
+
+    objectives: one for each drawing of the site; compares: the judge compares many sets."""
+    preparations = [
+        Preparation(drawing.judge_setting(objective.candidates), run, compares=compares)
+        for drawing, objective in zip(question.at_drawings, objectives, strict=True)
+    ]
+    judges = [
+        Judge.from_preparation(preparation, question.run.seed) for preparation in preparations
+    ]
+    return PreparedJudge(preparations[0], replace(judges[0], drawings=tuple(judges[1:])))
+
+
+def prepare_final_judge(
+    question: Question, objectives: Sequence[Objective], is_member: Bool[np.ndarray, " C"]
+) -> PreparedJudge:
+    """Prepare the last part of the traffic, with enough frames for the requested width.
+
+    is_member: the chosen set, whose interval must be as narrow as the width."""
+    run = question.part("judgement")
+    width = question.width
+    while True:
+        prepared = prepare_judge(question, objectives, run)
+        judge = prepared.judge
+        frames = prepared.preparation.frames
+        if width is None or judge.absent or frames >= MAX_FINAL_FRAMES:
+            return prepared
+        stage = one_stage(run, "frames of the chosen set", frames)
+        judgements, _ = judge.judge_cases(is_member[None], stage)
+        judgement = judgements[0].counted
+        interval_width = judgement.high - judgement.low
+        if interval_width <= width:
+            return prepared
+        needed = 2 * frames
+        if not math.isnan(interval_width):
+            needed = frames_for_width(frames, interval_width, width)
+        needed = max(needed, frames + frames // 4 + BLOCK_FRAMES)
+        run = replace(run, frames=min(MAX_FINAL_FRAMES, needed))
+
+
+def check_objects(question: Question, judge: Judge) -> None:
+    """Raise `Refusal` if the traffic of a judge lacks a class that counts."""
+    if judge.absent:
+        reasons = refuse_traffic(question, judge.absent, judge.frames, "judging")
+        raise Refusal(reasons, question.setting.pool)

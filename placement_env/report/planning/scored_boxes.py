@@ -1,0 +1,104 @@
+"""Detections of one set on the final traffic, box by box."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_env.analysis.intervals import Tally
+from placement_env.classes import Classes
+from placement_env.fidelity.detector import Detected
+from placement_env.report.planning import judging
+from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.points import count_on_ground
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredBoxes:
+    """Detections of one set, box by box.
+
+    Attributes:
+        truths: Boxes of the scored objects of all frames, in order.
+        truth_frame: Frame of each object.
+        truth_label: Class of each object.
+        points: Number of the set's points on each object.
+        boxes: Boxes of the detections.
+        scores: Score of each detection.
+        frame: Frame of each detection.
+        label: Class of each detection.
+        hits: Index of the object that each detection hits at each IoU threshold, or FALSE_ALARM or
+            IGNORED.
+        frames: Number of frames.
+        classes: Classes that count."""
+
+    truths: Float64[np.ndarray, "t 7"]
+    truth_frame: Int64[np.ndarray, " t"]
+    truth_label: Int64[np.ndarray, " t"]
+    points: Int64[np.ndarray, " t"]
+    boxes: Float64[np.ndarray, "n 7"]
+    scores: Float64[np.ndarray, " n"]
+    frame: Int64[np.ndarray, " n"]
+    label: Int64[np.ndarray, " n"]
+    hits: Int64[np.ndarray, "ious n"]
+    frames: int
+    classes: Classes
+
+    def tally(
+        self,
+        label: int,
+        truths: Bool[np.ndarray, " t"],
+        is_counted: Bool[np.ndarray, " n"],
+        iou_index: int,
+    ) -> Tally:
+        """Tally truths and detections of one class and IoU."""
+        is_truth = truths & (self.truth_label == label)
+        is_detection = is_counted & (self.label == label)
+        count = np.bincount(self.truth_frame[is_truth], minlength=self.frames)
+        return Tally(
+            self.scores[is_detection],
+            self.hits[iou_index, is_detection] >= 0,
+            self.frame[is_detection],
+            count,
+        )
+
+
+def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
+    """Collect detections of the chosen set in all frames of a judge."""
+    detected = judge.detected
+    outcomes = judge.outcomes(members)
+    objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
+    detections = [detected.detections(members, k) for k in range(judge.frames)]
+    frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
+    object_counts = list(map(len, objects))
+    first_truth = np.cumsum([0, *object_counts])[frame]
+    iou_rows = [detected.ious.index(iou) for iou in judge.cases.ious]
+    truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)[iou_rows]
+    return ScoredBoxes(
+        truths=np.concatenate([frame_objects.boxes for frame_objects in objects]),
+        truth_frame=np.repeat(np.arange(judge.frames), object_counts),
+        truth_label=np.concatenate([frame_objects.labels for frame_objects in objects]),
+        points=count_set_points(detected, members),
+        boxes=np.concatenate([frame_detections.boxes for frame_detections in detections]),
+        scores=np.concatenate([outcome.scores for outcome in outcomes]),
+        frame=frame,
+        label=np.concatenate([frame_detections.labels for frame_detections in detections]),
+        hits=np.where(truth >= 0, first_truth + truth, truth).astype(np.int64),
+        frames=judge.frames,
+        classes=detected.classes,
+    )
+
+
+def fuse_clouds(detected: Detected, members: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
+    """Join the points of a set's sensors in frame k."""
+    no_points = np.empty((0, 3), np.float32)
+    return np.concatenate([no_points, *(detected.renders.clouds(k, c) for c in members)])
+
+
+def count_set_points(detected: Detected, members: Sequence[int]) -> Int64[np.ndarray, " t"]:
+    """Count the points of a set on each scored object, frame after frame."""
+    counts = [np.empty(0, np.int64)]
+    for k in range(detected.frames):
+        cloud = fuse_clouds(detected, members, k)
+        boxes = detected.renders.objects(k).boxes[detected.scored(k)]
+        counts.append(count_on_ground(cloud, boxes, detected.renders.site))
+    return np.concatenate(counts)

@@ -1,0 +1,126 @@
+"""Races among the sets of one size, from the largest size down.
+
+Sets of one size race each other until the best of them is known well enough
+(`placement_env.racing.race_until`), until fewer sensors fall far behind. The winner of each size,
+and others near the best of all, are judged on all frames."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from placement_env.racing import Contest
+from placement_env.report.planning.judged_options import JudgedOptions
+from placement_env.search.portfolio.evaluators import CasesEvaluator, race_order
+from placement_env.search.portfolio.portfolio import NEAR_TIE_AP, contest
+from toolkit.arrays import Bool, Int64
+from toolkit.runtime.run import Run
+
+MAX_RACED_FRAMES = 60  # frames of a race
+MAX_FINALISTS = 3  # sets of each size that are judged on all frames if they are near the best
+NEAR_AP = 0.03  # below the best of a race, which further frames may make up for
+LIKELY_TIE_AP = 2 * NEAR_TIE_AP  # below a race's winner; mean AP over IoU decides who is judged too
+
+
+class SizeRace(NamedTuple):
+    """Race of the sets of one size, and the row of its winner."""
+
+    race: Contest
+    winner: int
+
+
+@dataclass(frozen=True)
+class SizeRaces:
+    """Races of all sizes.
+
+    Attributes:
+        by_size: Races that were run.
+        winners: Row of the winner of each size.
+        close_sets: Expected AP and row of the finalists of all races."""
+
+    by_size: dict[int, SizeRace]
+    winners: list[int]
+    close_sets: list[tuple[float, int]]
+
+    @property
+    def min_expected(self) -> float:
+        """Expected AP from which a set is near the best of all races."""
+        return max(self.close_sets)[0] - NEAR_AP
+
+    def list_rows(self) -> list[int]:
+        """List the rows of all winners, and of finalists near the best of all races."""
+        near_rows = [row for expected, row in self.close_sets if expected >= self.min_expected]
+        return list(dict.fromkeys([*self.winners, *near_rows]))
+
+
+def race_sizes(options: JudgedOptions, confidence: float, run: Run) -> SizeRaces:
+    """Race the sets of each size, the largest size first.
+
+    Once the winner of a size is far behind the best of all, smaller sets fall further behind: then
+    the set with the highest prediction is taken without a race."""
+    entrants = options.entrants
+    races = SizeRaces({}, [], [])
+    sizes = entrants.sets.sum(axis=1)
+    different_sizes = np.unique(sizes)[::-1]
+    report = run.stage("set sizes compared", len(different_sizes))
+    winner_ap = math.inf  # expected AP of the last race's winner
+    for step, size in enumerate(different_sizes, 1):
+        size_rows = np.flatnonzero(sizes == size)
+        if races.close_sets and winner_ap < races.min_expected:
+            best = size_rows[int(entrants.predicted[size_rows].argmax())]
+            races.winners.append(int(best))
+        else:
+            race = _race_size(options, size_rows, races, confidence, run.seed)
+            winner_ap = float(race.expected[0])
+        if report is not None:
+            report(step)
+    return races
+
+
+def _race_size(
+    options: JudgedOptions,
+    size_rows: Int64[np.ndarray, " k"],
+    races: SizeRaces,
+    confidence: float,
+    seed: int,
+) -> Contest:
+    """Race the sets of one size, and add the race, its winner and its finalists to `races`."""
+    sets = options.entrants.sets
+    evaluator = options.judge.evaluator
+    race = contest(
+        options.objective,
+        sets[size_rows],
+        evaluator,
+        confidence=confidence,
+        seed=seed,
+        frames=MAX_RACED_FRAMES,
+    )
+    rows = size_rows[race.ranking]
+    winner = int(rows[0])
+    order = race_order(options.judge.frames, seed=seed)
+    finalists = find_finalists(race, sets[rows], evaluator, order)
+    expected_aps = race.expected[finalists].tolist()
+    races.close_sets.extend(zip(expected_aps, rows[finalists].tolist(), strict=True))
+    races.winners.append(winner)
+    races.by_size[int(sets[winner].sum())] = SizeRace(race, winner)
+    return race
+
+
+def find_finalists(
+    race: Contest,
+    ranked: Bool[np.ndarray, "n C"],
+    evaluator: CasesEvaluator,
+    order: Int64[np.ndarray, " frames"],
+) -> Int64[np.ndarray, " k"]:
+    """Return the ranks of the winner of a race and its `MAX_FINALISTS` - 1 likeliest rivals.
+
+    They are ordered by mean AP over IoU, then by rank. The mean AP is on the frames of the first
+    rung, which all sets share."""
+    tied = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
+    mean_aps = np.empty(0)
+    if len(tied):
+        mean_aps = evaluator.mean_ap(ranked[tied], order[: race.frames.min()])
+    by_mean = tied[np.argsort(-mean_aps, kind="stable")]
+    ranks = list(dict.fromkeys([0, *by_mean.tolist(), *range(len(ranked))]))
+    return np.array(ranks[:MAX_FINALISTS], np.int64)

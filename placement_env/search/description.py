@@ -1,0 +1,167 @@
+"""Sets of sensors, their scores and assessments in words."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from placement_env.analysis.intervals import describe_interval, describe_sureness
+from placement_env.candidates.candidates import aims
+from placement_env.handover.mounted import set_names
+from placement_env.objective import Objective, Score
+from placement_env.protocol import Doubting
+from placement_env.search.portfolio.curve import CurvePoint
+from placement_env.search.result import Assessment, Contender, ProfileAP
+from toolkit.display import figure_digits, format_share
+from toolkit.sensors.models import name_in_words
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.georeference import bearing_deg
+from toolkit.sites.site import Site
+
+MIN_LEVEL_OBJECTS = 100  # a level of traffic with fewer objects gets a warning
+
+
+def describe_sensors(
+    names: Sequence[str], moved: Sequence[Sensor] = (), site: Site | None = None
+) -> list[str]:
+    """Names of sensors, with any new positions (m) and directions (degrees).
+
+    Directions are compass bearings at a site, otherwise headings from +x.
+    """
+    if not moved:
+        return list(names)
+    headings, tilts = aims(moved)
+    if site is None:
+        directions = [
+            f"heading {degrees:.1f} (from +x)" for degrees in np.rad2deg(headings).tolist()
+        ]
+    else:
+        directions = [
+            f"bearing {round(bearing_deg(site, heading), 1) % 360:.1f}"
+            for heading in headings.tolist()
+        ]
+    text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, {} tilt {:.1f} degrees"
+    rows = zip(names, moved, directions, np.rad2deg(tilts).tolist(), strict=True)
+    return [
+        text.format(name, *sensor.position, direction, tilt)
+        for name, sensor, direction, tilt in rows
+    ]
+
+
+def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
+    """Describe each sensor of a set: its name, model, height and direction."""
+    candidates = objective.candidates
+    site = objective.site
+    sensors = [candidates.sensors[c] for c in subset]
+    headings, tilts = aims(sensors)
+    lines = []
+    for k, name in enumerate(set_names(candidates, subset)):
+        foot = candidates.mounts[candidates.mount[subset[k]]].position[2]
+        height = f"{sensors[k].position[2] - foot:.1f} m up"
+        if site is None:
+            facing = f"facing {np.rad2deg(headings[k]):.0f} degrees from +x"
+        else:
+            facing = f"facing {bearing_deg(site, float(headings[k])):.0f} degrees from north"
+        down = f"{np.rad2deg(tilts[k]):.0f} degrees down"
+        lines.append(
+            f"{name}: {name_in_words(type(sensors[k].model).__name__)}, {height}, {facing}, {down}"
+        )
+    return lines
+
+
+def describe_estimate(
+    figure: Assessment | CurvePoint | Contender | ProfileAP, fidelity: str, objects: int
+) -> str:
+    """AP or coverage of a set with its interval, in as many decimals as the objects support."""
+    interval = describe_interval(figure.low, figure.high, figure_digits(objects))
+    name = "coverage" if fidelity == "coverage" else "AP"
+    return f"{name} {format_share(figure.ap, objects)} ({interval})"
+
+
+def describe_score(score: Score) -> str:
+    """Figures of a set in one line."""
+    by_class = (
+        ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items())
+        if len(score.class_ap) > 1
+        else ""
+    )
+    costs = (
+        f"{score.kbit_per_sensor:.1f} kbit per sensor, {score.kbit:.1f} kbit, price {score.price:g}"
+    )
+    if score.fidelity == "coverage":
+        return f"coverage {score.ap:.4f}{by_class and f' ({by_class})'}, {costs}"
+    return (
+        f"AP {score.ap:.4f}{by_class and f' ({by_class})'}, recall {score.recall:.4f}, {costs} "
+        f"({score.fidelity})"
+    )
+
+
+def describe_assessment(assessment: Assessment) -> list[str]:
+    """Lines on the assessment of the answer and of each search's answer."""
+    fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
+    objects = assessment.objects
+    rivals = f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
+    sureness = f"  {describe_sureness(assessment.confidence)} sure that none of the {rivals}"
+    if math.isnan(assessment.confidence):
+        sureness = f"  too few frames or objects to say how sure it is that none of the {rivals}"
+    elif assessment.confidence < assessment.asked:
+        sureness += f", short of the {assessment.asked:.0%} asked for"
+    lines = [
+        (
+            f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the "
+            f"choice{fresh}:"
+        ),
+        f"  {describe_estimate(assessment, assessment.by, objects)} on {objects} objects, "
+        f"{assessment.kbit:.1f} kbit a frame; estimated "
+        f"{format_share(assessment.predicted, objects)} by the search, "
+        f"{format_share(assessment.expected, objects)} after the race",
+        sureness,
+    ]
+    if assessment.by_errors:
+        lines.append(
+            f"  the {assessment.errors_by} over error profiles: "
+            f"{describe_profiles(assessment.by_errors, objects)}"
+        )
+    for contender in assessment.contenders:
+        searches = " and ".join(contender.searches)
+        estimate = describe_estimate(contender, assessment.by, objects)
+        predicted = format_share(contender.predicted, objects)
+        excess = format_share(contender.curse, objects, signed=True)
+        lines.append(f"  {searches}: {estimate}, predicted {predicted}, {excess} too much")
+    return lines
+
+
+def describe_profiles(by_errors: Sequence[ProfileAP], objects: int) -> str:
+    """AP at each error profile separately."""
+    return ", ".join(
+        f"{profile.name} {describe_estimate(profile, 'detector', objects)}" for profile in by_errors
+    )
+
+
+def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
+    """Line with the AP at each error profile; empty without error profiles."""
+    figures = [f"{name} {ap:.4f}" for name, ap in by_errors.items()]
+    return [f"AP at each error profile: {', '.join(figures)}"] if figures else []
+
+
+def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
+    """Lines on a surrogate's standard error for a set, and warnings about extrapolation.
+
+    Empty for other fidelities."""
+    surrogate = objective.scored_by
+    if not isinstance(surrogate, Doubting):
+        return []
+    spread = float(surrogate.spread(objective.row(subset)[None])[0]) if subset else np.nan
+    error = "an unknown error" if np.isnan(spread) else f"a standard error of {spread:.3f}"
+    kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
+    warnings = [*surrogate.doubts(kinds), *_describe_few(objective)]
+    lines = [f"the surrogate predicts the detector's AP with {error}"]
+    return lines + [f"warning: {warning}" for warning in warnings]
+
+
+def _describe_few(objective: Objective) -> list[str]:
+    """Warning about levels of traffic with too few objects; empty if all have enough."""
+    counts = {} if objective.preparation is None else objective.preparation.count_at_levels()
+    rare = [f"{name} has {count}" for name, count in counts.items() if count < MIN_LEVEL_OBJECTS]
+    remedy = f"fewer than {MIN_LEVEL_OBJECTS} objects at a level say little: increase --frames"
+    return [f"{' and '.join(rare)} objects to find; {remedy}"] if rare else []

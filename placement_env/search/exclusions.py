@@ -1,0 +1,140 @@
+"""Reasons in words why sensors may not be built, or why nothing pays."""
+
+import math
+
+import numpy as np
+
+from placement_env.classes import join_names
+from placement_env.links import describe_share
+from placement_env.objective import Objective
+from toolkit.arrays import Bool
+
+
+def describe_empty(objective: Objective) -> str:
+    """Likely reasons for an empty answer, with remedies."""
+    linked = objective.linked
+    if not linked.any():
+        frames = describe_share(objective.setting.link_share)
+        min_kbit = float(objective.loads.min())
+        max_capacity = float(objective.candidates.capacity.max())
+        return (
+            f"none of the {len(linked)} candidates fits its link: in {frames} they send up to "
+            f"{min_kbit:.0f} kbit or more, and no link carries more than {max_capacity:.0f}: give "
+            "mounts more, or pass --scheme late, which sends boxes"
+        )
+    singles = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
+    if float(singles.ap.max()) <= 0:
+        nouns = " or a ".join(objective.classes.names)
+        return (
+            f"no candidate that fits its link detects a {nouns} in these frames: more --frames, "
+            "other --candidates?"
+        )
+    if float(singles.reward.max()) <= 0:
+        return "no sensor is worth what it costs: lower --comm and --price"
+    return (
+        "the search stopped before it had scored a set that may be built: give it more --seconds "
+        "or --evaluations"
+    )
+
+
+def check_present(objective: Objective) -> None:
+    """Raise ValueError if a counted class has no objects."""
+    classes = objective.classes
+    visibility = objective.visibility
+    if visibility is not None:
+        is_present = [bool((visibility.labels == label).any()) for label in classes.labels]
+    else:
+        everything = np.ones((1, len(objective.candidates)), np.bool_)
+        is_present = (~np.isnan(objective.class_ap(everything)[0])).tolist()
+    rows = zip(classes.names, is_present, strict=True)
+    missing = [name for name, present in rows if not present]
+    if missing:
+        problem = f"there is no {' and no '.join(missing)} to find in these frames"
+        raise ValueError(f"{problem}: say more --frames or another --seed, or leave out the class")
+
+
+def describe_exclusions(
+    objective: Objective, max_kbit: float | None = None, currency: str = ""
+) -> tuple[str, ...]:
+    """Sentences on what excludes candidates: how many, and the requirement that is closest to being
+    met."""
+    candidates = objective.candidates
+    loads = objective.loads
+    linked = objective.linked
+    count = len(candidates)
+    reasons = []
+    frames = describe_share(objective.setting.link_share)
+    if not linked.all():
+        closest = int(np.flatnonzero(~linked)[np.argmin(loads[~linked])])
+        reasons.append(
+            f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any "
+            f"of these sends in {frames} is up to {loads[closest]:.1f} kbit, over a link of "
+            f"{candidates.capacity[closest]:g} kbit."
+        )
+    if max_kbit is not None and (loads > max_kbit).any():
+        reasons.append(
+            f"The limit of {max_kbit:g} kbit per sensor and frame excludes "
+            f"{int((loads > max_kbit).sum())} of {count} candidates: the least that any candidate "
+            f"sends in {frames} is up to {loads.min():.1f} kbit."
+        )
+    affordable = objective.affordable(candidates.prices)
+    if not affordable.all():
+        money = describe_money(objective.most_price, currency)
+        excluded = int((~affordable).sum())
+        costs = f"the cheapest of all costs {describe_money(candidates.prices.min(), currency)}"
+        reasons.append(f"The sum of {money} excludes {excluded} of {count} candidates: {costs}.")
+    return tuple(reasons)
+
+
+def explain_kept(
+    objective: Objective,
+    is_allowed: Bool[np.ndarray, " C"],
+    max_kbit: float = math.inf,
+    currency: str = "",
+) -> tuple[str, ...]:
+    """Sentences on why the poles that must carry a sensor cannot all have one.
+
+    is_allowed: candidates that may be built.
+    """
+    candidates = objective.candidates
+    min_price = 0.0
+    reasons = list[str]()
+
+    def cost(amount: float) -> str:
+        available = describe_money(objective.most_price, currency)
+        return f"{describe_money(amount, currency)} or more, and {available} may be spent"
+
+    for mount in objective.kept.tolist():
+        name = candidates.mounts[mount].name
+        poses = np.flatnonzero(candidates.mount == mount)
+        if not len(poses):
+            cause = "no pose on it sees the detection area"
+        elif not objective.linked[poses].any():
+            cause = (
+                f"each pose sends more than its link of {candidates.capacity[poses[0]]:g} kbit per "
+                "frame carries"
+            )
+        elif (objective.loads[poses] > max_kbit).all():
+            cause = (
+                f"each pose sends {objective.loads[poses].min():.1f} kbit per frame or more; "
+                f"{max_kbit:g} are allowed"
+            )
+        elif not objective.affordable(candidates.prices[poses]).any():
+            cause = f"a sensor there costs {cost(float(candidates.prices[poses].min()))}"
+        elif not is_allowed[poses].any():
+            cause = "links, money and drawings of the site leave no pose"
+        else:
+            min_price += float(candidates.prices[poses][is_allowed[poses]].min())
+            continue
+        reasons.append(f"Pole {name} must carry a sensor, but cannot: {cause}.")
+    if not reasons and not objective.affordable(np.array([min_price]))[0]:
+        names = join_names([candidates.mounts[mount].name for mount in objective.kept])
+        reasons.append(f"Sensors on {names}, as asked, cost together {cost(min_price)}.")
+    return tuple(reasons)
+
+
+def describe_money(amount: float, currency: str) -> str:
+    """Amount of money in words."""
+    if currency:
+        return f"{round(amount, 2):,.10g} {currency}"
+    return f"the price of {round(amount, 2):g} ordinary {'pole' if amount == 1 else 'poles'}"
