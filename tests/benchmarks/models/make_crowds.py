@@ -21,7 +21,7 @@ CHILDREN, E_SCOOTERS = 0.35, 0.42
 
 def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
     """Change the traffic of this process."""
-    from toolkit.bodies import drawn_bodies, fleet
+    from toolkit.bodies import drawn_bodies, drawn_people, drawn_two_wheelers, fleet
     from toolkit.datasets.simulation import Job
     from toolkit.mesh import stand
     from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
@@ -42,7 +42,7 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
         for label, (n, per) in fleet._SPAWNED.items()
     }
     children = 0.1 + 0.45 * (0.9 - prams)
-    drawn_bodies._EVENLY = (0.0, 0.1, children, children + prams, children + prams + 0.06, 1.0)
+    drawn_people.EVEN_LIMITS = (0.0, 0.1, children, children + prams, children + prams + 0.06, 1.0)
 
     class Childish:
         """Generator whose first draw, which makes a child's bicycle of it, is low more often."""
@@ -59,14 +59,14 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
 
     def draw_two_wheeler(rng, evenly=False):
         kinds = (
-            drawn_bodies._bicycle,
-            drawn_bodies._e_scooter,
-            drawn_bodies._motorcycle,
-            drawn_bodies._scooter,
+            drawn_two_wheelers.draw_bicycle,
+            drawn_two_wheelers.draw_e_scooter,
+            drawn_two_wheelers.draw_motorcycle,
+            drawn_two_wheelers.draw_scooter,
         )
         draw = kinds[int(rng.choice(4, p=(0.92 - E_SCOOTERS, E_SCOOTERS, 0.04, 0.04)))]
-        kind, mesh = draw(Childish(rng) if draw is drawn_bodies._bicycle else rng)
-        return kind, stand(mesh)
+        drawn = draw(Childish(rng) if draw is drawn_two_wheelers.draw_bicycle else rng)
+        return drawn._replace(mesh=stand(drawn.mesh))
 
     drawn_bodies.draw_two_wheeler = draw_two_wheeler
 

@@ -5,7 +5,9 @@ import pytest
 import trimesh
 
 from toolkit.bodies.body import Body
-from toolkit.bodies.drawn_bodies import PEOPLE, TWO_WHEELERS, draw_body
+from toolkit.bodies.drawn_bodies import draw_body
+from toolkit.bodies.drawn_people import PEOPLE
+from toolkit.bodies.drawn_two_wheelers import TWO_WHEELERS
 from toolkit.bodies.fleet import FLEETS, HELD_OUT, LARGEST_DRAW, Fleet, catalogue, fleet_named
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
@@ -49,7 +51,7 @@ def test_box_is_tight_and_mesh_is_sound(body):
     with_mirrors = body.truth is not None
     assert with_mirrors == (body.label in (VEHICLE, HEAVY))
     lowest, highest = body.vertices.min(axis=0), body.vertices.max(axis=0)
-    # mirrors stick out to the sides, and of buses to the front
+    # draw_mirrors stick out to the sides, and of buses to the front
     exact = [2] if with_mirrors else [0, 1, 2]
     assert np.allclose(lowest[exact], -highest[exact], atol=1e-5)
     assert np.allclose((highest - lowest)[exact], np.array(body.size)[exact], atol=1e-5)
@@ -86,7 +88,7 @@ def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
     assert abs(len(fixed) - len(mixed) / 2) <= 0.5
     assert [fixed.count(body) for body in CARS_ONLY.fixed] == [6, 6, 5]
     out, into = (
-        fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2))
+        fleet_named("own", draw_mirrors=flag).bodies(1, np.random.default_rng(2))
         for flag in (False, True)
     )
     wider = [b.size[1] - a.size[1] for a, b in zip(out, into, strict=True) if a.label == VEHICLE]

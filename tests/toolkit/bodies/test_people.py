@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from toolkit.bodies.people import Figure, pedestrians, person, striding, two_wheelers
+from toolkit.bodies.figures import Figure, person, striding
+from toolkit.bodies.people import pedestrians
+from toolkit.bodies.two_wheelers import two_wheelers
 from toolkit.traffic.spawner import BICYCLE_LENGTH
 
 
