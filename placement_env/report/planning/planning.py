@@ -72,7 +72,7 @@ from toolkit.sensors.error_profiles import only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
-from toolkit.sites.surroundings import count_things
+from toolkit.sites.surroundings.things import count_things
 
 PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, PLAN_FILE)
 RANGE_ENDS_M = (10.0, 20.0, 30.0, 40.0)  # distances from the nearest sensor that end groups
