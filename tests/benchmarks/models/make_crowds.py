@@ -25,15 +25,10 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
     from toolkit.datasets.simulation import Job
     from toolkit.mesh import stand
     from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
-    from toolkit.traffic import snapshots
+    from toolkit.traffic import obstacles, snapshots, strays
 
-    snapshots.STRAY_SHARES = {
-        PEDESTRIAN: pedestrians,
-        CYCLIST: cyclists,
-        VEHICLE: 0.05,
-        HEAVY: 0.03,
-    }
-    snapshots.COMPANIONS, snapshots._NEAREST, snapshots.GAP = 0.45, 0.1, 0.05
+    strays.STRAY_SHARES = {PEDESTRIAN: pedestrians, CYCLIST: cyclists, VEHICLE: 0.05, HEAVY: 0.03}
+    strays.COMPANION_SHARE, strays.MIN_STRAY_GAP_M, obstacles.GAP = 0.45, 0.1, 0.05
     shares = property(lambda self: snapshots.Mix(most=most, parked=5, strays=self.strays))
     Job.mix = shares  # type: ignore[method-assign, assignment]
     more = {VEHICLE: 0.7, HEAVY: 0.7, CYCLIST: 2.8, PEDESTRIAN: 2.8}
