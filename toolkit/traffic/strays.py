@@ -31,7 +31,7 @@ STANDING_SHARES = {
 SPEEDS_M_S = {PEDESTRIAN: (0.4, 1.8), CYCLIST: (1.0, 6.0)}  # from .. to
 MIN_STRAY_GAP_M = 0.12  # air between a stray and the thing next to it
 MAX_COMPANION_GAP_M = 0.4  # air between two companions
-MAX_TRIES = 6  # places looked at for one that is clear of solids
+MAX_TRIES = 6  # places looked at before one among solids is taken
 _Poses = Float64[np.ndarray, "n 3"]
 
 

@@ -63,7 +63,7 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
         drawn = draw(Childish(rng) if draw is drawn_two_wheelers.draw_bicycle else rng)
         return drawn._replace(mesh=stand(drawn.mesh))
 
-    drawn_bodies.draw_two_wheeler = draw_two_wheeler
+    vars(drawn_bodies)["draw_two_wheeler"] = draw_two_wheeler
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

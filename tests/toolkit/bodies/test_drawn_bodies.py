@@ -66,11 +66,11 @@ DRAWN = [draw_person(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def heights(kind: str) -> np.ndarray:
-    return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh in DRAWN if each == kind])
+    return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh, _ in DRAWN if each == kind])
 
 
 def test_people_and_two_wheelers_have_their_shares_and_heights():
-    counts = Counter(kind for kind, _ in DRAWN)
+    counts = Counter(kind for kind, _, _ in DRAWN)
     assert set(counts) == set(PEOPLE)
     for kind, share in {
         "adult": 0.73,
@@ -86,14 +86,14 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     assert 0.9 < heights("child").min() < heights("child").max() < 1.65
     assert np.ptp(heights("child")) > 0.4
     assert np.median(heights("wheelchair")) < 1.6
-    assert max(abs(mesh.vertices[:, 2].min()) for _, mesh in DRAWN) < 1e-9
-    lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh in DRAWN if kind == "adult"])
+    assert max(abs(mesh.vertices[:, 2].min()) for _, mesh, _ in DRAWN) < 1e-9
+    lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh, _ in DRAWN if kind == "adult"])
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
     assert {draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
     assert draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
     assert stand(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
-    counts = Counter(kind for kind, _ in DRAWN_TWO_WHEELERS)
+    counts = Counter(kind for kind, _, _ in DRAWN_TWO_WHEELERS)
     assert set(counts) == set(TWO_WHEELERS)
     shares = {
         "bicycle": 0.5,
@@ -104,7 +104,7 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     }
     for kind, share in shares.items():
         assert counts[kind] / len(DRAWN_TWO_WHEELERS) == pytest.approx(share, abs=0.06)
-    for kind, mesh in DRAWN_TWO_WHEELERS:
+    for kind, mesh, _ in DRAWN_TWO_WHEELERS:
         low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
         assert np.ptp(low[:, 0]) > 0.5 * np.ptp(mesh.vertices[:, 0]) * (
@@ -118,7 +118,7 @@ DRAWN_TWO_WHEELERS = [draw_two_wheeler(np.random.default_rng([1, k])) for k in r
 
 def sizes(kind: str) -> np.ndarray:
     return np.array(
-        [np.ptp(mesh.vertices, axis=0) for each, mesh in DRAWN_TWO_WHEELERS if each == kind]
+        [np.ptp(mesh.vertices, axis=0) for each, mesh, _ in DRAWN_TWO_WHEELERS if each == kind]
     )
 
 

@@ -51,7 +51,7 @@ def test_box_is_tight_and_mesh_is_sound(body):
     with_mirrors = body.truth is not None
     assert with_mirrors == (body.label in (VEHICLE, HEAVY))
     lowest, highest = body.vertices.min(axis=0), body.vertices.max(axis=0)
-    # draw_mirrors stick out to the sides, and of buses to the front
+    # mirrors stick out to the sides, and of buses to the front
     exact = [2] if with_mirrors else [0, 1, 2]
     assert np.allclose(lowest[exact], -highest[exact], atol=1e-5)
     assert np.allclose((highest - lowest)[exact], np.array(body.size)[exact], atol=1e-5)
@@ -88,7 +88,7 @@ def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
     assert abs(len(fixed) - len(mixed) / 2) <= 0.5
     assert [fixed.count(body) for body in CARS_ONLY.fixed] == [6, 6, 5]
     out, into = (
-        fleet_named("own", draw_mirrors=flag).bodies(1, np.random.default_rng(2))
+        fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2))
         for flag in (False, True)
     )
     wider = [b.size[1] - a.size[1] for a, b in zip(out, into, strict=True) if a.label == VEHICLE]
