@@ -53,7 +53,7 @@ class _CatalogueRow:
     @classmethod
     def parse(cls, values: Sequence[Any]) -> Self:
         """Row of the table."""
-        return cls(*values[:11], len(values) > 11)
+        return cls(*(*values[:11], len(values) > 11))
 
 
 def cars() -> dict[str, tuple[Mesh, Mesh]]:

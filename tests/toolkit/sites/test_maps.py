@@ -14,7 +14,8 @@ from toolkit.objects import VEHICLE
 from toolkit.points import has_centre_inside
 from toolkit.sites import furniture, georeference
 from toolkit.sites.files import document, parse
-from toolkit.sites.maps.furnishing import find_legs, furnish_site, redraw
+from toolkit.sites.maps.furnishing import furnish_site, redraw
+from toolkit.sites.maps.legs import find_legs
 from toolkit.sites.maps.map_bays import find_free_bays, lay_bays
 from toolkit.sites.maps.opendrive_site import import_opendrive
 from toolkit.sites.maps.osm_site import import_osm
