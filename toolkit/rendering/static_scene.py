@@ -17,8 +17,8 @@ CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, t
 FINE = 15.0
 FAR = 150.0
 MAX_SKIN_M2 = 2e6  # of buildings and plants
-STOREY_M = 3.0  # from window to window upwards
-BAY_M = 2.6  # from window to window along a wall
+WINDOW_STOREY_M = 3.0  # from window to window upwards
+WINDOW_BAY_M = 2.6  # from window to window along a wall
 WINDOW_HEIGHT_M = 1.4
 WINDOW_WIDTH_M = 1.2
 FIRST_FLOOR_M = 0.3  # above the ground
@@ -147,10 +147,10 @@ def _make_building(solid: Solid) -> Mesh:
 def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
     """Wall from start to end with windows that fit."""
     length = float(np.hypot(*(end - start)))
-    bays = int(length // BAY_M)
-    storeys = max(int((top - base - FIRST_FLOOR_M) // STOREY_M), 0)
+    bays = int(length // WINDOW_BAY_M)
+    storeys = max(int((top - base - FIRST_FLOOR_M) // WINDOW_STOREY_M), 0)
     middles = (np.arange(bays) + 0.5) * length / max(bays, 1)
-    sills = base + FIRST_FLOOR_M + STOREY_M * np.arange(storeys) + SILL_M
+    sills = base + FIRST_FLOOR_M + WINDOW_STOREY_M * np.arange(storeys) + SILL_M
     half_window = WINDOW_WIDTH_M / 2
     x = np.sort(np.concatenate([[0, length], middles - half_window, middles + half_window]))
     z = np.sort(np.concatenate([[base, top], sills, sills + WINDOW_HEIGHT_M]))
