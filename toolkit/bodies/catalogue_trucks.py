@@ -1,10 +1,8 @@
 """Trucks and buses of the catalogue."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from toolkit.bodies.shells import ShellSection, loft_shell
+from toolkit.bodies.shells import ShellSection, VehicleSize, loft_shell
 from toolkit.bodies.wheels import make_axles
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, merge, place, tube
 
@@ -12,19 +10,11 @@ BELT_M = 1.05  # height of the lower edge of a bus's windows
 FRAME_END_M = 0.9  # a truck's frame is shorter than the truck by this much
 
 
-class _Size(NamedTuple):
-    """Length, width and height of a cab or bus (m); a cab's length is the whole truck's."""
-
-    length: float
-    width: float
-    height: float
-
-
-LARGE_TRUCK = _Size(7.6, 2.35, 2.5)
-SMALL_TRUCK = _Size(6.3, 2.05, 2.25)
-TIPPER = _Size(7.9, 2.4, 2.75)
-CITY_BUS = _Size(12.0, 2.55, 3.0)
-MIDIBUS = _Size(8.9, 2.35, 2.85)
+LARGE_TRUCK = VehicleSize(7.6, 2.35, 2.5)
+SMALL_TRUCK = VehicleSize(6.3, 2.05, 2.25)
+TIPPER = VehicleSize(7.9, 2.4, 2.75)
+CITY_BUS = VehicleSize(12.0, 2.55, 3.0)
+MIDIBUS = VehicleSize(8.9, 2.35, 2.85)
 
 
 def trucks() -> dict[str, tuple[Mesh, Mesh]]:
@@ -68,7 +58,7 @@ def _join(parts: list[Mesh], mirror: Mesh) -> tuple[Mesh, Mesh]:
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
-def _make_cab(size: _Size, cab_length: float = 2.0) -> Mesh:
+def _make_cab(size: VehicleSize, cab_length: float = 2.0) -> Mesh:
     """Forward-control cab at the front of a truck."""
     front = size.length / 2
     width = size.width
@@ -83,7 +73,7 @@ def _make_cab(size: _Size, cab_length: float = 2.0) -> Mesh:
     return loft_shell(sections, 0.09)
 
 
-def _make_cab_mirror(size: _Size) -> Mesh:
+def _make_cab_mirror(size: VehicleSize) -> Mesh:
     """Left wing mirror of a cab."""
     middle = (size.length / 2 - 0.15, size.width / 2 + 0.12, size.height * 0.72)
     return box((0.12, 0.16, 0.42), middle)
@@ -110,7 +100,7 @@ def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
     return merge([*walls, heap, floor, frame])
 
 
-def _make_bus(size: _Size) -> Mesh:
+def _make_bus(size: VehicleSize) -> Mesh:
     """City bus: window band set 4 cm in, roof units, rounded ends."""
     front = size.length / 2
     rear = -front
@@ -137,7 +127,7 @@ def _make_bus(size: _Size) -> Mesh:
     return merge([body, *pillars, skirt, *roof_units])
 
 
-def _make_bus_mirror(size: _Size) -> Mesh:
+def _make_bus_mirror(size: VehicleSize) -> Mesh:
     """Left wing mirror of a bus, on an arm ahead of it."""
     front = size.length / 2
     side = size.width / 2

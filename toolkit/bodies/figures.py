@@ -1,7 +1,6 @@
 """Figures of people: their joints, and meshes built limb by limb from them."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +8,15 @@ from toolkit.mesh import Mesh, Vector, ellipsoid, loft, merge, scale_mesh, tube
 
 Pair = tuple[Vector, Vector]  # left and right
 
+# elbows and hands of people
+PUSHING: tuple[Pair, Pair] = (
+    ((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
+    ((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
+)
+AT_AN_EAR: tuple[Pair, Pair] = (
+    ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)),
+    ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80)),
+)
 # sections of the trunk: station from hip to neck, radii along x and y
 _TRUNK_SECTIONS = (
     (0.0, 0.075, 0.098),
@@ -16,23 +24,6 @@ _TRUNK_SECTIONS = (
     (0.55, 0.076, 0.100),
     (0.85, 0.070, 0.118),
     (1.0, 0.035, 0.050),
-)
-
-
-class Arms(NamedTuple):
-    """Elbows and hands of a figure."""
-
-    elbows: Pair
-    hands: Pair
-
-
-PUSHING = Arms(
-    elbows=((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
-    hands=((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
-)
-AT_AN_EAR = Arms(
-    elbows=((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)),
-    hands=((0.16, 0.05, 0.80), (0.08, -0.07, 0.80)),
 )
 
 

@@ -9,6 +9,14 @@ from toolkit.arrays import Float64
 from toolkit.mesh import Mesh, loft
 
 
+class VehicleSize(NamedTuple):
+    """Length, width and height of a vehicle or its cab (m); a cab's length is the whole truck's."""
+
+    length: float
+    width: float
+    height: float
+
+
 class ShellSection(NamedTuple):
     """Cross-section of a shell (m).
 
