@@ -19,7 +19,9 @@ from xml.etree import ElementTree
 from coview.live_tables import START, note_html
 from toolkit.runtime.files import write_bytes
 from toolkit.sites.files import save_site
-from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
+from toolkit.sites.maps.opendrive_site import import_opendrive
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
 from toolkit.viewing.scene import viser_server
 
 if TYPE_CHECKING:

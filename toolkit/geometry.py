@@ -11,6 +11,9 @@ from toolkit.arrays import Float, Pose
 Slope = tuple[float, float]  # rise (m per m) along x and along y of a plane through the origin
 LEVEL: Slope = (0.0, 0.0)
 STEEPEST = 0.3  # slope of a street
+# A camera's axes (x right, y down, z forward) in a body's axes (x forward, y left, z up).
+BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+MAX_COORDINATE_M = 1e8  # the one limit of absolute coordinates; maps reach 1e7
 
 
 def pose(
@@ -32,10 +35,6 @@ def pose(
     forward = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x]
     left = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y]
     return np.array([forward, left, [-sp, cp * sr, cp * cr, z], [0.0, 0.0, 0.0, 1.0]], np.float64)
-
-
-# A camera's axes (x right, y down, z forward) in a body's axes (x forward, y left, z up).
-BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Pose:
@@ -114,9 +113,6 @@ def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray
 def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
     """Put points or boxes from `level_rows` back on the slope."""
     return level_rows(rows, (-slope[0], -slope[1]))
-
-
-MAX_COORDINATE_M = 1e8  # the one limit of absolute coordinates; maps reach 1e7
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:

@@ -14,9 +14,10 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.objects import HEAVY, VEHICLE
 from toolkit.sites import network as nets
 from toolkit.sites.georeference import bearing_deg, longitude_latitude, site_geojson
-from toolkit.sites.lane_rules import USERS
-from toolkit.sites.maps import MapPiece, import_opendrive
+from toolkit.sites.maps.opendrive_site import import_opendrive
+from toolkit.sites.maps.piece import MapPiece
 from toolkit.sites.network import MOTOR
+from toolkit.sites.opendrive.lane_rules import USERS
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import simulate
 

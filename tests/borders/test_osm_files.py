@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from toolkit.sites.georeference import inverse_project
-from toolkit.sites.maps import MapPiece, import_osm
-from toolkit.sites.osm import read_map
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.osm.map_reader import read_map
 
 CENTRE = (8.0, 49.5)
 SPOTS = {1: (0, 0), 2: (-150, 0), 3: (150, 0), 4: (0, 150), 5: (0, -150)}

@@ -13,11 +13,13 @@ import pytest
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import HEAVY, VEHICLE
-from toolkit.sites import network as nets, osm_rules
+from toolkit.sites import network as nets
 from toolkit.sites.driving_side import find_driving_side
 from toolkit.sites.georeference import inverse_project
-from toolkit.sites.maps import MapPiece, import_osm
-from toolkit.sites.osm_rules import is_barred, parse_speed, read_rules
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.osm import road_rules
+from toolkit.sites.osm.road_rules import is_barred, parse_speed, read_rules
 from toolkit.traffic.snapshots import simulate
 
 CENTRE = (8.0, 49.5)
@@ -109,7 +111,7 @@ def test_a_lane_against_the_traffic_is_for_those_whom_the_map_names():
     assert reading.oneway == "no"
     assert reading.rules.users[0] == frozenset(nets.MOTOR.split())
     assert reading.rules.users[1] == {"bus", "taxi", "emergency"}
-    assert osm_rules.CONTRAFLOW not in reading.notes
+    assert road_rules.CONTRAFLOW not in reading.notes
     assert read_rules({"highway": "secondary", **tags}).oneway == "yes"
 
 
@@ -158,33 +160,33 @@ def test_a_source_or_zone_tells_the_limit_where_none_is_given():
 @pytest.mark.parametrize(
     ("tags", "note"),
     [
-        ({"motor_vehicle": "destination"}, osm_rules.LOCAL),
-        ({"motor_vehicle:conditional": "no @ (22:00-06:00)"}, osm_rules.HOURS),
-        ({"maxspeed:conditional": "30 @ (22:00-06:00)"}, osm_rules.HOURS),
-        ({"bus:lanes": "yes|designated"}, osm_rules.OWN_LANES),
-        ({"lanes:psv": "1"}, osm_rules.OWN_LANES),
-        ({"busway:right": "lane"}, osm_rules.OWN_LANES),
-        ({"cycleway:right": "lane"}, osm_rules.OWN_LANES),
-        ({"hov": "designated"}, osm_rules.OWN_LANES),
-        ({"turn:lanes": "left|through"}, osm_rules.ARROWS),
-        ({"oneway": "yes", "oneway:bicycle": "no"}, osm_rules.CONTRAFLOW),
-        ({"oneway": "yes", "cycleway": "opposite"}, osm_rules.CONTRAFLOW),
-        ({"oneway": "yes", "oneway:psv": "no"}, osm_rules.CONTRAFLOW),
-        ({"oneway": "T"}, osm_rules.DIRECTION),
-        ({"oneway": "reversible"}, osm_rules.EITHER),
-        ({"access": "sometimes"}, osm_rules.UNREAD),
-        ({"maxspeed": "fast"}, osm_rules.UNREAD_SPEED),
-        ({"maxspeed": "70|100"}, osm_rules.UNREAD_SPEED),
-        ({"maxspeed": "signals"}, osm_rules.VARIABLE),
-        ({"maxspeed:hgv": "60"}, osm_rules.SPEEDS),
-        ({"lanes": "2;3"}, osm_rules.LANES),
-        ({"lanes:both_ways": "1"}, osm_rules.MIDDLE),
-        ({"lanes": "1"}, osm_rules.SINGLE),
-        ({"width": "3.5"}, osm_rules.WIDTHS_UNUSED),
-        ({"incline": "10%"}, osm_rules.SLOPES),
-        ({"maxweight": "3.5"}, osm_rules.SIZES),
-        ({"bicycle_road": "yes"}, osm_rules.CYCLE_ROAD),
-        ({"access": "no"}, osm_rules.CLOSED),
+        ({"motor_vehicle": "destination"}, road_rules.LOCAL),
+        ({"motor_vehicle:conditional": "no @ (22:00-06:00)"}, road_rules.HOURS),
+        ({"maxspeed:conditional": "30 @ (22:00-06:00)"}, road_rules.HOURS),
+        ({"bus:lanes": "yes|designated"}, road_rules.OWN_LANES),
+        ({"lanes:psv": "1"}, road_rules.OWN_LANES),
+        ({"busway:right": "lane"}, road_rules.OWN_LANES),
+        ({"cycleway:right": "lane"}, road_rules.OWN_LANES),
+        ({"hov": "designated"}, road_rules.OWN_LANES),
+        ({"turn:lanes": "left|through"}, road_rules.ARROWS),
+        ({"oneway": "yes", "oneway:bicycle": "no"}, road_rules.CONTRAFLOW),
+        ({"oneway": "yes", "cycleway": "opposite"}, road_rules.CONTRAFLOW),
+        ({"oneway": "yes", "oneway:psv": "no"}, road_rules.CONTRAFLOW),
+        ({"oneway": "T"}, road_rules.DIRECTION),
+        ({"oneway": "reversible"}, road_rules.EITHER),
+        ({"access": "sometimes"}, road_rules.UNREAD),
+        ({"maxspeed": "fast"}, road_rules.UNREAD_SPEED),
+        ({"maxspeed": "70|100"}, road_rules.UNREAD_SPEED),
+        ({"maxspeed": "signals"}, road_rules.VARIABLE),
+        ({"maxspeed:hgv": "60"}, road_rules.SPEEDS),
+        ({"lanes": "2;3"}, road_rules.LANES),
+        ({"lanes:both_ways": "1"}, road_rules.MIDDLE),
+        ({"lanes": "1"}, road_rules.SINGLE),
+        ({"width": "3.5"}, road_rules.WIDTHS_UNUSED),
+        ({"incline": "10%"}, road_rules.SLOPES),
+        ({"maxweight": "3.5"}, road_rules.SIZES),
+        ({"bicycle_road": "yes"}, road_rules.CYCLE_ROAD),
+        ({"access": "no"}, road_rules.CLOSED),
     ],
 )
 def test_what_is_not_used_is_said(tags, note):
@@ -567,9 +569,9 @@ def test_lanes_of_each_direction_count_before_their_sum(tmp_path: Path):
     for tags, note in (
         (
             {"lanes": "3", "lanes:forward": "1", "lanes:backward": "1", "lanes:both_ways": "1"},
-            osm_rules.MIDDLE,
+            road_rules.MIDDLE,
         ),
-        ({"lanes": "5", "lanes:forward": "1", "lanes:backward": "1"}, osm_rules.SUM),
+        ({"lanes": "5", "lanes:forward": "1", "lanes:backward": "1"}, road_rules.SUM),
     ):
         site, notes = read_site(
             write_streets(tmp_path / "lanes.osm", (EAST, {"highway": "secondary", **tags}))
@@ -577,7 +579,7 @@ def test_lanes_of_each_direction_count_before_their_sum(tmp_path: Path):
         assert [len(lanes) for lanes in edges_of(site).values()] == [1, 1]
         assert any(note in text for text in notes)
     assert (
-        osm_rules.SUM
+        road_rules.SUM
         not in read_rules({"highway": "primary", "lanes": "2", "lanes:forward": "1"}).notes
     )
 
@@ -608,7 +610,7 @@ def test_limits_of_size_in_other_words():
     assert allowed(maxweight__hgv="3.5") & {"truck", "bus"} == {"bus"}
     assert allowed(maxheight="11'9\"") >= {"truck"}  # 3.58 m
     assert (
-        osm_rules.UNREAD in read_rules({"highway": "residential", "access": "designated"}).notes
+        road_rules.UNREAD in read_rules({"highway": "residential", "access": "designated"}).notes
     )  # osrm-backend#866
 
 
@@ -625,10 +627,12 @@ def test_one_way_for_some_users_only():
     assert allowed(1, oneway__psv="yes", oneway__bus="no") == both - {"taxi"}
     against = read_rules({"highway": "residential", "oneway": "yes", "oneway:bus": "-1"})
     assert against.rules.users[0] == frozenset(nets.MOTOR.split()) - {"bus"}
-    assert osm_rules.SOME_AGAINST in against.notes
-    assert osm_rules.DIRECTION in read_rules({"highway": "residential", "oneway:bus": "peak"}).notes
+    assert road_rules.SOME_AGAINST in against.notes
     assert (
-        osm_rules.CONTRAFLOW
+        road_rules.DIRECTION in read_rules({"highway": "residential", "oneway:bus": "peak"}).notes
+    )
+    assert (
+        road_rules.CONTRAFLOW
         in read_rules({"highway": "residential", "oneway:motor_vehicle": "yes"}).notes
     )
     assert not read_rules({"highway": "residential", "oneway": "yes", "oneway:bus": "yes"}).notes
@@ -639,18 +643,18 @@ def test_one_way_for_some_users_only():
 )
 def test_a_busway_of_another_value_is_said(value, note):
     reading = read_rules({"highway": "secondary", "busway:right": value})
-    assert (osm_rules.OWN_LANES in reading.notes) == note
+    assert (road_rules.OWN_LANES in reading.notes) == note
 
 
 def test_hours_of_barriers_are_said(tmp_path: Path):
     """Key:barrier takes access as roads do, also for some hours (Conditional restrictions)."""
     gate = {"barrier": "lift_gate", "motor_vehicle:conditional": "no @ (20:00-06:00)"}
     _, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: gate}))
-    assert any(f"{osm_rules.BARRIER_HOURS}: 1" in note for note in notes)
+    assert any(f"{road_rules.BARRIER_HOURS}: 1" in note for note in notes)
     _, notes = read_site(
         write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "gate", "access": "key"}})
     )
-    assert any(osm_rules.BARRIER_UNREAD in note for note in notes)
+    assert any(road_rules.BARRIER_UNREAD in note for note in notes)
 
 
 def test_older_keys_and_roads_for_emergencies():
@@ -694,7 +698,7 @@ def test_lanes_against_a_one_way_street_carry_no_cars(tmp_path: Path, oneway, di
     write_streets(path, (((-80, 0), (80, 0)), {**tags, "lanes": "3"}))
     site, notes = read_site(path)
     assert [way for way, _ in list_driven(site)] == [direction] * 2
-    assert any(osm_rules.LANES_AGAINST in note for note in notes)
+    assert any(road_rules.LANES_AGAINST in note for note in notes)
 
 
 @pytest.mark.parametrize(
@@ -756,4 +760,4 @@ def test_a_road_under_ground_carries_no_cars_above(tmp_path: Path, tags):
 def test_a_road_drawn_along_one_of_its_lanes_is_said():
     """Key:placement."""
     tags = {"highway": "secondary", "oneway": "yes", "lanes": "2", "placement": "right_of:1"}
-    assert osm_rules.PLACEMENT in read_rules(tags).notes
+    assert road_rules.PLACEMENT in read_rules(tags).notes

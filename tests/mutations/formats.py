@@ -48,10 +48,18 @@ from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.files import write_arrays
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites import osm, osm_rules
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project
-from toolkit.sites.maps import MapPiece
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.osm.buildings import make_buildings
+from toolkit.sites.osm.map_reader import read_map
+from toolkit.sites.osm.netconvert_input import write_osm
+from toolkit.sites.osm.paved_areas import find_walks
+from toolkit.sites.osm.road_notes import describe_roadless
+from toolkit.sites.osm.road_rules import format_types, name_types
+from toolkit.sites.osm.roads import find_roads
+from toolkit.sites.osm.street_objects import make_barriers, make_furniture, make_trees
+from toolkit.sites.osm.traffic_side import choose_side
 from toolkit.sites.site import Site, Solid
 
 
@@ -174,7 +182,7 @@ def _formats() -> dict[str, Format]:
         "map.json": Format(_overpass, _read_osm, JSON),
         "sensors.toml": Format(_catalogue, _read_catalogue, TEXT),
         "meshes.toml": Format(_mesh_catalogue, _read_mesh_catalogue, TEXT),
-        "map.xodr": Format(maps.make_opendrive, maps.read_opendrive, TEXT),
+        "map.xodr": Format(maps.make_opendrive, maps.read_whole_map, TEXT),
         "table.npz": Format(
             _table,
             calls("placement_env.fidelity.table:load_table"),
@@ -413,20 +421,18 @@ def _read_mesh_catalogue(path: Path) -> None:
 def _read_osm(path: Path) -> None:
     """Run all of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
     MapPiece(path, centre=(13.4, 52.5), size=(60, 60))
-    town, window = osm.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
-    lefthand, _ = osm.choose_side(town, window, None)
-    pieces, _ = osm.roads(town, window, lefthand=lefthand)
-    osm.write_osm(pieces, town)
-    osm_rules.format_types(
-        osm_rules.name_types(piece.rules for piece in pieces if piece.rules is not None)
-    )
-    osm.describe_roadless(town, window)
-    osm.paths(town, window)
+    town, window = read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
+    lefthand, _ = choose_side(town, window, None)
+    pieces, _ = find_roads(town, window, lefthand=lefthand)
+    write_osm(pieces, town)
+    format_types(name_types(piece.rules for piece in pieces if piece.rules is not None))
+    describe_roadless(town, window)
+    find_walks(town, window)
     street = shapely.box(-60, -4, 60, 4)
-    osm.buildings(town, window, street)
-    osm.barriers(town, window, street)
-    osm.trees(town, window, street)
-    osm.furniture(town, window, street)
+    make_buildings(town, window, street)
+    make_barriers(town, window, street)
+    make_trees(town, window, street)
+    make_furniture(town, window, street)
 
 
 def _table(path: Path) -> None:

@@ -11,8 +11,15 @@ import shapely
 from mutants import Mutation
 
 from toolkit.runtime.files import name_errors
-from toolkit.sites import opendrive, plain_map
-from toolkit.sites.maps import MapPiece
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.opendrive.ground_plane import find_plane
+from toolkit.sites.opendrive.lane_surfaces import outline_lanes
+from toolkit.sites.opendrive.map_file import read_opendrive
+from toolkit.sites.opendrive.map_problems import describe_problems
+from toolkit.sites.opendrive.map_projection import find_placement, find_projection
+from toolkit.sites.opendrive.map_roads import find_near_roads
+from toolkit.sites.opendrive.plain_map import write_plain
+from toolkit.sites.opendrive.road_objects import read_road_objects
 
 _REFERENCE = "<geoReference>+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs</geoReference>"
 _ROAD = (
@@ -57,22 +64,22 @@ def make_opendrive(path: Path) -> None:
     )
 
 
-def read_opendrive(path: Path) -> None:
+def read_whole_map(path: Path) -> None:
     """Run all of `import_opendrive` but SUMO's netconvert."""
     MapPiece(path, centre=(0.0, 0.0), size=(60, 60))
     with name_errors(path), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        root = opendrive.read_opendrive(path, (0.0, 0.0))
-        opendrive.find_placement(root)
-        opendrive.find_projection(root, path.name)
-        plain = plain_map.write_plain(root)
+        root = read_opendrive(path, (0.0, 0.0))
+        find_placement(root)
+        find_projection(root, path.name)
+        plain = write_plain(root)
         window = shapely.box(-80, -80, 80, 80)
-        roads, _ = opendrive.roads_near(root, window, 0.0, 3.5)
+        roads, _ = find_near_roads(root, window, 0.0, 3.5)
         for road in roads:
-            list(opendrive.lanes(road))
-        opendrive.find_plane(roads, window, np.eye(4))
-        opendrive.read_standing(roads)
-        plain_map.describe_problems(plain, roads)
+            list(outline_lanes(road))
+        find_plane(roads, window, np.eye(4))
+        read_road_objects(roads)
+        describe_problems(plain, roads)
 
 
 _OTHERS: dict[

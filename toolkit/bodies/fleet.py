@@ -7,10 +7,12 @@ from pathlib import Path
 
 from toolkit.arrays import Rng
 from toolkit.bodies.body import Body, include_mirrors, make_body, make_boxed_body
+from toolkit.bodies.catalogue_cars import CAR_NAMES, cars
+from toolkit.bodies.catalogue_trucks import trucks
 from toolkit.bodies.drawn_bodies import draw_body, possible_names
 from toolkit.bodies.meshes import TakenMesh, take_meshes
-from toolkit.bodies.people import pedestrians, two_wheelers
-from toolkit.bodies.vehicles import CAR_NAMES, cars, trucks
+from toolkit.bodies.people import pedestrians
+from toolkit.bodies.two_wheelers import two_wheelers
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on

@@ -25,6 +25,11 @@ from toolkit.traffic.snapshots import Snapshot
 
 RaycastingScene = o3d.t.geometry.RaycastingScene
 _Bodies = Sequence[Body]
+# a body's scene, and what turns the world into its frame
+Mover = tuple[RaycastingScene, np.ndarray]
+_Image = Float32[np.ndarray, "_ _"]
+Hits = Int32[np.ndarray, "_ _"]
+GRAZE = 1e-3  # m before the end of a line, at which it meets the surface that the end is on
 
 
 class Footprints(NamedTuple):
@@ -121,9 +126,6 @@ def _footprint(body: Body) -> Float64[np.ndarray, "k 2"]:
     return np.array(hull.exterior.coords[:-1])
 
 
-GRAZE = 1e-3  # m before its end, where a line meets what the end lies on
-
-
 class SightLines:
     """Lines from one place to many others through a mesh. threads: of Open3D, 0 for all cores."""
 
@@ -148,14 +150,6 @@ class SightLines:
 @lru_cache(maxsize=400)  # of a drawn fleet every object has a body of its own
 def _body_scene(body: Body, threads: int) -> RaycastingScene:
     return build_scene(body.vertices, body.triangles, threads)
-
-
-# a body's scene, and what turns the world into its frame
-Mover = tuple[RaycastingScene, np.ndarray]
-
-
-_Image = Float32[np.ndarray, "_ _"]
-Hits = Int32[np.ndarray, "_ _"]
 
 
 class Rendered(NamedTuple):

@@ -5,8 +5,6 @@ get windows set into their walls, hedges a rough surface, crowns of trees leaves
 them, and a pond is a hole in the ground with its surface below. Chance is seeded by the site: the
 same site gives the same mesh."""
 
-from collections.abc import Callable
-
 import numpy as np
 import shapely
 
@@ -18,219 +16,233 @@ from toolkit.sites.site import Site, Solid
 CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, they grow until `FAR`
 FINE = 15.0
 FAR = 150.0
-
-MOST_SKIN = 2e6  # m², of buildings and plants
-# m between windows, upwards and along a wall
-_STOREY = 3.0
-_BAY = 2.6
-# m
-WINDOW_HEIGHT = 1.4
-WINDOW_WIDTH = 1.2
-SILL = 0.9
-RECESS = 0.14
+MAX_SKIN_M2 = 2e6  # of buildings and plants
+WINDOW_STOREY_M = 3.0  # from window to window upwards
+WINDOW_BAY_M = 2.6  # from window to window along a wall
+WINDOW_HEIGHT_M = 1.4
+WINDOW_WIDTH_M = 1.2
+FIRST_FLOOR_M = 0.3  # above the ground
+SILL_M = 0.9  # above the floor of a storey
+RECESS = 0.14  # m, of windows
 ROUGHNESS = 0.09  # m, of a hedge
-_HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # of a quadrilateral
-# m, size of a spray of leaves; how many there are per m² of a crown's outline
-LEAF = 0.42
-LEAVES = 11.0
+LEAF_M = 0.42  # size of a spray of leaves
+LEAVES_PER_M2 = 11.0  # sprays on a crown's outline
+SKINNED_KINDS = ("building", "hedge", "bush", "tree")
+
+_HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a quadrilateral
+_CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # of a cell, counter-clockwise
 
 
 def build_scenery(site: Site) -> Mesh:
-    """Build the mesh of everything static at a site. Raises ValueError for solids of endless
-    size."""
+    """Build the mesh of everything static at a site.
+
+    Raises ValueError for solids of endless size."""
     rng = np.random.default_rng(sum(site.name.encode()))
-    skin = sum(_skin(solid) for solid in site.solids)
-    if not skin <= MOST_SKIN:
-        limit = f"where {MOST_SKIN:g} m² can be drawn (a plant's counts four times)"
+    skin = sum(_measure_skin(solid) for solid in site.solids)
+    if not skin <= MAX_SKIN_M2:
+        limit = f"where {MAX_SKIN_M2:g} m² can be drawn (a plant's counts four times)"
         remedy = "correct their sizes, or leave some out"
         raise ValueError(
             f"solids of site {site.name!r} have {skin:.3g} m² of skin, {limit}: {remedy}"
         )
     solids = []
     for solid in site.solids:
-        draw = _SHAPES.get(solid.kind)
-        vertices, triangles = (
-            draw(solid, rng) if draw else extrude(solid.footprint, solid.base, solid.top)
-        )
-        if (
-            site.relief.slope != LEVEL
-        ):  # sheared with it; heights under the middle of the footprint stay
-            rise = site.plane(vertices[:, :2] - solid.footprint.mean(axis=0))
-            vertices = np.column_stack([vertices[:, :2], vertices[:, 2] + rise])
-        solids.append(Mesh(vertices, triangles))
-    banks = []
-    for pond in (solid for solid in site.solids if solid.kind == "pond"):
-        edge = _outline(pond.footprint, CELL)
-        water = pond.top + site.plane(edge - pond.footprint.mean(axis=0))
-        banks.append(
-            _strip(np.stack([np.column_stack([edge, z]) for z in (site.ground(edge), water)]))
-        )
+        mesh = _draw_solid(solid, rng)
+        if site.relief.slope != LEVEL:
+            mesh = _shear(mesh, solid, site)
+        solids.append(mesh)
+    banks = [_make_banks(solid, site) for solid in site.solids if solid.kind == "pond"]
     return merge([ground(site), *solids, *banks])
+
+
+def _draw_solid(solid: Solid, rng: Rng) -> Mesh:
+    """Draw a solid by its kind; plain ones are prisms."""
+    if solid.kind == "building":
+        return _make_building(solid)
+    if solid.kind == "hedge":
+        return _draw_hedge(solid, rng)
+    if solid.kind == "bush":
+        return _draw_bush(solid, rng)
+    if solid.kind == "tree":
+        return _draw_crown(solid, rng)
+    return extrude(solid.footprint, solid.base, solid.top)
+
+
+def _shear(mesh: Mesh, solid: Solid, site: Site) -> Mesh:
+    """Shear a solid's mesh with the site's slope; the middle of its footprint keeps its height."""
+    vertices = mesh.vertices
+    rise = site.plane(vertices[:, :2] - solid.footprint.mean(axis=0))
+    return Mesh(np.column_stack([vertices[:, :2], vertices[:, 2] + rise]), mesh.triangles)
+
+
+def _make_banks(pond: Solid, site: Site) -> Mesh:
+    """Skin from the ground around a pond down to its water."""
+    edge = _outline(pond.footprint, CELL)
+    water = pond.top + site.plane(edge - pond.footprint.mean(axis=0))
+    rings = [np.column_stack([edge, z]) for z in (site.ground(edge), water)]
+    return _make_strip(np.stack(rings))
 
 
 def ground(site: Site) -> Mesh:
     """Ground up to `FAR` beyond the area, open at ponds."""
-    ponds = shapely.union_all(
-        [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
-    )
+    shapes = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
+    ponds = shapely.union_all(shapes)
     shapely.prepare(ponds)
-    cells = _cells(site.area)
+    cells = _make_cells(site.area)
     low, high = np.split(np.array(ponds.bounds), 2)  # NaN without ponds
-    near = np.flatnonzero(((cells[:, 3] <= high) & (cells[:, 1] >= low)).all(axis=1))
+    upper_right = cells[:, 1]
+    lower_left = cells[:, 3]
+    near = np.flatnonzero(((lower_left <= high) & (upper_right >= low)).all(axis=1))
     squares = shapely.polygons(cells[near])
-    wet = shapely.intersects(ponds, squares)
-    shores = shapely.difference(squares[wet], ponds)
-    corners = np.delete(cells, near[wet], axis=0)
-    dry = _quadrilaterals(np.concatenate([corners, np.zeros((*corners.shape[:2], 1))], axis=2))
+    is_wet = shapely.intersects(ponds, squares)
+    shores = shapely.difference(squares[is_wet], ponds)
+    dry_cells = np.delete(cells, near[is_wet], axis=0)
+    heights = np.zeros((*dry_cells.shape[:2], 1))
+    dry = _make_quadrilaterals(np.concatenate([dry_cells, heights], axis=2))
     flat = merge([dry, triangulate(shores)])
-    return Mesh(
-        np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2])]), flat.triangles
-    )
+    xy = flat.vertices[:, :2]
+    return Mesh(np.column_stack([xy, site.ground(xy)]), flat.triangles)
 
 
-def _cells(area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "n 4 2"]:
-    """Corners of squares in and about the area: lower right, upper right, upper left, lower
-    left."""
-    steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
-    outside = FINE + steps[steps < FAR]
+def _make_cells(area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "n 4 2"]:
+    """Corners of squares in and about the area.
 
-    def lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
-        inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
-        return np.concatenate([low - outside[::-1], inside, high + outside])
-
-    x, y = lines(area[0], area[2]), lines(area[1], area[3])
-    (x0, y0), (x1, y1) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
+    Lower right, upper right, upper left, lower left."""
+    x = _make_lines(area[0], area[2])
+    y = _make_lines(area[1], area[3])
+    x0, y0 = np.meshgrid(x[:-1], y[:-1])
+    x1, y1 = np.meshgrid(x[1:], y[1:])
     return np.stack([x1, y0, x1, y1, x0, y1, x0, y0], axis=-1).reshape(-1, 4, 2)
 
 
-def _skin(solid: Solid) -> float:
+def _make_lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
+    """Borders of cells along one axis of an area from `low` to `high` (m)."""
+    steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
+    outside = FINE + steps[steps < FAR]
+    inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
+    return np.concatenate([low - outside[::-1], inside, high + outside])
+
+
+def _measure_skin(solid: Solid) -> float:
     """Skin of a solid (m²) as it counts, 0 if drawn as a plain prism."""
-    if solid.kind not in _SHAPES:
+    if solid.kind not in SKINNED_KINDS:
         return 0.0
     outline = shapely.Polygon(solid.footprint)
-    return (outline.length * (solid.top - solid.base) + outline.area) * (
-        1 if solid.kind == "building" else 4
-    )
+    weight = 1 if solid.kind == "building" else 4
+    return (outline.length * (solid.top - solid.base) + outline.area) * weight
 
 
-def _building(solid: Solid, rng: Rng) -> Mesh:
+def _make_building(solid: Solid) -> Mesh:
     """Walls with windows, and a flat roof."""
     corners = _outline(solid.footprint, np.inf)
+    next_corners = np.roll(corners, -1, axis=0)
     walls = [
-        _facade(a, b, solid.base, solid.top)
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        _make_facade(start, end, solid.base, solid.top)
+        for start, end in zip(corners, next_corners, strict=True)
     ]
     roof = triangulate(shapely.Polygon(corners))
     return merge([*walls, place(roof, z=solid.top)])
 
 
-def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
+def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
     """Wall from start to end with windows that fit."""
     length = float(np.hypot(*(end - start)))
-    bays = int(length // _BAY)
-    storeys = max(int((top - base - 0.3) // _STOREY), 0)
+    bays = int(length // WINDOW_BAY_M)
+    storeys = max(int((top - base - FIRST_FLOOR_M) // WINDOW_STOREY_M), 0)
     middles = (np.arange(bays) + 0.5) * length / max(bays, 1)
-    sills = base + 0.3 + _STOREY * np.arange(storeys) + SILL
-    x = np.sort(
-        np.concatenate([[0, length], middles - WINDOW_WIDTH / 2, middles + WINDOW_WIDTH / 2])
-    )
-    z = np.sort(np.concatenate([[base, top], sills, sills + WINDOW_HEIGHT]))
-    along = (end - start) / max(length, 1e-9)
-    inwards = np.array([-along[1], along[0]]) * RECESS
+    sills = base + FIRST_FLOOR_M + WINDOW_STOREY_M * np.arange(storeys) + SILL_M
+    half_window = WINDOW_WIDTH_M / 2
+    x = np.sort(np.concatenate([[0, length], middles - half_window, middles + half_window]))
+    z = np.sort(np.concatenate([[base, top], sills, sills + WINDOW_HEIGHT_M]))
+    ahead = (end - start) / max(length, 1e-9)
+    inwards = np.array([-ahead[1], ahead[0]]) * RECESS
 
-    def at(i: np.ndarray, j: np.ndarray, depth: float) -> np.ndarray:
-        return np.concatenate(
-            [start + x[i][..., None] * along + depth * inwards, z[j][..., None]], axis=-1
-        )
+    def corners(i: np.ndarray, j: np.ndarray, depth: float) -> np.ndarray:
+        """Corners of cells of the wall: column i, row j. depth: 1 for panes, 0 for the wall."""
+        points = []
+        for di, dj in _CORNERS:
+            xy = start + x[i + di][..., None] * ahead + depth * inwards
+            points.append(np.concatenate([xy, z[j + dj][..., None]], axis=-1))
+        return np.stack(points, axis=1)
 
-    i, j = (index.ravel() for index in np.meshgrid(np.arange(len(x) - 1), np.arange(len(z) - 1)))
-    pane = (i % 2 == 1) & (j % 2 == 1)
-    around = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    wall = np.stack([at(i[~pane] + di, j[~pane] + dj, 0.0) for di, dj in around], axis=1)
-    i, j = i[pane], j[pane]
-    outer = np.stack([at(i + di, j + dj, 0.0) for di, dj in around], axis=1)
-    inner = np.stack([at(i + di, j + dj, 1.0) for di, dj in around], axis=1)
-    ways = [(k, (k + 1) % 4) for k in range(4)]
-    sides = [
-        np.stack([outer[:, a], outer[:, b], inner[:, b], inner[:, a]], axis=1) for a, b in ways
-    ]
-    return _quadrilaterals(np.concatenate([wall, inner, *sides]))
+    columns, rows = np.meshgrid(np.arange(len(x) - 1), np.arange(len(z) - 1))
+    i = columns.ravel()
+    j = rows.ravel()
+    is_pane = (i % 2 == 1) & (j % 2 == 1)
+    wall = corners(i[~is_pane], j[~is_pane], 0.0)
+    frames = corners(i[is_pane], j[is_pane], 0.0)
+    panes = corners(i[is_pane], j[is_pane], 1.0)
+    reveals = []
+    for k in range(4):
+        m = (k + 1) % 4
+        reveals.append(np.stack([frames[:, k], frames[:, m], panes[:, m], panes[:, k]], axis=1))
+    return _make_quadrilaterals(np.concatenate([wall, panes, *reveals]))
 
 
-def _hedge(solid: Solid, rng: Rng) -> Mesh:
-    """Prism with a bumpy skin, narrower at the top, that passes its footprint by the roughness at
-    most."""
+def _draw_hedge(solid: Solid, rng: Rng) -> Mesh:
+    """Draw a prism with a bumpy skin, narrower at the top.
+
+    It passes its footprint by the roughness at most."""
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
     levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))
     rings = []
-    for level, narrow in zip(levels, np.linspace(1.0, 0.9, len(levels)), strict=True):
-        ring = (
-            middle + (outline - middle) * narrow + rng.uniform(-ROUGHNESS, ROUGHNESS, outline.shape)
-        )
-        rings.append(
-            np.column_stack(
-                [ring, level + rng.uniform(-ROUGHNESS, 0, len(ring)) * (level > solid.base)]
-            )
-        )
+    for level, share in zip(levels, np.linspace(1.0, 0.9, len(levels)), strict=True):
+        bumps = rng.uniform(-ROUGHNESS, ROUGHNESS, outline.shape)
+        ring = middle + (outline - middle) * share + bumps
+        drops = rng.uniform(-ROUGHNESS, 0, len(ring)) * (level > solid.base)
+        rings.append(np.column_stack([ring, level + drops]))
     top = np.concatenate([rings[-1], [[*middle, solid.top]]])
-    lid = np.arange(len(outline))
-    cap = np.stack([lid, np.roll(lid, -1), np.full(len(lid), len(lid))], axis=1)
-    return merge([_strip(np.stack(rings)), Mesh(top, cap)])
+    first = np.arange(len(outline))
+    centre = np.full(len(first), len(first))
+    cap = np.stack([first, np.roll(first, -1), centre], axis=1)
+    return merge([_make_strip(np.stack(rings)), Mesh(top, cap)])
 
 
-def _bush(solid: Solid, rng: Rng) -> Mesh:
-    """Dense core, and sprays of leaves over it."""
+def _draw_bush(solid: Solid, rng: Rng) -> Mesh:
+    """Draw a dense core, and sprays of leaves over it."""
     middle = solid.footprint.mean(axis=0)
-    core = Solid(
-        middle + 0.75 * (solid.footprint - middle),
-        solid.base,
-        solid.base + 0.8 * (solid.top - solid.base),
-    )
-    leaves = Solid(middle + 0.85 * (solid.footprint - middle), solid.base, solid.top - LEAF / 3)
-    return merge([_hedge(core, rng), _crown(leaves, rng)])
+    offsets = solid.footprint - middle
+    core_top = solid.base + 0.8 * (solid.top - solid.base)
+    core = Solid(middle + 0.75 * offsets, solid.base, core_top)
+    leaves = Solid(middle + 0.85 * offsets, solid.base, solid.top - LEAF_M / 3)
+    return merge([_draw_hedge(core, rng), _draw_crown(leaves, rng)])
 
 
-def _crown(solid: Solid, rng: Rng) -> Mesh:
-    """Sprays of leaves, most near the outline."""
+def _draw_crown(solid: Solid, rng: Rng) -> Mesh:
+    """Draw sprays of leaves, most near the outline."""
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
-    count = max(12, round(LEAVES * (polygon.length * height + polygon.area)))
-    edge = shapely.line_interpolate_point(
-        polygon.exterior, rng.uniform(0, 1, count), normalized=True
-    )
+    count = max(12, round(LEAVES_PER_M2 * (polygon.length * height + polygon.area)))
+    stations = rng.uniform(0, 1, count)
+    edge = shapely.line_interpolate_point(polygon.exterior, stations, normalized=True)
     middle = shapely.get_coordinates(polygon.centroid)[0]
-    out = rng.uniform(0.25, 1, count) ** 0.4
-    xy = middle + (shapely.get_coordinates(edge) - middle) * out[:, None]
+    shares = rng.uniform(0.25, 1, count) ** 0.4  # of the way from the middle to the outline
+    xy = middle + (shapely.get_coordinates(edge) - middle) * shares[:, None]
     z = solid.base + height * rng.uniform(0, 1, count)
     sprays = rng.normal(size=(count, 3, 3))
-    sprays *= (
-        LEAF / np.linalg.norm(sprays, axis=2, keepdims=True) * rng.uniform(0.5, 1.0, (count, 1, 1))
-    )
+    scales = LEAF_M / np.linalg.norm(sprays, axis=2, keepdims=True)
+    sprays *= scales * rng.uniform(0.5, 1.0, (count, 1, 1))
     vertices = (np.column_stack([xy, z])[:, None] + sprays).reshape(-1, 3)
     return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
-
-
-_Shape = Callable[[Solid, Rng], Mesh]
-_SHAPES: dict[str, _Shape] = {"building": _building, "hedge": _hedge, "bush": _bush, "tree": _crown}
 
 
 def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.ndarray, "m 2"]:
     """Corners of a footprint counter-clockwise, at most `spacing` apart."""
     ring = shapely.geometry.polygon.orient(shapely.Polygon(footprint)).exterior
-    return shapely.get_coordinates(
-        shapely.segmentize(ring, spacing) if np.isfinite(spacing) else ring
-    )[:-1]
+    if np.isfinite(spacing):
+        ring = shapely.segmentize(ring, spacing)
+    return shapely.get_coordinates(ring)[:-1]
 
 
-def _strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
+def _make_strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
     """Skin between closed rings of equally many points, without ends."""
     ahead = np.roll(rings, -1, axis=1)
-    return _quadrilaterals(
-        np.stack([rings[:-1], ahead[:-1], ahead[1:], rings[1:]], axis=2).reshape(-1, 4, 3)
-    )
+    corners = np.stack([rings[:-1], ahead[:-1], ahead[1:], rings[1:]], axis=2)
+    return _make_quadrilaterals(corners.reshape(-1, 4, 3))
 
 
-def _quadrilaterals(corners: Float64[np.ndarray, "q 4 3"]) -> Mesh:
+def _make_quadrilaterals(corners: Float64[np.ndarray, "q 4 3"]) -> Mesh:
+    """Mesh of quadrilaterals, each of two triangles."""
     first = np.arange(0, 4 * len(corners), 4)[:, None]
     return Mesh(corners.reshape(-1, 3), np.concatenate([first + _HALVES[0], first + _HALVES[1]]))

@@ -31,6 +31,8 @@ ROWS = (5, 20)
 HALVINGS = 3  # of what lies between two rays, to find an edge
 EDGE = 1e-3  # m by which rectangles are widened
 RAYS_AT_ONCE = 400_000  # rays, for which memory is needed
+OVERLAP_SLACK = 1e-3  # rad, and m, within which objects are taken to overlap
+PAIRS_AT_ONCE = 1_000_000  # of objects, seen from all of some viewpoints
 # what a strip shows: not in the crop; in it and within the radius; in it beyond
 OUTSIDE = 1
 WITHIN = 2
@@ -257,10 +259,6 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
 def counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
     """Count 0, 1, 2 ... up to each length, one after the other."""
     return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-
-
-OVERLAP_SLACK = 1e-3  # rad, and m, within which objects are taken to overlap
-PAIRS_AT_ONCE = 1_000_000  # of objects, seen from all of some viewpoints
 
 
 class _Last(NamedTuple):

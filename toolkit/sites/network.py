@@ -99,15 +99,15 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
         for kind, text in files.items():
             Path(folder, kind).write_text(text, encoding="utf-8")
         inputs = [f"--{kind}-files={Path(folder, kind)}" for kind in files]
-        return convert([*inputs, "--crossings.guess"])
+        return run_netconvert([*inputs, "--crossings.guess"])
 
 
-def convert(options: Sequence[str]) -> str:
+def run_netconvert(options: Sequence[str]) -> str:
     """Run netconvert; return the net.xml text without its comments."""
-    return convert_with_warnings(options)[0]
+    return run_netconvert_with_warnings(options)[0]
 
 
-def convert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
+def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
     """Run netconvert; return the net.xml text without its comments, and its warnings."""
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:

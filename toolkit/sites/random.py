@@ -21,14 +21,12 @@ from toolkit.sites.network import (
     street,
 )
 from toolkit.sites.site import Mount, Relief, Site
-from toolkit.sites.surroundings import (
-    BAY_DEPTHS_M,
-    CLOSED_LANE_M,
-    Road,
-    draw_everything,
-    furnish,
-    place_mounts,
-)
+from toolkit.sites.surroundings.furnish import furnish
+from toolkit.sites.surroundings.mount_places import place_mounts
+from toolkit.sites.surroundings.parking_bays import BAY_DEPTHS_M
+from toolkit.sites.surroundings.plot import Road
+from toolkit.sites.surroundings.road_works import CLOSED_LANE_M
+from toolkit.sites.surroundings.things import draw_everything
 
 LEG_LENGTH_M = 140.0  # from the middle of the junction
 MIN_MOUNT_HEIGHT_M = 1.6  # of sensors above the foot of their mount

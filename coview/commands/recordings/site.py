@@ -66,7 +66,9 @@ class ImportMap:
 
     def __call__(self) -> int:
         """Import and save the site, and print a summary."""
-        from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
+        from toolkit.sites.maps.opendrive_site import import_opendrive
+        from toolkit.sites.maps.osm_site import import_osm
+        from toolkit.sites.maps.piece import MapPiece
 
         check_least("--seed", self.seed, 0)
         if (self.opendrive is None) == (self.osm is None):
@@ -193,7 +195,7 @@ class ShowSite:
         """Load and so validate the site, describe its contents, and draw it."""
         from toolkit.plots.plan_view import draw_site
         from toolkit.sites.files import load_site
-        from toolkit.sites.surroundings import count_things, describe_things
+        from toolkit.sites.surroundings.things import count_things, describe_things
 
         site = load_site(self.site)
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)

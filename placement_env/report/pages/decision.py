@@ -31,7 +31,7 @@ from placement_env.search.exclusions import describe_money
 from toolkit.display import describe_count
 from toolkit.sensors.models import MODELS
 from toolkit.sites.site import Site
-from toolkit.sites.surroundings import describe_things
+from toolkit.sites.surroundings.things import describe_things
 
 PLURALS = {
     "vehicle": "vehicles",

@@ -28,7 +28,7 @@ from placement_env.report.planning.plan_stock import format_stock
 from placement_env.report.planning.scored_boxes import score_boxes
 from toolkit.arrays import Float64
 from toolkit.detection.provenance import detector_origin
-from toolkit.sites.surroundings import count_things
+from toolkit.sites.surroundings.things import count_things
 
 
 class FinalFigures(NamedTuple):

@@ -17,7 +17,7 @@ from placement_env.fidelity.preparation import check_scorable
 from placement_env.setting import Setting
 from toolkit.detection.provenance import detector_origin
 from toolkit.runtime.run import Run
-from toolkit.sites.maps import redraw
+from toolkit.sites.maps.furnishing import redraw
 from toolkit.sites.site import Site
 
 PART_FRAMES = {"search": 60, "comparison": 120, "judgement": 120}  # default frames of each part

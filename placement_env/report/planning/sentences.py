@@ -17,7 +17,7 @@ from toolkit.detection.scheme import scheme_codec
 from toolkit.display import describe_count
 from toolkit.objects import LABELS
 from toolkit.sites.site import Site
-from toolkit.sites.surroundings import count_things, describe_things
+from toolkit.sites.surroundings.things import count_things, describe_things
 
 MIN_OVERRATED_SETS = 3  # judged sets needed to measure by how much predictions overrate
 

@@ -60,7 +60,8 @@ def main() -> None:
     from toolkit.rendering.renderer import Renderer
     from toolkit.sites.files import load_site
     from toolkit.sites.network import unite
-    from toolkit.traffic.snapshots import Obstacles, Snapshot
+    from toolkit.traffic.obstacles import Obstacles
+    from toolkit.traffic.snapshots import Snapshot
 
     site, rng = load_site(asked.site), np.random.default_rng(asked.seed)
     area = site.area if asked.weights == "general" else None

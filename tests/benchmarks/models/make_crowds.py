@@ -21,19 +21,14 @@ CHILDREN, E_SCOOTERS = 0.35, 0.42
 
 def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
     """Change the traffic of this process."""
-    from toolkit.bodies import drawn_bodies, fleet
+    from toolkit.bodies import drawn_bodies, drawn_people, drawn_two_wheelers, fleet
     from toolkit.datasets.simulation import Job
     from toolkit.mesh import stand
     from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
-    from toolkit.traffic import snapshots
+    from toolkit.traffic import obstacles, snapshots, strays
 
-    snapshots.STRAY_SHARES = {
-        PEDESTRIAN: pedestrians,
-        CYCLIST: cyclists,
-        VEHICLE: 0.05,
-        HEAVY: 0.03,
-    }
-    snapshots.COMPANIONS, snapshots._NEAREST, snapshots.GAP = 0.45, 0.1, 0.05
+    strays.STRAY_SHARES = {PEDESTRIAN: pedestrians, CYCLIST: cyclists, VEHICLE: 0.05, HEAVY: 0.03}
+    strays.COMPANION_SHARE, strays.MIN_STRAY_GAP_M, obstacles.GAP = 0.45, 0.1, 0.05
     shares = property(lambda self: snapshots.Mix(most=most, parked=5, strays=self.strays))
     Job.mix = shares  # type: ignore[method-assign, assignment]
     more = {VEHICLE: 0.7, HEAVY: 0.7, CYCLIST: 2.8, PEDESTRIAN: 2.8}
@@ -42,7 +37,7 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
         for label, (n, per) in fleet._SPAWNED.items()
     }
     children = 0.1 + 0.45 * (0.9 - prams)
-    drawn_bodies._EVENLY = (0.0, 0.1, children, children + prams, children + prams + 0.06, 1.0)
+    drawn_people.EVEN_LIMITS = (0.0, 0.1, children, children + prams, children + prams + 0.06, 1.0)
 
     class Childish:
         """Generator whose first draw, which makes a child's bicycle of it, is low more often."""
@@ -59,16 +54,16 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
 
     def draw_two_wheeler(rng, evenly=False):
         kinds = (
-            drawn_bodies._bicycle,
-            drawn_bodies._e_scooter,
-            drawn_bodies._motorcycle,
-            drawn_bodies._scooter,
+            drawn_two_wheelers.draw_bicycle,
+            drawn_two_wheelers.draw_e_scooter,
+            drawn_two_wheelers.draw_motorcycle,
+            drawn_two_wheelers.draw_scooter,
         )
         draw = kinds[int(rng.choice(4, p=(0.92 - E_SCOOTERS, E_SCOOTERS, 0.04, 0.04)))]
-        kind, mesh = draw(Childish(rng) if draw is drawn_bodies._bicycle else rng)
-        return kind, stand(mesh)
+        drawn = draw(Childish(rng) if draw is drawn_two_wheelers.draw_bicycle else rng)
+        return drawn._replace(mesh=stand(drawn.mesh))
 
-    drawn_bodies.draw_two_wheeler = draw_two_wheeler
+    vars(drawn_bodies)["draw_two_wheeler"] = draw_two_wheeler
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -35,7 +35,8 @@ from placement_env.report.planning import chosen_set, planning  # noqa: E402
 from placement_env.report.planning.question import Question, Stock  # noqa: E402
 from placement_env.setting import Setting  # noqa: E402
 from toolkit.runtime.run import Run  # noqa: E402
-from toolkit.sites.maps import MapPiece, import_osm  # noqa: E402
+from toolkit.sites.maps.osm_site import import_osm  # noqa: E402
+from toolkit.sites.maps.piece import MapPiece  # noqa: E402
 from toolkit.sites.random import random_site  # noqa: E402
 from toolkit.sites.site import Site  # noqa: E402
 

@@ -20,7 +20,9 @@ import numpy as np
 from placement_env.candidates.candidates import pool
 from toolkit.sensors.models import find_model
 from toolkit.sites.files import load_site
-from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
+from toolkit.sites.maps.opendrive_site import import_opendrive
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
 from toolkit.sites.random import random_site
 
 if TYPE_CHECKING:

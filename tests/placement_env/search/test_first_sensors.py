@@ -12,7 +12,8 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.search import first_sensors
 from placement_env.search.first_sensors import HalvedViews, with_first_sensors
 from toolkit.sites.files import load_site
-from toolkit.sites.maps import MapPiece, import_osm
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
 
 MAP = Path(__file__).parents[3] / "docs" / "own-junction.osm"
 

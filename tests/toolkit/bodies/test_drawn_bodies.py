@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from toolkit.bodies import drawn_bodies
 from toolkit.bodies.body import include_mirrors
+from toolkit.bodies.drawn_bodies import draw_body, draw_heavy
+from toolkit.bodies.drawn_buses import BUSES
+from toolkit.bodies.drawn_people import PEOPLE, draw_person, draw_pose
+from toolkit.bodies.drawn_trucks import SUPERSTRUCTURES
+from toolkit.bodies.drawn_two_wheelers import TWO_WHEELERS, draw_two_wheeler
 from toolkit.mesh import box, stand
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-BUILT = [drawn_bodies.draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
+BUILT = [draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
 
 
 def of(*ends: str) -> list:
@@ -17,10 +21,10 @@ def of(*ends: str) -> list:
 
 
 def test_shares_mirrors_and_lengths_of_drawn_bodies():
-    assert sum(drawn_bodies.SUPERSTRUCTURES.values()) == pytest.approx(1)
+    assert sum(SUPERSTRUCTURES.values()) == pytest.approx(1)
     kinds = {kind for kind, _, _ in BUILT}
-    assert set(drawn_bodies.BUSES) <= kinds
-    assert {f"{load}_truck" for load in drawn_bodies.SUPERSTRUCTURES} <= kinds
+    assert set(BUSES) <= kinds
+    assert {f"{load}_truck" for load in SUPERSTRUCTURES} <= kinds
     for kind, mesh, mirrors in BUILT:
         body, out = np.abs(mesh.vertices[:, 1]).max(), mirrors.vertices
         assert 0.05 < np.abs(out[:, 1]).max() - body < 0.3, kind
@@ -28,7 +32,7 @@ def test_shares_mirrors_and_lengths_of_drawn_bodies():
         assert out[:, 0].min() > 0.25 * np.ptp(mesh.vertices[:, 0])
         assert out[:, 0].max() < mesh.vertices[:, 0].max() + 0.01
     length, width, height = np.array(
-        [drawn_bodies.draw_body(VEHICLE, np.random.default_rng([9, k])).size for k in range(400)]
+        [draw_body(VEHICLE, np.random.default_rng([9, k])).size for k in range(400)]
     ).T
     for other, least in ((width, 0.08), (height, 0.16)):
         fit = np.polyfit(length, other, 1)
@@ -58,16 +62,16 @@ def test_sizes_are_those_of_the_kind(kinds, lengths, heights):
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
 
 
-DRAWN = [drawn_bodies.draw_person(np.random.default_rng([1, k])) for k in range(400)]
+DRAWN = [draw_person(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def heights(kind: str) -> np.ndarray:
-    return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh in DRAWN if each == kind])
+    return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh, _ in DRAWN if each == kind])
 
 
 def test_people_and_two_wheelers_have_their_shares_and_heights():
-    counts = Counter(kind for kind, _ in DRAWN)
-    assert set(counts) == set(drawn_bodies.PEOPLE)
+    counts = Counter(kind for kind, _, _ in DRAWN)
+    assert set(counts) == set(PEOPLE)
     for kind, share in {
         "adult": 0.73,
         "child": 0.165,
@@ -82,17 +86,15 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     assert 0.9 < heights("child").min() < heights("child").max() < 1.65
     assert np.ptp(heights("child")) > 0.4
     assert np.median(heights("wheelchair")) < 1.6
-    assert max(abs(mesh.vertices[:, 2].min()) for _, mesh in DRAWN) < 1e-9
-    lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh in DRAWN if kind == "adult"])
+    assert max(abs(mesh.vertices[:, 2].min()) for _, mesh, _ in DRAWN) < 1e-9
+    lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh, _ in DRAWN if kind == "adult"])
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
-    assert {
-        drawn_bodies.draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)
-    } == {0.47, 0.80}
-    assert drawn_bodies.draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
+    assert {draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
+    assert draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
     assert stand(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
-    counts = Counter(kind for kind, _ in DRAWN_TWO_WHEELERS)
-    assert set(counts) == set(drawn_bodies.TWO_WHEELERS)
+    counts = Counter(kind for kind, _, _ in DRAWN_TWO_WHEELERS)
+    assert set(counts) == set(TWO_WHEELERS)
     shares = {
         "bicycle": 0.5,
         "cargo_bicycle": 0.05,
@@ -102,7 +104,7 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     }
     for kind, share in shares.items():
         assert counts[kind] / len(DRAWN_TWO_WHEELERS) == pytest.approx(share, abs=0.06)
-    for kind, mesh in DRAWN_TWO_WHEELERS:
+    for kind, mesh, _ in DRAWN_TWO_WHEELERS:
         low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
         assert np.ptp(low[:, 0]) > 0.5 * np.ptp(mesh.vertices[:, 0]) * (
@@ -111,14 +113,12 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
         assert np.ptp(low[:, 1]) < 0.3, kind
 
 
-DRAWN_TWO_WHEELERS = [
-    drawn_bodies.draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)
-]
+DRAWN_TWO_WHEELERS = [draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def sizes(kind: str) -> np.ndarray:
     return np.array(
-        [np.ptp(mesh.vertices, axis=0) for each, mesh in DRAWN_TWO_WHEELERS if each == kind]
+        [np.ptp(mesh.vertices, axis=0) for each, mesh, _ in DRAWN_TWO_WHEELERS if each == kind]
     )
 
 
@@ -146,7 +146,7 @@ COUNT = 120
 
 
 def draw_bodies(rng, label, count):
-    return [drawn_bodies.draw_body(label, rng) for _ in range(count)]
+    return [draw_body(label, rng) for _ in range(count)]
 
 
 BODIES = {
@@ -224,16 +224,14 @@ def test_kinds_of_every_class_follow_the_seed():
     for carried in ("taxi", "roof_box", "rack", "load"):
         assert any(kind.endswith(carried) for kind in kinds[VEHICLE]), carried
     for label in RANGES:
-        first, again, other = (
-            drawn_bodies.draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4)
-        )
+        first, again, other = (draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4))
         assert first.vertices.tobytes() == again.vertices.tobytes()
         assert (first.name, first.truth) == (again.name, again.truth)
         assert first.vertices.tobytes() != other.vertices.tobytes()
     with pytest.raises(ValueError, match="label must be one of"):
-        drawn_bodies.draw_body("tram", np.random.default_rng(0))
+        draw_body("tram", np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("name", LABELS)
 def test_classes_go_by_their_names_too(name):
-    assert drawn_bodies.draw_body(name, np.random.default_rng(0)).label == LABELS.index(name)
+    assert draw_body(name, np.random.default_rng(0)).label == LABELS.index(name)

@@ -4,29 +4,36 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.bodies import drawn_bodies
+from toolkit.bodies.car_extras import CARRIED, draw_load, draw_mirrors
+from toolkit.bodies.car_shapes import (
+    CAR_HEIGHTS_M,
+    CAR_KINDS,
+    CAR_LENGTHS_M,
+    CAR_WIDTHS_M,
+    build_block_car,
+    draw_proportions,
+    loft_car,
+)
+from toolkit.bodies.mesh_parts import mound, plank, stretch
+from toolkit.bodies.trailers import TRAILERS, draw_trailer
 from toolkit.mesh import box
 
-CARS = [drawn_bodies.draw_proportions(np.random.default_rng([2, k])) for k in range(400)]
+CARS = [draw_proportions(np.random.default_rng([2, k])) for k in range(400)]
 
 
 def test_kinds_and_wheels_lie_in_their_ranges():
-    assert sum(kind.share for kind in drawn_bodies.CAR_KINDS) == pytest.approx(1)
-    for kind in drawn_bodies.CAR_KINDS:
+    assert sum(kind.share for kind in CAR_KINDS) == pytest.approx(1)
+    for kind in CAR_KINDS:
         assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(
             kind.share, abs=0.055
         )
     for measure, (low, high) in (
-        *(
-            ("length", drawn_bodies.LENGTHS),
-            ("width", drawn_bodies.WIDTHS),
-            ("height", drawn_bodies.HEIGHTS),
-        ),
+        *(("length", CAR_LENGTHS_M), ("width", CAR_WIDTHS_M), ("height", CAR_HEIGHTS_M)),
     ):
         values = [getattr(car, measure) for car in CARS]
         assert low <= min(values) < low + 0.1 * (high - low)
         assert high >= max(values) > high - 0.25 * (high - low)
-    first, again = (drawn_bodies.draw_proportions(np.random.default_rng(8)) for _ in range(2))
+    first, again = (draw_proportions(np.random.default_rng(8)) for _ in range(2))
     assert first.length == again.length
     assert first.profile.tobytes() == again.profile.tobytes()
     for car in CARS:
@@ -44,7 +51,7 @@ def test_kinds_and_wheels_lie_in_their_ranges():
     assert len({car.profile.tobytes() for car in CARS}) == len(CARS)
 
 
-CARS_CARS = [drawn_bodies.draw_proportions(np.random.default_rng([3, k])) for k in range(40)]
+CARS_CARS = [draw_proportions(np.random.default_rng([3, k])) for k in range(40)]
 SHUT = [car for car in CARS_CARS if car.kind != "pickup"]
 
 
@@ -58,11 +65,7 @@ def first_hits(mesh, starts, direction):
 
 
 @pytest.mark.parametrize(
-    "build",
-    [
-        drawn_bodies.loft_car,
-        lambda car: drawn_bodies.build_block_car(car, np.random.default_rng(0)),
-    ],
+    "build", [loft_car, lambda car: build_block_car(car, np.random.default_rng(0))]
 )
 def test_cars_are_as_large_as_they_were_drawn(build):
     for car in CARS_CARS:
@@ -76,7 +79,7 @@ def test_meshes_of_cars_have_no_holes_wheels_and_round_corners():
     """Rays from above meet the body above its floor wherever it is, and rays from the left its left
     half."""
     for car in SHUT:
-        mesh = drawn_bodies.loft_car(car)
+        mesh = loft_car(car)
         x, y = np.meshgrid(
             np.linspace(-0.45, 0.45, 31) * car.length, np.linspace(-0.28, 0.28, 15) * car.width
         )
@@ -93,19 +96,16 @@ def test_meshes_of_cars_have_no_holes_wheels_and_round_corners():
         )
         assert across.min() > 0.2 * car.width, car.kind
     for car in CARS_CARS:
-        vertices = drawn_bodies.loft_car(car).vertices
+        vertices = loft_car(car).vertices
         low = vertices[vertices[:, 2] < 0.02]
         assert len({(x > 0, y > 0) for x, y in low[:, :2].tolist()}) == 4
         assert np.ptp(low[:, 0]) > 0.45 * car.length
         assert np.ptp(low[:, 1]) > 0.6 * car.width
     assert (
-        max(
-            len(drawn_bodies.build_block_car(car, np.random.default_rng(1)).triangles)
-            for car in CARS_CARS
-        )
+        max(len(build_block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS)
         < 420
     )
-    assert min(len(drawn_bodies.loft_car(car).triangles) for car in CARS_CARS) > 1200
+    assert min(len(loft_car(car).triangles) for car in CARS_CARS) > 1200
     car = replace(CARS_CARS[0], rounding=(0.1, 0.1), ends=(0.7, 0.8))
     width = car.half_width(np.array([0.0, 0.5, 1.0])) / (car.width / 2)
     assert width == pytest.approx(
@@ -116,9 +116,7 @@ def test_meshes_of_cars_have_no_holes_wheels_and_round_corners():
 def test_beds_planks_and_mounds_lie_as_high_as_they_should():
     pickups = [
         car
-        for car in (
-            drawn_bodies.draw_proportions(np.random.default_rng([4, k])) for k in range(150)
-        )
+        for car in (draw_proportions(np.random.default_rng([4, k])) for k in range(150))
         if car.kind == "pickup"
     ]
     assert pickups
@@ -127,24 +125,24 @@ def test_beds_planks_and_mounds_lie_as_high_as_they_should():
         front, rear, _ = car.bed
         assert 0.5 < front < 0.75 < rear < 1
         x = car.length * (0.5 - (front + rear) / 2)
-        bed = 5 - first_hits(drawn_bodies.loft_car(car), np.array([[x, 0.0, 5.0]]), [0.0, 0, -1])[0]
+        bed = 5 - first_hits(loft_car(car), np.array([[x, 0.0, 5.0]]), [0.0, 0, -1])[0]
         assert bed < 0.62 * car.height
-    moved = drawn_bodies.stretch(box((1, 2, 3), (7, 7, 7)), (4.0, 2.0, 1.0))
+    moved = stretch(box((1, 2, 3), (7, 7, 7)), (4.0, 2.0, 1.0))
     assert np.allclose(moved.vertices.min(axis=0), [-2, -1, 0])
     assert np.allclose(moved.vertices.max(axis=0), [2, 1, 1])
-    assert np.allclose(drawn_bodies.plank((1.0, 2.0, 3.0), 4.0, 5.0, 6.0).vertices[:, 2].min(), 6)
-    vertices = drawn_bodies.mound((2.0, 1.0, 0.5), 3.0, 0.7).vertices
+    assert np.allclose(plank((1.0, 2.0, 3.0), 4.0, 5.0, 6.0).vertices[:, 2].min(), 6)
+    vertices = mound((2.0, 1.0, 0.5), 3.0, 0.7).vertices
     assert np.allclose(vertices.min(axis=0)[[0, 2]], [2, 0.7], atol=0.01)
     assert np.allclose(vertices.max(axis=0), [4, 0.5, 1.2], atol=0.02)
 
 
-CARS_EXTRAS = [drawn_bodies.draw_proportions(np.random.default_rng([6, k])) for k in range(300)]
+CARS_EXTRAS = [draw_proportions(np.random.default_rng([6, k])) for k in range(300)]
 
 
 def test_mirrors_and_trailers_stick_out_and_follow():
     sides = []
     for number, car in enumerate(CARS_EXTRAS):
-        vertices = drawn_bodies.mirrors(car, np.random.default_rng([1, number])).vertices
+        vertices = draw_mirrors(car, np.random.default_rng([1, number])).vertices
         beyond = vertices[np.abs(vertices[:, 1]) > car.width / 2 + 1e-6]
         sides.append(len(set(np.sign(beyond[:, 1]).tolist())))
         if len(beyond):
@@ -157,19 +155,19 @@ def test_mirrors_and_trailers_stick_out_and_follow():
     seen = set()
     for number in range(30):
         car = replace(CARS_EXTRAS[number], height=1.5)
-        kind, mesh = drawn_bodies.trailer(car, np.random.default_rng(number))
+        kind, mesh = draw_trailer(car, np.random.default_rng(number))
         seen.add(kind)
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
         assert -car.length / 2 < mesh.vertices[:, 0].max() < -car.length / 2 + 0.2
         assert -car.length / 2 - 8.5 < mesh.vertices[:, 0].min() < -car.length / 2 - 2.5
         assert 1.3 < np.ptp(mesh.vertices[:, 1]) < 2.6
-    assert seen == set(drawn_bodies.TRAILERS)
+    assert seen == set(TRAILERS)
 
 
 def test_loads_lie_on_roofs_and_beds():
     seen = set()
     for number, car in enumerate(CARS_EXTRAS):
-        carried, load = drawn_bodies.draw_load(car, np.random.default_rng([2, number]))
+        carried, load = draw_load(car, np.random.default_rng([2, number]))
         seen.add(carried)
         assert bool(carried) == bool(len(load.triangles))
         if carried in ("taxi", "light_bar", "roof_box", "rack", "rails"):
@@ -178,10 +176,10 @@ def test_loads_lie_on_roofs_and_beds():
             assert car.height < high[2] < car.height + 0.5, carried
             assert max(-low[1], high[1]) < car.width / 2
             assert max(-low[0], high[0]) < 0.62 * car.length
-    assert seen == {"", *drawn_bodies.CARRIED}
+    assert seen == {"", *CARRIED}
     pickup = next(car for car in CARS_EXTRAS if car.kind == "pickup")
     for number in range(40):
-        carried, load = drawn_bodies.draw_load(pickup, np.random.default_rng(number))
+        carried, load = draw_load(pickup, np.random.default_rng(number))
         if carried == "load":
             low, high = load.vertices.min(axis=0), load.vertices.max(axis=0)
             assert low[0] > -pickup.length / 2

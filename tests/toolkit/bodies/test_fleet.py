@@ -5,7 +5,9 @@ import pytest
 import trimesh
 
 from toolkit.bodies.body import Body
-from toolkit.bodies.drawn_bodies import PEOPLE, TWO_WHEELERS, draw_body
+from toolkit.bodies.drawn_bodies import draw_body
+from toolkit.bodies.drawn_people import PEOPLE
+from toolkit.bodies.drawn_two_wheelers import TWO_WHEELERS
 from toolkit.bodies.fleet import FLEETS, HELD_OUT, LARGEST_DRAW, Fleet, catalogue, fleet_named
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 

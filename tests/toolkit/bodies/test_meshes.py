@@ -7,8 +7,9 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.bodies import drawn_bodies, meshes
+from toolkit.bodies import meshes
 from toolkit.bodies.body import Body, include_mirrors
+from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.mesh import Mesh, box, ellipsoid, merge, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
@@ -458,7 +459,7 @@ def test_stances_measures_and_mirrors_are_found():
     assert (points[:, 0] > 3).mean() == pytest.approx(0.8, abs=0.01)
     # Drawn bodies know how wide they are without them: an oracle.
     for number in range(40):
-        body = drawn_bodies.draw_body(VEHICLE, np.random.default_rng([11, number]))
+        body = draw_body(VEHICLE, np.random.default_rng([11, number]))
         whole = include_mirrors(body)
         span = meshes.mirror_span(
             Mesh(whole.vertices.astype(np.float64), whole.triangles.astype(np.int64))

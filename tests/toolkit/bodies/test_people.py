@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
-from toolkit.bodies.people import Figure, pedestrians, person, striding, two_wheelers
-from toolkit.traffic.spawner import BICYCLE_LENGTH
+from toolkit.bodies.figures import Figure, person, striding
+from toolkit.bodies.people import pedestrians
+from toolkit.bodies.two_wheelers import two_wheelers
+from toolkit.traffic.supply import BICYCLE_LENGTH
 
 
 def test_people_and_two_wheelers_have_their_measures():

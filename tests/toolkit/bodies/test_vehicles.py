@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.body import Body, make_boxed_body
-from toolkit.bodies.vehicles import CAR_SHAPES, cars, trucks
+from toolkit.bodies.catalogue_cars import CAR_SHAPES, cars
+from toolkit.bodies.catalogue_trucks import trucks
 from toolkit.objects import VEHICLE
 
 BODIES = [make_boxed_body(name, VEHICLE, *meshes) for name, meshes in cars().items()]

@@ -17,7 +17,8 @@ from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project
-from toolkit.sites.maps import MapPiece, import_osm
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 CENTRE = (13.4, 52.505)

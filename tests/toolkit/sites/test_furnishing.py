@@ -4,15 +4,21 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites import furniture, site, surroundings
-from toolkit.sites.surroundings import (
-    LANE_CLEARANCE_M,
-    MOUNT_CLEARANCE_M,
-    Plot,
-    Road,
-    along,
-    place_mounts,
+from toolkit.sites import furniture, site
+from toolkit.sites.surroundings.furnish import POST_AIR_M, furnish
+from toolkit.sites.surroundings.islands import plant_islands
+from toolkit.sites.surroundings.mount_places import place_mounts
+from toolkit.sites.surroundings.places import along
+from toolkit.sites.surroundings.plot import LANE_CLEARANCE_M, MOUNT_CLEARANCE_M, Plot, Road
+from toolkit.sites.surroundings.road_works import lane_works, verge_works
+from toolkit.sites.surroundings.street_trees import (
+    CROWN_WIDTH_M,
+    UNDERSIDE_M,
+    avenues,
+    clumps,
+    plant,
 )
+from toolkit.sites.surroundings.works_closings import barrier, beacon, concrete, cone, fence
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
 SHOULDER = furniture.rectangle(-80.0, -8.7, 80.0, -3.5)
@@ -39,7 +45,7 @@ DRIVEN = shapely.box(-80.0, -3.5, 80.0, 3.5)
 def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles):
     rng = np.random.default_rng(seed)
     mounts = place_mounts(ROAD, AREA, rng)
-    solids, bays = surroundings.furnish(replace(ROAD, angles=angles), AREA, mounts, rng)
+    solids, bays = furnish(replace(ROAD, angles=angles), AREA, mounts, rng)
     low = [(shapely.Polygon(s.footprint), s.kind) for s in solids if s.base < 2]
     assert {"building", "post"} <= {kind for _, kind in low}
     assert max(shape.intersection(DRIVEN).area for shape, _ in low) < 1e-3
@@ -62,29 +68,27 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
 def test_posts_and_crowns_have_their_size_and_shape():
     rng = np.random.default_rng(0)
     mounts = place_mounts(ROAD, AREA, rng)
-    solids, _ = surroundings.furnish(replace(ROAD, strips={}), AREA, mounts, rng)
+    solids, _ = furnish(replace(ROAD, strips={}), AREA, mounts, rng)
     assert [s.top for s in solids[: len(mounts)]] == [
-        round(m.min_height - surroundings.POST_AIR_M, 2) for m in mounts
+        round(m.min_height - POST_AIR_M, 2) for m in mounts
     ]
     assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
     number = 0
     for seed in range(8):
         plot = Plot(ROAD, WINDOW, [])
-        surroundings.verge_works(plot, np.random.default_rng(seed))
+        verge_works(plot, np.random.default_rng(seed))
         assert not any(shapely.Polygon(s.footprint).intersects(ROAD.surface) for s in plot.solids)
         number += len(plot.solids) > 0
     assert number >= 4
-    solids = surroundings.barrier(2.5, np.random.default_rng(0))
+    solids = barrier(2.5, np.random.default_rng(0))
     assert np.ptp(np.concatenate([s.footprint for s in solids])[:, 0]) == pytest.approx(2.5)
     assert min(s.base for s in solids) == 0
     assert 0.9 <= max(s.top for s in solids) <= 1.2
     plot = Plot(ROAD, WINDOW, [])
-    surroundings.avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
+    avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
     assert plot.solids == []
     for seed in range(10):
-        made = surroundings.clumps(
-            5.0, -2.0, surroundings.CROWN_WIDTH_M[1] / 2, (3.0, 7.0), np.random.default_rng(seed)
-        )
+        made = clumps(5.0, -2.0, CROWN_WIDTH_M[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
         assert 3 <= len(made) <= 8
         reach = max(np.hypot(*(s.footprint - [5.0, -2.0]).T).max() for s in made)
         assert 3.0 < reach < 4.51
@@ -92,14 +96,12 @@ def test_posts_and_crowns_have_their_size_and_shape():
         assert max(s.top for s in made) == 7.0
     rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
     plot.solids.append(site.Solid(furniture.rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
-    assert surroundings.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
+    assert plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert max(crown.bounds[3] for crown in crowns) <= 8.01
-    assert not surroundings.plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), (
-        "too close to the wall"
-    )
-    assert not surroundings.plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
-    assert not surroundings.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
+    assert not plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
+    assert not plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
+    assert not plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
 
 
 WINDOW = shapely.box(*AREA).buffer(25.0, join_style="mitre")
@@ -108,7 +110,7 @@ KERB = along(ROAD.carriageway.buffer(0.8).boundary.intersection(WINDOW), 0.5)
 
 def avenue(seed):
     plot = Plot(ROAD, WINDOW, [site.Mount("pole", np.array([3.0, 4.3, 0.0]))])
-    surroundings.avenues(plot, KERB, np.random.default_rng(seed))
+    avenues(plot, KERB, np.random.default_rng(seed))
     return plot.solids
 
 
@@ -119,13 +121,7 @@ def test_avenues_islands_and_slivers_are_planted():
         crowns = [s for s in solids if s.kind == "tree"]
         trunks = [shapely.Polygon(s.footprint) for s in solids if s.kind == "trunk"]
         assert not any(trunk.intersects(ROAD.carriageway) for trunk in trunks)
-        assert all(
-            surroundings.UNDERSIDE_M[0] - 0.01
-            <= s.base
-            < s.top
-            <= surroundings.UNDERSIDE_M[1] + 7.3
-            for s in crowns
-        )
+        assert all(UNDERSIDE_M[0] - 0.01 <= s.base < s.top <= UNDERSIDE_M[1] + 7.3 for s in crowns)
         hung = [s for s in crowns if shapely.Polygon(s.footprint).intersects(DRIVEN)]
         seen += len(hung) > 10
         near = [shapely.Polygon(s.footprint).distance(shapely.Point(3.0, 4.3)) for s in crowns]
@@ -160,7 +156,7 @@ def test_avenues_islands_and_slivers_are_planted():
 def test_a_footway_is_planted_only_where_it_may_be(footway):
     plot = Plot(ROAD, WINDOW, [])
     assert (
-        surroundings.plant(
+        plant(
             plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway
         )
         == footway
@@ -170,9 +166,7 @@ def test_a_footway_is_planted_only_where_it_may_be(footway):
 @pytest.mark.parametrize(("underside", "reaches"), [(2.4, False), (2.5, True)])
 def test_crowns_too_low_to_drive_below_keep_off_the_road(underside, reaches):
     plot = Plot(ROAD, WINDOW, [])
-    assert surroundings.plant(
-        plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0)
-    )
+    assert plant(plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0))
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert any(crown.intersects(ROAD.carriageway) for crown in crowns) == reaches
 
@@ -191,13 +185,13 @@ def planted(seed, sides=SIDES):
         shapely.box(-60, -60, 60, 60),
         [],
     )
-    surroundings.plant_islands(plot, np.random.default_rng(seed))
+    plant_islands(plot, np.random.default_rng(seed))
     return plot
 
 
 def works(seed, line=LINE, edge="in0"):
     plot = Plot(ROAD, WINDOW, [])
-    surroundings.lane_works(plot, {edge: (line, 3.4)}, np.random.default_rng(seed))
+    lane_works(plot, {edge: (line, 3.4)}, np.random.default_rng(seed))
     return plot.solids
 
 
@@ -219,11 +213,8 @@ def test_a_closed_lane_is_fenced_off_and_nothing_of_it_is_in_the_way(edge):
 @pytest.mark.parametrize(
     ("make", "kind", "top"),
     [
-        *((surroundings.cone, "cone", (0.5, 1.0)), (surroundings.beacon, "cone", (1.0, 1.3))),
-        *(
-            (surroundings.concrete, "barrier", (0.75, 0.95)),
-            (surroundings.fence, "fence", (1.2, 2.0)),
-        ),
+        *((cone, "cone", (0.5, 1.0)), (beacon, "cone", (1.0, 1.3))),
+        *((concrete, "barrier", (0.75, 0.95)), (fence, "fence", (1.2, 2.0))),
     ],
 )
 def test_what_closes_a_lane_has_its_usual_size(make, kind, top):

@@ -12,10 +12,18 @@ from toolkit.boxes import footprints
 from toolkit.geometry import transform
 from toolkit.objects import VEHICLE
 from toolkit.points import has_centre_inside
-from toolkit.sites import furniture, georeference, maps
+from toolkit.sites import furniture, georeference
 from toolkit.sites.files import document, parse
+from toolkit.sites.maps.furnishing import furnish_site, redraw
+from toolkit.sites.maps.legs import find_legs
+from toolkit.sites.maps.map_bays import find_free_bays, lay_bays
+from toolkit.sites.maps.opendrive_site import import_opendrive
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.maps.road_surface import junction_corners, kerbstones, whole_road
+from toolkit.sites.maps.tracks import find_tracks, find_turns
 from toolkit.sites.site import Mount, Solid
-from toolkit.sites.surroundings import count_things
+from toolkit.sites.surroundings.things import count_things
 from toolkit.traffic.snapshots import simulate
 
 CENTRE = (13.4, 52.505)
@@ -25,8 +33,8 @@ carla = pytest.mark.skipif(not (SHARED / "carla").is_dir(), reason="the CARLA ma
 
 @carla
 def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
-    site = maps.import_opendrive(
-        maps.MapPiece(
+    site = import_opendrive(
+        MapPiece(
             SHARED / "carla" / "Town01.xodr", centre=(104, -196), size=(80, 40), heading=np.pi / 2
         )
     )
@@ -58,8 +66,8 @@ def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
     with pytest.warns(
         UserWarning, match=r"Town03.xodr: its geoReference names no projection \('\+lat_0=4\.9"
     ):
-        site = maps.import_opendrive(
-            maps.MapPiece(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96))
+        site = import_opendrive(
+            MapPiece(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96))
         )
     assert site.geo_reference is None
     check_site(site, tmp_path)
@@ -73,45 +81,43 @@ def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
 @carla
 def test_turned_site_is_the_same_place_and_needs_a_road(tmp_path, on_lanes):
     town = SHARED / "carla" / "Town01.xodr"
-    straight = maps.import_opendrive(maps.MapPiece(town, centre=(104, -196), size=(60, 60)))
-    turned = maps.import_opendrive(
-        maps.MapPiece(town, centre=(104, -196), size=(60, 60), heading=0.6)
-    )
+    straight = import_opendrive(MapPiece(town, centre=(104, -196), size=(60, 60)))
+    turned = import_opendrive(MapPiece(town, centre=(104, -196), size=(60, 60), heading=0.6))
     spot = np.array([[-13.6, 5.0, 0.0]])
     assert on_lanes(straight, *spot[0, :2])
     moved = transform(np.linalg.inv(turned.map_SE3_site), transform(straight.map_SE3_site, spot))
     assert on_lanes(turned, *moved[0, :2])
     with pytest.raises(ValueError, match="no road within the area about 200 -260"):
-        maps.import_opendrive(
-            maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(200, -260), size=(20, 20))
+        import_opendrive(
+            MapPiece(SHARED / "carla" / "Town01.xodr", centre=(200, -260), size=(20, 20))
         )
     with pytest.raises(
         ValueError, match=r"centre 9000 0 lies outside the map, .*: give --centre X Y"
     ):
-        maps.import_opendrive(
-            maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(9000, 0), size=(20, 20))
+        import_opendrive(
+            MapPiece(SHARED / "carla" / "Town01.xodr", centre=(9000, 0), size=(20, 20))
         )
 
 
-@pytest.mark.parametrize("reader", [maps.import_opendrive, maps.import_osm])
+@pytest.mark.parametrize("reader", [import_opendrive, import_osm])
 @pytest.mark.parametrize(
     "content", [b"", b"hello", b"\x00\x01\x02", b"<html></html>", b"<osm", b"{}", b"<osm></osm>"]
 )
 def test_no_map(tmp_path, reader, content):
     (tmp_path / "bad.osm").write_bytes(content)
     with pytest.raises(ValueError, match=r"bad\.osm: .*: (give|download|export|it )") as raised:
-        reader(maps.MapPiece(tmp_path / "bad.osm", centre=(0, 0), size=(50, 50)))
+        reader(MapPiece(tmp_path / "bad.osm", centre=(0, 0), size=(50, 50)))
     assert "\n" not in str(raised.value)
 
 
 def test_missing_file_and_bad_place(tmp_path, put, crossroads):
     with pytest.raises(FileNotFoundError, match="no map"):
-        maps.import_osm(maps.MapPiece(tmp_path / "none.osm", centre=CENTRE, size=(50, 50)))
+        import_osm(MapPiece(tmp_path / "none.osm", centre=CENTRE, size=(50, 50)))
     path = put(crossroads(), tmp_path)
     with pytest.raises(ValueError, match="size must be two lengths above 0"):
-        maps.import_osm(maps.MapPiece(path, centre=CENTRE, size=(50, -1)))
+        import_osm(MapPiece(path, centre=CENTRE, size=(50, -1)))
     with pytest.raises(ValueError, match="centre must be two finite numbers"):
-        maps.import_osm(maps.MapPiece(path, centre=(np.nan, 0.0), size=(50, 50)))
+        import_osm(MapPiece(path, centre=(np.nan, 0.0), size=(50, 50)))
 
 
 def test_crossroads(tmp_path, imported, crossroads, on_lanes, union):
@@ -172,15 +178,15 @@ def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, b
     with pytest.raises(
         ValueError, match=r"centre 52.505 13.4 lies outside the map, which spans longitude 13\.39"
     ):
-        maps.import_osm(maps.MapPiece(path, centre=CENTRE[::-1], size=(60, 60)))
+        import_osm(MapPiece(path, centre=CENTRE[::-1], size=(60, 60)))
     (aside,) = georeference.inverse_project(np.array([[120.0, 120.0]]), CENTRE)
     with pytest.raises(ValueError, match="no road within the area"):
-        maps.import_osm(maps.MapPiece(path, centre=tuple(aside), size=(20, 20)))
+        import_osm(MapPiece(path, centre=tuple(aside), size=(20, 20)))
     draft = empty_map()
     draft.way(*box(0, 0, 20, 20), building="yes")
     draft.way((-30, -30), (30, 30), highway="footway")
     with pytest.raises(ValueError, match="no road within the area"):
-        maps.import_osm(maps.MapPiece(put(draft, tmp_path), centre=CENTRE, size=(20, 20)))
+        import_osm(MapPiece(put(draft, tmp_path), centre=CENTRE, size=(20, 20)))
 
 
 def straight(folder, inside=""):
@@ -212,7 +218,7 @@ def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, ch
     sign = '<signal id="9" type="274" s="170" t="-8.5" zOffset="2.5" dynamic="no" orientation="+"/>'
     path = straight(tmp_path, f"<objects>{objects}</objects><signals>{sign}</signals>")
     with pytest.warns(UserWarning, match=r"street\.xodr: ") as caught:
-        site = maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40)))
+        site = import_opendrive(MapPiece(path, centre=(0, 0), size=(80, 40)))
     assert [str(each.message).partition(": ")[2] for each in caught] == [
         "1 objects or signals stand on the carriageway and were left out",
         "objects of types that are not known were left out: 1 'dragon'",
@@ -236,7 +242,7 @@ def test_a_bare_street_is_furnished_from_a_seed(tmp_path, of_kind):
     with pytest.warns(
         UserWarning, match=r"street\.xodr: drawn from seed 2, in no map: .* building.* tree"
     ):
-        site = maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40), seed=2))
+        site = import_opendrive(MapPiece(path, centre=(0, 0), size=(80, 40), seed=2))
     assert of_kind(site, "building")
     assert site.relief.amplitude > 0
 
@@ -247,7 +253,7 @@ def test_damaged_objects_are_left_out_and_counted(tmp_path):
     with pytest.warns(
         UserWarning, match=rf"street\.xodr: 1 damaged objects or signals were left out: {reason}$"
     ):
-        maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40)))
+        import_opendrive(MapPiece(path, centre=(0, 0), size=(80, 40)))
 
 
 def test_parking_spaces_of_openstreetmap(tmp_path, imported, crossroads):
@@ -283,32 +289,32 @@ def shape(polygons):
 
 def test_whole_roads_have_tracks_turns_and_legs():
     # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
-    tracks = maps.find_tracks(NET)
+    tracks = find_tracks(NET)
     assert tracks.bounds == pytest.approx((-80, -3.75, 25.5, -0.25), abs=0.5)
     assert tracks.area == pytest.approx(80 * 3 + 20 * 3.5 + 5.5 * 2.6, abs=1.5)
-    carriageway, footway = maps.junction_corners(NET)
+    carriageway, footway = junction_corners(NET)
     assert footway.bounds == (0, -6, 8, -2)
     assert carriageway.area == pytest.approx(72 - 32)
     bend = "0,0 1,0 2,0.2 3,0.6 4,1.2 4.8,2 5.4,3 5.8,4 6,5 6,6"
     lane = f'<lane id=":c_0_0" index="0" width="2" shape="{bend}"/>'
-    turn = maps.find_tracks(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
+    turn = find_tracks(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
     assert turn.contains(
         shapely.Point(3.2, 2.6)
     )  # 1.3 m off the chord from one end of the body to the other
     assert not turn.contains(shapely.Point(1.0, 5.0))
     assert (
-        maps.find_turns(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
+        find_turns(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
         .buffer(1.0)
         .contains(turn)
     )
-    assert maps.find_turns(NET).is_empty
-    paths, widths = maps.legs(NET)
+    assert find_turns(NET).is_empty
+    paths, widths = find_legs(NET)
     assert widths == [(3.5, 3.5)]  # 5 m of lanes, from the middle of the inner one
     np.testing.assert_allclose(paths[0], [[-80, -2], [0, -2], [130, -2]])
     lanes = [shapely.box(-60, -4, -0.8, 4), shapely.box(0.8, -4, 60, 4)]
     footways = [shapely.box(-60, 4, 60, 6), shapely.box(-0.8, 1, 0.8, 5)]
     track = shapely.box(-60, -3, 60, 0)
-    road, walk = (shape(each) for each in maps.whole_road(lanes, footways, track, WINDOW))
+    road, walk = (shape(each) for each in whole_road(lanes, footways, track, WINDOW))
     assert (
         road.symmetric_difference(shapely.box(-50, -4, 50, 4)).area < 4.0
     )  # the far side of the slot may stay open
@@ -321,16 +327,14 @@ def test_whole_roads_have_tracks_turns_and_legs():
         shapely.box(-20, 20, 20, 20.6),
     ]
     footways = [shapely.box(-80, 4.2, 80, 6), shapely.box(10, -4.3, 30, -4)]
-    road, walk = (
-        shape(each) for each in maps.whole_road(lanes, footways, shapely.Polygon(), WINDOW)
-    )
+    road, walk = (shape(each) for each in whole_road(lanes, footways, shapely.Polygon(), WINDOW))
     assert road.bounds[0::2] == walk.bounds[0::2] == (-50, 50)
     assert road.symmetric_difference(shapely.box(-50, -4, 50, 4)).area < 0.5
     assert walk.bounds[1] >= 4.0
     lanes = [shapely.box(-60, -8, 60, 8).difference(shapely.box(0, -2, 4, 2))]
     islet, refuge = shapely.box(0, -2, 4, 2), shapely.box(-40, 8, 40, 12)
     track = shapely.box(-60, 7, 60, 9)
-    road, walk = (shape(each) for each in maps.whole_road(lanes, [islet, refuge], track, WINDOW))
+    road, walk = (shape(each) for each in whole_road(lanes, [islet, refuge], track, WINDOW))
     assert road.contains(islet.buffer(-0.05))
     assert walk.bounds == pytest.approx((-40, 9, 40, 12), abs=0.02)
 
@@ -338,9 +342,7 @@ def test_whole_roads_have_tracks_turns_and_legs():
 def test_roads_yield_and_bays_are_free():
     lanes, walk = [shapely.box(-60, -4, 60, 4)], [shapely.box(-60, 4, 60, 6)]
     fillings = shapely.box(-10, -12, 10, 5), shapely.box(-10, -14, 10, -12)
-    lanes_there, footways = maps.whole_road(
-        lanes, walk, shapely.Polygon(), WINDOW, fillings=fillings
-    )
+    lanes_there, footways = whole_road(lanes, walk, shapely.Polygon(), WINDOW, fillings=fillings)
     assert shape(lanes_there).contains(shapely.box(-9.9, -11.9, 9.9, 0))
     assert shape(footways).contains(shapely.box(-9.9, 4.1, 9.9, 5.9))
     assert shape(footways).contains(shapely.box(-9.9, -13.9, 9.9, -12.1))
@@ -348,41 +350,37 @@ def test_roads_yield_and_bays_are_free():
         (furniture.rectangle(-10.0, -4.0, 10.0, 4.0),),
         (furniture.rectangle(-10.0, 4.0, 10.0, 6.0),),
     )
-    stones = maps.kerbstones(driven, footways, shapely.Polygon())
+    stones = kerbstones(driven, footways, shapely.Polygon())
     assert shape([s.footprint for s in stones]).bounds == pytest.approx(
         (-10, 4.01, 10, 4.15), abs=0.011
     )
     assert [(s.base, s.top, s.kind) for s in stones] == [(0.0, 0.12, "kerb")] * 5
-    assert maps.kerbstones(driven, (), shapely.Polygon()) == []
-    lowered = shape(
-        [s.footprint for s in maps.kerbstones(driven, footways, shapely.box(-3, 0, 3, 9))]
-    )
+    assert kerbstones(driven, (), shapely.Polygon()) == []
+    lowered = shape([s.footprint for s in kerbstones(driven, footways, shapely.box(-3, 0, 3, 9))])
     assert lowered.area == pytest.approx(14 * 0.14, abs=0.1)
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
     bays = [(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)]
     window = shapely.box(-40, -40, 40, 40)
-    rows = maps.free_bays(
+    rows = find_free_bays(
         bays, window, [furniture.post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20)
     )
     np.testing.assert_allclose(rows, [[0, 9, 0]])
     # the front of a slanted bay may reach over a lane's edge
     strip, lane = (4.8, shapely.box(-40, -3.3, 40, 0))
-    assert len(maps.free_bays([(0.0, strip / 2, 0.25 * np.pi)], window, [], lane)) == 1
-    assert len(maps.free_bays([(0.0, strip / 2 - 0.5, 0.25 * np.pi)], window, [], lane)) == 0
-    along = maps.bays_along(np.array([[0.0, 0], [0, 20]]))
+    assert len(find_free_bays([(0.0, strip / 2, 0.25 * np.pi)], window, [], lane)) == 1
+    assert len(find_free_bays([(0.0, strip / 2 - 0.5, 0.25 * np.pi)], window, [], lane)) == 0
+    along = lay_bays(np.array([[0.0, 0], [0, 20]]))
     np.testing.assert_allclose(
         along, [(0, 3.2, np.pi / 2), (0, 9.6, np.pi / 2), (0, 16.0, np.pi / 2)]
     )
-    assert maps.bays_along(np.array([[0.0, 0], [5, 0]])) == []
+    assert lay_bays(np.array([[0.0, 0], [5, 0]])) == []
 
 
 @pytest.fixture(scope="module")
 def bare():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return maps.import_osm(
-            maps.MapPiece(DOCS / "own-junction.osm", centre=(8.0, 49.5), size=(70, 50))
-        )
+        return import_osm(MapPiece(DOCS / "own-junction.osm", centre=(8.0, 49.5), size=(70, 50)))
 
 
 def on_lanes(solids, lanes):
@@ -399,9 +397,9 @@ def low(site, below):
 def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     house = Solid(furniture.rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
     lamp = Mount("lamp99", np.array([9.0, 9.0, 0.0]))
-    made, said = maps.furnish_site(bare, [*bare.mounts, lamp], [house], 3)
-    again, _ = maps.furnish_site(bare, [*bare.mounts, lamp], [house], 3)
-    other, _ = maps.furnish_site(bare, [*bare.mounts, lamp], [house], 4)
+    made, said = furnish_site(bare, [*bare.mounts, lamp], [house], 3)
+    again, _ = furnish_site(bare, [*bare.mounts, lamp], [house], 3)
+    other, _ = furnish_site(bare, [*bare.mounts, lamp], [house], 4)
     assert made == again
     assert made != other
     ours = shapely.box(10, 10, 30, 30)
@@ -420,14 +418,14 @@ def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     feet = np.array([m.position for m in made.mounts])
     np.testing.assert_allclose(feet[:, 2], made.ground(feet[:, :2]), atol=1e-3)
     with pytest.raises(ValueError, match="seed must be a whole number from 0 up, got -1"):
-        maps.furnish_site(bare, bare.mounts, [], -1)
+        furnish_site(bare, bare.mounts, [], -1)
 
 
 def test_another_drawing_keeps_what_is_mapped(bare):
     house = Solid(furniture.rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
-    made, _ = maps.furnish_site(bare, bare.mounts, [house], 3)
-    assert maps.redraw(made, 3).mounts == made.mounts
-    others = [maps.redraw(made, seed) for seed in (5, 5, 6)]
+    made, _ = furnish_site(bare, bare.mounts, [house], 3)
+    assert redraw(made, 3).mounts == made.mounts
+    others = [redraw(made, seed) for seed in (5, 5, 6)]
     assert others[0] == others[1] != others[2]
     for other in others:
         assert other.relief == made.relief
@@ -436,11 +434,11 @@ def test_another_drawing_keeps_what_is_mapped(bare):
         ]
         assert count_things(other)["mapped"] == count_things(made)["mapped"]
         assert parse(document(other)) == other
-    light, _ = maps.furnish_site(bare, bare.mounts, [house], 3, "light")
+    light, _ = furnish_site(bare, bare.mounts, [house], 3, "light")
     assert not {"building", "fence", "container", "wall"} & set(count_things(light)["drawn"])
     assert "tree" in count_things(light)["drawn"]
     with pytest.raises(ValueError, match="no furnishing to draw again"):
-        maps.redraw(bare, 3)
+        redraw(bare, 3)
 
 
 def touched(site, frames, interval) -> np.ndarray:
@@ -476,14 +474,14 @@ def junctions(town):
 def whole(town, centre):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        site = maps.import_opendrive(
-            maps.MapPiece(SHARED / "carla_imported" / town, centre=centre, size=(80, 70), seed=0)
+        site = import_opendrive(
+            MapPiece(SHARED / "carla_imported" / town, centre=centre, size=(80, 70), seed=0)
         )
     lanes = shape(site.lanes)
     assert on_lanes(low(site, 2.0), lanes) < 1e-3
     assert shape(site.footways).intersection(lanes).area < 0.1
     assert (
-        maps.find_tracks(site.network)
+        find_tracks(site.network)
         .intersection(shapely.box(*site.area))
         .difference(lanes.buffer(0.05))
         .area

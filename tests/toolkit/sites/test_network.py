@@ -12,11 +12,11 @@ import shapely
 from toolkit.sites import network
 from toolkit.sites.network import (
     build_network,
-    convert,
     cut_polygons,
     list_polygons,
     netconvert,
     road_polygons,
+    run_netconvert,
     street,
 )
 
@@ -59,7 +59,7 @@ def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
         )
     assert "\n" not in str(refusal.value)
     with pytest.raises(ValueError, match="netconvert"):
-        convert(["--opendrive-files=/no/such/file.xodr"])
+        run_netconvert(["--opendrive-files=/no/such/file.xodr"])
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.delenv("SUMO_HOME", raising=False)
@@ -79,12 +79,12 @@ def test_netconvert_has_limits_and_dies_with_its_parent(tmp_path, monkeypatch):
     monkeypatch.setattr(network, "netconvert", lambda: program)
     monkeypatch.setattr(network, "MAX_RUN_S", 1.0)
     with pytest.raises(ValueError, match="no network made in 1 s"):
-        convert([])
+        run_netconvert([])
     assert int(said.read_text().split()[1]) * 1024 == network.MAX_MEMORY_BYTES
     said.unlink()
     code = (
         f"from toolkit.sites import network; network.netconvert = lambda: {str(program)!r}; "
-        "network.convert([])"
+        "network.run_netconvert([])"
     )
     parent = subprocess.Popen([sys.executable, "-c", code])
     while not said.exists():

@@ -7,21 +7,19 @@ import pytest
 import shapely
 
 from toolkit.geometry import pose
-from toolkit.sites.cubics import Cubics, cubics, number
 from toolkit.sites.furniture import post, rectangle
-from toolkit.sites.opendrive import (
-    Standing,
-    find_plane,
-    find_projection,
-    in_map,
-    in_site,
-    lanes,
-    move_to_site,
-    off_the_road,
-    read_opendrive,
-    read_road,
-    read_standing,
-    roads_near,
+from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
+from toolkit.sites.opendrive.ground_plane import find_plane
+from toolkit.sites.opendrive.lane_surfaces import outline_lanes
+from toolkit.sites.opendrive.map_file import read_opendrive
+from toolkit.sites.opendrive.map_frame import move_shape_to_map, move_shape_to_site
+from toolkit.sites.opendrive.map_projection import find_projection
+from toolkit.sites.opendrive.map_roads import find_near_roads, read_road
+from toolkit.sites.opendrive.road_objects import (
+    RoadObjects,
+    move_objects_to_site,
+    read_road_objects,
+    select_solids,
 )
 
 LANES = (
@@ -74,7 +72,7 @@ def test_lines_spirals_and_polynomials():
         line.at(np.array([0.0, 12.0])), [[10, 5, np.pi / 2], [10, 17, np.pi / 2]], atol=1e-12
     )
     np.testing.assert_allclose(
-        line.beside(np.array([12.0]), np.array([3.0])), [[7, 17]], atol=1e-12
+        line.step_aside(np.array([12.0]), np.array([3.0])), [[7, 17]], atol=1e-12
     )
     line = line_of((10.0, "<line/>"), (10.0, '<arc curvature="0.1"/>'))
     assert line.length == 20.0
@@ -98,7 +96,7 @@ def test_lines_spirals_and_polynomials():
     np.testing.assert_allclose(line.elevation.at(np.array([0.0, 10, 40])), [1, 2.1, 4.2])
     np.testing.assert_allclose(line.elevation.slope(np.array([10.0, 40])), [0.12, 0.02])
     assert (Cubics(np.zeros(0), np.zeros((0, 4))).at(np.arange(3.0)) == 0).all()
-    assert not len(cubics([]).starts)
+    assert not len(read_cubics([]).starts)
 
 
 def along(function, end):
@@ -143,9 +141,9 @@ def test_what_is_no_number(text):
     with pytest.raises(
         ValueError, match=r"<a> needs a finite number as s, got .*: export it again"
     ) as raised:
-        number(ElementTree.fromstring(f'<a s="{text}"/>'), "s")
+        read_number(ElementTree.fromstring(f'<a s="{text}"/>'), "s")
     assert "\n" not in str(raised.value)
-    assert number(ElementTree.fromstring("<a/>"), "s", 2.5) == 2.5
+    assert read_number(ElementTree.fromstring("<a/>"), "s", 2.5) == 2.5
 
 
 def test_damaged_geometry_and_what_would_stop_traffic():
@@ -155,7 +153,7 @@ def test_damaged_geometry_and_what_would_stop_traffic():
         line_of((5.0, "<loop/>"))
     with pytest.raises(ValueError, match="length of 0 to 100000 m, got -3"):
         line_of((-3.0, "<line/>"))
-    there = Standing(
+    there = RoadObjects(
         groups=[
             [post(0.0, 9.0, 3.0)],
             [post(0.0, 0.0, 3.0), post(0.0, 8.0, 3.0)],
@@ -164,7 +162,7 @@ def test_damaged_geometry_and_what_would_stop_traffic():
         ]
     )
     there.unknown.update({"dragon": 2, "elf": 1})
-    kept, notes = off_the_road(
+    kept, notes = select_solids(
         there, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()
     )
     assert kept == there.groups[0]
@@ -172,8 +170,8 @@ def test_damaged_geometry_and_what_would_stop_traffic():
         "1 objects or signals stand on the carriageway and were left out",
         "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
     ]
-    assert off_the_road(
-        Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()
+    assert select_solids(
+        RoadObjects(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()
     ) == ([], [])
 
 
@@ -181,18 +179,20 @@ WINDOW = shapely.box(-40, -40, 40, 40)
 
 
 def near(path, window, level, storey):
-    return roads_near(read_opendrive(path, (0.0, 0.0)), window, level, storey)[0]
+    return find_near_roads(read_opendrive(path, (0.0, 0.0)), window, level, storey)[0]
 
 
 def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
     (road,) = near(street(tmp_path), WINDOW, 0.0, 3.5)
-    found = [(lane.kind, lane.outline.bounds, lane.width) for lane in lanes(road)]
+    found = [(lane.kind, lane.outline.bounds, lane.width) for lane in outline_lanes(road)]
     assert found == [
         *(("driving", (-50, 0.5, 50, 4.0), 3.5), ("sidewalk", (-50, 4.0, 50, 6.0), 2.0)),
         *(("driving", (-50, -3.0, 50, 0.5), 3.5), ("parking", (-50, -5.5, 50, -3.0), 2.5)),
         ("sidewalk", (-50, -7.5, 50, -5.5), 2.0),
     ]
-    np.testing.assert_allclose(list(lanes(road))[3].middle[[0, -1]], [[-50, -4.25], [50, -4.25]])
+    np.testing.assert_allclose(
+        list(outline_lanes(road))[3].middle[[0, -1]], [[-50, -4.25], [50, -4.25]]
+    )
     high = street(tmp_path, elevation='<elevation s="0" a="6"/>')
     assert near(high, WINDOW, 0.0, 3.5) == []
     assert len(near(high, WINDOW, 4.0, 3.5)) == 1
@@ -205,7 +205,7 @@ def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
     assert find_plane(there, WINDOW.buffer(20.0), np.eye(4))[2] == pytest.approx(0.3)
     path = street(tmp_path, lanes='<lanes><laneSection s="zero"/></lanes>')
     with pytest.raises(ValueError, match="<laneSection> needs a finite number as s, got 'zero'"):
-        list(lanes(near(path, WINDOW, 0.0, 3.5)[0]))
+        list(outline_lanes(near(path, WINDOW, 0.0, 3.5)[0]))
     path = street(tmp_path, elevation='<elevation s="0" a="up"/>')
     with pytest.raises(ValueError, match="<elevation> needs a finite number as a, got 'up'"):
         near(path, WINDOW, 0.0, 3.5)
@@ -214,12 +214,12 @@ def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
 def test_frames_are_inverse_and_things_move_to_the_site():
     spot = shapely.Point(3.0, 4.0)
     there = pose(10.0, -20.0, 5.0, yaw=np.pi / 2)
-    assert in_map(spot, there).equals_exact(shapely.Point(6.0, -17.0), 1e-9)
-    assert in_site(in_map(spot, there), there).equals_exact(spot, 1e-9)
-    standing = Standing(
+    assert move_shape_to_map(spot, there).equals_exact(shapely.Point(6.0, -17.0), 1e-9)
+    assert move_shape_to_site(move_shape_to_map(spot, there), there).equals_exact(spot, 1e-9)
+    standing = RoadObjects(
         groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)]
     )
-    moved = move_to_site(standing, pose(10.0, 5.0, yaw=np.pi / 2))
+    moved = move_objects_to_site(standing, pose(10.0, 5.0, yaw=np.pi / 2))
     np.testing.assert_allclose(moved.groups[0][0].footprint.mean(axis=0), [0, -2], atol=1e-3)
     np.testing.assert_allclose(moved.bays, [[0, -2, 1.0 - np.pi / 2]], atol=1e-9)
     np.testing.assert_allclose(moved.lamps, [[1, 0]], atol=1e-9)
@@ -267,9 +267,9 @@ def test_place_and_projection(street, tmp_path):
 
 @pytest.fixture
 def found(street, tmp_path):
-    def read(objects="", signals="") -> Standing:
+    def read(objects="", signals="") -> RoadObjects:
         path = street(tmp_path, objects, signals)
-        return read_standing(near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
+        return read_road_objects(near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
 
     return read
 
@@ -364,7 +364,7 @@ def test_damaged_objects_are_left_out(found, inside, message):
     assert len(standing.groups) == 1
     (reason,) = standing.damaged
     assert re.match(message, reason)
-    _, notes = off_the_road(
+    _, notes = select_solids(
         standing, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()
     )
     assert re.match(f"1 damaged objects or signals were left out: {message}", notes[-1])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.maps import MapPiece, import_osm
-from toolkit.sites.osm import read_map
+from toolkit.sites.maps.osm_site import import_osm
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.osm.map_reader import read_map
 from toolkit.sites.streets import find_street_names
 
 CENTRE = (13.4, 52.505)
@@ -66,7 +67,7 @@ def test_entities_are_refused(tmp_path, put):
     ["<!--" + 8_000_000 * "x" + "-->", f"<way>{210_000 * '<tag/>'}</way>", 200_000 * "<node/>"],
 )
 def test_maps_that_would_take_long_are_refused(tmp_path, crossroads, bomb, monkeypatch):
-    monkeypatch.setattr("toolkit.sites.osm.MAX_MAP_BYTES", 1_000_000)
+    monkeypatch.setattr("toolkit.sites.osm.elements.MAX_MAP_BYTES", 1_000_000)
     path = tmp_path / "town.osm.gz"
     path.write_bytes(
         gzip.compress(str(crossroads()).replace("<node", f"{bomb}<node", 1).encode(), 1)

@@ -7,9 +7,10 @@ import shapely
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import VEHICLE
-from toolkit.sites.maps import MAP_BAY_SIZE_M, find_tracks
-from toolkit.sites.osm import Parking
-from toolkit.sites.surroundings import outline
+from toolkit.sites.maps.map_bays import MAP_BAY_SIZE_M
+from toolkit.sites.maps.tracks import find_tracks
+from toolkit.sites.osm.parking import Parking, ParkingRoad
+from toolkit.sites.surroundings.parking_bays import outline
 from toolkit.traffic.snapshots import simulate
 
 
@@ -153,4 +154,4 @@ def test_vehicles_park_there_and_traffic_passes(tmp_path, imported, east_west):
 def test_no_network_is_made_twice_where_nobody_parks(tmp_path, imported, east_west):
     site = imported(east_west(parking__both="no"), tmp_path)
     assert site.network == imported(east_west(), tmp_path).network
-    assert not Parking(((shapely.LineString([(0, 0), (9, 0)]), (None, None)),))
+    assert not Parking((ParkingRoad(shapely.LineString([(0, 0), (9, 0)]), None, None),))

@@ -12,19 +12,11 @@ from toolkit.boxes import footprints, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site, Solid
-from toolkit.traffic.snapshots import (
-    GAP,
-    MARGIN,
-    MOST_OBJECTS,
-    STAY,
-    Mix,
-    Obstacles,
-    Parked,
-    overlaps,
-    separate,
-    simulate,
-)
-from toolkit.traffic.spawner import LIFE, Supply
+from toolkit.traffic.obstacles import GAP, Obstacles, overlaps, separate
+from toolkit.traffic.parked import STAY, Parked
+from toolkit.traffic.snapshots import MARGIN, MOST_OBJECTS, Mix, simulate
+from toolkit.traffic.spawner import LIFE
+from toolkit.traffic.supply import Supply
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 

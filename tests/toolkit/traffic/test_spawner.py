@@ -8,19 +8,11 @@ import pytest
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
+from toolkit.traffic.road_lanes import Lane, Roads, distance_to_area
 from toolkit.traffic.snapshots import MARGIN
-from toolkit.traffic.spawner import (
-    LIFE,
-    POSITIONS,
-    SHARES,
-    SPAWN_REACH,
-    Lane,
-    Roads,
-    Spawner,
-    Supply,
-    distance_to_area,
-    running,
-)
+from toolkit.traffic.spawner import LIFE, SPAWN_REACH, Spawner
+from toolkit.traffic.sumo import running
+from toolkit.traffic.supply import POSITIONS, SHARES, Supply
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 

@@ -8,8 +8,12 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import unite
-from toolkit.traffic.snapshots import Mix, Obstacles, Strays, outward_edges, overlaps, simulate
-from toolkit.traffic.spawner import LIFE, Supply
+from toolkit.traffic.obstacles import Obstacles, overlaps
+from toolkit.traffic.snapshots import Mix, simulate
+from toolkit.traffic.spawner import LIFE
+from toolkit.traffic.stray_ground import outward_edges
+from toolkit.traffic.strays import Strays
+from toolkit.traffic.supply import Supply
 
 BODIES = catalogue()
 NOBODY = np.zeros((0, 7))

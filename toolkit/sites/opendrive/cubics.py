@@ -74,7 +74,7 @@ class Cubics:
         return np.array([value, slope, c + 3 * d * ds, d])
 
 
-def number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
+def read_number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
     """Attribute as a finite number within `MAX_COORDINATE_M`.
 
     default: number for a missing attribute, which is an error if None."""
@@ -93,10 +93,10 @@ def number(element: ElementTree.Element, key: str, default: float | None = None)
     return value
 
 
-def cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
+def read_cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
     """Pieces described by elements with a, b, c, d, in order of `key`."""
     keys = (key, "a", "b", "c", "d")
-    numbers = [number(element, name, 0.0) for element in elements for name in keys]
+    numbers = [read_number(element, name, 0.0) for element in elements for name in keys]
     rows = np.array(numbers, np.float64).reshape(-1, 5)
     if len(rows) > 1:
         rows = rows[np.argsort(rows[:, 0], kind="stable")]

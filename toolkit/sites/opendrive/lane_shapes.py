@@ -14,10 +14,11 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.sites.cubics import Cubics, number
-from toolkit.sites.lane_sections import LaneSection, SectionLane
-from toolkit.sites.opendrive import MapRoad, read_road
-from toolkit.sites.plain_map import Carriageway, PlainMap
+from toolkit.sites.opendrive.carriageways import Carriageway
+from toolkit.sites.opendrive.cubics import Cubics, read_number
+from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane
+from toolkit.sites.opendrive.map_roads import MapRoad, read_road
+from toolkit.sites.opendrive.plain_map import PlainMap
 
 MAX_DEVIATION_M = 0.1  # of a lane from its middle line in the map that is left as it is
 MAX_PLACE_GAP_M = 5.0  # between the lengths of a lane and of its piece of road, as on a ring
@@ -86,9 +87,9 @@ def _comes_near(road: Carriageway, window: shapely.Geometry) -> bool:
     """True if a piece of the road may reach a window."""
     xmin, ymin, xmax, ymax = window.bounds
     for piece in road.element.findall("planView/geometry"):
-        x = number(piece, "x")
-        y = number(piece, "y")
-        reach = number(piece, "length")
+        x = read_number(piece, "x")
+        y = read_number(piece, "y")
+        reach = read_number(piece, "length")
         if xmin - reach <= x <= xmax + reach and ymin - reach <= y <= ymax + reach:
             return True
     return False
@@ -128,7 +129,7 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
         within = np.clip(s, section.start, section.end) - section.start
         inner = road.offset.at(s) + sign * sum(_width(lane, within) for lane in lanes[:count])
         width = _width(lanes[count], within)
-        middle = line.road.beside(s, inner + sign * width / 2)
+        middle = line.road.step_aside(s, inner + sign * width / 2)
         if (
             set(element.get("allow", "").split()) == _NARROW_USERS
             and width.min() < MIN_DRIVEN_WIDTH_M

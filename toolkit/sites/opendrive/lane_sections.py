@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from toolkit.sites.cubics import Cubics, cubics, number
+from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
 
 MIN_SECTION_M = 1e-3
 MIN_PIECE_M = 0.5  # between cuts within a section
@@ -72,13 +72,13 @@ def read_sections(
 
     Raises ValueError for a lane or section with a damaged number."""
     elements = road.findall("lanes/laneSection")
-    elements.sort(key=lambda element: number(element, "s"))
-    offset = cubics(road.findall("lanes/laneOffset"))
+    elements.sort(key=lambda element: read_number(element, "s"))
+    offset = read_cubics(road.findall("lanes/laneOffset"))
     sections: list[LaneSection] = []
     sources: dict[str, list[ElementTree.Element]] = {}
     for side in _SIDES:
         sources[side] = [element for element in elements if _describes(element, side)]
-    starts = [number(element, "s") for element in elements]
+    starts = [read_number(element, "s") for element in elements]
     for cut in sorted(cuts):
         if min((abs(cut - station) for station in (*starts, length)), default=0.0) > MIN_PIECE_M:
             starts.append(cut)
@@ -106,7 +106,7 @@ def _read_empty(
         if _describes(element, "left") and _describes(element, "right")
     ]
     sections = []
-    for element in [element for element in both_sided if number(element, "s") == start][:-1]:
+    for element in [element for element in both_sided if read_number(element, "s") == start][:-1]:
         description = _Description(element, start, start)
         lanes: list[SectionLane] = []
         for side in _SIDES:
@@ -137,7 +137,7 @@ def _find_description(
     elements: Sequence[ElementTree.Element], at: float, length: float
 ) -> _Description | None:
     """Description that is valid at `at`, among those in order of s."""
-    starts = [number(element, "s") for element in elements]
+    starts = [read_number(element, "s") for element in elements]
     which = int(np.searchsorted(starts, at, side="right")) - 1
     if which < 0:
         return None
@@ -150,8 +150,8 @@ def _read_side(
 ) -> list[SectionLane]:
     """Lanes of one side over a span of s."""
     elements = described.element.findall(f"{side}/lane")
-    elements.sort(key=lambda lane: abs(number(lane, "id")))
-    widths = {lane: cubics(lane.findall("width"), "sOffset") for lane in elements}
+    elements.sort(key=lambda lane: abs(read_number(lane, "id")))
+    widths = {lane: read_cubics(lane.findall("width"), "sOffset") for lane in elements}
     if any(lane.find("border") is not None for lane in elements):
         widths = _widths_of_borders(
             widths, lane_offset.cut_start(described.start), is_left=side == "left"
@@ -161,7 +161,7 @@ def _read_side(
     is_last = described.end < span[1] + MIN_SECTION_M
     lanes = []
     for lane in elements:
-        itself = (int(number(lane, "id")),)
+        itself = (int(read_number(lane, "id")),)
         lanes.append(
             SectionLane(
                 number=itself[0],
@@ -186,7 +186,7 @@ def _widths_of_borders(
     for lane, width in widths.items():
         borders = lane.findall("border")
         if borders and not len(width.starts):
-            outer = cubics(borders, "sOffset")
+            outer = read_cubics(borders, "sOffset")
             width = outer.subtract(inner) if is_left else inner.subtract(outer)
         else:
             outer = inner.subtract(width.negate() if is_left else width)

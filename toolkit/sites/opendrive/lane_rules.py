@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 from xml.etree import ElementTree
 
-from toolkit.sites.cubics import number
-from toolkit.sites.lane_sections import LaneSection, SectionLane
 from toolkit.sites.network import FOOT, MOTOR
+from toolkit.sites.opendrive.cubics import read_number
+from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane
 
 USUAL_SPEED_MPS = 13.89  # on a road without a limit in the map
 NO_LIMIT_MPS = 36.11  # 130 km/h, on roads whose map says "no limit"
@@ -86,11 +86,13 @@ class LaneUse:
 
 def find_cuts(road: ElementTree.Element, sections: Sequence[LaneSection]) -> set[float]:
     """Places along s (m) where a limit or an access rule changes within a section."""
-    cuts = {number(element, "s", 0.0) for element in road.findall("type")}
+    cuts = {read_number(element, "s", 0.0) for element in road.findall("type")}
     for section in sections:
         for lane in section.lanes:
             rules = [*lane.element.findall("speed"), *lane.element.findall("access")]
-            cuts |= {section.start - lane.offset + number(rule, "sOffset", 0.0) for rule in rules}
+            cuts |= {
+                section.start - lane.offset + read_number(rule, "sOffset", 0.0) for rule in rules
+            }
     return cuts
 
 
@@ -228,6 +230,6 @@ def _active(
     rules: list[ElementTree.Element], at: float, key: str = "sOffset"
 ) -> list[ElementTree.Element]:
     """Rules that hold at a place: those of the last start up to it."""
-    before = [rule for rule in rules if number(rule, key, 0.0) <= at + 1e-6]
-    last = max((number(rule, key, 0.0) for rule in before), default=0.0)
-    return [rule for rule in before if number(rule, key, 0.0) == last]
+    before = [rule for rule in rules if read_number(rule, key, 0.0) <= at + 1e-6]
+    last = max((read_number(rule, key, 0.0) for rule in before), default=0.0)
+    return [rule for rule in before if read_number(rule, key, 0.0) == last]

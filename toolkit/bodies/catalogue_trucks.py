@@ -1,0 +1,139 @@
+"""Trucks and buses of the catalogue."""
+
+import numpy as np
+
+from toolkit.bodies.shells import ShellSection, VehicleSize, loft_shell
+from toolkit.bodies.wheels import make_axles
+from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, merge, place, tube
+
+BELT_M = 1.05  # height of the lower edge of a bus's windows
+FRAME_END_M = 0.9  # a truck's frame is shorter than the truck by this much
+
+
+LARGE_TRUCK = VehicleSize(7.6, 2.35, 2.5)
+SMALL_TRUCK = VehicleSize(6.3, 2.05, 2.25)
+TIPPER = VehicleSize(7.9, 2.4, 2.75)
+CITY_BUS = VehicleSize(12.0, 2.55, 3.0)
+MIDIBUS = VehicleSize(8.9, 2.35, 2.85)
+
+
+def trucks() -> dict[str, tuple[Mesh, Mesh]]:
+    """Trucks and buses with their wing mirrors, x forward, wheels on z = 0."""
+    return {
+        "box_truck": _join(
+            [
+                _make_cab(LARGE_TRUCK),
+                _make_box(LARGE_TRUCK.length, 5.6, 2.45, 3.35),
+                *make_axles((2.5, -1.8), 2.4, 0.45),
+            ],
+            _make_cab_mirror(LARGE_TRUCK),
+        ),
+        "small_box_truck": _join(
+            [
+                _make_cab(SMALL_TRUCK, 1.7),
+                _make_box(SMALL_TRUCK.length, 4.35, 2.15, 2.95),
+                *make_axles((2.05, -1.55), 2.1, 0.37),
+            ],
+            _make_cab_mirror(SMALL_TRUCK),
+        ),
+        "tipper": _join(
+            [
+                _make_cab(TIPPER),
+                _make_tipper_bed(TIPPER.length, 5.5),
+                *make_axles((2.6, -1.35, -2.65), 2.45, 0.50),
+            ],
+            _make_cab_mirror(TIPPER),
+        ),
+        "city_bus": _join(
+            [_make_bus(CITY_BUS), *make_axles((3.3, -2.6), 2.5, 0.48)], _make_bus_mirror(CITY_BUS)
+        ),
+        "midibus": _join(
+            [_make_bus(MIDIBUS), *make_axles((2.25, -2.15), 2.3, 0.42)], _make_bus_mirror(MIDIBUS)
+        ),
+    }
+
+
+def _join(parts: list[Mesh], mirror: Mesh) -> tuple[Mesh, Mesh]:
+    """Mesh of a vehicle, and of its mirrors on both sides."""
+    return merge(parts), merge([mirror, flip_sides(mirror)])
+
+
+def _make_cab(size: VehicleSize, cab_length: float = 2.0) -> Mesh:
+    """Forward-control cab at the front of a truck."""
+    front = size.length / 2
+    width = size.width
+    height = size.height
+    sections = [
+        ShellSection(front - cab_length, width, 0.55, height),
+        ShellSection(front - 0.55, width, 0.45, height),
+        ShellSection(front - 0.25, width, 0.40, height - 0.12),
+        ShellSection(front - 0.07, width * 0.96, 0.40, height - 0.75),
+        ShellSection(front, width * 0.88, 0.45, height - 1.25),
+    ]
+    return loft_shell(sections, 0.09)
+
+
+def _make_cab_mirror(size: VehicleSize) -> Mesh:
+    """Left wing mirror of a cab."""
+    middle = (size.length / 2 - 0.15, size.width / 2 + 0.12, size.height * 0.72)
+    return box((0.12, 0.16, 0.42), middle)
+
+
+def _make_box(truck_length: float, length: float, width: float, top: float) -> Mesh:
+    """Box at the rear of a truck, with the frame and the rear guard."""
+    rear = -truck_length / 2
+    sections = [ShellSection(rear, width, 0.95, top), ShellSection(rear + length, width, 0.95, top)]
+    guard = box((0.12, width * 0.95, 0.14), (rear + 0.1, 0, 0.5))
+    frame = box((truck_length - FRAME_END_M, 0.85, 0.28), (-0.35, 0, 0.80))
+    return merge([loft_shell(sections, 0.04), frame, guard])
+
+
+def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
+    """Open tipper bed with a heap in it, and the frame."""
+    rear = -truck_length / 2
+    middle = rear + length / 2
+    walls = [box((length, 0.08, 1.35), (middle, y, 1.75)) for y in (-1.2, 1.2)]
+    walls += [box((0.08, 2.45, 1.35), (x, 0, 1.75)) for x in (rear + 0.04, rear + length)]
+    heap = ellipsoid((middle, 0, 1.6), (length * 0.46, 1.12, 0.85), 5, 12)
+    floor = box((length, 2.4, 0.12), (middle, 0, 1.1))
+    frame = box((truck_length - FRAME_END_M, 0.85, 0.3), (-0.35, 0, 0.85))
+    return merge([*walls, heap, floor, frame])
+
+
+def _make_bus(size: VehicleSize) -> Mesh:
+    """City bus: window band set 4 cm in, roof units, rounded ends."""
+    front = size.length / 2
+    rear = -front
+    width = size.width
+    height = size.height
+    sections = [
+        ShellSection(rear, width * 0.9, 0.4, height - 0.25),
+        ShellSection(rear + 0.12, width, 0.32, height - 0.06),
+        ShellSection(rear + 0.4, width, 0.30, height),
+        ShellSection(front - 0.5, width, 0.30, height),
+        ShellSection(front - 0.12, width * 0.98, 0.30, height - 0.10),
+        ShellSection(front, width * 0.90, 0.35, height - 0.45),
+    ]
+    body = loft_shell(sections, 0.13)
+    outer_width = width + 0.04  # of pillars and skirt, next to the window band
+    pillar_size = (0.14, outer_width, height - BELT_M - 0.45)
+    pillar = box(pillar_size, (0, 0, (BELT_M + height - 0.25) / 2))
+    pillars = [place(pillar, x) for x in np.arange(rear + 0.8, front - 0.7, 1.45)]
+    skirt_size = (size.length - 0.9, outer_width, BELT_M - 0.4)
+    skirt = box(skirt_size, (0, 0, (BELT_M + 0.4) / 2 + 0.02))
+    roof_units = [
+        box((1.8, 1.5, 0.22), (x, 0, height + 0.08)) for x in (-front * 0.5, front * 0.35)
+    ]
+    return merge([body, *pillars, skirt, *roof_units])
+
+
+def _make_bus_mirror(size: VehicleSize) -> Mesh:
+    """Left wing mirror of a bus, on an arm ahead of it."""
+    front = size.length / 2
+    side = size.width / 2
+    path = [
+        (front - 0.15, side, size.height - 0.35),
+        (front + 0.12, side + 0.14, size.height - 0.5),
+        (front + 0.12, side + 0.14, size.height - 0.95),
+    ]
+    return tube(path, [0.03, 0.05, 0.09], 6)

@@ -1,0 +1,93 @@
+"""Buses drawn at random: minibuses, city buses, coaches and bendy buses."""
+
+import numpy as np
+
+from toolkit.arrays import Rng
+from toolkit.bodies.mesh_parts import DrawnMesh, plank
+from toolkit.bodies.shells import ShellSection, loft_shell
+from toolkit.bodies.wheels import make_axles
+from toolkit.mesh import Mesh, box, flip_sides, merge
+
+BUSES = ("minibus", "bus", "bendy_bus")
+BENDY_SHARE = 0.18
+DOUBLE_DECKER_SHARE = 0.05
+MAX_MINIBUS_LENGTH_M = 8.0
+
+
+def draw_bus(rng: Rng) -> DrawnMesh:
+    """Draw a minibus, city bus, coach, or bendy bus with its bellows."""
+    is_bendy = rng.random() < BENDY_SHARE
+    length = _draw_length(is_bendy, rng)
+    width = float(np.clip(2.05 + 0.085 * (length - 6.2) + rng.normal(0, 0.06), 2.0, 2.58))
+    height = float(np.clip(2.65 + 0.1 * (length - 6.2) + rng.uniform(-0.15, 0.5), 2.55, 3.85))
+    if rng.random() < DOUBLE_DECKER_SHARE:
+        height = float(rng.uniform(4.0, 4.4))
+    front = length / 2
+    bottom = float(rng.uniform(0.25, 0.4))
+    sections = _draw_sections(length, width, height, bottom, rng)
+    if is_bendy:
+        sections[3:3] = _make_bellows(length, width, height, bottom)
+    parts = [loft_shell(sections, 0.06, 2)]
+    for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
+        roof_unit = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
+        parts.append(plank(roof_unit, share * (front - 1.5), 0.0, height - 0.03))
+    wheel_radius = float(np.clip(0.03 * length + 0.12, 0.34, 0.5))
+    front_overhang = float(rng.uniform(0.16, 0.24)) * min(length, 12.0)
+    rear_overhang = float(rng.uniform(0.22, 0.3)) * min(length, 12.0)
+    axles = [front - front_overhang, -front + rear_overhang]
+    if is_bendy:
+        axles.append(0.08 * length)
+    mirror = _draw_mirror(front, width, bottom + 0.6 * (height - bottom), rng)
+    short_kind = "minibus" if length < MAX_MINIBUS_LENGTH_M else "bus"
+    wheels = make_axles(axles, width - 0.04, wheel_radius, 12)
+    return DrawnMesh(
+        "bendy_bus" if is_bendy else short_kind,
+        merge([*parts, *wheels]),
+        merge([mirror, flip_sides(mirror)]),
+    )
+
+
+def _draw_length(is_bendy: bool, rng: Rng) -> float:
+    """Draw a length (m)."""
+    if is_bendy:
+        return float(rng.uniform(16.5, 18.5))
+    short = rng.uniform(6.2, 9.0)
+    long = rng.uniform(9.0, 13.5)
+    return float(rng.choice([short, long]))
+
+
+def _draw_sections(
+    length: float, width: float, height: float, bottom: float, rng: Rng
+) -> list[ShellSection]:
+    """Draw the sections of a body, from the rear to the front."""
+    front = length / 2
+    rear = -front
+    roof_radius = float(rng.uniform(0.04, 0.3))
+    rake = float(rng.uniform(0.05, 0.5))
+    return [
+        ShellSection(rear, 0.94 * width, bottom + 0.08, height - roof_radius),
+        ShellSection(rear + 0.15, width, bottom, height - 0.03),
+        ShellSection(rear + 0.5, width, bottom, height),
+        ShellSection(front - rake - 0.3, width, bottom, height),
+        ShellSection(front - 0.5 * rake, width * 0.99, bottom, height - 0.35),
+        ShellSection(front, 0.92 * width, bottom + 0.05, bottom + 0.55 * (height - bottom)),
+    ]
+
+
+def _make_bellows(length: float, width: float, height: float, bottom: float) -> list[ShellSection]:
+    """Sections of the narrower and lower bellows of a bendy bus."""
+    joint = -0.05 * length
+    return [
+        ShellSection(joint - 0.7, width, bottom, height),
+        ShellSection(joint - 0.65, 0.9 * width, bottom + 0.1, height - 0.12),
+        ShellSection(joint + 0.65, 0.9 * width, bottom + 0.1, height - 0.12),
+        ShellSection(joint + 0.7, width, bottom, height),
+    ]
+
+
+def _draw_mirror(front: float, width: float, z: float, rng: Rng) -> Mesh:
+    """Draw the left wing mirror at a height. front: x of the bus's front end (m)."""
+    mirror_height = float(rng.uniform(0.25, 0.45))
+    overhang = float(rng.uniform(0.12, 0.28))
+    x = front + float(rng.uniform(-0.3, -0.1))
+    return box((0.14, overhang + 0.06, mirror_height), (x, 0.48 * width + overhang / 2, z))

@@ -1,0 +1,220 @@
+"""Trucks drawn at random, rigid and articulated."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Rng
+from toolkit.bodies.mesh_parts import DrawnMesh, mound, plank
+from toolkit.bodies.shells import ShellSection, loft_shell
+from toolkit.bodies.wheels import make_axles
+from toolkit.mesh import Mesh, box, flip_sides, merge, tube
+
+SUPERSTRUCTURES = {  # kind of load: share
+    "box": 0.32,
+    "curtain": 0.12,
+    "flatbed": 0.16,
+    "tipper": 0.13,
+    "tank": 0.07,
+    "refuse": 0.07,
+    "container": 0.08,
+    "mixer": 0.05,
+}
+CONTAINER_WIDTH_M = 2.44
+MAX_TRUCK_HEIGHT_M = 4.0
+SHELL_RADIUS_M = 0.06  # of the rounded edges of cabs and boxes
+
+
+class _LoadSpace(NamedTuple):
+    """Room for the load of a truck (m).
+
+    Attributes:
+        front: x of its front end.
+        rear: x of its rear end.
+        width: its breadth.
+        floor: height of its floor.
+        cab_height: height of the cab ahead of it."""
+
+    front: float
+    rear: float
+    width: float
+    floor: float
+    cab_height: float
+
+    @property
+    def length(self) -> float:
+        """Distance from the rear end to the front (m)."""
+        return self.front - self.rear
+
+    @property
+    def middle(self) -> float:
+        """x of its middle."""
+        return (self.front + self.rear) / 2
+
+
+def draw_truck(rng: Rng) -> DrawnMesh:
+    """Draw a rigid truck. x forward, wheels on z = 0."""
+    length = float(rng.uniform(5.2, 11.5))
+    width = float(np.clip(1.95 + 0.075 * (length - 5.2) + rng.normal(0, 0.1), 1.85, 2.55))
+    cab_height = float(np.clip(2.1 + 0.16 * (length - 5.2) + rng.normal(0, 0.2), 2.0, 3.3))
+    cab_length = float(rng.uniform(1.5, 2.3))
+    cab, mirrors = _draw_cab(length / 2, width, cab_height, cab_length, rng)
+    gap = float(rng.uniform(0.05, 0.3))
+    floor = float(rng.uniform(0.85, 1.2))
+    front = length / 2 - cab_length - gap
+    space = _LoadSpace(front, -length / 2, width, floor, cab_height)
+    load_kind, load = _draw_superstructure(space, rng)
+    chassis = _draw_chassis(length, width, floor, rng)
+    return DrawnMesh(f"{load_kind}_truck", merge([cab, load, *chassis]), mirrors)
+
+
+def draw_semi_trailer(rng: Rng) -> DrawnMesh:
+    """Draw an articulated truck, straight. x forward, wheels on z = 0."""
+    length = float(rng.uniform(12.5, 17.0))
+    width = float(rng.uniform(2.4, 2.58))
+    cab_height = float(rng.uniform(2.9, 3.9))
+    cab_length = float(rng.uniform(1.9, 2.5))
+    cab_width = width - float(rng.uniform(0, 0.1))
+    cab, mirrors = _draw_cab(length / 2, cab_width, cab_height, cab_length, rng)
+    front = length / 2 - cab_length - float(rng.uniform(0.5, 1.0))
+    floor = float(rng.uniform(1.1, 1.3))
+    space = _LoadSpace(front, -length / 2, width, floor, cab_height)
+    load_kind, load = _draw_superstructure(space, rng)
+    wheel_radius = float(rng.uniform(0.46, 0.53))
+    tractor_axles = [length / 2 - 1.4, front - 0.6]
+    trailer_axles = [-length / 2 + float(rng.uniform(1.6, 2.6)) + 1.35 * k for k in range(3)]
+    wheels = make_axles([*tractor_axles, *trailer_axles], width - 0.04, wheel_radius, 12)
+    frame = plank((length - 1.2, 0.9, 0.3), -0.3, 0.0, floor - 0.3)
+    return DrawnMesh(f"articulated_{load_kind}", merge([cab, load, frame, *wheels]), mirrors)
+
+
+def _draw_cab(
+    front: float, width: float, height: float, length: float, rng: Rng
+) -> tuple[Mesh, Mesh]:
+    """Draw a cab, and its wing mirrors. front: x of its front end (m)."""
+    bottom = float(rng.uniform(0.3, 0.6))
+    rake = float(rng.uniform(0.04, 0.35))
+    bonnet = float(rng.uniform(0.8, 1.3)) if rng.random() < 0.12 else 0.0
+    screen = front - bonnet  # x of the foot of the windscreen
+    corner = float(rng.uniform(0.03, 0.15))
+    sill = bottom + 0.45 * (height - bottom)
+    sections = [
+        ShellSection(screen - length + bonnet, width, bottom, height),
+        ShellSection(screen - 0.6 * rake - corner, width, bottom, height),
+        ShellSection(screen - 0.3 * rake, width - corner, bottom, height - 0.3 * (height - sill)),
+        ShellSection(screen, width - 2 * corner, bottom, sill),
+    ]
+    parts = [loft_shell(sections, SHELL_RADIUS_M, 2)]
+    if bonnet:
+        bonnet_sections = [
+            ShellSection(screen - 0.3, 0.9 * width, bottom, sill),
+            ShellSection(front, 0.75 * width, bottom, sill - 0.25),
+        ]
+        parts.append(loft_shell(bonnet_sections, SHELL_RADIUS_M, 2))
+    if rng.random() < 0.25:
+        deflector = (0.5 * length, 0.8 * width, float(rng.uniform(0.3, 0.6)))
+        parts.append(plank(deflector, screen - 0.6 * length, 0.0, height - 0.03))
+    mirror_height = float(rng.uniform(0.25, 0.5))
+    overhang = float(rng.uniform(0.1, 0.28))
+    mirror_size = (float(rng.uniform(0.06, 0.2)), overhang + 0.04, mirror_height)
+    mirror_place = (screen - 0.2, width / 2 + overhang / 2 - 0.02, 0.68 * height)
+    mirror = box(mirror_size, mirror_place)
+    return merge(parts), merge([mirror, flip_sides(mirror)])
+
+
+def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
+    """Draw the load of a truck, and its kind."""
+    kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
+    deck = plank((space.length, space.width, 0.14), space.middle, 0.0, space.floor - 0.02)
+    highest = space.cab_height + rng.uniform(-0.2, 1.0)
+    top = float(np.clip(highest, space.floor + 1.0, MAX_TRUCK_HEIGHT_M))
+    if kind in ("box", "curtain", "container"):
+        load = _make_box(space, top, is_container=kind == "container")
+    elif kind == "refuse":
+        load = _make_refuse_body(space, top)
+    elif kind == "tank":
+        load = _draw_tank(space, rng)
+    elif kind == "mixer":
+        load = _make_mixer(space)
+    else:
+        load = _draw_open_bed(space, kind == "tipper", rng)
+    return kind, merge([deck, load])
+
+
+def _make_box(space: _LoadSpace, top: float, *, is_container: bool) -> Mesh:
+    """Box, curtain-sider or container up to a height."""
+    width = min(space.width, CONTAINER_WIDTH_M) if is_container else space.width
+    sections = [
+        ShellSection(space.rear, width, space.floor, top),
+        ShellSection(space.front, width, space.floor, top),
+    ]
+    return loft_shell(sections, SHELL_RADIUS_M, 2)
+
+
+def _make_refuse_body(space: _LoadSpace, top: float) -> Mesh:
+    """Body of a refuse truck, with its tail lower and narrower."""
+    floor = space.floor
+    sections = [
+        ShellSection(space.rear, 0.9 * space.width, floor - 0.2, floor + 1.2),
+        ShellSection(space.rear + 0.2 * space.length, space.width, floor, top),
+        ShellSection(space.front, space.width, floor, top - 0.15),
+    ]
+    return loft_shell(sections, SHELL_RADIUS_M, 2)
+
+
+def _draw_tank(space: _LoadSpace, rng: Rng) -> Mesh:
+    """Draw a tank as broad as the truck."""
+    radius = min(space.width / 2, float(rng.uniform(0.75, 1.2)))
+    stations = (space.rear, space.rear + 0.15, space.front - 0.15, space.front)
+    axis = [(x, 0.0, space.floor + radius) for x in stations]
+    radii = [0.7 * radius, radius, radius, 0.7 * radius]
+    return tube(axis, radii, 14, flat=space.width / 2 / radius)
+
+
+def _make_mixer(space: _LoadSpace) -> Mesh:
+    """Drum of a concrete mixer, sloping down to the front."""
+    axis = [
+        (space.rear, 0.0, space.floor + 1.5),
+        (space.middle, 0.0, space.floor + 1.25),
+        (space.front - 0.1, 0.0, space.floor + 1.0),
+    ]
+    return tube(axis, [0.45, min(1.15, space.width / 2), 0.6], 14)
+
+
+def _draw_open_bed(space: _LoadSpace, is_tipper: bool, rng: Rng) -> Mesh:
+    """Draw a bed with low walls, and a heap, crates or nothing on it."""
+    floor = space.floor
+    wall_height = float(rng.uniform(0.8, 1.5) if is_tipper else rng.uniform(0.3, 0.7))
+    side_wall = (space.length, 0.06, wall_height)
+    end_wall = (0.06, space.width, wall_height)
+    parts = [
+        plank(side_wall, space.middle, y, floor)
+        for y in (-space.width / 2 + 0.03, space.width / 2 - 0.03)
+    ]
+    parts += [plank(end_wall, x, 0.0, floor) for x in (space.rear + 0.03, space.front - 0.03)]
+    chance = rng.random()
+    if is_tipper or chance < 0.3:
+        heap_height = wall_height * float(rng.uniform(0.6, 1.35))
+        heap = (0.92 * space.length, 0.9 * space.width, heap_height)
+        parts.append(mound(heap, space.middle, floor + 0.12))
+    elif chance < 0.75:
+        shares = rng.uniform((0.15, 0.5, 0.4), (0.3, 0.95, 1.6), (3, 3))
+        sizes = shares * [space.length, space.width - 0.15, 1.0]
+        for k, (length, width, height) in enumerate(sizes.tolist()):
+            x = space.rear + space.length * (0.2 + 0.3 * k)
+            parts.append(plank((length, width, height), x, 0.0, floor))
+    return merge(parts)
+
+
+def _draw_chassis(length: float, width: float, floor: float, rng: Rng) -> list[Mesh]:
+    """Draw frame, rear guard and wheels of a rigid truck."""
+    usual_radius = 0.36 + 0.03 * (length - 5.2)
+    wheel_radius = float(np.clip(usual_radius + rng.uniform(-0.03, 0.03), 0.34, 0.53))
+    rear_axle = -length / 2 + float(rng.uniform(0.9, 0.28 * length))
+    axles = [length / 2 - float(rng.uniform(1.0, 1.45)), rear_axle]
+    if length > 8.5:
+        axles.append(rear_axle + 2.3 * wheel_radius + 0.2)
+    frame = plank((length - 0.8, 0.85, 0.28), -0.3, 0.0, floor - 0.3)
+    guard_size = (0.12, 0.93 * width, 0.14)
+    guard = plank(guard_size, -length / 2 + 0.1, 0.0, float(rng.uniform(0.4, 0.55)))
+    return [frame, guard, *make_axles(axles, width - 0.04, wheel_radius, 12)]

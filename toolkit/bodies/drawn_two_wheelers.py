@@ -1,0 +1,170 @@
+"""Two-wheelers drawn at random, with their riders."""
+
+from functools import cache
+
+import numpy as np
+
+from toolkit.arrays import Rng
+from toolkit.bodies import people, two_wheelers
+from toolkit.bodies.drawn_people import draw_pose
+from toolkit.bodies.figures import Figure, pair, person
+from toolkit.bodies.mesh_parts import DrawnMesh, plank
+from toolkit.bodies.two_wheelers import rider
+from toolkit.bodies.wheels import make_wheel
+from toolkit.mesh import Mesh, Vector, merge, place, scale_mesh, stand, tube
+
+TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter")
+# shares of bicycles, e-scooters, motorcycles and scooters: in the street, and evenly
+STREET_SHARES = (0.55, 0.15, 0.17, 0.13)
+EVEN_SHARES = (0.4, 0.34, 0.14, 0.12)
+CHILD_SHARE = 0.12  # of the bicycles
+PASSENGER_SHARE = 0.12
+COURIER_SHARE = 0.25  # of the scooters
+# shares of riders that are drawn from another stream, see `_choose_stream`
+OTHER_STREAM_SHARE = 0.1
+OTHER_STREAM_SCOOTER_SHARE = 0.15
+
+
+def draw_two_wheeler(rng: Rng, evenly: bool = False) -> DrawnMesh:
+    """Draw a two-wheeler, x forward, wheels on z = 0. evenly: see `draw_person`."""
+    drawers = (draw_bicycle, draw_e_scooter, draw_motorcycle, draw_scooter)
+    shares = EVEN_SHARES if evenly else STREET_SHARES
+    drawn = drawers[int(rng.choice(4, p=shares))](rng)
+    return DrawnMesh(drawn.kind, stand(drawn.mesh))
+
+
+def draw_bicycle(rng: Rng) -> DrawnMesh:
+    """Draw a bicycle of a child or an adult, with or without a load."""
+    if rng.random() < CHILD_SHARE:
+        scale = float(rng.uniform(0.55, 0.8))
+        height = 1.75 * scale + float(rng.uniform(-0.06, 0.06))
+    else:
+        height = float(np.clip(rng.normal(1.73, 0.09), 1.5, 2.0))
+        scale = float(np.clip(height / 1.74 + rng.uniform(-0.07, 0.07), 0.85, 1.12))
+    sporty = float(rng.uniform(0, 1))  # 0 upright, 1 bent over a racing bar
+    wheel_radius = int(rng.integers(31, 37)) / 100
+    bike = scale_mesh(_make_bicycle(wheel_radius), scale)
+    parts = [scale_mesh(bike, (float(rng.uniform(0.95, 1.08)), 1, 1))]
+    kind = "bicycle"
+    load_chance = rng.random()
+    if scale > 0.84 and load_chance < 0.1:
+        kind = "cargo_bicycle"
+        length, width, depth = rng.uniform((0.45, 0.4, 0.3), (0.9, 0.65, 0.6)).tolist()
+        cargo_box = plank((length, width, depth), 0.5 + 0.2 * length, 0.0, 0.42)
+        parts = [scale_mesh(bike, (1.3, 1, 1)), cargo_box]
+    elif load_chance < 0.3:
+        bag = (0.36, float(rng.uniform(0.25, 0.42)), 0.32)
+        parts.append(plank(bag, -0.6 * scale, 0.0, 0.68 * scale))
+    rider_rng = _choose_stream(rng, OTHER_STREAM_SHARE, scale)
+    grip: Vector = (
+        (0.45 + 0.1 * sporty) * scale,
+        (0.29 - 0.09 * sporty) * scale,
+        (1.04 - 0.12 * sporty) * scale,
+    )
+    upright = 0.98 - 0.26 * sporty
+    stout = float(rider_rng.uniform(0.85, 1.2))
+    parts.append(rider(height, 0.95 * scale, grip, upright=upright, stout=stout))
+    return DrawnMesh(kind, merge(parts))
+
+
+def draw_e_scooter(rng: Rng) -> DrawnMesh:
+    """Draw an e-scooter with its rider."""
+    half_length = float(rng.uniform(0.4, 0.52))
+    wheel_radius = float(rng.uniform(0.1, 0.14))
+    bar_height = float(rng.uniform(1.0, 1.2))
+    bar_x = half_length - 0.14
+    handlebar = [(bar_x, -0.25, bar_height), (half_length - 0.13, 0.0, bar_height)]
+    handlebar.append((bar_x, 0.25, bar_height))
+    parts = [
+        make_wheel(-half_length, 0.0, wheel_radius, 0.05, 10),
+        make_wheel(half_length, 0.0, wheel_radius, 0.05, 10),
+        plank((1.7 * half_length, 0.16, 0.06), -0.05, 0.0, wheel_radius),
+        tube([(half_length, 0.0, wheel_radius), (bar_x, 0.0, bar_height)], 0.03, 6),
+        tube(handlebar, 0.02, 5),
+    ]
+    rider_rng = _choose_stream(rng, OTHER_STREAM_SCOOTER_SHARE, half_length)
+    height = float(np.clip(rider_rng.normal(1.73, 0.09), 1.35, 2.0))
+    hand_x = (half_length - 0.18 + 0.12) / height
+    hand_z = (bar_height - wheel_radius - 0.06) / height
+    pose = draw_pose(rider_rng, float(rider_rng.uniform(0.85, 1.2)))
+    figure = Figure(
+        ankles=((0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)),
+        elbows=pair(0.03, 0.15, 0.66),
+        hands=pair(hand_x, 0.22 / height, hand_z),
+        stout=pose.stout,
+    )
+    parts.append(place(stand(person(figure, height)), -0.12, 0.0, wheel_radius + 0.06))
+    return DrawnMesh("e_scooter", merge(parts))
+
+
+def draw_motorcycle(rng: Rng) -> DrawnMesh:
+    """Draw a motorcycle with its rider, and sometimes a passenger."""
+    has_fairing = bool(rng.random() < 0.5)
+    scale = float(rng.uniform(0.88, 1.12))
+    stretch = (float(rng.uniform(0.94, 1.1)), 1, 1)
+    bike = scale_mesh(scale_mesh(_make_motorcycle(has_fairing), scale), stretch)
+    rider_rng = _choose_stream(rng, OTHER_STREAM_SHARE, scale)
+    bent = float(rider_rng.uniform(0, 1))  # 0 upright, 1 bent over the tank
+    height = float(np.clip(rider_rng.normal(1.77, 0.07), 1.58, 1.98))
+    grip: Vector = ((0.52 + 0.04 * bent) * scale, 0.3 - 0.06 * bent, (1.0 - 0.07 * bent) * scale)
+    upright = 0.92 - 0.24 * bent
+    foot_rest = (-0.05, 0.36 + 0.06 * bent)
+    driver = rider(height, 0.85 * scale, grip, upright=upright, foot_rest=foot_rest)
+    passenger = _draw_passenger(driver, 0.4 * scale, rider_rng)
+    return DrawnMesh("motorcycle", merge([bike, driver, *passenger]))
+
+
+def draw_scooter(rng: Rng) -> DrawnMesh:
+    """Draw a motor scooter with its rider, and sometimes a passenger or a courier's bag."""
+    scale = float(rng.uniform(0.9, 1.12))
+    stretch = (float(rng.uniform(0.95, 1.08)), 1, 1)
+    bike = scale_mesh(scale_mesh(_make_scooter(), scale), stretch)
+    rider_rng = _choose_stream(rng, OTHER_STREAM_SHARE, scale)
+    height = float(np.clip(rider_rng.normal(1.71, 0.09), 1.5, 1.98))
+    upright = float(rider_rng.uniform(0.9, 0.98))
+    stout = float(rider_rng.uniform(0.9, 1.15))
+    grip = (0.42 * scale, 0.27, 0.98 * scale)
+    foot_rest = (0.31 * scale, 0.32 * scale)
+    saddle = 0.79 * scale
+    driver = rider(height, saddle, grip, upright=upright, stout=stout, foot_rest=foot_rest)
+    parts = [bike, driver]
+    if rider_rng.random() < COURIER_SHARE:
+        rucksack = people.backpack(height)
+        offset = [-0.2, 0.0, saddle - 0.45 * height]
+        parts.append(Mesh(rucksack.vertices * [1.6, 1.4, 1.0] + offset, rucksack.triangles))
+    parts += _draw_passenger(driver, 0.35 * scale, rider_rng)
+    return DrawnMesh("scooter", merge(parts))
+
+
+def _choose_stream(rng: Rng, share: float, size: float) -> Rng:
+    """Generator of a rider.
+
+    A share of the riders has another generator, from a number of the two-wheeler, so that all other
+    bodies of a seed stay as they were before riders varied."""
+    return np.random.default_rng(round(size * 1e9)) if rng.random() < share else rng
+
+
+def _draw_passenger(driver: Mesh, distance: float, rng: Rng) -> list[Mesh]:
+    """Draw a passenger, sometimes: the driver again, farther back (m) and higher."""
+    if rng.random() > PASSENGER_SHARE:
+        return []
+    offset = [-distance - 0.05, 0.0, 0.08]
+    return [Mesh(driver.vertices * [0.8, 0.95, 0.97] + offset, driver.triangles)]
+
+
+@cache
+def _make_bicycle(wheel_radius: float) -> Mesh:
+    """Bicycle without a rider."""
+    return two_wheelers.bicycle(wheel_radius)
+
+
+@cache
+def _make_motorcycle(has_fairing: bool) -> Mesh:
+    """Motorcycle without a rider."""
+    return two_wheelers.motorcycle(has_fairing)
+
+
+@cache
+def _make_scooter() -> Mesh:
+    """Motor scooter without a rider."""
+    return two_wheelers.scooter()

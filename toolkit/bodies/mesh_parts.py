@@ -1,0 +1,44 @@
+"""Parts that drawn bodies are made of."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.mesh import Mesh, box, ellipsoid, merge
+
+NOTHING = merge([])
+
+
+class DrawnMesh(NamedTuple):
+    """Mesh of a drawn body.
+
+    Attributes:
+        kind: kind of body, such as `bicycle`.
+        mesh: all that belongs to the ground truth box.
+        outside: parts that stick out of the box, such as wing mirrors."""
+
+    kind: str
+    mesh: Mesh
+    outside: Mesh = NOTHING
+
+
+def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
+    """Stretch a mesh to a length, width and height (m). It is on z = 0, about x = y = 0."""
+    low = mesh.vertices.min(axis=0)
+    high = mesh.vertices.max(axis=0)
+    middle = (low + high) / 2
+    foot = np.array([middle[0], middle[1], low[2]])
+    factors = np.array(size) / (high - low)
+    return Mesh((mesh.vertices - foot) * factors, mesh.triangles)
+
+
+def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
+    """Cuboid on height z, about x and y."""
+    return box(size, (x, y, z + size[2] / 2))
+
+
+def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
+    """Heap of a size on height z, about x and y = 0."""
+    length, width, height = size
+    dome = ellipsoid((x, 0.0, z), (length / 2, width / 2, height), 7, 12)
+    return Mesh(np.maximum(dome.vertices, [-np.inf, -np.inf, z]), dome.triangles)

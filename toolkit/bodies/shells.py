@@ -1,0 +1,54 @@
+"""Shells of trucks and buses, lofted through rounded rectangles."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.mesh import Mesh, loft
+
+
+class VehicleSize(NamedTuple):
+    """Length, width and height of a vehicle or its cab (m); a cab's length is the whole truck's."""
+
+    length: float
+    width: float
+    height: float
+
+
+class ShellSection(NamedTuple):
+    """Cross-section of a shell (m).
+
+    Attributes:
+        x: its place along the vehicle.
+        width: its breadth.
+        bottom: height of its lower edge.
+        top: height of its upper edge."""
+
+    x: float
+    width: float
+    bottom: float
+    top: float
+
+
+def loft_shell(sections: Sequence[ShellSection], corner: float, points: int = 3) -> Mesh:
+    """Loft through sections from the rear to the front.
+
+    corner: radius of their corners (m), of which each has `points` points."""
+    return loft(np.stack([_round_section(section, corner, points) for section in sections]))
+
+
+def _round_section(section: ShellSection, radius: float, points: int) -> Float64[np.ndarray, "p 3"]:
+    """Ring of a section with round corners, counter-clockwise seen from the front."""
+    y = section.width / 2 - radius
+    low = section.bottom + radius
+    high = section.top - radius
+    quarter = np.linspace(0, np.pi / 2, points)
+    arcs = []
+    for k, (middle_y, middle_z) in enumerate(((y, high), (-y, high), (-y, low), (y, low))):
+        turn = k * np.pi / 2 + quarter
+        arc_y = middle_y + radius * np.cos(turn)
+        arc_z = middle_z + radius * np.sin(turn)
+        arcs.append(np.column_stack([0 * turn + section.x, arc_y, arc_z]))
+    return np.concatenate(arcs)

@@ -1,0 +1,170 @@
+"""Two-wheelers of the catalogue, and their riders."""
+
+import math
+
+import numpy as np
+
+from toolkit.bodies.figures import Figure, pair, person
+from toolkit.bodies.wheels import make_wheel
+from toolkit.mesh import (
+    Mesh,
+    Span,
+    Vector,
+    box,
+    ellipsoid,
+    flip_sides,
+    loft,
+    merge,
+    scale_mesh,
+    tube,
+)
+
+BACK_LENGTH = 0.31  # from hip to neck, as a part of the height
+PEDALS = ((0.14, 0.13), (-0.10, 0.36))  # x and z of the left and right pedal (m)
+
+
+def two_wheelers() -> dict[str, Mesh]:
+    """Bicycles, motorcycles and a scooter with their riders, x forward, wheels on z = 0."""
+    crate = box((0.42, 0.42, 0.36), (-0.62, 0, 0.95))
+    vehicles = {
+        "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
+        "racing_bicycle": (
+            bicycle(0.335),
+            rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9),
+        ),
+        "child_bicycle": (
+            scale_mesh(bicycle(0.34), 0.72),
+            rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98),
+        ),
+        "cargo_bicycle": (
+            bicycle(0.33),
+            crate,
+            rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1),
+        ),
+        "motorcycle": (
+            motorcycle(),
+            rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, foot_rest=(-0.05, 0.36)),
+        ),
+        "sport_motorcycle": (
+            motorcycle(True),
+            rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, foot_rest=(-0.05, 0.42)),
+        ),
+        "scooter": (
+            scooter(),
+            rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, foot_rest=(0.31, 0.32)),
+        ),
+    }
+    return {name: merge(parts) for name, parts in vehicles.items()}
+
+
+def rider(
+    height: float,
+    saddle: float,
+    grip: Vector,
+    *,
+    upright: float,
+    stout: float = 1.0,
+    foot_rest: Span | None = None,
+) -> Mesh:
+    """Person on a saddle, hands at `grip` and its mirror image.
+
+    height: of the person; saddle: height of the saddle at x = -0.2 (m); upright: sine of the back's
+    slope; foot_rest: x and z of the foot rests (m), None for pedals, one up and one down."""
+    hip = (-0.2 / height, 0.0, saddle / height + 0.045)
+    neck_x = hip[0] + BACK_LENGTH * math.sqrt(1 - upright**2) + 0.03
+    neck = (neck_x, 0.0, hip[2] + BACK_LENGTH * upright)
+    hands = pair(grip[0] / height, grip[1] / height, grip[2] / height)
+    hand = hands[0]
+    elbows = pair((neck[0] + hand[0]) / 2 - 0.02, 0.155, (neck[2] + hand[2]) / 2 - 0.05)
+    left_rest, right_rest = PEDALS if foot_rest is None else (foot_rest, foot_rest)
+    ankle = _find_ankle(left_rest, 0.11, height)
+    right_ankle = _find_ankle(right_rest, -0.11, height)
+    knees = (_find_knee(hip, ankle), _find_knee(hip, right_ankle))
+    return person(Figure(hip, neck, knees, (ankle, right_ankle), elbows, hands, stout), height)
+
+
+def _find_ankle(foot_rest: Span, y: float, height: float) -> Vector:
+    """Ankle of a figure whose foot is on a rest at x and z. y: m to the left."""
+    return (foot_rest[0] - 0.02) / height, y / height, foot_rest[1] / height + 0.035
+
+
+def _find_knee(hip: Vector, ankle: Vector) -> Vector:
+    """Knee in front of the line from hip to ankle.
+
+    Thigh and shin are each a quarter of the height."""
+    hip_point = np.array(hip)
+    ankle_point = np.array(ankle)
+    leg = ankle_point - hip_point
+    bend = math.sqrt(max(0.245**2 - float(leg @ leg) / 4, 0.0004))
+    backward = np.cross([0.0, 1.0, 0.0], leg)
+    knee = (hip_point + ankle_point) / 2 - bend * backward / np.linalg.norm(backward)
+    return float(knee[0]), math.copysign(0.06, ankle[1]), float(knee[2])
+
+
+def bicycle(radius: float) -> Mesh:
+    """Bicycle whose wheels have this radius (m)."""
+    rear_hub = (-0.52, 0.0, radius)
+    front_hub = (0.52, 0.0, radius)
+    crank = (-0.08, 0.0, 0.29)
+    seat = (-0.2, 0.0, 0.88)
+    head = (0.36, 0.0, 0.82)
+    stem = (0.40, 0.0, 1.0)
+    frame = [
+        (crank, seat),
+        (crank, head),
+        (seat, head),
+        (crank, rear_hub),
+        ((-0.18, 0.0, 0.78), rear_hub),
+        (stem, front_hub),
+    ]
+    tubes = [tube(list(ends), 0.018, 5) for ends in frame]
+    handlebar = tube([(0.45, -0.28, 1.02), (0.40, 0.0, 1.0), (0.45, 0.28, 1.02)], 0.015, 5)
+    saddle = ellipsoid((-0.21, 0.0, 0.92), (0.14, 0.08, 0.04), 3, 6)
+    tyres = [_make_tyre(-0.52, radius, 0.025), _make_tyre(0.52, radius, 0.025)]
+    return merge([*tubes, handlebar, saddle, *tyres])
+
+
+def _make_tyre(x: float, radius: float, thickness: float) -> Mesh:
+    """Ring of a wheel, open between the spokes, on z = 0."""
+    turn = np.arange(21) * 2 * np.pi / 20  # around the axle
+    roll = np.arange(5) * 2 * np.pi / 5  # around the tyre
+    distance = radius - thickness * (1 - np.cos(roll))
+    ring_x = x + np.sin(turn)[:, None] * distance
+    ring_y = np.sin(roll)[None] * thickness + 0 * turn[:, None]
+    ring_z = radius - np.cos(turn)[:, None] * distance
+    return loft(np.stack([ring_x, ring_y, ring_z], axis=-1))
+
+
+def motorcycle(fairing: bool = False) -> Mesh:
+    """Motorcycle, bare or with a fairing and a top case."""
+    rear_wheel = make_wheel(-0.70, 0.0, 0.31, 0.16)
+    front_wheel = make_wheel(0.74, 0.0, 0.30, 0.12)
+    engine = ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22))
+    tank = ellipsoid((0.16, 0.0, 0.80), (0.30, 0.15, 0.16))
+    seat_line = [(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)]
+    seat = tube(seat_line, [0.06, 0.13, 0.12], 8)
+    fork = [tube([(0.74, y, 0.30), (0.46, y, 0.92)], 0.03, 5) for y in (-0.1, 0.1)]
+    handlebar = tube([(0.48, -0.33, 1.0), (0.50, 0.0, 0.96), (0.48, 0.33, 1.0)], 0.02, 5)
+    lamp = ellipsoid((0.60, 0.0, 0.86), (0.10, 0.10, 0.11))
+    exhaust = tube([(-0.75, -0.17, 0.38), (0.0, -0.17, 0.28)], 0.06, 6)
+    parts = [rear_wheel, front_wheel, engine, tank, seat, *fork, handlebar, lamp, exhaust]
+    if fairing:
+        parts.append(ellipsoid((0.52, 0.0, 0.72), (0.36, 0.22, 0.34)))
+        parts.append(ellipsoid((-0.78, 0.0, 0.92), (0.26, 0.10, 0.09)))  # top case
+    return merge(parts)
+
+
+def scooter() -> Mesh:
+    """Motor scooter with mirrors on its handlebar."""
+    rear_wheel = make_wheel(-0.58, 0.0, 0.24, 0.13)
+    front_wheel = make_wheel(0.60, 0.0, 0.24, 0.11)
+    seat = ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19))
+    footboard = box((0.5, 0.34, 0.08), (0.05, 0, 0.30))
+    shield_line = [(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)]
+    shield = tube(shield_line, [0.10, 0.12, 0.06], 8, flat=1.9)
+    fork = tube([(0.60, 0.0, 0.24), (0.38, 0.0, 0.92)], 0.04, 6)
+    handlebar = tube([(0.36, -0.30, 0.98), (0.38, 0.0, 0.95), (0.36, 0.30, 0.98)], 0.02, 5)
+    mirror_arm = tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], 0.01, 4)
+    mirror = merge([ellipsoid((0.40, 0.27, 1.12), (0.02, 0.06, 0.05), 3, 6), mirror_arm])
+    body = [rear_wheel, front_wheel, seat, footboard, shield, fork]
+    return merge([*body, handlebar, mirror, flip_sides(mirror)])

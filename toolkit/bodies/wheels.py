@@ -1,0 +1,28 @@
+"""Wheels of vehicles."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from toolkit.mesh import Mesh, flip_sides, stand, tube
+
+AXLE_WHEEL_WIDTH_M = 0.3
+
+# places across a wheel, as parts of its breadth, and radii there, as parts of its radius
+_ACROSS = (-0.5, -0.42, 0.42, 0.5)
+_RADII = (0.86, 1.0, 1.0, 0.86)
+
+
+def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 12) -> Mesh:
+    """Make a wheel with its axle along y, on z = 0."""
+    axis = np.column_stack([np.full(4, x), np.array(_ACROSS) * breadth + y, np.full(4, radius)])
+    return stand(tube(axis, np.array(_RADII) * radius, sides))
+
+
+def make_axles(axles: Iterable[float], width: float, radius: float, sides: int = 14) -> list[Mesh]:
+    """Make wheels 0.3 m broad on both sides of a vehicle.
+
+    axles: x of each. width: over the wheels."""
+    y = width / 2 - AXLE_WHEEL_WIDTH_M / 2
+    wheels = [make_wheel(x, y, radius, AXLE_WHEEL_WIDTH_M, sides) for x in axles]
+    return wheels + [flip_sides(wheel) for wheel in wheels]

@@ -1,0 +1,99 @@
+"""Kerbs, mounts, drawn surroundings and warnings of an imported site."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from toolkit.sites import furniture as f, network as nets
+from toolkit.sites.georeference import doubt_place, doubt_scale
+from toolkit.sites.maps.furnishing import furnish_site
+from toolkit.sites.maps.map_bays import MAP_BAY_SIZE_M
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.maps.road_surface import kerbstones
+from toolkit.sites.maps.tracks import find_turns
+from toolkit.sites.site import Mount, Site, Solid
+from toolkit.sites.surroundings.mount_places import POLE_HEIGHT_M, place_mounts
+from toolkit.sites.surroundings.parking_bays import outline
+from toolkit.sites.surroundings.plot import Road
+from toolkit.sites.surroundings.things import mark_drawn
+
+BRACKET_M = 0.45  # from a lamp post's axis to the sensor it carries
+LAMP_REACH_M = 10.0  # around the area, for lamp posts with sensors
+MIN_WALL_HEIGHT_M = 2.0  # of solids that no mount is put in
+MIN_LAMP_MOUNTS = 6  # with fewer, mounts are made along the kerbs too
+
+
+def finish_site(
+    site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.ndarray, notes: Sequence[str]
+) -> Site:
+    """Add kerbs and mounts to a site, and furnish it if a seed is given.
+
+    solids: things of the map. lamps: (n, 2) places of street lamps. notes: to warn of."""
+    if not nets.unite(site.lanes).intersects(shapely.box(*site.area)):
+        raise piece.no_road()
+    mounts = _make_mounts(site, solids, lamps)
+    stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
+    if piece.seed is None:
+        feet = [mount.position[:2].tolist() for mount in mounts if mount.origin == "drawn"]
+        poles = mark_drawn([f.post(x, y, POLE_HEIGHT_M) for x, y in feet])
+        finished_site = replace(
+            site,
+            solids=f.settle([*solids, *poles, *stones], site.relief),
+            mounts=f.on_ground(mounts, site),
+        )
+    else:
+        all_solids = [*solids, *stones]
+        finished_site, note = furnish_site(site, mounts, all_solids, piece.seed, piece.density)
+        notes = [*notes, note]
+    for note in [*notes, *_doubt_place(site)]:
+        warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)
+    return finished_site
+
+
+def _make_mounts(site: Site, solids: Sequence[Solid], lamps: np.ndarray) -> list[Mount]:
+    """Mounts on lamp posts and, if these are few, along the kerbs."""
+    road = Road((), (), site.lanes, site.footways)
+    walls = nets.unite(s.footprint for s in solids if s.top > MIN_WALL_HEIGHT_M).buffer(0.3)
+    bays = [outline(bay, MAP_BAY_SIZE_M) for bay in site.parking]
+    obstacles = walls.union(shapely.union_all(bays).buffer(0.3))
+    mounts = _mount_on_lamps(site, road, lamps, obstacles.buffer(-0.3))
+    if len(mounts) >= MIN_LAMP_MOUNTS:
+        return mounts
+    rng = np.random.default_rng(0)
+    drawn_mounts = place_mounts(road, site.area, rng, spacing=12.0, avoid=obstacles)
+    near_lamps = shapely.MultiPoint(lamps).buffer(2.0)
+    for mount in drawn_mounts:
+        if not near_lamps.intersects(shapely.Point(mount.position[:2])):
+            mounts.append(replace(mount, price=1.0, origin="drawn"))
+    return mounts
+
+
+def _mount_on_lamps(
+    site: Site, road: Road, lamps: np.ndarray, obstacles: shapely.Geometry
+) -> list[Mount]:
+    """Mounts on brackets of lamp posts, over the road."""
+    mounts: list[Mount] = []
+    surroundings = shapely.box(*site.area).buffer(LAMP_REACH_M)
+    for lamp in lamps:
+        spot = shapely.Point(lamp)
+        link = shapely.get_coordinates(shapely.shortest_line(spot, road.carriageway))
+        to_road = link[1] - lamp
+        bracket_end = lamp + BRACKET_M * to_road / (np.hypot(*to_road) + 1e-9)
+        if surroundings.contains(spot) and not obstacles.intersects(shapely.Point(bracket_end)):
+            position = np.array([*bracket_end.round(3), 0.0])
+            mounts.append(Mount(f"lamp{len(mounts):02}", position, 3.0, 8.0))
+    return mounts
+
+
+def _doubt_place(site: Site) -> list[str]:
+    """Notes of what is uncertain about a site's place on earth, and its scale."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # it repeats a note of the import
+            doubts = [doubt_place(site.geo_reference), doubt_scale(site)]
+    except ValueError as error:
+        return [f"its place on earth cannot be used: {error}"]
+    return [doubt for doubt in doubts if doubt is not None]

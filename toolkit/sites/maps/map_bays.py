@@ -1,0 +1,40 @@
+"""Parking bays of maps that are free of solids and traffic."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.sites import network as nets
+from toolkit.sites.site import Solid
+from toolkit.sites.surroundings.parking_bays import Bay, outline
+from toolkit.sites.surroundings.places import place_along
+
+MAP_BAY_SIZE_M = (5.8, 2.3)  # length and width of a bay without a size in the map
+BAY_SPACING_M = 6.4  # from bay to bay along a lane
+
+
+def find_free_bays(
+    bays: Sequence[Bay], window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
+) -> Float64[np.ndarray, "n 3"]:
+    """Bays (x, y, yaw) in `window` without solids and traffic."""
+    obstacles = nets.unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
+    tracks = tracks.buffer(-0.3)
+    free_bays = []
+    for bay in bays:
+        ground = outline(bay, MAP_BAY_SIZE_M)
+        if not window.contains(ground) or obstacles.intersects(ground):
+            continue
+        if not tracks.intersects(ground.buffer(-0.25)):  # corners of slanted bays may reach in
+            free_bays.append(bay)
+    return np.array(free_bays, np.float64).reshape(-1, 3).round(4)
+
+
+def lay_bays(middle: Float[np.ndarray, "k 2"]) -> list[Bay]:
+    """Bays x, y, yaw along a parking lane's middle, every `BAY_SPACING_M`."""
+    line = shapely.LineString(middle)
+    margin = BAY_SPACING_M / 2
+    stations = np.arange(margin, line.length - margin, BAY_SPACING_M)
+    rows = place_along(line, stations, 0.5)
+    return list(map(tuple, rows.tolist()))

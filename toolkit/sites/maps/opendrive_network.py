@@ -1,0 +1,137 @@
+"""SUMO network of an OpenDRIVE map: all of it, then the roads near a site."""
+
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.runtime.files import name_errors
+from toolkit.sites import network as nets
+from toolkit.sites.maps.piece import MapPiece
+from toolkit.sites.netconvert_warnings import describe_warnings
+from toolkit.sites.opendrive.map_roads import is_on_level
+from toolkit.sites.opendrive.plain_map import PlainMap
+
+STOREY_GAP_M = 3.5  # a road higher or lower by more is on another storey, and left out
+_OPENDRIVE_OPTIONS = (
+    "--opendrive.import-all-lanes",
+    "--opendrive.curve-resolution=1",
+    "--junctions.endpoint-shape",
+)
+_CROSSINGS = ("--crossings.guess", "--crossings.guess.speed-threshold=100")  # whatever the limit is
+
+
+def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
+    """Network with a road in it, and netconvert's warnings."""
+    with name_errors(piece.path):
+        network, warned = nets.run_netconvert_with_warnings(options)
+    if "<edge " not in network:
+        raise piece.no_road()
+    return network, warned
+
+
+def describe_near_warnings(warned: Sequence[str], network: str) -> list[str]:
+    """Notes of netconvert's warnings that concern roads and junctions of a network."""
+    if not warned:
+        return []
+    root = ElementTree.fromstring(network)
+    names = {element.get("id", "") for element in root.iter("edge")}
+    names |= {element.get("id", "") for element in root.iter("junction")}
+    names |= {name.strip("-").partition("#")[0] for name in names}
+    near_warnings = [
+        warning for warning in warned if not names.isdisjoint(re.findall(r"'([^']*)'", warning))
+    ]
+    return describe_warnings(near_warnings)
+
+
+def make_whole_network(plain: PlainMap, piece: MapPiece) -> tuple[str, list[str]]:
+    """Network of a whole map, in its coordinates, and netconvert's warnings."""
+    with tempfile.TemporaryDirectory() as folder:
+        types = Path(folder, "types.xml")
+        roads = Path(folder, "plain.xodr")
+        type_rows = [nets.format_element("type", row) for row in plain.types]
+        types.write_text(nets.format_xml("types", type_rows), "utf-8")
+        roads.write_text(plain.text, "utf-8")
+        options = [f"--opendrive-files={roads}", f"--type-files={types}", *_OPENDRIVE_OPTIONS]
+        if plain.lefthand:
+            options.append("--lefthand")
+        return _convert(options, piece)
+
+
+def cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand: bool) -> str:
+    """Network without some edges, and with crossings.
+
+    netconvert cuts networks, but not OpenDRIVE maps."""
+    with tempfile.TemporaryDirectory() as folder:
+        network_file = Path(folder, "net.xml")
+        edges_file = Path(folder, "edges.txt")
+        network_file.write_text(network, "utf-8")
+        edges_file.write_text("".join(f"edge:{edge}\n" for edge in edges), "utf-8")
+        options = [
+            f"--sumo-net-file={network_file}",
+            f"--remove-edges.input-file={edges_file}",
+            *_CROSSINGS,
+            "--no-warnings",
+            "--junctions.endpoint-shape",
+        ]
+        if lefthand:
+            options.append("--lefthand")
+        return _convert(options, piece)[0]
+
+
+def find_nearest_road(network: str, point: shapely.Point) -> tuple[float, float] | None:
+    """Place on the nearest lane of a network that vehicles use, to 0.1 m."""
+    lines = [
+        shapely.LineString(nets.parse_shape(lane))
+        for _, lane in nets.list_lanes(network)
+        if "passenger" in nets.list_users(lane)
+    ]
+    if not lines:
+        return None
+    link = shapely.shortest_line(shapely.MultiLineString(lines), point)
+    x, y = shapely.get_coordinates(link)[0].round(1).tolist()
+    return x, y
+
+
+class NearEdges(NamedTuple):
+    """Edges of a network near a site.
+
+    Attributes:
+        level: height of the nearest road (m).
+        other_edges: edges elsewhere, or on another storey than this road.
+        has_edges: True if any edge is near."""
+
+    level: float
+    other_edges: list[str]
+    has_edges: bool
+
+
+def find_near_edges(network: str, window: shapely.Polygon) -> NearEdges:
+    """Find the edges in `window` that are on the storey of the road nearest to its middle."""
+    lines: dict[str, list[shapely.LineString]] = {}
+    min_distance = np.inf
+    level = 0.0
+    for edge, lane in nets.list_lanes(network):
+        line = shapely.LineString(_parse_heights(lane))
+        lines.setdefault(edge.get("id", ""), []).append(line)
+        distance = line.distance(window.centroid)
+        if distance < min_distance:
+            min_distance = distance
+            level = line.interpolate(line.project(window.centroid)).z
+    other_edges = [
+        name
+        for name, lane_lines in lines.items()
+        if not is_on_level(lane_lines, window, level, STOREY_GAP_M)
+    ]
+    return NearEdges(round(level, 3), other_edges, len(other_edges) < len(lines))
+
+
+def _parse_heights(lane: ElementTree.Element) -> list[list[float]]:
+    """Points x, y, z of a lane's shape; z is 0 without heights."""
+    points = [list(map(float, point.split(","))) for point in lane.get("shape", "").split()]
+    return [[*point, 0.0][:3] for point in points]

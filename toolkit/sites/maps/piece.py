@@ -1,0 +1,88 @@
+"""Piece of a map file to import as a site."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.sites.site import Furnishing
+
+MAP_REACH_M = 80.0  # road kept around the area, for traffic to enter
+SURROUNDINGS_M = 30.0  # margin around the area with buildings and furniture
+
+
+@dataclass(frozen=True)
+class MapPiece:
+    """Piece of a map file to import as a site.
+
+    Raises FileNotFoundError for a missing file, ValueError for an empty one and for an impossible
+    place.
+
+    Attributes:
+        path: map file.
+        centre: in the map's coordinates (m), or longitude and latitude of OpenStreetMap.
+        size: along x and y (m).
+        heading: direction of x (rad counter-clockwise from the map's east).
+        seed: seed of drawn surroundings, which a warning lists, for all that the map leaves open;
+            None for a bare site.
+        density: density of the drawn surroundings."""
+
+    path: Path
+    centre: tuple[float | int, float | int]
+    size: tuple[float | int, float | int]
+    heading: float = 0.0
+    seed: int | None = None
+    density: Furnishing = "dense"
+
+    def __post_init__(self) -> None:
+        path = self.path
+        centre = self.centre
+        size = self.size
+        if not path.is_file():
+            raise FileNotFoundError(f"no map {str(path)!r}: give an .xodr or .osm file")
+        if path.stat().st_size == 0:
+            raise ValueError(f"{path}: the file is empty: download the map again")
+        if not (len(centre) == 2 and np.isfinite([*centre, self.heading]).all()):
+            raise ValueError(
+                f"centre must be two finite numbers and heading one, got {centre} and "
+                f"{self.heading}"
+            )
+        if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
+            raise ValueError(
+                f"size must be two lengths above 0 and at most 1000 m, got {size}: give --size X Y"
+            )
+
+    @property
+    def area(self) -> Float64[np.ndarray, "4"]:
+        """Detection area in the site's frame."""
+        return np.array([-self.size[0], -self.size[1], self.size[0], self.size[1]]) / 2
+
+    def around(self, margin: float) -> shapely.Polygon:
+        """Ground up to `margin` m around the area."""
+        return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
+
+    def no_road(self, nearest: tuple[float, float] | None = None, nearby: str = "") -> ValueError:
+        """Error for a piece without a road.
+
+        nearest: place on the nearest road, in the map's coordinates. nearby: what the map has here
+        instead."""
+        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
+        instead = f" ({nearby})" if nearby else ""
+        onto = "" if nearest is None else f", as --centre {nearest[0]:.10g} {nearest[1]:.10g}"
+        return ValueError(
+            f"{self.path}: no road within the area about {where}{instead}: move --centre onto a "
+            f"road{onto}"
+        )
+
+    def no_carriageway(self, kinds: Sequence[str]) -> ValueError:
+        """Error for a piece whose roads have no carriageway. kinds: types of their lanes."""
+        listed = ", ".join(kind[:30] for kind in kinds[:12])
+        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
+        only = (
+            f"the roads within the area about {where} have no carriageway, but lanes of the types "
+            f"{listed}"
+        )
+        return ValueError(f"{self.path}: {only}: give --centre X Y on another road")

@@ -1,0 +1,121 @@
+"""Carriageways, footways and kerbs of an imported site."""
+
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+import shapely
+
+from toolkit.sites import furniture as f, network as nets
+from toolkit.sites.site import Solid
+
+CRACK_M = 0.3  # half the width of cracks between polygons of a map that are closed
+# half the width of a slot in the carriageway that is a fault of the network's corners
+STUB_M = 1.2
+OUTLINE_GRID_M = 1e-3  # grid of outlines
+SLIVER_M = 0.2  # half the width of the thinnest footway that is kept
+MIN_ROAD_M = 0.5  # half the width of the thinnest carriageway that is kept
+# a smaller footway in the middle of a carriageway is a fault of the network's corners
+MAX_ISLET_M2 = 20.0
+MIN_ISLET_SHARE = 0.85  # of its border that is next to the carriageway
+KERB_SIZE_M = (0.15, 0.12)  # width and height of kerbstones
+
+
+def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
+    """Carriageway and footway at the corners of a network's junctions."""
+    footway = shapely.union_all(
+        [nets.enclose(lane) for _, lane in nets.list_lanes(network, "walkingarea")]
+    )
+    junctions = ElementTree.fromstring(network).iter("junction")
+    ground = [
+        nets.enclose(junction)
+        for junction in junctions
+        if junction.get("type") not in ("internal", "dead_end")
+    ]
+    return shapely.union_all(ground).difference(footway), footway
+
+
+def whole_road(
+    lanes: Sequence[shapely.Geometry],
+    footways: Sequence[shapely.Geometry],
+    tracks: shapely.Geometry,
+    window: shapely.Geometry,
+    *,
+    fillings: tuple[shapely.Geometry, shapely.Geometry] = (shapely.Polygon(), shapely.Polygon()),
+) -> tuple[nets.Polygons, nets.Polygons]:
+    """Lanes and footways within `window` without cracks, stubs and slivers.
+
+    Driven ground is carriageway, and a footway begins at the end of the carriageway.
+
+    fillings: carriageway and footway at places that the map leaves open."""
+    around = window.buffer(2 * STUB_M)
+    more_lanes, more_footways = (filling.intersection(around) for filling in fillings)
+    all_lanes = shapely.union_all(list(lanes))
+    paved = shapely.union_all([*lanes, tracks]).intersection(around)
+    footway = shapely.union_all(list(footways)).intersection(around)
+    paved = paved.union(more_lanes.difference(footway))
+    footway = _close_shape(footway.union(more_footways), CRACK_M)
+    carriageway, footway = _part_ground(paved, footway)
+    between_lanes = _open_shape(carriageway.difference(all_lanes), 0.01)
+    near_lanes = [lane.intersection(carriageway) for lane in lanes if lane.intersects(window)]
+    pieces = nets.cut_polygons([*near_lanes, between_lanes], window)
+    carriageway = nets.unite(pieces)
+    footway = _open_shape(footway.difference(carriageway), SLIVER_M).difference(carriageway)
+    return pieces, nets.cut_polygons([footway], window)
+
+
+def _part_ground(
+    paved: shapely.Geometry, footway: shapely.Geometry
+) -> tuple[shapely.Geometry, shapely.Geometry]:
+    """Part ground into carriageway and footway, both without cracks, stubs and slivers."""
+    closed = _open_shape(_close_shape(paved, CRACK_M), MIN_ROAD_M)
+    stubs = _close_shape(closed, STUB_M).difference(closed).intersection(footway)
+    footway = _open_shape(footway.difference(closed.union(stubs)), SLIVER_M)
+    carriageway = shapely.union_all([closed, stubs, *_find_islets(footway, closed)])
+    # off the grid an overlay may lose a whole lane
+    carriageway = shapely.set_precision(carriageway, OUTLINE_GRID_M)
+    if carriageway.geom_type == "GeometryCollection":  # whose overlays are slow
+        carriageway = shapely.union_all(nets.list_polygons(carriageway))
+    return carriageway, footway
+
+
+def _find_islets(
+    footway: shapely.Geometry, carriageway: shapely.Geometry
+) -> list[shapely.Geometry]:
+    """Small pieces of footway that are surrounded by carriageway."""
+    border = carriageway.buffer(0.1)
+    small_pieces = [piece for piece in shapely.get_parts(footway) if piece.area < MAX_ISLET_M2]
+    return [
+        piece
+        for piece in small_pieces
+        if piece.boundary.intersection(border).length > MIN_ISLET_SHARE * piece.boundary.length
+    ]
+
+
+def kerbstones(
+    lanes: nets.Polygons, footways: nets.Polygons, lowered: shapely.Geometry
+) -> list[Solid]:
+    """Kerbstones between lanes and footways, off ground with lowered kerbs.
+
+    lowered: this ground, as at corners that vehicles cut."""
+    carriageway = nets.unite(lanes).buffer(0.01)
+    footway = nets.unite(footways)
+    if footway.is_empty:
+        return []
+    edge = shapely.intersection(footway.boundary, carriageway.buffer(0.02))
+    edge = edge.simplify(0.02).difference(lowered)
+    if edge.geom_type == "MultiLineString":
+        edge = shapely.line_merge(edge)
+    return f.set_kerbs(edge, carriageway, KERB_SIZE_M)
+
+
+def _open_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
+    """Remove pieces narrower than twice `gap` (m)."""
+    core = shape.buffer(-gap, join_style="mitre", mitre_limit=2)
+    thick = core.buffer(gap + 0.01, join_style="mitre", mitre_limit=2)
+    return shape.intersection(thick)
+
+
+def _close_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
+    """Fill openings narrower than twice `gap` (m)."""
+    swollen = shape.buffer(gap, join_style="mitre", mitre_limit=2)
+    return swollen.buffer(-gap, join_style="mitre", mitre_limit=2)

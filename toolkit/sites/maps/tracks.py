@@ -1,0 +1,70 @@
+"""Ground that vehicles drive on along a network's lanes and over its junctions."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.sites import network as nets
+
+MAX_TRACK_M = 3.5  # width of the track that a vehicle follows over a junction
+CORNER_CUT_M = 1.2  # ground with lowered kerbs next to the track of a turning vehicle
+TURNING_BODY_M = (5.5, 2.6)  # length and width of a turning vehicle, with room next to it
+TURNING_STEP_M = 0.5
+MIN_BEND_M = 0.3  # deviation from a straight line of a track that counts as bent
+
+
+def find_tracks(network: str) -> shapely.Geometry:
+    """Tracks of motor vehicles in a net.xml text.
+
+    Over junctions they have the room that both ends of a vehicle need."""
+    tracks = []
+    for edge, lane in nets.list_lanes(network, "normal", "internal"):
+        if "passenger" in nets.list_users(lane):
+            tracks.append(_make_track(lane))
+            if edge.get("function") == "internal":
+                tracks += _sweep_body(nets.parse_shape(lane))
+    return shapely.union_all(tracks)
+
+
+def find_turns(network: str) -> shapely.Geometry:
+    """Ground within `CORNER_CUT_M` of bent tracks over junctions."""
+    bent_tracks = []
+    for _, lane in nets.list_lanes(network, "internal"):
+        if "passenger" in nets.list_users(lane):
+            points = nets.parse_shape(lane)
+            chord = shapely.LineString(points[[0, -1]])
+            if shapely.LineString(points).hausdorff_distance(chord) > MIN_BEND_M:
+                bent_tracks += [_make_track(lane), *_sweep_body(points)]
+    return shapely.union_all(bent_tracks).buffer(CORNER_CUT_M)
+
+
+def _make_track(lane: ElementTree.Element) -> shapely.Geometry:
+    """Ground that is driven on along a lane."""
+    points = nets.parse_shape(lane)
+    if len(points) < 2:
+        return shapely.Polygon()
+    half_width = min(nets.lane_width(lane), MAX_TRACK_M) / 2
+    line = shapely.LineString(points).simplify(0.05)
+    return line.buffer(half_width, cap_style="flat", quad_segs=4)
+
+
+def _sweep_body(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
+    """Ground under `TURNING_BODY_M` with both ends on a path, at steps along it."""
+    length, width = TURNING_BODY_M
+    if shapely.LineString(path).length < TURNING_STEP_M:
+        return []
+    first = _normalize(path[1] - path[0])
+    last = _normalize(path[-1] - path[-2])
+    line = shapely.LineString([path[0] - length * first, *path, path[-1] + length * last])
+    stations = np.arange(0.0, line.length - length, TURNING_STEP_M)
+    rear = shapely.get_coordinates(line.interpolate(stations)).reshape(-1, 2)
+    front = shapely.get_coordinates(line.interpolate(stations + length)).reshape(-1, 2)
+    middles = shapely.linestrings(np.stack([rear, front], axis=1))
+    return list(shapely.buffer(middles, width / 2, cap_style="flat"))
+
+
+def _normalize(vector: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "2"]:
+    """Vector of length 1 in the same direction."""
+    return vector / max(np.hypot(*vector), 1e-9)

@@ -1,0 +1,276 @@
+"""Carriageways: lanes of an OpenDRIVE road that are one road for netconvert.
+
+Lanes that run against the usual direction of their side become carriageways of their road."""
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from xml.etree import ElementTree
+
+import numpy as np
+
+from toolkit.sites.network import FOOT
+from toolkit.sites.opendrive import lane_rules
+from toolkit.sites.opendrive.contradictions import count_contradictions
+from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
+from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane, read_sections
+from toolkit.sites.opendrive.plain_names import SAFE_NAME
+
+MIN_ROAD_LENGTH_M = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Carriageway:
+    """Lanes of a road that are one road for netconvert.
+
+    Attributes:
+        element: the <road>.
+        name: name of the plain road.
+        length: m.
+        sections: sections with lanes numbered as in the plain road.
+        offset: m from the reference line to the middle of these lanes, positive to the left.
+        ends: ids in the file and in the plain road, for the lanes at "start" and "end".
+        junction: id of the junction that it belongs to, or -1.
+        closed: lanes that keep others in their places, but are driven in another carriageway."""
+
+    element: ElementTree.Element
+    name: str
+    length: float
+    sections: Sequence[LaneSection]
+    offset: Cubics
+    ends: Mapping[str, Mapping[int, int]]
+    junction: str
+    closed: frozenset[SectionLane] = frozenset()
+
+
+@dataclass(eq=False)
+class PlainWriter:
+    """Roads of a map by id, and all that is collected while they are written.
+
+    Attributes:
+        root: the map.
+        roads: carriageways by id of their road.
+        sign: sign of lanes: -1 if traffic keeps left, as netconvert mirrors such a map.
+        uses: names of the uses of lanes.
+        problems: see `PlainMap.problems`."""
+
+    root: ElementTree.Element
+    roads: dict[str, list[Carriageway]] = field(default_factory=dict)
+    sign: int = 1
+    uses: dict[tuple[str, lane_rules.LaneUse], str] = field(default_factory=dict)
+    problems: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+
+    def find_lane(self, road: str, contact: str, lane_id: int) -> tuple[Carriageway, int] | None:
+        """Carriageway of a lane at an end of a road, and the lane's id there."""
+        for carriageway in self.roads.get(road, ()):
+            if lane_id in carriageway.ends[contact]:
+                return carriageway, carriageway.ends[contact][lane_id]
+        return None
+
+
+def read_carriageways(writer: PlainWriter) -> None:
+    """Add the carriageways of all roads that can be driven to a writer."""
+    roads = writer.root.findall("road")
+    rules = Counter(road.get("rule", "RHT") for road in roads)
+    writer.sign = -1 if rules["LHT"] > rules["RHT"] else 1
+    junction_ids = {junction.get("id", "") for junction in writer.root.findall("junction")}
+    junction_ids.add("-1")
+    for number, road in enumerate(roads):
+        name = road.get("id", "")
+        problems = writer.problems[name]
+        if name in writer.roads:
+            problems["roads have the id of another one and carry no traffic"] += 1
+            continue
+        junction = road.get("junction") or "-1"
+        if junction not in junction_ids:
+            problems["roads are part of a junction that is not in the file"] += 1
+            junction = "-1"
+        length = _measure_length(road)
+        sections = _read_sections(road, length, is_inner=junction != "-1")
+        if not any(section.lanes for section in sections):
+            problems["roads have no lanes"] += 1
+            continue
+        count_contradictions(road, length, sections, problems)
+        rule = road.get("rule", "RHT")
+        if rule not in ("RHT", "LHT"):
+            problems[f"roads with rule {rule[:20]!r} count as RHT"] += 1
+        safe_name = name if SAFE_NAME.fullmatch(name) else f"coview{number}"
+        offset = read_cubics(road.findall("lanes/laneOffset"))
+        ends = _number_ends(sections)
+        carriageway = Carriageway(road, safe_name, length, sections, offset, ends, junction)
+        keeps_other_side = (rule == "LHT") != (writer.sign < 0)
+        writer.roads[name] = _part_directions(carriageway, keeps_other_side=keeps_other_side)
+
+
+def _measure_length(road: ElementTree.Element) -> float:
+    """Length of a road by its geometry (m)."""
+    geometries = road.findall("planView/geometry")
+    ends = (read_number(row, "s") + read_number(row, "length") for row in geometries)
+    return max(max(ends, default=0.0), MIN_ROAD_LENGTH_M)
+
+
+def _read_sections(
+    road: ElementTree.Element, length: float, *, is_inner: bool
+) -> Sequence[LaneSection]:
+    """Sections of a road, cut where a limit or a rule of access changes.
+
+    is_inner: the road is part of a junction, and is not cut."""
+    sections = read_sections(road, length, keep_empty=is_inner)
+    if is_inner:
+        return sections
+    cuts = lane_rules.find_cuts(road, sections)
+    cuts -= {section.start for section in sections}
+    return read_sections(road, length, cuts) if cuts else sections
+
+
+def _number_ends(sections: Sequence[LaneSection]) -> dict[str, dict[int, int]]:
+    """Ids of the lanes at "start" and "end" of a road, each mapped to itself."""
+    return {"start": number_section_lanes(sections[0]), "end": number_section_lanes(sections[-1])}
+
+
+def number_section_lanes(section: LaneSection) -> dict[int, int]:
+    """Ids of a section's lanes, each mapped to itself."""
+    return {lane.number: lane.number for lane in section.lanes}
+
+
+def _part_directions(road: Carriageway, *, keeps_other_side: bool) -> list[Carriageway]:
+    """Carriageways of a road.
+
+    First come those with lanes against the usual direction of their side."""
+    lanes = [lane for section in road.sections for lane in section.lanes]
+    against = {
+        lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)
+    }
+    if not against:
+        return [road]
+    signs = {1 if lane.number > 0 else -1 for lane in against}
+    carriageways = [_make_contraflow(road, against, sign) for sign in sorted(signs, reverse=True)]
+    inner_sections = [_strip_section(section, against) for section in road.sections]
+    if any(section.lanes for section in inner_sections):
+        ends = _number_ends(inner_sections)
+        for contact, lane_ids in ends.items():
+            for carriageway in carriageways:
+                for lane_id in carriageway.ends[contact]:
+                    lane_ids.pop(lane_id, None)
+        closed = frozenset(against)
+        carriageways.append(replace(road, sections=inner_sections, ends=ends, closed=closed))
+    return carriageways
+
+
+def _runs_against(lane: SectionLane) -> bool:
+    """True for a lane that the map says is driven against its side."""
+    return lane.element.get("direction", "standard") == "reversed"
+
+
+def _has_direction(lane: SectionLane) -> bool:
+    """True for a lane of vehicles that is driven one way."""
+    is_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
+    users = set(lane_rules.USERS.get(lane.kind, "").split())
+    return not is_both and not users <= {FOOT}
+
+
+def _strip_section(section: LaneSection, against: set[SectionLane]) -> LaneSection:
+    """Section without outer lanes that run against their side."""
+    lanes = _strip_side(section.side(1), against) + _strip_side(section.side(-1), against)
+    lanes.sort(key=lambda lane: -lane.number)
+    return replace(section, lanes=tuple(lanes))
+
+
+def _strip_side(lanes: Sequence[SectionLane], against: set[SectionLane]) -> list[SectionLane]:
+    """Lanes of one side from the middle outwards, without outer ones that run against it."""
+    inner_lanes = list(lanes)
+    while inner_lanes and inner_lanes[-1] in against:
+        inner_lanes.pop()
+    return inner_lanes
+
+
+@dataclass(frozen=True)
+class _TurnedSection:
+    """Lanes of one side of a section that run against it, turned to the other side.
+
+    Attributes:
+        section: section with the turned lanes.
+        edge: m from the road's reference line to the outer border of the lanes, along the road.
+        lane_ids: ids of the lanes in the file and here.
+        closed: turned lanes that are between others, but do not run against their side."""
+
+    section: LaneSection
+    edge: Cubics
+    lane_ids: Mapping[int, int]
+    closed: frozenset[SectionLane]
+
+
+def _make_contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carriageway:
+    """Lanes of one side that run against it, as a carriageway.
+
+    They become lanes of the other side of a line along their outer border. sign: 1 for the left
+    side, -1 for the right."""
+    turned: list[_TurnedSection] = []
+    for section in road.sections:
+        previous_ids = turned[-1].lane_ids if turned else None
+        turned.append(_turn_section(road, section, against, sign, previous_ids))
+    closed = {lane for row in turned for lane in row.closed}
+    sections = [row.section for row in turned]
+    for i, next_row in enumerate(turned[1:]):
+        lanes = []
+        for lane in sections[i].lanes:
+            linked_lane = replace(lane, after=_renumber(lane.after, next_row.lane_ids))
+            lanes.append(linked_lane)
+            if lane in closed:
+                closed.add(linked_lane)
+        sections[i] = replace(sections[i], lanes=tuple(lanes))
+    ends: dict[str, dict[int, int]] = {}
+    for contact, index in (("start", 0), ("end", -1)):
+        side = road.sections[index].side(sign)
+        driven_ids = {lane.number for lane in side if lane in against}
+        lane_ids = turned[index].lane_ids
+        ends[contact] = {old: new for old, new in lane_ids.items() if old in driven_ids}
+    starts = np.concatenate([row.edge.starts for row in turned])
+    rows = np.concatenate([row.edge.rows for row in turned])
+    name = f"{road.name}.{'left' if sign > 0 else 'right'}"
+    return replace(
+        road,
+        name=name,
+        sections=sections,
+        offset=Cubics(starts, rows),
+        ends=ends,
+        closed=frozenset(closed),
+    )
+
+
+def _turn_section(
+    road: Carriageway,
+    section: LaneSection,
+    against: set[SectionLane],
+    sign: int,
+    previous_ids: Mapping[int, int] | None,
+) -> _TurnedSection:
+    """Turn the lanes of one side of a section that run against it.
+
+    previous_ids: ids of the turned lanes before this section, None if it is the first."""
+    lanes = section.side(sign)
+    places = [place for place, lane in enumerate(lanes) if lane in against]
+    inside = lanes[: places[-1] + 1] if places else ()
+    edge = road.offset.cut_start(section.start)
+    for lane in inside:
+        edge = edge.subtract(lane.width.negate() if sign > 0 else lane.width)
+    group = inside[places[0] :] if places else ()
+    lane_ids = {lane.number: -sign * (len(group) - k) for k, lane in enumerate(group)}
+    turned_lanes = [
+        replace(lane, number=lane_ids[lane.number], before=_renumber(lane.before, previous_ids))
+        for lane in group
+    ]
+    pairs = zip(turned_lanes, group, strict=True)
+    closed = frozenset(turned_lane for turned_lane, lane in pairs if lane not in against)
+    turned_lanes.sort(key=lambda lane: -lane.number)
+    turned_section = LaneSection(section.start, section.end, tuple(turned_lanes))
+    return _TurnedSection(turned_section, edge.move(section.start), lane_ids, closed)
+
+
+def _renumber(lane_ids: Sequence[int], new_ids: Mapping[int, int] | None) -> tuple[int, ...]:
+    """Ids of lanes as they are in a carriageway.
+
+    new_ids: None at the end of a road, whose links are found later."""
+    if new_ids is None:
+        return tuple(lane_ids)
+    return tuple(new_ids[lane_id] for lane_id in lane_ids if lane_id in new_ids)

@@ -1,0 +1,113 @@
+"""Plane through the roads of an OpenDRIVE map near a site."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64, Pose
+from toolkit.geometry import LEVEL, Slope
+from toolkit.sites.opendrive.cubics import read_cubics
+from toolkit.sites.opendrive.lane_sections import LaneSection, read_sections
+from toolkit.sites.opendrive.lane_surfaces import MAX_LANE_WIDTH_M, STATION_STEP_M, UNPAVED
+from toolkit.sites.opendrive.map_roads import MapRoad
+
+MIN_SPREAD_M = 3.0  # of road middles along a direction; with less, it has no slope
+MIN_TILTED_SPREAD_M = 1.0  # the same for tilted roads, whose edges count too
+
+
+class GroundPlane(NamedTuple):
+    """Plane through roads.
+
+    Attributes:
+        slope: rise over run along x and y of the site.
+        deviation: greatest distance of a road from the plane (m).
+        steepest: steepest slope of a road (rise over run)."""
+
+    slope: Slope
+    deviation: float
+    steepest: float
+
+
+def find_plane(
+    roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Pose
+) -> GroundPlane:
+    """Fit a plane to roads by least squares.
+
+    It is fitted to the middle lines within `window` (map frame), and to the edges of tilted roads.
+    It is level if the roads give no slope in one direction."""
+    middles = [np.zeros((0, 3))]
+    edges = []
+    steepest = 0.0
+    spread = MIN_SPREAD_M
+    for road in roads:
+        s, road_xy = road.stations(window, STATION_STEP_M)
+        middles.append(np.column_stack([road_xy, road.elevation.at(s)]))
+        steepest = max(steepest, float(abs(road.elevation.slope(s)).max(initial=0.0)))
+        if len(s) and not road.lateral.is_flat:
+            road_edges, gradient = _find_edges(road, s)
+            edges.append(road_edges)
+            steepest = max(steepest, gradient)
+            spread = MIN_TILTED_SPREAD_M
+    places = np.concatenate(middles + edges)
+    if len(places) < 3:
+        return GroundPlane(LEVEL, 0.0, steepest)
+    xy = (places[:, :2] - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2]
+    slope, deviation = _fit_slope(xy, places[:, 2], spread)
+    return GroundPlane(slope, deviation, steepest)
+
+
+def _fit_slope(
+    xy: Float64[np.ndarray, "n 2"], z: Float64[np.ndarray, " n"], spread: float
+) -> tuple[Slope, float]:
+    """Slope of points by least squares, and their greatest distance from it (m).
+
+    spread: standard deviation (m) that the points need along a direction."""
+    xy = xy - xy.mean(axis=0)
+    z = z - z.mean()
+    min_square_sum = (spread * np.sqrt(len(xy))) ** 2
+    square_sums, axes = np.linalg.eigh(xy.T @ xy)
+    wide_axes = axes[:, square_sums > min_square_sum]
+    slope = np.zeros(2)
+    if wide_axes.size:
+        slope = wide_axes @ np.linalg.lstsq(xy @ wide_axes, z, rcond=None)[0]
+    return (float(slope[0]), float(slope[1])), float(abs(z - xy @ slope).max())
+
+
+def _find_edges(
+    road: MapRoad, s: Float[np.ndarray, " k"]
+) -> tuple[Float64[np.ndarray, "n 3"], float]:
+    """Places on both edges of a carriageway at `s`, and its steepest gradient there."""
+    offset = read_cubics(road.element.findall("lanes/laneOffset"))
+    edges = [np.zeros((0, 3))]
+    steepest = 0.0
+    for section in read_sections(road.element, road.length):
+        section_s = s[(s >= section.start) & (s <= section.end)]
+        middle_t = offset.at(section_s)
+        for sign in (1, -1):
+            edge_t = _find_edge(section, sign, section_s, middle_t)
+            height = road.lateral.at(section_s, edge_t)
+            elevation = road.elevation.at(section_s)
+            edge_xy = road.step_aside(section_s, edge_t)
+            edges.append(np.column_stack([edge_xy, elevation + height]))
+            rise = height - road.lateral.at(section_s, middle_t)
+            across = rise / np.maximum(np.abs(edge_t - middle_t), 0.5)
+            gradient = np.hypot(across, road.elevation.slope(section_s))
+            steepest = max(steepest, float(gradient.max(initial=0.0)))
+    return np.concatenate(edges), steepest
+
+
+def _find_edge(
+    section: LaneSection, sign: int, s: Float[np.ndarray, " k"], middle_t: Float64[np.ndarray, " k"]
+) -> Float64[np.ndarray, " k"]:
+    """Edge (m along t) of the carriageway on one side; level lanes are no part of it.
+
+    sign: 1 for the left side. middle_t: middle of the lanes (m along t)."""
+    edge_t = middle_t
+    for lane in section.side(sign):
+        if lane.kind in UNPAVED or lane.element.get("level") in ("true", "1"):
+            break
+        width = np.clip(lane.width.at(s - section.start), 0.0, MAX_LANE_WIDTH_M)
+        edge_t = edge_t + sign * width
+    return edge_t

@@ -1,0 +1,81 @@
+"""Notes of the parts of an OpenDRIVE map that netconvert does not get, or gets otherwise."""
+
+from collections import Counter
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+from toolkit.sites.opendrive.contradictions import MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE
+from toolkit.sites.opendrive.cubics import read_number
+from toolkit.sites.opendrive.map_roads import MapRoad
+from toolkit.sites.opendrive.plain_map import PlainMap
+from toolkit.sites.opendrive.plain_names import WHOLE_NUMBER
+from toolkit.sites.opendrive.plain_signals import PRIORITY_SIGNS, TRAFFIC_LIGHTS
+from toolkit.sites.opendrive.reference_line import Piece
+
+MAX_KERB_M = 0.25
+
+
+def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
+    """Notes of the parts of `roads` and their junctions that netconvert got otherwise, or not."""
+    names = {""}
+    for road in roads:
+        names.add(road.element.get("id", ""))
+        links = road.element.findall("link/*")
+        names.update(f"junction {link.get('elementId', '')}" for link in links)
+    counts: Counter[str] = Counter()
+    for name in sorted(names):
+        counts.update(plain.problems.get(name, {}))
+    for road in roads:
+        counts.update(count_unread(road.element))
+        gaps = [_measure_length_gap(piece) for piece in road.pieces]
+        wrong_curves = sum(gap > MAX_LENGTH_GAP_SHARE for gap in gaps)
+        counts["curves are not as long as their geometry says"] += wrong_curves
+    return [f"{count} {text}" for text, count in counts.items() if count]
+
+
+def _measure_length_gap(piece: Piece) -> float:
+    """Difference between the length of a curve and its geometry's, as a share of the latter."""
+    return abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M)
+
+
+def count_unread(road: ElementTree.Element) -> dict[str, int]:
+    """Number of unread things of a road by the words of a note.
+
+    They bear on traffic or the ground."""
+    read_types = TRAFFIC_LIGHTS + PRIORITY_SIGNS
+    signals = road.findall("signals/signal")
+    plates = [signal for signal in signals if signal.get("type") not in read_types]
+    heights = road.findall("lanes/laneSection/*/lane/height")
+    steps = [height for height in heights if _measure_height(height) > MAX_KERB_M]
+    strips = road.findall("lateralProfile/crossSectionSurface")
+    lane_rules = road.findall("lanes/laneSection/*/lane/rule")
+    return {
+        "lanes may be left where road marks forbid it": _count_marks(road),
+        "signs are plates, which traffic does not obey": len(plates),
+        "tunnels have no walls and roof in the site": len(road.findall("objects/tunnel")),
+        "surfaces in OpenCRG files are not read": len(road.findall("surface/CRG")),
+        "cross sections of strips are not read": len(strips),
+        f"heights of lanes beyond a kerb's {MAX_KERB_M:g} m are not read": len(steps),
+        "rules of lanes in words are not read": len(lane_rules),
+    }
+
+
+def _measure_height(element: ElementTree.Element) -> float:
+    """Greatest distance (m) of a lane from its road's surface, up or down."""
+    inner = read_number(element, "inner", 0.0)
+    outer = read_number(element, "outer", 0.0)
+    return max(abs(inner), abs(outer))
+
+
+def _count_marks(road: ElementTree.Element) -> int:
+    """Number of lanes from which road marks forbid a change to the driving lane outside them."""
+    count = 0
+    for side in road.findall("lanes/laneSection/*"):
+        driving = [lane for lane in side.findall("lane") if lane.get("type") == "driving"]
+        lanes = {lane.get("id", ""): lane for lane in driving}
+        outwards = 1 if side.tag == "left" else -1
+        for name, lane in lanes.items():
+            has_neighbour = WHOLE_NUMBER.fullmatch(name) and str(int(name) + outwards) in lanes
+            changes = [mark.get("laneChange", "both") for mark in lane.findall("roadMark")]
+            count += bool(has_neighbour) and any(change != "both" for change in changes)
+    return count

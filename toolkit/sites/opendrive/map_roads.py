@@ -1,0 +1,209 @@
+"""Roads of an OpenDRIVE map: reference line, elevation and heights across.
+
+A road is measured along its reference line, in plan view and elevation."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+import shapely.affinity
+
+from toolkit.arrays import Float, Float64
+from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
+from toolkit.sites.opendrive.reference_line import Piece, step_aside
+
+MAX_PIECE_M = 1e5
+MAX_CURVE_GAP_M = 50.0  # a curve may be this much longer than its geometry gives
+MIN_TILT_RAD = 1e-4  # less tilt across the road is ignored: 1 mm over 10 m
+SEARCH_MARGIN_M = 30.0  # around a window, for roads
+SEARCH_STEP_M = 5.0  # between places along a road
+
+_ADDITIONAL = ("userData", "include", "dataQuality")  # elements that any element may hold
+_SIDES = (("left", 1), ("right", -1))
+_SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
+
+
+@dataclass(frozen=True, eq=False)
+class LateralProfile:
+    """Heights across a road (OpenDRIVE 1.8, 10.6 and 10.7; 1.4, 5.3.6).
+
+    Attributes:
+        superelevation: rad along s, about the reference line; positive if the left side is higher.
+        crossfall: rad along s by side, 1 left and -1 right; positive if the road falls outwards.
+        shapes: places along s (m) and the height (m) along t there."""
+
+    superelevation: Cubics
+    crossfall: Mapping[int, Cubics]
+    shapes: tuple[tuple[float, Cubics], ...]
+
+    @property
+    def is_flat(self) -> bool:
+        """True if the road is as high on its sides as in the middle."""
+        tilts = [self.superelevation, *self.crossfall.values()]
+        tilts += [shape for _, shape in self.shapes]
+        return not any(np.abs(tilt.rows).max(initial=0.0) > MIN_TILT_RAD for tilt in tilts)
+
+    def at(
+        self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
+    ) -> Float64[np.ndarray, " k"]:
+        """Height (m) at s, t above the reference line."""
+        height = t * np.sin(self.superelevation.at(s))
+        for sign, fall in self.crossfall.items():
+            height -= np.where(t * sign > 0, np.abs(t) * np.sin(fall.at(s)), 0.0)
+        if self.shapes:
+            stations = [station for station, _ in self.shapes]
+            rows = np.array([shape.at(t) for _, shape in self.shapes])
+            height += np.array([np.interp(s[i], stations, rows[:, i]) for i in range(len(s))])
+        return height
+
+
+@dataclass(frozen=True, eq=False)
+class MapRoad:
+    """One <road> of the map.
+
+    Attributes:
+        element: the <road>.
+        pieces: pieces of its reference line, in order of s.
+        length: m.
+        elevation: height of the reference line (m) along s.
+        lateral: height across the road, above the reference line."""
+
+    element: ElementTree.Element
+    pieces: tuple[Piece, ...]
+    length: float
+    elevation: Cubics
+    lateral: LateralProfile
+
+    def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
+        """x, y and direction of the reference line at `s`."""
+        starts = [piece.start for piece in self.pieces]
+        piece_rows = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)
+        places = np.zeros((len(s), 3))
+        for row in np.unique(piece_rows):
+            piece = self.pieces[row]
+            is_here = piece_rows == row
+            places[is_here] = piece.at(s[is_here] - piece.start)
+        return places
+
+    def step_aside(
+        self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
+    ) -> Float64[np.ndarray, "k 2"]:
+        """Places `t` m to the left of the line at `s`."""
+        return step_aside(self.at(s), t)
+
+    def may_reach(self, window: shapely.Geometry) -> bool:
+        """True if a piece of the reference line begins so near a window that it may reach it."""
+        xmin, ymin, xmax, ymax = window.bounds
+        for piece in self.pieces:
+            reach = piece.length + MAX_CURVE_GAP_M
+            is_near_x = xmin - reach <= piece.x <= xmax + reach
+            is_near_y = ymin - reach <= piece.y <= ymax + reach
+            if is_near_x and is_near_y:
+                return True
+        return False
+
+    def stations(
+        self, window: shapely.Geometry, spacing: float
+    ) -> tuple[np.ndarray, Float64[np.ndarray, "k 2"]]:
+        """s and place of stations within `window`, `spacing` m apart or less."""
+        s = np.linspace(0.0, self.length, int(self.length / spacing) + 2)
+        xy = self.at(s)[:, :2]
+        is_inside = shapely.intersects_xy(window, xy)
+        return s[is_inside], xy[is_inside]
+
+
+def read_road(element: ElementTree.Element) -> MapRoad:
+    """Road of a <road>. Raises ValueError for a damaged one."""
+    pieces = [_read_piece(geometry) for geometry in element.findall("planView/geometry")]
+    if not pieces:
+        raise ValueError(f"road {element.get('id')!r} has no <geometry>: export the map again")
+    pieces.sort(key=lambda piece: piece.start)
+    length = pieces[-1].start + pieces[-1].length
+    elevation = read_cubics(element.findall("elevationProfile/elevation"))
+    return MapRoad(element, tuple(pieces), length, elevation, _read_lateral(element))
+
+
+def _read_piece(geometry: ElementTree.Element) -> Piece:
+    """Piece of a <geometry>. Raises ValueError for an unknown shape or an endless one."""
+    start = read_number(geometry, "s")
+    x = read_number(geometry, "x")
+    y = read_number(geometry, "y")
+    heading = read_number(geometry, "hdg")
+    length = read_number(geometry, "length")
+    shapes = [child for child in geometry if child.tag not in _ADDITIONAL]
+    shape = shapes[0] if shapes else ElementTree.Element("line")
+    if shape.tag not in _SHAPES:
+        raise ValueError(
+            f"<geometry> holds <{shape.tag}>, not one of {', '.join(_SHAPES)}: export the map again"
+        )
+    if not 0 <= length <= MAX_PIECE_M:
+        raise ValueError(
+            f"<geometry> needs a length of 0 to {MAX_PIECE_M:g} m, got {length:g}: export the map "
+            "again"
+        )
+    return Piece(start, x, y, heading, length, shape)
+
+
+def _read_lateral(road: ElementTree.Element) -> LateralProfile:
+    """Heights across a <road>."""
+    falls: dict[int, Cubics] = {}
+    for side, sign in _SIDES:
+        rows = road.findall("lateralProfile/crossfall")
+        side_rows = [row for row in rows if row.get("side", "both") in (side, "both")]
+        falls[sign] = read_cubics(side_rows)
+    shapes: dict[float, list[ElementTree.Element]] = {}
+    for shape in road.findall("lateralProfile/shape"):
+        shapes.setdefault(read_number(shape, "s"), []).append(shape)
+    return LateralProfile(
+        superelevation=read_cubics(road.findall("lateralProfile/superelevation")),
+        crossfall=falls,
+        shapes=tuple((s, read_cubics(shapes[s], "t")) for s in sorted(shapes)),
+    )
+
+
+def find_near_roads(
+    root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float
+) -> tuple[list[MapRoad], int]:
+    """Roads in `window` near a height, and the number of roads on another storey.
+
+    level: the height (m). storey: greatest distance from it (m)."""
+    near_roads = []
+    other_storeys = 0
+    surroundings = window.buffer(SEARCH_MARGIN_M)
+    for road in map(read_road, root.iter("road")):
+        if not road.may_reach(surroundings):
+            continue
+        near_stations, _ = road.stations(surroundings, SEARCH_STEP_M)
+        if not len(near_stations):
+            continue
+        s = np.linspace(0.0, road.length, int(road.length / SEARCH_STEP_M) + 2)
+        line = shapely.LineString(np.column_stack([road.at(s)[:, :2], road.elevation.at(s)]))
+        if is_on_level([line], surroundings, level, storey):
+            near_roads.append(road)
+        else:
+            other_storeys += 1
+    return near_roads, other_storeys
+
+
+def is_on_level(
+    lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float, storey: float
+) -> bool:
+    """True if lines (x, y, z) come within `storey` (m) of a height in `window`.
+
+    In its inner half, they must do so on the mean."""
+    heights = _list_heights(lines, window)
+    if not len(heights) or np.abs(heights - level).min() > storey:
+        return False
+    inner_window = shapely.affinity.scale(window, 0.5, 0.5, origin="centroid")
+    inner_heights = _list_heights(lines, inner_window)
+    return not len(inner_heights) or bool(np.abs(inner_heights.mean() - level) <= storey)
+
+
+def _list_heights(
+    lines: Sequence[shapely.LineString], window: shapely.Geometry
+) -> Float64[np.ndarray, " n"]:
+    """Heights of the corners of lines within a window, and at its edge."""
+    inside = shapely.intersection(lines, window)
+    return shapely.get_coordinates(inside, include_z=True)[:, 2]

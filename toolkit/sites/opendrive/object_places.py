@@ -1,0 +1,119 @@
+"""Places of OpenDRIVE objects and of their repeats.
+
+An object's place is s, t on its road, turned by hdg against it."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from toolkit.sites.opendrive.cubics import read_number
+from toolkit.sites.opendrive.map_roads import MapRoad
+
+MAX_BEYOND_M = 5.0  # an object may be this far beyond the ends of its road
+MAX_REPEATS = 2000
+
+
+class RoadPlace(NamedTuple):
+    """Place on a road in the map's frame (m, rad)."""
+
+    x: float
+    y: float
+    heading: float
+
+
+class ObjectPlace(NamedTuple):
+    """Place of an object in the map's frame (m, rad).
+
+    Attributes:
+        x: to the east.
+        y: to the north.
+        heading: direction of its length.
+        base: height above the road."""
+
+    x: float
+    y: float
+    heading: float
+    base: float
+
+
+class ObjectRow(NamedTuple):
+    """Row of repeated objects.
+
+    Attributes:
+        length: of the row (m).
+        spacing: from object to object (m), 0 for one continuous object.
+        objects: their number."""
+
+    length: float
+    spacing: float
+    objects: int
+
+
+def check_place(road: MapRoad, element: ElementTree.Element) -> None:
+    """Raise ValueError for an object or signal off its road, or with a negative height."""
+    rows = element.findall("repeat") or [element]
+    for s in [read_number(row, "s", 0.0) for row in rows]:
+        if not -MAX_BEYOND_M <= s <= road.length + MAX_BEYOND_M:
+            raise ValueError(
+                f"<{element.tag}> needs an s of 0 to {road.length:g}, got {s:g}: export it again"
+            )
+    height = read_number(element, "height", 0.0)
+    if height < 0:
+        raise ValueError(
+            f"<{element.tag}> needs a height from 0 up, got {height:g}: export it again"
+        )
+
+
+def place_on_road(road: MapRoad, s: float, t: float, turn: float) -> RoadPlace:
+    """Place at s, t on a road. turn: against the road's direction (rad)."""
+    x, y, heading = road.at(np.array([s]))[0]
+    return RoadPlace(
+        round(float(x - t * np.sin(heading)), 3),
+        round(float(y + t * np.cos(heading)), 3),
+        float(heading + turn),
+    )
+
+
+def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectPlace]:
+    """Places of an object and its repeats."""
+    is_reversed = element.get("orientation") == "-"
+    turn = read_number(element, "hdg", 0.0) + (np.pi if is_reversed else 0.0)
+    repeats = element.findall("repeat")
+    if not repeats:
+        s = read_number(element, "s")
+        t = read_number(element, "t")
+        place = place_on_road(road, s, t, turn)
+        yield ObjectPlace(*place, base=max(read_number(element, "zOffset", 0.0), 0.0))
+    for repeat in repeats:
+        start = read_number(repeat, "s")
+        row = read_row(repeat)
+        first_t = read_number(repeat, "tStart", read_number(element, "t"))
+        last_t = read_number(repeat, "tEnd", first_t)
+        base = max(read_number(repeat, "zOffsetStart", 0.0), 0.0)
+        shares = [0.0]
+        if row.length > 0:
+            shares = (np.arange(row.objects) * row.spacing / row.length).tolist()
+        for share in shares:
+            s = start + share * row.length
+            if s > road.length + MAX_BEYOND_M:
+                break
+            place = place_on_road(road, s, first_t + share * (last_t - first_t), turn)
+            yield ObjectPlace(*place, base=base)
+
+
+def read_row(repeat: ElementTree.Element) -> ObjectRow:
+    """Row that a <repeat> describes.
+
+    Raises ValueError for a negative number or too many objects."""
+    length = read_number(repeat, "length", 0.0)
+    distance = read_number(repeat, "distance", 0.0)
+    count = 1 + (int(length / distance) if distance > 0 else 0)
+    if min(length, distance) < 0 or count > MAX_REPEATS:
+        row = f"a length of {length:g} m and a distance of {distance:g} m make {count}"
+        raise ValueError(
+            f"<repeat> needs both from 0 up and at most {MAX_REPEATS} objects, but {row}: "
+            "export it again"
+        )
+    return ObjectRow(length, distance, count)

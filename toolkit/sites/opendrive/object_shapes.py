@@ -1,0 +1,161 @@
+"""Solids of OpenDRIVE objects: an outline, a radius, or a length and width."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.geometry import plane_rotation
+from toolkit.sites import furniture as f
+from toolkit.sites.network import list_polygons
+from toolkit.sites.opendrive.cubics import read_number
+from toolkit.sites.opendrive.map_roads import MapRoad
+from toolkit.sites.opendrive.object_places import (
+    MAX_BEYOND_M,
+    ObjectPlace,
+    list_places,
+    place_on_road,
+    read_row,
+)
+from toolkit.sites.site import Solid
+
+MAX_OBJECT_HEIGHT_M = 200.0
+MAX_RADIUS_M = 20.0
+MAX_BARRIER_WIDTH_M = 20.0
+BARRIER_PIECE_M = 4.0
+MIN_OBJECT_WIDTH_M = 0.2
+MIN_OBJECT_LENGTH_M = 0.3
+MIN_OUTLINE_M2 = 1e-3
+
+
+@dataclass(frozen=True)
+class _Size:
+    """Size of an object (m), 0 where the map gives none.
+
+    Attributes:
+        height: above its base.
+        radius: of a round object.
+        length: along its heading.
+        width: across its heading."""
+
+    height: float
+    radius: float
+    length: float
+    width: float
+
+    @classmethod
+    def read(cls, element: ElementTree.Element, usual_height: float) -> Self:
+        """Size of an <object>. usual_height: of one without a height."""
+        return cls(
+            height=min(read_number(element, "height", 0.0) or usual_height, MAX_OBJECT_HEIGHT_M),
+            radius=read_number(element, "radius", 0.0),
+            length=read_number(element, "length", 0.0),
+            width=read_number(element, "width", 0.0),
+        )
+
+    @property
+    def any_radius(self) -> float:
+        """Its radius, or else half its length or width."""
+        return self.radius or max(self.length, self.width) / 2
+
+
+def make_object_solids(
+    road: MapRoad, element: ElementTree.Element, kind: str, usual_height: float
+) -> Iterator[list[Solid]]:
+    """Solids of an object and its repeats, a group for each.
+
+    usual_height: height (m) of an object without one."""
+    size = _Size.read(element, usual_height)
+    repeats = element.findall("repeat")
+    if any(read_number(repeat, "distance", 0.0) == 0 for repeat in repeats):
+        for repeat in repeats:
+            for bar in _make_barrier(road, repeat, kind, size):
+                yield [bar]
+        return
+    outlines = []
+    if not repeats:
+        outlines = element.findall("outline") + element.findall("outlines/outline")
+    for place in list_places(road, element):
+        if outlines:
+            yield _make_prisms(road, place, outlines, kind, size)
+        else:
+            yield _make_simple(place, kind, size)
+
+
+def _make_prisms(
+    road: MapRoad,
+    place: ObjectPlace,
+    outlines: Sequence[ElementTree.Element],
+    kind: str,
+    size: _Size,
+) -> list[Solid]:
+    """Prisms on the outlines of an object."""
+    rings = [_read_ring(road, outline, place) for outline in outlines]
+    rings = [ring for ring in rings if shapely.Polygon(ring).area > MIN_OUTLINE_M2]
+    if not rings:
+        raise ValueError("<outline> needs three corners that are not in one line: export it again")
+    return [Solid(ring, place.base, place.base + size.height, kind) for ring in rings]
+
+
+def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
+    """Tree, disc or block of an object without an outline."""
+    xy = (place.x, place.y)
+    top = place.base + size.height
+    if kind == "tree":
+        crown_radius = min(max(size.any_radius or 1.6, 0.3), 8.0)
+        underside = min(2.3, 0.4 * size.height)
+        return f.tree(*xy, max(size.height, 2.0), crown_radius, underside)
+    if kind == "post" or size.radius > 0:
+        disc = f.disc(*xy, min(size.any_radius or 0.1, MAX_RADIUS_M))
+        return [Solid(disc, place.base, top, kind)]
+    extent = (max(size.length, MIN_OBJECT_LENGTH_M), max(size.width, MIN_OBJECT_WIDTH_M))
+    return [Solid(f.block(extent, xy, place.heading), place.base, top, kind)]
+
+
+def _make_barrier(
+    road: MapRoad, repeat: ElementTree.Element, kind: str, size: _Size
+) -> Iterator[Solid]:
+    """Barrier along the road, in pieces of `BARRIER_PIECE_M`."""
+    start = read_number(repeat, "s")
+    length = min(read_row(repeat).length, road.length)
+    first_t = read_number(repeat, "tStart", 0.0)
+    s = np.linspace(start, start + length, int(length / BARRIER_PIECE_M) + 2)
+    t = np.linspace(first_t, read_number(repeat, "tEnd", first_t), len(s))
+    line = road.step_aside(s, t)
+    line = line[s <= road.length + MAX_BEYOND_M]
+    top = min(read_number(repeat, "heightStart", 0.0) or size.height, MAX_OBJECT_HEIGHT_M)
+    usual_width = max(size.width, MIN_OBJECT_WIDTH_M)
+    width = min(read_number(repeat, "widthStart", 0.0) or usual_width, MAX_BARRIER_WIDTH_M)
+    for ends in pairwise(line):
+        if np.hypot(*(ends[1] - ends[0])) > 0.05:
+            yield Solid(f.bar(*ends, width), 0.0, top, kind)
+
+
+def _read_ring(
+    road: MapRoad, outline: ElementTree.Element, place: ObjectPlace
+) -> Float64[np.ndarray, "k 2"]:
+    """Corners of an outline, described on the road or about the object.
+
+    All are zero if they make no polygon."""
+    corners: list[tuple[float, float]] = []
+    for corner in outline.iter("cornerRoad"):
+        s = read_number(corner, "s")
+        t = read_number(corner, "t")
+        x, y, _ = place_on_road(road, s, t, 0.0)
+        corners.append((x, y))
+    rotation = plane_rotation(place.heading)
+    for corner in outline.iter("cornerLocal"):
+        uv = [read_number(corner, "u"), read_number(corner, "v")]
+        x, y = rotation @ uv + [place.x, place.y]
+        corners.append((x, y))
+    if len(corners) < 3:
+        return np.zeros((3, 2))
+    polygons = list_polygons(shapely.make_valid(shapely.Polygon(corners)))
+    nothing = shapely.Polygon(np.zeros((4, 2)))
+    largest = max(polygons, key=shapely.area, default=nothing)
+    return shapely.get_coordinates(largest.exterior)[:-1].round(3)

@@ -1,0 +1,131 @@
+"""Text of a junction for netconvert."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from toolkit.sites.network import format_element
+from toolkit.sites.opendrive.carriageways import Carriageway, PlainWriter
+from toolkit.sites.opendrive.plain_names import WHOLE_NUMBER, name_junction
+
+
+class _RoadEnd(NamedTuple):
+    """Id of a road, and its "start" or "end" at a junction or connection."""
+
+    road: str
+    contact: str
+
+
+class _Joint(NamedTuple):
+    """Lane before and after a connection: the carriageway of each, and the lane's id there."""
+
+    incoming: tuple[Carriageway, int]
+    connecting: tuple[Carriageway, int]
+
+
+class _Connection(NamedTuple):
+    """Two carriageways that a junction connects.
+
+    contact: end of the connecting one at which they meet."""
+
+    incoming: Carriageway
+    connecting: Carriageway
+    contact: str
+
+
+def write_plain_junction(
+    writer: PlainWriter, name: str, junction: ElementTree.Element, *, is_direct: bool
+) -> str:
+    """<junction> of OpenDRIVE 1.4.
+
+    is_direct: the junction joins roads to each other, without connecting roads between them."""
+    problems = writer.problems[f"junction {name}"]
+    texts: list[str] = []
+    for element in junction.findall("connection"):
+        incoming_road = element.get("incomingRoad", "")
+        connecting_road = element.get("linkedRoad" if is_direct else "connectingRoad", "")
+        if incoming_road not in writer.roads or connecting_road not in writer.roads:
+            problems["connections of junctions lead to roads that are not in the file"] += 1
+            continue
+        contact = element.get("contactPoint", "start")
+        connecting = _RoadEnd(connecting_road, contact if contact == "end" else "start")
+        incoming_contact = _find_contact(writer.roads[incoming_road][0], name)
+        incoming = _RoadEnd(incoming_road, incoming_contact)
+        joints = _read_joints(element, writer, incoming, connecting)
+        if len(joints) < len(element.findall("laneLink")):
+            problems["connections of junctions lead to lanes that are not in the file"] += 1
+        lanes: dict[_Connection, list[tuple[int, int]]] = defaultdict(list)
+        for joint in joints:
+            road, from_lane = joint.incoming
+            next_road, to_lane = joint.connecting
+            is_reversed = (from_lane * writer.sign < 0) != (incoming.contact == "end")
+            if is_direct and is_reversed:
+                connection = _Connection(next_road, road, incoming.contact)
+                lanes[connection].append((to_lane, from_lane))
+            else:
+                connection = _Connection(road, next_road, connecting.contact)
+                lanes[connection].append((from_lane, to_lane))
+        number = len(texts)
+        for connection, lane_pairs in lanes.items():
+            texts.append(_write_connection(number, connection, lane_pairs, writer.sign))
+    return format_element("junction", {"id": name_junction(name), "name": ""}, "".join(texts))
+
+
+def _find_contact(road: Carriageway, junction: str) -> str:
+    """End of a road at which it meets a junction."""
+    for link in road.element.findall("link/predecessor"):
+        if link.get("elementType") == "junction" and link.get("elementId") == junction:
+            return "start"
+    return "end"
+
+
+def _read_joints(
+    connection: ElementTree.Element, writer: PlainWriter, incoming: _RoadEnd, connecting: _RoadEnd
+) -> list[_Joint]:
+    """Lanes that a connection joins. Without links, lanes of the same id (1.4, 5.4.2)."""
+    joints = []
+    other_contact = "end" if incoming.contact == "start" else "start"
+    for from_id, to_id in _read_lane_ids(connection, writer, incoming):
+        # a road may meet the junction at both ends
+        first = writer.find_lane(incoming.road, incoming.contact, from_id)
+        if first is None:
+            first = writer.find_lane(incoming.road, other_contact, from_id)
+        last = writer.find_lane(connecting.road, connecting.contact, to_id)
+        if first is not None and last is not None:
+            joints.append(_Joint(first, last))
+    return joints
+
+
+def _read_lane_ids(
+    connection: ElementTree.Element, writer: PlainWriter, incoming: _RoadEnd
+) -> list[tuple[int, int]]:
+    """Ids of the lanes that a connection joins, as the file gives them."""
+    links = connection.findall("laneLink")
+    if not links:
+        roads = writer.roads[incoming.road]
+        lane_ids = {lane_id for road in roads for lane_id in road.ends[incoming.contact]}
+        return [(lane_id, lane_id) for lane_id in sorted(lane_ids)]
+    texts = [(link.get("from", ""), link.get("to", "")) for link in links]
+    return [
+        (int(from_text), int(to_text))
+        for from_text, to_text in texts
+        if WHOLE_NUMBER.fullmatch(from_text) and WHOLE_NUMBER.fullmatch(to_text)
+    ]
+
+
+def _write_connection(
+    number: int, connection: _Connection, lanes: Sequence[tuple[int, int]], sign: int
+) -> str:
+    """<connection> of OpenDRIVE 1.4. lanes: ids before and after it; sign: see `PlainWriter`."""
+    row = {
+        "id": number,
+        "incomingRoad": connection.incoming.name,
+        "connectingRoad": connection.connecting.name,
+        "contactPoint": connection.contact,
+    }
+    links = [
+        format_element("laneLink", {"from": sign * from_id, "to": sign * to_id})
+        for from_id, to_id in lanes
+    ]
+    return format_element("connection", row, "".join(links))

@@ -1,0 +1,55 @@
+"""Types of lanes that netconvert gets: users and limits."""
+
+from collections import Counter
+from collections.abc import Mapping
+
+from toolkit.sites.network import FOOT, MOTOR
+from toolkit.sites.opendrive.carriageways import Carriageway, PlainWriter
+from toolkit.sites.opendrive.lane_rules import USERS, USUAL_SPEED_MPS, LaneUse, find_use
+from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane
+
+NO_LIMIT_NOTE = f"roads without a limit in the map are driven at {USUAL_SPEED_MPS * 3.6:.0f} km/h"
+
+
+def find_lane_type(
+    writer: PlainWriter,
+    road: Carriageway,
+    section: LaneSection,
+    lane: SectionLane,
+    defaults: Mapping[str, float],
+    problems: Counter[str],
+) -> str:
+    """Name of the type of a lane that netconvert gets.
+
+    defaults: limits (m/s) by type of road."""
+    use = find_use(road.element, section, lane, dict(defaults), problems)
+    if use.limit is None and "passenger" in use.users and road.junction == "-1":
+        problems[NO_LIMIT_NOTE] = 1  # counted once a road, however many lanes it has
+    if lane in road.closed:
+        use = LaneUse((), None)
+    use = _close_both(section, lane, use, problems)
+    kind = lane.kind if lane.kind in USERS else "unknown"
+    usual_use = LaneUse(tuple(USERS.get(kind, "").split()), None)
+    name = kind if use == usual_use else f"{kind}.{len(writer.uses)}"
+    return writer.uses.setdefault((kind, use), name)
+
+
+def _close_both(
+    section: LaneSection, lane: SectionLane, use: LaneUse, problems: Counter[str]
+) -> LaneUse:
+    """Use of a lane, which is closed if it is for both directions between driven lanes."""
+    is_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
+    is_walked = not use.users or set(use.users) == {FOOT}
+    if is_walked or not is_both:
+        return use
+    if any(_is_driven(other) for other in section.lanes if other is not lane):
+        problems["lanes for both directions (turning lanes) are closed to through traffic"] += 1
+        return LaneUse((), None)
+    problems["lanes for both directions are driven in the direction of their side only"] += 1
+    return use
+
+
+def _is_driven(lane: SectionLane) -> bool:
+    """True for a lane of motor vehicles in the direction of its side."""
+    is_standard = lane.element.get("direction", "standard") == "standard"
+    return is_standard and lane.kind != "bidirectional" and USERS.get(lane.kind) == MOTOR

@@ -1,0 +1,105 @@
+"""Text of lanes for netconvert: sections, widths, links and types in OpenDRIVE 1.4."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.sites.network import format_element
+from toolkit.sites.opendrive.carriageways import Carriageway, PlainWriter, number_section_lanes
+from toolkit.sites.opendrive.contradictions import sample_width
+from toolkit.sites.opendrive.cubics import Cubics
+from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane
+from toolkit.sites.opendrive.plain_lane_types import find_lane_type
+from toolkit.sites.opendrive.plain_links import Direction, PlainLink
+
+CENTRE_LANE = '<center><lane id="0" type="none"/></center>'
+
+
+class _LaneIds(NamedTuple):
+    """Ids in the file and here of the lanes before and after a section."""
+
+    before: Mapping[int, int]
+    after: Mapping[int, int]
+
+
+def write_sections(
+    writer: PlainWriter,
+    road: Carriageway,
+    links: Mapping[Direction, PlainLink],
+    defaults: Mapping[str, float],
+    problems: Counter[str],
+) -> Iterator[str]:
+    """<laneSection> elements of a carriageway.
+
+    links: by "predecessor" and "successor". defaults: limits (m/s) by type of road."""
+    section_ids = [number_section_lanes(section) for section in road.sections]
+    first_ids = links["predecessor"].lane_ids if "predecessor" in links else {}
+    last_ids = links["successor"].lane_ids if "successor" in links else {}
+    lane_ids = [first_ids, *section_ids, last_ids]
+    for i, section in enumerate(road.sections):
+        kinds = {
+            lane: find_lane_type(writer, road, section, lane, defaults, problems)
+            for lane in section.lanes
+        }
+        neighbours = _LaneIds(lane_ids[i], lane_ids[i + 2])
+        left = _write_side(section, kinds, writer.sign, 1, neighbours)
+        right = _write_side(section, kinds, writer.sign, -1, neighbours)
+        yield format_element("laneSection", {"s": section.start}, left + CENTRE_LANE + right)
+
+
+def _write_side(
+    section: LaneSection,
+    kinds: Mapping[SectionLane, str],
+    map_sign: int,
+    side_sign: int,
+    neighbours: _LaneIds,
+) -> str:
+    """<left> or <right> of a section; empty if it has no lanes there.
+
+    kinds: types of the lanes. map_sign: -1 if the map is mirrored. side_sign: 1 for the left."""
+    lanes = [lane for lane in section.lanes if lane.number * map_sign * side_sign > 0]
+    lanes.sort(key=lambda lane: -lane.number * map_sign)
+    if not lanes:
+        return ""
+    texts = [
+        _write_lane(_drop_negative(section, lane), kinds[lane], map_sign, neighbours)
+        for lane in lanes
+    ]
+    return format_element("left" if side_sign > 0 else "right", {}, "".join(texts))
+
+
+def _drop_negative(section: LaneSection, lane: SectionLane) -> SectionLane:
+    """Lane without width, if its width is below zero all along.
+
+    netconvert takes it for a lane of usual width."""
+    if sample_width(section, lane).max() >= 0.0:
+        return lane
+    return replace(lane, width=Cubics(np.zeros(1), np.zeros((1, 4))))
+
+
+def _write_lane(lane: SectionLane, kind: str, map_sign: int, neighbours: _LaneIds) -> str:
+    """<lane> of OpenDRIVE 1.4."""
+    links = ""
+    for before_id in lane.before[:1]:
+        if before_id in neighbours.before:
+            row = {"id": map_sign * neighbours.before[before_id]}
+            links += format_element("predecessor", row)
+    for after_id in lane.after[:1]:
+        if after_id in neighbours.after:
+            row = {"id": map_sign * neighbours.after[after_id]}
+            links += format_element("successor", row)
+    inside = format_element("link", {}, links) if links else ""
+    inside += write_cubics("width", "sOffset", lane.width)
+    return format_element("lane", {"id": map_sign * lane.number, "type": kind}, inside)
+
+
+def write_cubics(tag: str, key: str, function: Cubics) -> str:
+    """Elements with a, b, c, d, one for each piece. key: attribute of its start."""
+    elements = []
+    for start, row in zip(function.starts.tolist(), function.rows.tolist(), strict=True):
+        a, b, c, d = row
+        elements.append(f'<{tag} {key}="{start}" a="{a}" b="{b}" c="{c}" d="{d}"></{tag}>')
+    return "".join(elements)

@@ -1,0 +1,83 @@
+"""Links of a carriageway to other roads and junctions."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+from xml.etree import ElementTree
+
+from toolkit.sites.network import format_element
+from toolkit.sites.opendrive.carriageways import Carriageway, PlainWriter
+from toolkit.sites.opendrive.plain_names import name_junction
+
+Direction = Literal["predecessor", "successor"]
+
+
+@dataclass(frozen=True)
+class PlainLink:
+    """Road or junction that a road leads to.
+
+    Attributes:
+        kind: "road" or "junction".
+        name: its name for netconvert.
+        contact: end of the road, "start" or "end".
+        lane_ids: ids of the lanes at this end, in the file and here."""
+
+    kind: str
+    name: str
+    contact: str = ""
+    lane_ids: Mapping[int, int] = field(default_factory=dict)
+
+    def write(self, direction: Direction) -> str:
+        """<predecessor> or <successor> of OpenDRIVE 1.4."""
+        row = {"elementType": self.kind, "elementId": self.name}
+        if self.contact:
+            row["contactPoint"] = self.contact
+        return format_element(direction, row)
+
+
+def find_links(
+    writer: PlainWriter, road: Carriageway, left_out: Collection[str], problems: Counter[str]
+) -> Iterator[tuple[Direction, PlainLink]]:
+    """Links of a carriageway that lead somewhere.
+
+    left_out: ids of junctions that netconvert does not get."""
+    contacts: tuple[tuple[Direction, str], ...] = (("predecessor", "end"), ("successor", "start"))
+    for direction, default_contact in contacts:
+        for link in road.element.findall(f"link/{direction}"):
+            name = link.get("elementId", "")
+            kind = link.get("elementType", "")
+            is_branch = link.get("elementS") is not None
+            if is_branch or (kind == "junction" and name in left_out):
+                problems["roads that branch off within another road are not joined to it"] += 1
+            elif kind == "junction":
+                yield direction, PlainLink(kind, name_junction(name))
+            elif kind == "road" and name in writer.roads:
+                contact = _read_contact(link, default_contact)
+                partner = _find_partner(writer, road, direction, name, contact)
+                if partner.junction not in left_out:
+                    yield (direction, PlainLink(kind, partner.name, contact, partner.ends[contact]))
+            else:
+                problems["roads are linked to what is not in the file"] += 1
+
+
+def _read_contact(link: ElementTree.Element, default_contact: str) -> str:
+    """End of the road that a link leads to."""
+    contact = link.get("contactPoint", default_contact)
+    return contact if contact in ("start", "end") else default_contact
+
+
+def _find_partner(
+    writer: PlainWriter, road: Carriageway, direction: Direction, name: str, contact: str
+) -> Carriageway:
+    """Carriageway of the road `name` to which most lanes at an end of `road` are linked."""
+    is_before = direction == "predecessor"
+    section = road.sections[0 if is_before else -1]
+    partners: Counter[Carriageway] = Counter()
+    for lane in section.lanes:
+        for lane_id in lane.before if is_before else lane.after:
+            partner = writer.find_lane(name, contact, lane_id)
+            if partner is not None and lane not in road.closed:
+                carriageway, _ = partner
+                partners[carriageway] += 1
+    return partners.most_common(1)[0][0] if partners else writer.roads[name][-1]

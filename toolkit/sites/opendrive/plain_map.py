@@ -1,0 +1,124 @@
+"""Roads of an OpenDRIVE map for netconvert: plain lanes, links and junctions of OpenDRIVE 1.4.
+
+netconvert reads half of the standard and stops at much of the rest. So it gets only the parts that
+it reads right, in the terms it knows: names of roads that SUMO can hold, lanes in order, limits per
+section, users per lane, links that lead somewhere. All other parts are counted. Without its
+<geoReference>, header offset, objects and signs, the map is in metres, and nothing next to the road
+stops netconvert."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+from toolkit.sites.network import FOOT, format_xml
+from toolkit.sites.opendrive import lane_rules
+from toolkit.sites.opendrive.carriageways import Carriageway, PlainWriter, read_carriageways
+from toolkit.sites.opendrive.plain_junctions import write_plain_junction
+from toolkit.sites.opendrive.plain_roads import write_plain_road
+
+UNREAD_JUNCTIONS = ("virtual", "crossing")
+
+
+@dataclass(frozen=True, eq=False)
+class PlainMap:
+    """Part of a map for netconvert.
+
+    Attributes:
+        text: OpenDRIVE 1.4.
+        types: rows of SUMO's types, one for every use of a lane.
+        lefthand: True if traffic keeps left.
+        problems: number of parts left out or changed, by id of the road or junction, and kind.
+        carriageways: roads in the text."""
+
+    text: str
+    types: Sequence[Mapping[str, object]]
+    lefthand: bool
+    problems: dict[str, Counter[str]]
+    carriageways: "Sequence[Carriageway]" = ()
+
+
+def write_plain(root: ElementTree.Element) -> PlainMap:
+    """Write the roads of a map for netconvert.
+
+    Raises ValueError for a damaged road, lane or geometry."""
+    writer = PlainWriter(root)
+    read_carriageways(writer)
+    defaults = lane_rules.read_defaults(root, writer.problems[""])
+    junctions = {str(junction.get("id")): junction for junction in root.findall("junction")}
+    left_out = {
+        name for name, junction in junctions.items() if _read_kind(junction) in UNREAD_JUNCTIONS
+    }
+    carriageways = [carriageway for road in writer.roads.values() for carriageway in road]
+    elements = [
+        write_plain_road(writer, carriageway, left_out, defaults)
+        for carriageway in carriageways
+        if carriageway.junction not in left_out
+    ]
+    for name, junction in junctions.items():
+        if name in left_out:
+            _note_left_out(writer, name, junction)
+        else:
+            _note_unread(writer, name, junction)
+            is_direct = _read_kind(junction) == "direct"
+            elements.append(write_plain_junction(writer, name, junction, is_direct=is_direct))
+    types = [_describe_type(name, key[1]) for key, name in writer.uses.items()]
+    text = format_xml("OpenDRIVE", ['<header revMajor="1" revMinor="4"/>', *elements])
+    return PlainMap(text, types, writer.sign < 0, dict(writer.problems), carriageways)
+
+
+def _read_kind(junction: ElementTree.Element) -> str:
+    """Type of a junction."""
+    return junction.get("type", "default")
+
+
+def _describe_type(name: str, use: lane_rules.LaneUse) -> dict[str, object]:
+    """Row of SUMO's type for a use of a lane."""
+    row: dict[str, object] = {
+        "id": name,
+        "speed": use.limit or _usual_speed(use.users),
+        "priority": 5 if "passenger" in use.users else 0,
+    }
+    if use.users:
+        row["allow"] = " ".join(use.users)
+    else:
+        row["disallow"] = "all"
+    return row
+
+
+def _usual_speed(users: Sequence[str]) -> float:
+    """Speed (m/s) of a lane without a limit, by its users."""
+    if not users:
+        return 1.0
+    if set(users) == {FOOT}:
+        return lane_rules.WALKING_SPEED_MPS
+    if set(users) == {"bicycle"}:
+        return lane_rules.BICYCLE_SPEED_MPS
+    return lane_rules.USUAL_SPEED_MPS
+
+
+def _note_unread(writer: PlainWriter, name: str, junction: ElementTree.Element) -> None:
+    """Note the unread parts of a junction that netconvert gets."""
+    problems = writer.problems[f"junction {name}"]
+    if junction.find("priority") is not None:
+        problems["junctions have priorities, which are not read"] += 1
+    if junction.find("elevationGrid") is not None:
+        problems["junctions have a grid of heights, which is not read"] += 1
+
+
+def _note_left_out(writer: PlainWriter, name: str, junction: ElementTree.Element) -> None:
+    """Note a junction that netconvert does not get, at one of its roads."""
+    roads = [road[0] for road in writer.roads.values() if road[0].junction == name]
+    if _read_kind(junction) == "virtual":
+        text = (
+            "virtual junctions are left out: the main road goes on, and traffic does not turn there"
+        )
+        for road in roads:
+            problems = writer.problems[road.element.get("id", "")]
+            problems["connecting roads of virtual junctions carry no traffic"] += 1
+        main_roads = [junction.get("mainRoad", "")]
+    else:
+        text = "crossing junctions are left out: traffic there does not give way"
+        main_roads = [section.get("roadId", "") for section in junction.findall("roadSection")]
+    for road_id in main_roads[:1]:
+        writer.problems[road_id][text] += 1

@@ -1,0 +1,88 @@
+"""Text of a road for netconvert: links, geometry and lanes in OpenDRIVE 1.4."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from xml.etree import ElementTree
+
+from toolkit.sites.network import format_element
+from toolkit.sites.opendrive.carriageways import Carriageway, PlainWriter
+from toolkit.sites.opendrive.cubics import read_cubics, read_number
+from toolkit.sites.opendrive.plain_lanes import write_cubics, write_sections
+from toolkit.sites.opendrive.plain_links import find_links
+from toolkit.sites.opendrive.plain_names import name_junction
+from toolkit.sites.opendrive.plain_signals import write_plain_signals
+
+MIN_CURVATURE_PER_M = 1e-10  # less curvature is ignored
+MIN_GEOMETRY_M = 1e-6
+
+_GEOMETRY_KEYS = ("s", "x", "y", "hdg", "length")
+_SHAPE_KEYS: dict[str, tuple[str, ...]] = {
+    "line": (),
+    "arc": ("curvature",),
+    "spiral": ("curvStart", "curvEnd"),
+    "poly3": ("a", "b", "c", "d"),
+    "paramPoly3": ("aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV"),
+}
+
+
+def write_plain_road(
+    writer: PlainWriter, road: Carriageway, left_out: Collection[str], defaults: Mapping[str, float]
+) -> str:
+    """<road> of OpenDRIVE 1.4 for a carriageway.
+
+    left_out: ids of junctions that netconvert does not get. defaults: limits (m/s) by type of
+    road."""
+    name = road.element.get("id", "")
+    problems = writer.problems[name]
+    is_first = writer.roads[name][0] is road
+    links = dict(find_links(writer, road, left_out, problems if is_first else Counter()))
+    row = {
+        "id": road.name,
+        "length": road.length,
+        "name": road.element.get("name", ""),
+        "junction": "-1" if road.junction == "-1" else name_junction(road.junction),
+    }
+    inside = []
+    if links:
+        link_texts = [link.write(direction) for direction, link in links.items()]
+        inside.append(format_element("link", {}, "".join(link_texts)))
+    inside.append(format_element("planView", {}, "".join(_write_geometry(road.element))))
+    heights = read_cubics(road.element.findall("elevationProfile/elevation"))
+    inside.append(format_element("elevationProfile", {}, write_cubics("elevation", "s", heights)))
+    offset = write_cubics("laneOffset", "s", road.offset)
+    sections = "".join(write_sections(writer, road, links, defaults, problems))
+    inside.append(format_element("lanes", {}, offset + sections))
+    if is_first:
+        signals = "".join(write_plain_signals(road.element, writer.sign))
+        inside.append(format_element("signals", {}, signals))
+    return format_element("road", row, "".join(inside))
+
+
+def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
+    """<geometry> elements of a reference line, without those of no length."""
+    pieces = sorted(road.findall("planView/geometry"), key=lambda piece: read_number(piece, "s"))
+    long_pieces = [piece for piece in pieces if read_number(piece, "length") > MIN_GEOMETRY_M]
+    for piece in long_pieces or pieces[:1]:
+        row: dict[str, object] = {key: read_number(piece, key) for key in _GEOMETRY_KEYS}
+        shapes = [child for child in piece if child.tag in _SHAPE_KEYS]
+        shape = shapes[0] if shapes else ElementTree.Element("line")
+        yield format_element("geometry", row, _write_shape(shape))
+
+
+def _write_shape(shape: ElementTree.Element) -> str:
+    """Shape of a <geometry>; bends that netconvert takes for none become lines or arcs."""
+    kind = shape.tag
+    values = {key: read_number(shape, key, 0.0) for key in _SHAPE_KEYS[kind]}
+    if kind == "spiral":
+        bend = abs(values["curvEnd"] - values["curvStart"])
+        if bend < MIN_CURVATURE_PER_M:
+            kind = "arc"
+            values = {"curvature": values["curvStart"]}
+    if kind == "arc" and abs(values["curvature"]) < MIN_CURVATURE_PER_M:
+        kind = "line"
+        values = {}
+    attributes: dict[str, object] = {**values}
+    if kind == "paramPoly3":
+        is_length = shape.get("pRange") == "arcLength"
+        attributes["pRange"] = "arcLength" if is_length else "normalized"
+    return format_element(kind, attributes)

@@ -1,0 +1,162 @@
+"""Reference lines of OpenDRIVE roads in plan view: lines, arcs, spirals and cubics."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+from toolkit.sites.opendrive.cubics import Cubics, read_number
+
+CURVE_STEP_M = 0.25  # between the points at which a curve is summed up
+MIN_CURVE_STEPS = 16
+
+_U_KEYS = ("aU", "bU", "cU", "dU")
+_V_KEYS = ("aV", "bV", "cV", "dV")
+
+
+class _Offsets(NamedTuple):
+    """Places relative to the start of a curve.
+
+    Attributes:
+        u: m ahead of the start.
+        v: m to the left of the start.
+        turn: direction against the start's (rad)."""
+
+    u: Float64[np.ndarray, " k"]
+    v: Float64[np.ndarray, " k"]
+    turn: Float64[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One <geometry> of a road.
+
+    Attributes:
+        start: m along s.
+        x: x of its start.
+        y: y of its start.
+        heading: direction at its start.
+        length: m.
+        shape: element inside."""
+
+    start: float
+    x: float
+    y: float
+    heading: float
+    length: float
+    shape: ElementTree.Element
+
+    def at(self, ds: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
+        """x, y and direction `ds` m from its start."""
+        offsets = self._find_offsets(ds)
+        cos = np.cos(self.heading)
+        sin = np.sin(self.heading)
+        x = self.x + cos * offsets.u - sin * offsets.v
+        y = self.y + sin * offsets.u + cos * offsets.v
+        return np.column_stack([x, y, self.heading + offsets.turn])
+
+    def measure_curve(self) -> float:
+        """Length (m) of its curve.
+
+        It should equal `length`; only a paramPoly3 may have another."""
+        if self.shape.tag != "paramPoly3":
+            return self.length
+        u = _read_cubic(self.shape, _U_KEYS)
+        v = _read_cubic(self.shape, _V_KEYS)
+        end = self.length if self.shape.get("pRange") == "arcLength" else 1.0
+        grid = _make_grid(end, self.length)
+        middles = (grid[1:] + grid[:-1]) / 2
+        speeds = np.hypot(u.slope(middles), v.slope(middles))
+        return float(np.sum(speeds * np.diff(grid)))
+
+    def _find_offsets(self, ds: np.ndarray) -> _Offsets:
+        """Places `ds` m from the start, relative to it."""
+        match self.shape.tag:
+            case "arc":
+                return self._follow_arc(ds)
+            case "spiral":
+                return self._follow_spiral(ds)
+            case "poly3":
+                return self._follow_cubic(ds)
+            case "paramPoly3":
+                return self._follow_parametric_cubic(ds)
+        return _Offsets(ds, np.zeros(len(ds)), np.zeros(len(ds)))
+
+    def _follow_arc(self, ds: np.ndarray) -> _Offsets:
+        """Places along an arc."""
+        turn = read_number(self.shape, "curvature") * ds
+        u = ds * np.sinc(turn / np.pi)
+        v = ds * np.sin(turn / 2) * np.sinc(turn / 2 / np.pi)
+        return _Offsets(u, v, turn)
+
+    def _follow_spiral(self, ds: np.ndarray) -> _Offsets:
+        """Places along a spiral, summed by the midpoint rule."""
+        curvature = read_number(self.shape, "curvStart")
+        change = read_number(self.shape, "curvEnd") - curvature
+        rate = change / max(self.length, 1e-9)
+        grid = np.linspace(0.0, self.length, int(self.length / CURVE_STEP_M) + 2)
+        middles = (grid[1:] + grid[:-1]) / 2
+        turns = curvature * middles + rate * middles**2 / 2
+        u = np.cumsum([0.0, *(np.diff(grid) * np.cos(turns))])
+        v = np.cumsum([0.0, *(np.diff(grid) * np.sin(turns))])
+        turn = curvature * ds + rate * ds**2 / 2
+        return _Offsets(np.interp(ds, grid, u), np.interp(ds, grid, v), turn)
+
+    def _follow_cubic(self, ds: np.ndarray) -> _Offsets:
+        """Places along a cubic v(u)."""
+        v = _read_cubic(self.shape, "abcd")
+        u = _find_parameter(ds, lambda grid: np.hypot(1.0, v.slope(grid)), self.length)
+        return _Offsets(u, v.at(u), np.arctan(v.slope(u)))
+
+    def _follow_parametric_cubic(self, ds: np.ndarray) -> _Offsets:
+        """Places along cubics u(p) and v(p)."""
+        u = _read_cubic(self.shape, _U_KEYS)
+        v = _read_cubic(self.shape, _V_KEYS)
+        p = ds
+        if self.shape.get("pRange") != "arcLength":
+            p = _find_parameter(
+                ds, lambda grid: np.hypot(u.slope(grid), v.slope(grid)), 1.0, length=self.length
+            )
+        return _Offsets(u.at(p), v.at(p), np.arctan2(v.slope(p), u.slope(p)))
+
+
+def step_aside(
+    places: Float[np.ndarray, "k 3"], t: Float[np.ndarray, " k"]
+) -> Float64[np.ndarray, "k 2"]:
+    """Places `t` m to the left of x, y and direction."""
+    x, y, heading = places.T
+    return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
+
+
+def _find_parameter(
+    ds: np.ndarray,
+    speed: Callable[[np.ndarray], np.ndarray],
+    end: float,
+    *,
+    length: float | None = None,
+) -> np.ndarray:
+    """Parameter of a curve `ds` m along it.
+
+    speed: m per unit of the parameter, which runs from 0 to `end`; length: m from 0 to `end` as in
+    the file, which need not agree with the speed to the last digit."""
+    grid = _make_grid(end, length or end)
+    middles = (grid[1:] + grid[:-1]) / 2
+    distances = np.concatenate([[0.0], np.cumsum(speed(middles) * np.diff(grid))])
+    scale = 1.0 if length is None else max(length, 1e-9) / max(distances[-1], 1e-9)
+    end_speed = float(speed(grid[-1:])[0]) * scale
+    beyond = np.maximum(ds - distances[-1] * scale, 0.0) / max(end_speed, 1e-9)
+    return np.interp(ds, distances * scale, grid) + beyond
+
+
+def _make_grid(end: float, length: float) -> Float64[np.ndarray, " n"]:
+    """Parameters from 0 to `end` of a curve that is about `length` m long."""
+    return np.linspace(0.0, end, max(int(length / CURVE_STEP_M), MIN_CURVE_STEPS) + 1)
+
+
+def _read_cubic(shape: ElementTree.Element, keys: Sequence[str]) -> Cubics:
+    """Cubic polynomial whose coefficients are attributes of an element."""
+    coefficients = [read_number(shape, key, 0.0) for key in keys]
+    return Cubics(np.zeros(1), np.array([coefficients]))

@@ -1,0 +1,185 @@
+"""Objects and signals next to OpenDRIVE roads.
+
+Flat objects (crosswalks, markings) are no solids."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Pose
+from toolkit.sites import furniture as f
+from toolkit.sites.network import unite
+from toolkit.sites.opendrive.cubics import read_number
+from toolkit.sites.opendrive.map_roads import MapRoad
+from toolkit.sites.opendrive.object_places import check_place, list_places, place_on_road
+from toolkit.sites.opendrive.object_shapes import make_object_solids
+from toolkit.sites.site import Solid
+from toolkit.sites.surroundings.parking_bays import Bay
+
+OBJECT_KINDS = {  # type of object: kind of solid, height without one in the map (m)
+    "building": ("building", 6.0),
+    "tree": ("tree", 7.0),
+    "vegetation": ("hedge", 1.2),
+    "bush": ("hedge", 1.2),
+    "pole": ("post", 4.0),
+    "streetLamp": ("post", 6.0),
+    "streetlamp": ("post", 6.0),
+    "barrier": ("wall", 0.9),
+    "wall": ("wall", 1.8),
+    "soundBarrier": ("wall", 3.0),
+    "railing": ("fence", 1.0),
+    "fence": ("fence", 1.2),
+    "gantry": ("post", 6.0),
+    "trafficIsland": ("island", 0.15),
+    "obstacle": ("bin", 1.0),
+}
+FLAT_OBJECTS = ("crosswalk", "roadMark", "roadSurface", "patch", "crack", "none", "signalReference")
+LAMPS = ("streetLamp", "streetlamp")
+UNNAMED_TYPES = ("-1", "")  # types without meaning, as in CARLA's maps
+MIN_SIGN_BASE_M = 2.1  # height of the lower edge of a sign or a signal head
+MAX_SIGN_BASE_M = 12.0
+SIGN_SIZE_M = (0.2, 4.0)  # least and greatest width and height
+
+
+@dataclass
+class RoadObjects:
+    """Objects next to the roads, in the map's frame.
+
+    Attributes:
+        groups: solids that are kept or left out together.
+        bays: x, y, yaw of parking bays.
+        lamps: x, y of street lamps.
+        understood: number of known objects by type.
+        unknown: number of unknown objects by type and name.
+        damaged: fault of each object or signal that was left out."""
+
+    groups: list[list[Solid]] = field(default_factory=list)
+    bays: list[Bay] = field(default_factory=list)
+    lamps: list[tuple[float, float]] = field(default_factory=list)
+    understood: Counter[str] = field(default_factory=Counter)
+    unknown: Counter[str] = field(default_factory=Counter)
+    damaged: list[str] = field(default_factory=list)
+
+    def add_object(self, road: MapRoad, element: ElementTree.Element) -> None:
+        """Add an object of a road, and its repeats. Raises ValueError for a damaged one."""
+        kind = element.get("type", "") or "none"
+        if kind == "parkingSpace":
+            self._add_bays(road, element)
+        elif kind in OBJECT_KINDS:
+            solid_kind, usual_height = OBJECT_KINDS[kind]
+            self.groups += list(make_object_solids(road, element, solid_kind, usual_height))
+            if kind in LAMPS:
+                self.lamps += [(place.x, place.y) for place in list_places(road, element)]
+        elif kind not in FLAT_OBJECTS:
+            name = element.get("name", "") if kind in UNNAMED_TYPES else ""
+            self.unknown[f"{kind} {name}".strip()] += 1
+            return
+        self.understood[kind] += 1
+
+    def _add_bays(self, road: MapRoad, element: ElementTree.Element) -> None:
+        """Add parking bays, whose longer side is their length."""
+        length = read_number(element, "length", 0.0)
+        width = read_number(element, "width", 0.0)
+        turn = 0.0 if length >= width else np.pi / 2
+        places = list(list_places(road, element))
+        self.bays += [(place.x, place.y, place.heading + turn) for place in places]
+
+    def add_signal(self, road: MapRoad, element: ElementTree.Element) -> None:
+        """Add a signal of a road. Raises ValueError for a damaged one."""
+        self.groups.append(_make_signal(road, element))
+        self.understood["signal"] += 1
+
+
+def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
+    """Objects and signals of roads. Of damaged ones, only the fault is kept."""
+    objects = RoadObjects()
+    for road in roads:
+        for element in road.element.findall("objects/object"):
+            try:
+                check_place(road, element)
+                objects.add_object(road, element)
+            except ValueError as error:
+                objects.damaged.append(str(error))
+        for element in road.element.findall("signals/signal"):
+            try:
+                check_place(road, element)
+                objects.add_signal(road, element)
+            except ValueError as error:
+                objects.damaged.append(str(error))
+    return objects
+
+
+def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
+    """Post and plate of a signal."""
+    s = read_number(element, "s")
+    t = read_number(element, "t")
+    place = place_on_road(road, s, t, read_number(element, "hOffset", 0.0))
+    is_forward = element.get("orientation", "+") == "+"
+    facing = place.heading + (np.pi if is_forward else 0.0)
+    is_head = element.get("dynamic") == "yes"
+    usual_height, usual_width, depth = (0.9, 0.3, 0.3) if is_head else (0.6, 0.6, 0.06)
+    height = float(np.clip(read_number(element, "height", 0.0) or usual_height, *SIGN_SIZE_M))
+    width = float(np.clip(read_number(element, "width", 0.0) or usual_width, *SIGN_SIZE_M))
+    base = min(max(read_number(element, "zOffset", 0.0), MIN_SIGN_BASE_M), MAX_SIGN_BASE_M)
+    plate = f.block((width, depth), (place.x, place.y), facing + np.pi / 2)
+    return [
+        f.post(place.x, place.y, round(base, 3), 0.06),
+        Solid(plate, round(base, 3), round(base + height, 3), "sign"),
+    ]
+
+
+def move_objects_to_site(objects: RoadObjects, map_SE3_site: Pose) -> RoadObjects:
+    """Move objects into the site's frame."""
+    rotation = map_SE3_site[:2, :2]
+    origin = map_SE3_site[:2, 3]
+    yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
+
+    def move_solid(solid: Solid) -> Solid:
+        return replace(solid, footprint=((solid.footprint - origin) @ rotation).round(3))
+
+    def move_bay(bay: Bay) -> Bay:
+        x, y = ((np.array(bay[:2]) - origin) @ rotation).tolist()
+        return x, y, float(bay[2] - yaw)
+
+    return replace(
+        objects,
+        groups=[list(map(move_solid, group)) for group in objects.groups],
+        bays=list(map(move_bay, objects.bays)),
+        lamps=[tuple((np.array(lamp) - origin) @ rotation) for lamp in objects.lamps],
+    )
+
+
+def select_solids(
+    objects: RoadObjects,
+    window: shapely.Geometry,
+    lanes: Sequence[np.ndarray],
+    tracks: shapely.Geometry,
+) -> tuple[list[Solid], list[str]]:
+    """Solids within `window` and off the lanes, and notes."""
+    road = unite(lanes).union(tracks).buffer(-1e-3)
+    shapely.prepare(road)
+    solids: list[Solid] = []
+    on_road = 0
+    for group in objects.groups:
+        shape = unite(solid.footprint for solid in group)
+        if not group or not shape.intersects(window):
+            continue
+        if road.intersects(shape):
+            on_road += 1
+        else:
+            solids += group
+    notes = []
+    if on_road:
+        notes.append(f"{on_road} objects or signals stand on the carriageway and were left out")
+    if objects.unknown:
+        rows = sorted(objects.unknown.items())[:12]
+        types = ", ".join(f"{count} {kind[:30]!r}" for kind, count in rows)
+        notes.append(f"objects of types that are not known were left out: {types}")
+    if objects.damaged:
+        reason = objects.damaged[0].removesuffix(": export it again")
+        notes.append(f"{len(objects.damaged)} damaged objects or signals were left out: {reason}")
+    return solids, notes

@@ -1,0 +1,1 @@
+"""OpenStreetMap extracts: roads for netconvert, and solids next to them."""

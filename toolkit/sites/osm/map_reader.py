@@ -1,0 +1,169 @@
+"""Reads an OpenStreetMap file in metres around a centre.
+
+Roads are cut at nodes that the file lacks; only a file that is no map, or a centre outside it, is
+refused."""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.geometry import plane_rotation
+from toolkit.sites import network as nets
+from toolkit.sites.georeference import project
+from toolkit.sites.osm.extract import Extract, Way
+from toolkit.sites.osm.raw_map import Multipolygon, RawMap, RawWay
+from toolkit.sites.osm.road_rules import Tags
+
+EDGE_MARGIN_DEG = 5e-4  # a centre this far beyond the map's bounds still is in it
+MAX_LEAP_M = 1e4  # from one node of a road or building to the next
+MIN_MAP_AREA_M2 = 0.1
+GAPS_NOTE = "roads lack nodes on their way, and are cut there"
+LEAPS_NOTE = "roads or buildings leap more than 10 km from node to node"
+
+_BUILT_KEYS = {"highway", "building"}
+
+
+def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
+    """Read a map in metres around `centre` (longitude, latitude).
+
+    The file is .osm, also .gz or .bz2, or JSON of Overpass.
+
+    heading: direction of x (rad counter-clockwise from east).
+
+    Raises ValueError if the file is of another kind, is damaged, incomplete or empty, or `centre`
+    is outside it."""
+    raw_map = RawMap.read(path)
+    if not raw_map.degrees:
+        raise ValueError(f"{path}: the map is empty: it has no node with a latitude and longitude")
+    lon_lats = np.array(list(raw_map.degrees.values()))
+    _check_centre(path, centre, raw_map.bounds, lon_lats)
+    metres = project(lon_lats, centre) @ plane_rotation(-heading).T
+    positions = dict(zip(raw_map.degrees, metres, strict=True))
+    ways = _make_ways(raw_map, positions)
+    areas = tuple(_list_areas(ways, raw_map.multipolygons))
+    places = tuple((positions[name], tags) for name, tags in raw_map.node_tags.items())
+    notes = tuple(f"{count} {note}" for note, count in raw_map.oddities.items() if count)
+    return Extract(
+        centre,
+        heading,
+        tuple(ways.values()),
+        areas,
+        places,
+        notes,
+        raw_map.node_tags,
+        tuple(raw_map.restrictions),
+    )
+
+
+def _check_centre(
+    path: Path,
+    centre: tuple[float, float],
+    bounds: list[list[float]],
+    lon_lats: Float64[np.ndarray, "n 2"],
+) -> None:
+    """Raise ValueError for a centre outside the map's bounds, or else its nodes."""
+    has_bounds = bool(bounds) and bool(np.isfinite(bounds).all())
+    corners = np.array(bounds) if has_bounds else np.tile(lon_lats, 2)
+    low = corners[:, :2].min(axis=0)
+    high = corners[:, 2:].max(axis=0)
+    if _is_between(centre, low, high):
+        return
+    span = f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
+    raise ValueError(
+        f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {span}: "
+        f"{_correct_centre(centre, low, high)}"
+    )
+
+
+def _is_between(centre: tuple[float, ...], low: np.ndarray, high: np.ndarray) -> bool:
+    """True for a place within bounds (degrees), or hardly outside."""
+    is_inside = (low - EDGE_MARGIN_DEG <= centre) & (centre <= high + EDGE_MARGIN_DEG)
+    return bool(is_inside.all())
+
+
+def _correct_centre(centre: tuple[float, float], low: np.ndarray, high: np.ndarray) -> str:
+    """Remedy for a centre outside a map that spans from `low` to `high`."""
+    swapped = centre[::-1]
+    if _is_between(swapped, low, high):
+        return f"longitude comes first, give --centre {swapped[0]:g} {swapped[1]:g}"
+    if abs(centre[0]) > 180 or abs(centre[1]) > 90:
+        return (
+            "these are no degrees, give --centre LONGITUDE LATITUDE inside it, not metres of a "
+            "projection"
+        )
+    return "give --centre LONGITUDE LATITUDE inside it"
+
+
+def _make_ways(raw_map: RawMap, positions: Mapping[str, np.ndarray]) -> dict[str, Way]:
+    """Ways in metres by id; the later parts of a cut road are named ID~1, ID~2 and so on."""
+    ways: dict[str, Way] = {}
+    oddities = raw_map.oddities
+    for name, raw_way in raw_map.ways.items():
+        runs = _list_runs(raw_way, positions)
+        oddities[GAPS_NOTE] += len(runs) > 1
+        long_runs = [run for run in runs if len(run) > 1]
+        for number, run in enumerate(long_runs):
+            nodes = _drop_repeats(run)
+            if len(nodes) < 2:
+                continue
+            line = np.array([positions[node] for node in nodes])
+            key = f"{name}~{number}" if number else name
+            ways[key] = Way(line, tuple(nodes), raw_way.tags, name)
+            leaps = np.hypot(*np.diff(line, axis=0).T).max() > MAX_LEAP_M
+            oddities[LEAPS_NOTE] += leaps and bool(_BUILT_KEYS & raw_way.tags.keys())
+    return ways
+
+
+def _list_runs(way: RawWay, positions: Collection[str]) -> list[list[str]]:
+    """Known nodes of a way; a road is cut at nodes that the map lacks."""
+    if "highway" not in way.tags:
+        return [[node for node in way.nodes if node in positions]]
+    runs: list[list[str]] = [[]]
+    for node in way.nodes:
+        if node in positions:
+            runs[-1].append(node)
+        elif runs[-1]:
+            runs.append([])
+    return [run for run in runs if run]
+
+
+def _drop_repeats(nodes: list[str]) -> list[str]:
+    """Nodes without those that follow themselves."""
+    return [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
+
+
+def _list_areas(
+    ways: Mapping[str, Way], multipolygons: Iterable[Multipolygon]
+) -> Iterator[tuple[shapely.Polygon, Tags]]:
+    """Areas of closed ways and of multipolygons, with their tags."""
+    for way in ways.values():
+        is_road = way.tags.get("highway") is not None and way.tags.get("area") != "yes"
+        if way.is_closed and not is_road:
+            for polygon in _list_valid(shapely.Polygon(way.line)):
+                yield polygon, way.tags
+    for members, tags in multipolygons:
+        known_members = [(ways[name], role) for name, role in members if name in ways]
+        outer = _enclose_rings(way for way, role in known_members if role != "inner")
+        inner = _enclose_rings(way for way, role in known_members if role == "inner")
+        area_tags = dict(tags)
+        if known_members and "building" not in tags and "building:part" not in tags:
+            first_way = known_members[0][0]
+            area_tags = {**first_way.tags, **tags}
+        for polygon in _list_valid(outer.difference(inner)):
+            yield polygon, dict(area_tags)
+
+
+def _enclose_rings(ways: Iterable[Way]) -> shapely.Geometry:
+    """Ground enclosed by rings, which may be made of several ways."""
+    lines = [shapely.LineString(way.line) for way in ways]
+    rings = shapely.get_parts(shapely.polygonize(lines))
+    return shapely.union_all([shapely.Polygon(ring.exterior) for ring in rings])
+
+
+def _list_valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
+    """Polygons in a shape that may cross itself, without specks."""
+    polygons = nets.list_polygons(shapely.make_valid(shape))
+    return [polygon for polygon in polygons if polygon.area > MIN_MAP_AREA_M2]

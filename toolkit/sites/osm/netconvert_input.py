@@ -1,0 +1,80 @@
+"""Text of OpenStreetMap's roads for netconvert."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import cast
+
+import numpy as np
+
+from toolkit.geometry import plane_rotation
+from toolkit.sites import network as nets
+from toolkit.sites.georeference import inverse_project
+from toolkit.sites.osm.extract import Extract, Restriction, Way
+from toolkit.sites.osm.road_rules import RoadRules, name_types
+
+
+def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
+    """Format pieces of roads as OSM XML."""
+    pieces = list(pieces)
+    positions: dict[str, np.ndarray] = {}
+    for piece in pieces:
+        positions.update(zip(piece.nodes, piece.line, strict=True))
+    numbers = {node: number for number, node in enumerate(positions, start=1)}
+    elements = [
+        *_format_nodes(positions, extract),
+        *_format_ways(pieces, numbers),
+        *_format_restrictions(pieces, numbers, extract.restrictions),
+    ]
+    return "\n".join(['<osm version="0.6">', *elements, "</osm>\n"])
+
+
+def _format_nodes(positions: Mapping[str, np.ndarray], extract: Extract) -> Iterator[str]:
+    """OSM nodes in degrees, numbered in their order, with the traffic lights of the map."""
+    points = np.array(list(positions.values())).reshape(-1, 2)
+    map_points = points @ plane_rotation(extract.heading).T
+    degrees = inverse_project(map_points, extract.centre)
+    signals = {
+        tuple(xy.round(3))
+        for xy, tags in extract.places
+        if tags.get("highway") == "traffic_signals"
+    }
+    for number, (xy, lon_lat) in enumerate(zip(points, degrees, strict=True), start=1):
+        has_signal = tuple(xy.round(3)) in signals
+        tag = '<tag k="highway" v="traffic_signals"/>' if has_signal else ""
+        place = f'lon="{lon_lat[0]:.9f}" lat="{lon_lat[1]:.9f}"'
+        yield f'<node id="{number}" {place}>{tag}</node>'
+
+
+def _format_ways(pieces: Sequence[Way], numbers: Mapping[str, int]) -> Iterator[str]:
+    """OSM ways, numbered in their order. numbers: of the nodes."""
+    types = name_types(cast("RoadRules", piece.rules) for piece in pieces)
+    for number, piece in enumerate(pieces, start=1):
+        tags = {**piece.tags, "highway": types[cast("RoadRules", piece.rules)]}
+        rows = [f'<nd ref="{numbers[node]}"/>' for node in piece.nodes]
+        for key, value in tags.items():
+            rows.append(nets.format_element("tag", {"k": key, "v": value}))
+        yield nets.format_element("way", {"id": number}, "".join(rows))
+
+
+def _format_restrictions(
+    pieces: Sequence[Way], numbers: Mapping[str, int], restrictions: Iterable[Restriction]
+) -> Iterator[str]:
+    """OSM relations of the turns between pieces. numbers: of the nodes."""
+    piece_numbers: dict[tuple[str, str], list[int]] = {}  # by id of a way and a node on it
+    for number, piece in enumerate(pieces, start=1):
+        for node in piece.nodes:
+            piece_numbers.setdefault((piece.name, node), []).append(number)
+    for number, turn in enumerate(restrictions, start=1):
+        # named as in the map, for netconvert's warnings
+        name = turn.name if re.fullmatch(r"\d{1,15}", turn.name, re.ASCII) else number
+        for origin in piece_numbers.get((turn.origin, turn.via), ()):
+            for target in piece_numbers.get((turn.target, turn.via), ()):
+                rows: list[tuple[str, nets.XmlAttributes]] = [
+                    ("member", {"type": "way", "ref": origin, "role": "from"}),
+                    ("member", {"type": "node", "ref": numbers[turn.via], "role": "via"}),
+                    ("member", {"type": "way", "ref": target, "role": "to"}),
+                    ("tag", {"k": "type", "v": "restriction"}),
+                    ("tag", {"k": "restriction", "v": turn.kind}),
+                ]
+                inside = "".join(nets.format_element(tag, row) for tag, row in rows)
+                yield nets.format_element("relation", {"id": name}, inside)

@@ -1,0 +1,170 @@
+"""Strips for parking on a network's edges.
+
+netconvert knows no such strips: they are put into the plain network that it writes, and it is run
+again. A strip is between lanes and footway, also if vehicles park half or all on the kerb."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.sites import network as nets
+from toolkit.sites.osm.parking import Angle, Parking, Sides
+from toolkit.sites.osm.road_rules import RoadRules, restrict_edges
+from toolkit.sites.surroundings.parking_bays import BAY_DEPTHS_M, bays_between
+
+SIDE_STEP_M = 2.0  # between the places at which a lane's sides are examined
+MIN_PARKING_SAMPLES = 6  # places with parking; edges with fewer get no strip
+
+
+class _Street(NamedTuple):
+    """Edge for motor vehicles.
+
+    Attributes:
+        name: id of the edge.
+        lanes: its lanes from the kerb inwards.
+        inner: innermost lane for motor vehicles.
+        two_way: True if the road's other direction is beyond it."""
+
+    name: str
+    lanes: list[ElementTree.Element]
+    inner: shapely.LineString
+    two_way: bool
+
+
+def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
+    """Angles on both sides of the edges that get strips; the commonest counts.
+
+    network: in the extract's frame."""
+    strips = {}
+    for street in _list_streets(network):
+        stations = np.arange(SIDE_STEP_M / 2, street.inner.length, SIDE_STEP_M)
+        samples = [parking.find_sides(street.inner, station) for station in stations]
+        kerb = _find_commonest([sample.kerb for sample in samples])
+        inner = _find_commonest([sample.inner for sample in samples])
+        sides = Sides(kerb, None if street.two_way else inner)
+        if sides != Sides():
+            strips[street.name] = sides
+    return strips
+
+
+def _find_commonest(samples: Iterable[Angle]) -> Angle:
+    """Commonest angle of samples along a lane; None if too few have parking."""
+    angles = Counter(angle for angle in samples if angle is not None)
+    if angles.total() < MIN_PARKING_SAMPLES:
+        return None
+    return angles.most_common(1)[0][0]
+
+
+def restrict_network(folder: Path, types: Mapping[RoadRules, str]) -> None:
+    """Give the plain edges that netconvert wrote the rules of their direction."""
+    edges = ElementTree.parse(folder / "plain.edg.xml")
+    restrict_edges(edges.iter("edge"), types)
+    edges.write(folder / "plain.edg.xml")
+
+
+def widen_network(folder: Path, strips: Mapping[str, Sides]) -> list[str]:
+    """Options of netconvert for a network with strips."""
+    edges = ElementTree.parse(folder / "plain.edg.xml")
+    connections = ElementTree.parse(folder / "plain.con.xml")
+    first_lanes = {}
+    for edge in edges.iter("edge"):
+        name = str(edge.get("id"))
+        first_lanes[name] = _widen(edge, strips.get(name, Sides()))
+    for connection in connections.iter("connection"):
+        _move_lane(connection, "from", first_lanes)
+        _move_lane(connection, "to", first_lanes)
+    # their outlines belong to the narrower roads
+    for crossing in connections.findall("crossing"):
+        connections.getroot().remove(crossing)
+    edges.write(folder / "wide.edg.xml")
+    connections.write(folder / "wide.con.xml")
+    return [
+        f"--node-files={folder / 'plain.nod'}.xml",
+        f"--edge-files={folder / 'wide.edg'}.xml",
+        f"--connection-files={folder / 'wide.con'}.xml",
+        f"--type-files={folder / 'plain.typ'}.xml",
+        "--crossings.guess",
+    ]
+
+
+def _move_lane(connection: ElementTree.Element, end: str, first_lanes: Mapping[str, int]) -> None:
+    """Number the lane at an end of a connection one higher, if a strip at the kerb moves it.
+
+    end: "from" or "to". first_lanes: number of the first lane that moves, by edge."""
+    lane = connection.get(f"{end}Lane")
+    if lane is not None and int(lane) >= first_lanes[connection.attrib[end]]:
+        connection.set(f"{end}Lane", str(int(lane) + 1))
+
+
+def _widen(edge: ElementTree.Element, sides: Sides) -> int:
+    """Give an edge its strips; return the number of the first lane that moves."""
+    lanes = edge.findall("lane")
+    if not lanes:
+        lanes = [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
+    driven = [i for i, lane in enumerate(lanes) if "passenger" in nets.list_users(lane)]
+    first = driven[0] if driven else 0
+    wide = lanes[:first] + _make_strip(sides.kerb) + lanes[first:] + _make_strip(sides.inner)
+    for lane in edge.findall("lane"):
+        edge.remove(lane)
+    for index, lane in enumerate(wide):
+        lane.set("index", str(index))
+        edge.append(lane)
+    edge.set("numLanes", str(len(wide)))
+    return first if sides.kerb is not None else len(wide)
+
+
+def _make_strip(angle: Angle) -> list[ElementTree.Element]:
+    """Lane without traffic for bays at an angle; empty without bays."""
+    if angle is None:
+        return []
+    width = f"{BAY_DEPTHS_M[angle]:.3f}"
+    return [ElementTree.Element("lane", disallow="all", width=width)]
+
+
+def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
+    """Bays x, y, yaw on a network's parking strips."""
+    strip_bays: list[tuple[float, float, float]] = []
+    for street in _list_streets(network):
+        is_inside = False
+        for lane in street.lanes:
+            users = nets.list_users(lane)
+            is_inside |= "passenger" in users
+            if users:
+                continue
+            angle = _match_angle(float(lane.get("width", "0")))
+            strip = shapely.LineString(nets.parse_shape(lane))
+            kerb_left = parking.lefthand != is_inside
+            for x, y, yaw in bays_between(strip, angle, kerb_left=kerb_left).tolist():
+                distance = street.inner.project(shapely.Point(x, y))
+                sides = parking.find_sides(street.inner, distance)
+                if (sides.inner if is_inside else sides.kerb) == angle:
+                    strip_bays.append((x, y, yaw))
+    return strip_bays
+
+
+def _match_angle(width: float) -> int:
+    """Angle of bays on a strip of about `width` (m)."""
+    return min(BAY_DEPTHS_M, key=lambda angle: abs(BAY_DEPTHS_M[angle] - width))
+
+
+def _list_streets(network: str) -> Iterator[_Street]:
+    """Edges of a network with a lane for motor vehicles."""
+    edges: dict[str, list[ElementTree.Element]] = {}
+    driven_lanes: dict[str, list[ElementTree.Element]] = {}
+    for edge, lane in nets.list_lanes(network):
+        name = str(edge.get("id"))
+        edges.setdefault(name, []).append(lane)
+        if "passenger" in nets.list_users(lane):
+            driven_lanes.setdefault(name, []).append(lane)
+    for name, lanes in edges.items():
+        if name not in driven_lanes:
+            continue
+        opposite = name[1:] if name.startswith("-") else f"-{name}"
+        line = nets.parse_shape(driven_lanes[name][-1])
+        if len(line) > 1:
+            yield _Street(name, lanes, shapely.LineString(line), opposite in driven_lanes)

@@ -1,0 +1,104 @@
+"""Pieces of OpenStreetMap's roads between barriers and within a window."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.sites.osm.extract import Way
+from toolkit.sites.osm.netconvert_tags import make_road_tags
+from toolkit.sites.osm.road_rules import RoadReading
+
+GATE_GAP_M = 0.75  # road left out on either side of a barrier
+SAME_PLACE_M = 1e-6
+
+
+class _Corner(NamedTuple):
+    """Point of a road, with the name of its node."""
+
+    node: str
+    xy: Float64[np.ndarray, "2"]
+
+
+def split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
+    """Parts of a way between barriers, which keep `GATE_GAP_M` off them.
+
+    barred: nodes that no car can pass."""
+    corners: list[_Corner] = []
+    for k, node in enumerate(way.nodes):
+        xy = way.line[k]
+        if node not in barred:
+            corners.append(_Corner(node, xy))
+            continue
+        if corners:
+            corners.append(_Corner(f"{node}_before", _step_back(xy, way.line[k - 1])))
+            yield from _make_part(way, corners)
+        corners = []
+        if k + 1 < len(way.nodes):
+            corners.append(_Corner(f"{node}_after", _step_back(xy, way.line[k + 1])))
+    yield from _make_part(way, corners)
+
+
+def _make_part(way: Way, corners: list[_Corner]) -> Iterator[Way]:
+    """Part of a way, if it has two corners or more."""
+    if len(corners) > 1:
+        nodes = tuple(corner.node for corner in corners)
+        yield replace(way, nodes=nodes, line=np.array([corner.xy for corner in corners]))
+
+
+def _step_back(barrier: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
+    """Place on the way from a barrier to a neighbour, a little off the barrier."""
+    distance = max(float(np.hypot(*(neighbour - barrier))), 1e-9)
+    return barrier + (neighbour - barrier) * min(GATE_GAP_M / distance, 0.4)
+
+
+def cut_way(
+    way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: bool
+) -> Iterator[Way]:
+    """Parts of a way within `window`, in the direction of its traffic, with netconvert's tags."""
+    tags = make_road_tags(way.tags, reading, lefthand=lefthand)
+    step = -1 if reading.oneway == "-1" else 1
+    corners = [_Corner(node, xy) for node, xy in zip(way.nodes, way.line, strict=True)]
+    pieces: list[list[_Corner]] = [[]]
+    for start, end in pairwise(corners[::step]):
+        inside = shapely.LineString([start.xy, end.xy]).intersection(window)
+        if inside.geom_type == "LineString" and not inside.is_empty:
+            _add_stretch(pieces, start, end, shapely.get_coordinates(inside))
+    for piece in pieces:
+        if len(piece) > 1:
+            points = np.array([corner.xy for corner in piece])
+            nodes = tuple(corner.node for corner in piece)
+            yield Way(points, nodes, tags, way.name, reading.rules)
+
+
+def _add_stretch(
+    pieces: list[list[_Corner]], start: _Corner, end: _Corner, inside: Float64[np.ndarray, "_ 2"]
+) -> None:
+    """Add the stretch of a road from one node to the next to the last piece.
+
+    A stretch that enters the window begins a piece, one that leaves it ends a piece.
+
+    inside: ends of the stretch within the window."""
+    distances = np.hypot(*(inside - start.xy).T)
+    inside = inside[np.argsort(distances)]
+    entry = _Corner(start.node, inside[0])
+    if np.hypot(*(entry.xy - start.xy)) >= SAME_PLACE_M:
+        entry = _Corner(f"{start.node}_{end.node}_in", entry.xy)
+        if pieces[-1]:
+            pieces.append([])
+    _add_corner(pieces[-1], entry)
+    leaves = bool(np.hypot(*(inside[-1] - end.xy)) >= SAME_PLACE_M)
+    exit_node = f"{start.node}_{end.node}_out" if leaves else end.node
+    _add_corner(pieces[-1], _Corner(exit_node, inside[-1]))
+    if leaves:
+        pieces.append([])
+
+
+def _add_corner(piece: list[_Corner], corner: _Corner) -> None:
+    """Add a corner to a piece that does not end there already."""
+    if not piece or piece[-1].node != corner.node:
+        piece.append(corner)

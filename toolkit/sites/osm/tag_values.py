@@ -1,0 +1,56 @@
+"""Values of OpenStreetMap's tags: lengths, and ways above or below the ground."""
+
+import re
+
+from toolkit.sites.osm.road_rules import Tags
+
+MAX_LENGTH_M = 1000.0
+FOOT_M = 0.3048
+
+_FEET = re.compile(r"(\d+(?:\.\d+)?)\s*(?:'|ft|feet)\s*(?:(\d+(?:\.\d+)?)\s*(?:\"|''|in)?)?")
+_METRES = re.compile(r"~?\s*(\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?")
+_LAYER = re.compile(r"\s*([+-]?\d{1,3})\s*")
+
+
+def metres(text: str | None) -> float | None:
+    """Parse a length as mappers write it, the greatest of several.
+
+    None if it is not positive."""
+    lengths = []
+    for length_text in (text or "").lower().replace(",", ".").split(";"):
+        feet_inches = _FEET.fullmatch(length_text.strip())
+        metric = _METRES.fullmatch(length_text.strip())
+        if feet_inches:
+            feet = float(feet_inches[1]) + float(feet_inches[2] or 0) / 12
+            lengths.append(round(FOOT_M * feet, 4))
+        elif metric:
+            lengths.append(float(metric[1]))
+    return max((length for length in lengths if 0 < length < MAX_LENGTH_M), default=None)
+
+
+def is_underground(tags: Tags) -> bool:
+    """True for what is below the ground or inside a building."""
+    if tags.get("location") in ("underground", "indoor"):
+        return True
+    if tags.get("indoor", "no") not in ("no", "area"):
+        return True
+    layer = _read_layer(tags)
+    is_sunk = layer is not None and layer < 0 and "tunnel" in tags
+    return is_sunk or tags.get("tunnel", "no") not in ("no", "building_passage")
+
+
+def is_bridge(tags: Tags) -> bool:
+    """True for a way on a bridge."""
+    return tags.get("bridge", "no") != "no"
+
+
+def is_off_ground(tags: Tags) -> bool:
+    """True for a bridge, and for a road of another layer than the ground's."""
+    layer = _read_layer(tags)
+    return is_bridge(tags) or (layer is not None and layer != 0)
+
+
+def _read_layer(tags: Tags) -> int | None:
+    """Layer of a way, 0 for the ground's; None if it is no number."""
+    layer = _LAYER.fullmatch(tags.get("layer", "0"))
+    return None if layer is None else int(layer[1])

@@ -1,0 +1,70 @@
+"""Rows of houses along the legs of a road."""
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64, Rng
+from toolkit.sites.site import Solid
+from toolkit.sites.surroundings.plot import Plot
+
+HOUSES_REACH_M = 90.0  # along a leg
+HEIGHT_M = (4.0, 25.0)
+ROW_GAP_M = 0.05  # between houses that form a row
+RETRY_STEP_M = 1.5  # after a place without room
+
+
+def place_houses(plot: Plot, rng: Rng) -> None:
+    """Place rows of houses along every leg."""
+    density = rng.uniform(0.3, 0.95)
+    usual_height = rng.uniform(4.5, 16.0)
+    for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
+        line = shapely.LineString(path)
+        for side, half_width in zip((1, -1), widths, strict=True):
+            offset = side * (half_width + rng.uniform(0.5, 8.0))
+            _place_row(plot, line, offset, density, usual_height, rng)
+
+
+def _place_row(
+    plot: Plot,
+    line: shapely.LineString,
+    offset: float,
+    density: float,
+    usual_height: float,
+    rng: Rng,
+) -> None:
+    """Place houses along a line.
+
+    offset: m from the line to their fronts, positive to the left. density: share of the line with
+    houses."""
+    distance = rng.uniform(4.0, 16.0)
+    while distance < HOUSES_REACH_M:
+        front = rng.uniform(7.0, 22.0)
+        depth = rng.uniform(7.0, 14.0)
+        if rng.random() > density:
+            distance += front
+            continue
+        outline = _outline_house(line, distance, front, depth, offset)
+        height = np.clip(usual_height * rng.lognormal(0.0, 0.3), *HEIGHT_M)
+        house = Solid(outline, 0.0, round(float(height), 2), "building")
+        if not plot.place([house]):
+            distance += RETRY_STEP_M
+            continue
+        gap = ROW_GAP_M if rng.random() < 0.4 else rng.uniform(1.0, 9.0)
+        distance += front + gap
+
+
+def _outline_house(
+    line: shapely.LineString, distance: float, front: float, depth: float, offset: float
+) -> Float64[np.ndarray, "4 2"]:
+    """Corners of a house that begins at a distance (m) along a line.
+
+    front: its length along the line. offset: m from the line, positive to the left."""
+    start = shapely.get_coordinates(line.interpolate(distance))[0]
+    end = shapely.get_coordinates(line.interpolate(distance + front))[0]
+    ahead = (end - start) / (np.hypot(*(end - start)) + 1e-9)
+    across = np.array([-ahead[1], ahead[0]])
+    near = offset * across
+    far = (offset + np.copysign(depth, offset)) * across
+    wall = front * ahead
+    corners = [start + near, start + wall + near, start + wall + far, start + far]
+    return np.round(corners, 3)

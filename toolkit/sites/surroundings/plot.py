@@ -1,0 +1,125 @@
+"""Ground around a road, on which solids are placed one by one.
+
+Solids are never on driven ground. A footway holds only slim things near the kerb."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.sites import furniture as f
+from toolkit.sites.network import unite
+from toolkit.sites.site import Mount, Solid
+
+LANE_CLEARANCE_M = 0.25  # between a lane and solids next to it
+MOUNT_CLEARANCE_M = 0.5  # of air around a mount's axis
+Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, width (m)
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """Surface of a road, and the paths of its legs.
+
+    Attributes:
+        paths: middle lines of the legs.
+        half_widths: width to the left and right of each path (m).
+        lanes: everything with a kerb, including `strips`.
+        footways: footways next to the lanes.
+        strips: shoulders without traffic, by edge.
+        angles: angles of the bays on strips that have bays (degrees), by edge."""
+
+    paths: Sequence[Float64[np.ndarray, "_ 2"]]
+    half_widths: Sequence[tuple[float, float]]
+    lanes: f.Outlines
+    footways: f.Outlines
+    strips: Mapping[str, Strip] = field(default_factory=dict)
+    angles: Mapping[str, int] = field(default_factory=dict)
+
+    @cached_property
+    def carriageway(self) -> shapely.Geometry:
+        """Union of the lanes, cracks between them closed."""
+        return _close_gaps(self.lanes, 0.02)
+
+    @cached_property
+    def driven(self) -> shapely.Geometry:
+        """Carriageway without its shoulders."""
+        lines = [(shapely.LineString(line), width / 2) for line, width in self.strips.values()]
+        strips = [line.buffer(half, cap_style="flat", join_style="mitre") for line, half in lines]
+        return self.carriageway.difference(
+            shapely.union_all(strips).buffer(0.02, join_style="mitre")
+        )
+
+    @cached_property
+    def surface(self) -> shapely.Geometry:
+        """Union of lanes and footways, slivers between them closed."""
+        return _close_gaps([*self.lanes, *self.footways], 1.2)
+
+    @cached_property
+    def islands(self) -> list[shapely.Polygon]:
+        """Ground that the road encloses."""
+        return [
+            shapely.Polygon(ring)
+            for polygon in shapely.get_parts(self.surface)
+            for ring in polygon.interiors
+        ]
+
+
+class Plot:
+    """Ground around a road, on which solids are placed one by one.
+
+    Attributes:
+        road: the road.
+        window: all the ground.
+        solids: solids placed so far.
+        open: ground next to the road.
+        lanes: lanes to keep clear, with `LANE_CLEARANCE_M`.
+        driven: part of the lanes to keep clear even of solids on shoulders.
+        mounts: (n, 2) places of sensors."""
+
+    def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
+        self.road = road
+        self.window = window
+        self.solids: list[Solid] = []
+        self.open = window.difference(shapely.union_all([road.surface, *road.islands]).buffer(0.3))
+        self.lanes = road.carriageway.buffer(LANE_CLEARANCE_M)
+        self.driven = road.driven.buffer(LANE_CLEARANCE_M)
+        self.mounts = np.array([m.position[:2] for m in mounts]).reshape(-1, 2)
+        self._taken = [shapely.Point(foot).buffer(MOUNT_CLEARANCE_M) for foot in self.mounts]
+        shapely.prepare([self.lanes, self.open, self.driven])
+
+    def claim(
+        self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False
+    ) -> bool:
+        """Take `ground` off the lanes if it is free; return success.
+
+        footway: the ground may be on footways; shoulder: it may be on any ground that is not
+        driven."""
+        if shoulder:
+            allowed = not self.driven.intersects(ground)
+        else:
+            allowed = not self.lanes.intersects(ground) if footway else self.open.contains(ground)
+        if not allowed or shapely.intersects(np.array(self._taken, object), ground).any():
+            return False
+        self._taken.append(ground)
+        return True
+
+    def place(
+        self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False
+    ) -> bool:
+        """Place solids together if there is room for all; return success."""
+        ground = unite(solid.footprint for solid in solids)
+        if not self.claim(ground, footway=footway, shoulder=shoulder):
+            return False
+        self.solids += solids
+        return True
+
+
+def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
+    """Union of polygons, gaps up to twice `gap` (m) filled."""
+    union = unite(polygons)
+    return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(
+        -gap, join_style="mitre", quad_segs=2
+    )

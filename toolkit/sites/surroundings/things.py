@@ -1,0 +1,69 @@
+"""Things of a site by origin: taken from a map, surveyed, or drawn by coview.
+
+coview draws things that the map leaves open."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import shapely
+
+from toolkit.sites.network import unite
+from toolkit.sites.site import ORIGINS, Site, Solid
+
+_PART_OF = {"trunk": "tree"}
+_TOUCHING_M = 0.15  # between parts of one thing
+
+
+def count_things(site: Site) -> dict[str, dict[str, int]]:
+    """Count the things of a site by origin, then by kind.
+
+    Solids of a kind that touch are one thing: a fence has many. A tree counts once, by its trunk. A
+    pole is a mount, and its post counts for nothing more. A drawn road is one thing."""
+    counts: dict[str, Counter[str]] = {origin: Counter() for origin in ORIGINS}
+    trunks = unite(s.footprint for s in site.solids if s.kind == "trunk").buffer(6.0)
+    feet = shapely.MultiPoint([mount.position[:2] for mount in site.mounts]).buffer(0.3)
+    grouped: dict[tuple[str, str], list[shapely.Polygon]] = {}
+    for solid in site.solids:
+        grouped.setdefault((solid.origin, solid.kind), []).append(shapely.Polygon(solid.footprint))
+    for (origin, kind), shapes in grouped.items():
+        joined = shapely.union_all(shapes)
+        if kind != "trunk":
+            joined = joined.buffer(_TOUCHING_M / 2)
+        parts = shapely.get_parts(joined)
+        if kind == "tree":
+            parts = parts[~shapely.intersects(parts, trunks)]
+        if kind == "post":
+            parts = parts[~shapely.intersects(parts, feet)]
+        counts[origin][_PART_OF.get(kind, kind)] += len(parts)
+    counts[site.road_origin]["road"] += bool(site.lanes)
+    for origin in site.bay_origins:
+        counts[origin]["bay"] += 1
+    for mount in site.mounts:
+        counts[mount.origin]["pole"] += 1
+    return {origin: dict(sorted((+kinds).items())) for origin, kinds in counts.items()}
+
+
+def describe_things(counts: Mapping[str, int]) -> str:
+    """List counted things in words."""
+    return ", ".join(f"{count} {_pluralize(kind, count)}" for kind, count in counts.items())
+
+
+def _pluralize(kind: str, count: int) -> str:
+    """Name of a kind of thing, as many as `count`."""
+    if count == 1:
+        return kind
+    return kind + ("es" if kind.endswith(("sh", "ch")) else "s")
+
+
+def mark_drawn(solids: Sequence[Solid]) -> list[Solid]:
+    """Mark solids as drawn."""
+    return [replace(solid, origin="drawn") for solid in solids]
+
+
+def draw_everything(site: Site) -> Site:
+    """Mark everything of a site as drawn."""
+    solids = tuple(mark_drawn(site.solids))
+    bays = ("drawn",) * len(site.parking)
+    mounts = tuple(replace(mount, origin="drawn") for mount in site.mounts)
+    return replace(site, solids=solids, mounts=mounts, parking_origins=bays, road_origin="drawn")

@@ -1,0 +1,93 @@
+"""Solids in the way of traffic, and bodies in each other's."""
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Bool, Float64, Mask
+from toolkit.boxes import footprints
+from toolkit.sites.site import Site
+
+LevelBoxes = Float64[np.ndarray, "n 7"]
+GAP = 0.1  # m left between bodies
+STEPS_ASIDE = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
+MAX_STEP_HEIGHT_M = 0.3  # above the ground; lower solids can be stepped on
+
+
+class Obstacles:
+    """Static solids high enough to be in the way, indexed by place.
+
+    Heights count from the plane of the ground, as the boxes' heights do until a snapshot puts them
+    on the ground.
+
+    Attributes:
+        bases: lower ends of the solids (m).
+        tree: their footprints."""
+
+    def __init__(self, site: Site) -> None:
+        middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
+        heights = np.array([solid.top for solid in site.solids]) - site.ground(middles)
+        solids = [
+            solid
+            for solid, height in zip(site.solids, heights, strict=True)
+            if height > MAX_STEP_HEIGHT_M
+        ]
+        places = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
+        self.bases = np.array([solid.base for solid in solids]) - site.plane(places)
+        self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])
+
+    def hit(self, boxes: LevelBoxes) -> Mask:
+        """Mask of boxes that touch an obstacle.
+
+        They pass under one that begins above them, such as a tree's crown."""
+        rows, obstacles = self.tree.query(outline_boxes(boxes), predicate="intersects")
+        box_tops = boxes[rows, 2] + boxes[rows, 5] / 2
+        is_hit = np.zeros(len(boxes), bool)
+        is_hit[rows[self.bases[obstacles] < box_tops]] = True
+        return is_hit
+
+
+def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask, int]:
+    """Separate boxes; return them, a mask of kept rows and the number of changes.
+
+    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or
+    is dropped."""
+    is_kept = np.ones(len(boxes), bool)
+    rows_in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
+    if not len(rows_in_the_way):
+        return boxes, is_kept, 0
+    settled = boxes.copy()
+    shapes = outline_boxes(boxes)
+    for row in rows_in_the_way:
+        is_kept[row] = False  # so that the kept rows are the other ones
+        yaw = boxes[row, 6]
+        places = np.tile(boxes[row], (len(STEPS_ASIDE), 1))
+        places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(yaw), np.cos(yaw)])
+        place_shapes = outline_boxes(places)
+        touches = shapely.intersects(place_shapes[:, None], shapes[is_kept][None])
+        is_free = ~obstacles.hit(places) & ~touches.any(axis=1)
+        first = np.argmax(is_free)
+        is_kept[row] = is_free[first]
+        settled[row] = places[first]
+        shapes[row] = place_shapes[first]
+    is_changed = ~is_kept | (settled != boxes).any(axis=1)
+    return settled, is_kept, int(is_changed.sum())
+
+
+def overlaps(boxes: LevelBoxes) -> Bool[np.ndarray, "n n"]:
+    """Mask of pairs of boxes closer than `GAP`, above the diagonal."""
+    radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
+    offsets = boxes[:, None, :2] - boxes[None, :, :2]
+    square_distances = np.square(offsets).sum(-1)
+    is_near = square_distances < np.square(radius[:, None] + radius[None])
+    i, j = np.nonzero(np.triu(is_near, 1))
+    shapes = outline_boxes(boxes)
+    is_close = np.zeros((len(boxes), len(boxes)), bool)
+    is_close[i, j] = shapely.intersects(shapes[i], shapes[j])
+    return is_close
+
+
+def outline_boxes(boxes: LevelBoxes) -> np.ndarray:
+    """Footprints of boxes, with half of `GAP` on each side."""
+    widened = boxes.copy()
+    widened[:, 3:5] += GAP
+    return shapely.polygons(footprints(widened))

@@ -1,0 +1,78 @@
+"""Parked vehicles on the bays of a site."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64
+from toolkit.objects import VEHICLE
+from toolkit.sites.site import Site
+from toolkit.traffic.obstacles import LevelBoxes, Obstacles
+from toolkit.traffic.supply import Supply
+
+STAY = 20.0  # frames, mean
+ROOM = (5.8, 2.4, 2.0)  # m, length, width and height a bay must offer
+OCCUPIED = (0.3, 0.9)  # share of the bays, from .. to
+JITTER = (0.1, 0.1, np.radians(1.0))  # m, m, rad; how far off the middle of the bay
+
+
+@dataclass(frozen=True, eq=False)
+class Parked:
+    """Parked vehicles, and the bays of the site.
+
+    Attributes:
+        bays: x, y, yaw of each bay.
+        places: bay of each vehicle.
+        bodies: its body.
+        ids: its id.
+        poses: its x, y, yaw."""
+
+    bays: Float64[np.ndarray, "m 3"]
+    places: Int64[np.ndarray, " n"]
+    bodies: Int64[np.ndarray, " n"]
+    ids: Int64[np.ndarray, " n"]
+    poses: Float64[np.ndarray, "n 3"]
+
+    @staticmethod
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, max_parked: int) -> "Parked":
+        """Park vehicles in a random share of the free bays, `max_parked` at most."""
+        x, y, yaw = site.parking.T
+        size_columns = np.full((len(x), 4), (ROOM[2] / 2, *ROOM))
+        rooms = np.column_stack([x, y, size_columns, yaw])
+        bays = site.parking[~obstacles.hit(rooms)]
+        number = min(round(len(bays) * supply.rng.uniform(*OCCUPIED)), max_parked)
+        places = supply.rng.permutation(len(bays))[:number]
+        zeros = np.zeros(number, np.int64)
+        parked = Parked(bays, places, zeros, zeros, np.zeros((number, 3)))
+        return parked._replace_vehicles(np.ones(number, bool), supply)
+
+    def later(self, supply: Supply) -> "Parked":
+        """Parked vehicles a frame later.
+
+        Each has left with probability 1 / `STAY`, and another is in a free bay."""
+        is_gone = supply.rng.random(len(self.ids)) < 1 / STAY
+        return self._replace_vehicles(is_gone, supply)
+
+    def boxes(self, supply: Supply) -> LevelBoxes:
+        """Boxes on level ground, (n, 7)."""
+        sizes = supply.sizes[self.bodies]
+        return np.column_stack([self.poses[:, :2], sizes[:, 2] / 2, sizes, self.poses[:, 2]])
+
+    def _replace_vehicles(self, is_gone: np.ndarray, supply: Supply) -> "Parked":
+        """Put other vehicles in free bays in place of those that left."""
+        if not is_gone.any():
+            return self
+        rng = supply.rng
+        number = int(is_gone.sum())
+        free_bays = np.setdiff1d(np.arange(len(self.bays)), self.places[~is_gone])
+        places = self.places.copy()
+        bodies = self.bodies.copy()
+        ids = self.ids.copy()
+        poses = self.poses.copy()
+        places[is_gone] = rng.permutation(free_bays)[:number]
+        bodies[is_gone] = supply.several(np.flatnonzero(supply.labels == VEHICLE), number)
+        ids[is_gone] = [next(supply.ids) for _ in range(number)]
+        off_centre = JITTER * np.clip(rng.standard_normal((number, 3)), -1.5, 1.5)
+        poses[is_gone] = self.bays[places[is_gone]] + off_centre
+        poses[is_gone, 2] += np.pi * rng.integers(2, size=number)  # nose or tail first
+        return replace(self, places=places, bodies=bodies, ids=ids, poses=poses)

@@ -1,0 +1,150 @@
+"""Lanes of SUMO's network: places on them, and drives along them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+
+SPACING = 2.0  # m between the places of a lane
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """Lane of the network.
+
+    Attributes:
+        name: its id.
+        edge: id of its edge.
+        length: m, by the network.
+        shape: (k, 2) middle line (m).
+        forbidden: SUMO classes that may not use it.
+        following: lanes that it leads to, U-turns only if there is nothing else."""
+
+    name: str
+    edge: str
+    length: float
+    shape: Float64[np.ndarray, "k 2"]
+    forbidden: frozenset[str]
+    following: tuple[str, ...]
+
+    def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
+        """Points of the middle line, `offset` (m) from its start."""
+        steps = np.hypot(*np.diff(self.shape, axis=0).T)
+        distances = np.concatenate([[0.0], np.cumsum(steps)])
+        drawn_offset = offset * distances[-1] / self.length
+        x = np.interp(drawn_offset, distances, self.shape[:, 0])
+        y = np.interp(drawn_offset, distances, self.shape[:, 1])
+        return np.stack([x, y], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places on lanes.
+
+    Attributes:
+        lanes: names of their lanes.
+        lengths: of these lanes (m).
+        offsets: from the lane's start (m).
+        points: x, y."""
+
+    lanes: tuple[str, ...]
+    lengths: Float64[np.ndarray, " n"]
+    offsets: Float64[np.ndarray, " n"]
+    points: Float64[np.ndarray, "n 2"]
+
+
+@dataclass(frozen=True, eq=False)
+class Roads:
+    """Lanes of a network by name, without junctions' inner lanes."""
+
+    lanes: Mapping[str, Lane]
+
+    @staticmethod
+    def read(sumo: ModuleType) -> "Roads":
+        """Read the roads of the network that SUMO runs."""
+        names = [name for name in sumo.lane.getIDList() if not name.startswith(":")]
+        return Roads({name: _read_lane(sumo, name) for name in names})
+
+    def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
+        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class.
+
+        Outside the area they are headed for it. Pedestrians start on lanes without cars and walk
+        either way."""
+        walks = vehicle_class == "pedestrian"
+        names = []
+        offsets = [np.zeros(0)]
+        points = [np.zeros((0, 2))]
+        for lane in self.lanes.values():
+            is_shared = walks and "passenger" not in lane.forbidden
+            if vehicle_class in lane.forbidden or is_shared:
+                continue
+            lane_offsets = np.arange(SPACING / 2, lane.length, SPACING)
+            xy = lane.at(lane_offsets)
+            ahead = lane.at(lane_offsets + SPACING) - lane.at(lane_offsets - SPACING)
+            to_area = np.clip(xy, area[:2], area[2:]) - xy
+            is_inside = (to_area == 0).all(axis=1)
+            is_headed = is_inside | ((to_area * ahead).sum(axis=1) > 0)
+            is_useful = (distance_to_area(xy, area) <= reach) & (walks | is_headed)
+            names += [lane.name] * int(is_useful.sum())
+            offsets.append(lane_offsets[is_useful])
+            points.append(xy[is_useful])
+        lengths = np.array([self.lanes[name].length for name in names])
+        return Places(tuple(names), lengths, np.concatenate(offsets), np.concatenate(points))
+
+    def route(
+        self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator
+    ) -> list[str]:
+        """Draw the edges of a drive from lane `start` on.
+
+        It is at least `distance` (m) long, or ends with the road."""
+        lane = self.lanes[start]
+        edges = [self.lanes[start].edge]
+        driven = 0.0
+        while driven < distance:
+            # at a lane's end its neighbours may go on
+            choices = self._list_onward(lane, vehicle_class)
+            for neighbour in self._neighbours[lane.edge]:
+                choices = choices or self._list_onward(neighbour, vehicle_class)
+            if not choices:
+                break
+            lane = self.lanes[choices[rng.integers(len(choices))]]
+            edges.append(lane.edge)
+            driven += lane.length
+        return edges
+
+    def _list_onward(self, lane: Lane, vehicle_class: str) -> list[str]:
+        """Lanes after a lane that are open to a SUMO class."""
+        return [name for name in lane.following if vehicle_class not in self.lanes[name].forbidden]
+
+    @cached_property
+    def _neighbours(self) -> Mapping[str, Sequence[Lane]]:
+        edges: dict[str, list[Lane]] = {}
+        for lane in self.lanes.values():
+            edges.setdefault(lane.edge, []).append(lane)
+        return edges
+
+
+def _read_lane(sumo: ModuleType, name: str) -> Lane:
+    """Read a lane of the network that SUMO runs."""
+    links = sumo.lane.getLinks(name)
+    onward = [link[0] for link in links if link[6] != "t"]  # without U-turns
+    if not onward:
+        onward = [link[0] for link in links]
+    following = dict.fromkeys(lane for lane in onward if not lane.startswith(":"))
+    shape = np.array(sumo.lane.getShape(name), np.float64)
+    edge = sumo.lane.getEdgeID(name)
+    length = sumo.lane.getLength(name)
+    forbidden = frozenset(sumo.lane.getDisallowed(name))
+    return Lane(name, edge, length, shape, forbidden, tuple(following))
+
+
+def distance_to_area(
+    points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]
+) -> Float64[np.ndarray, "*n"]:
+    """Distance (m) from points to a rectangle, 0 inside."""
+    beyond = points - np.clip(points, area[:2], area[2:])
+    return np.hypot(beyond[..., 0], beyond[..., 1])

@@ -1,0 +1,67 @@
+"""Places of strays: anywhere on a road, and next to solids and vehicles."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.boxes import footprints
+from toolkit.sites.network import unite
+from toolkit.sites.site import Site
+from toolkit.traffic.obstacles import Obstacles
+
+MAX_STRAY_GAP_M = 1.5  # air between a stray and the thing next to it
+EDGE_STEP_M = 0.5  # between the places along an edge
+ROAD_SAMPLES = 8000  # places drawn in the area, of which those on the road are kept
+
+
+@dataclass(frozen=True, eq=False)
+class StrayGround:
+    """Places of strays.
+
+    Attributes:
+        points: places on lanes and footways in the area.
+        edges: x, y on edges of things there, and their outward normals."""
+
+    points: Float64[np.ndarray, "n 2"]
+    edges: Float64[np.ndarray, "m 4"]
+
+    @staticmethod
+    def draw(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> "StrayGround":
+        """Draw places all over a site's road."""
+        road = unite([*site.lanes, *site.footways])
+        surface = shapely.intersection(road, shapely.box(*site.area))
+        samples = rng.uniform(site.area[:2], site.area[2:], (ROAD_SAMPLES, 2))
+        shapely.prepare(surface)
+        points = samples[shapely.contains_xy(surface, *samples.T)]
+        solids = obstacles.tree.geometries
+        near_solids = solids[shapely.dwithin(solids, surface, MAX_STRAY_GAP_M)]
+        return StrayGround(points, outward_edges(near_solids))
+
+    @staticmethod
+    def empty() -> "StrayGround":
+        """Ground without places."""
+        return StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
+
+    def add_vehicles(self, boxes: np.ndarray) -> "StrayGround":
+        """Add the edges of vehicles (boxes (n, 7)), as a third of all edges."""
+        vehicle_edges = outward_edges(shapely.polygons(footprints(boxes)))
+        repeats = max(1, len(self.edges) // max(1, 2 * len(vehicle_edges)))
+        edges = np.concatenate([self.edges, np.tile(vehicle_edges, (repeats, 1))])
+        return replace(self, edges=edges)
+
+
+def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
+    """Points along the outlines of polygons, and the outward normal at each: x y nx ny."""
+    rings = shapely.segmentize(shapely.get_exterior_ring(shapely.normalize(polygons)), EDGE_STEP_M)
+    xy, ring_rows = shapely.get_coordinates(rings, return_index=True)
+    is_step = ring_rows[1:] == ring_rows[:-1]
+    steps = np.diff(xy, axis=0)[is_step]
+    middles = ((xy[1:] + xy[:-1]) / 2)[is_step]
+    lengths = np.hypot(*steps.T)
+    is_long = lengths > 1e-6
+    # normalised rings run clockwise: left is outside
+    left = np.column_stack([-steps[:, 1], steps[:, 0]])
+    normals = left[is_long] / lengths[is_long, None]
+    return np.column_stack([middles[is_long], normals])

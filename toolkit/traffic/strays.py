@@ -1,0 +1,206 @@
+"""Strays: road users at places that are unusual for their class.
+
+They are on any lane or footway, next to walls and vehicles, shoulder to shoulder. If all road users
+kept to the lanes of their class, a detector would learn the place instead of the shape: a
+pedestrian on a lane would become a cyclist. Strays have a speed of 0 or go straight on, at any
+heading, for as many frames as other road users live."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.sites.site import Site
+from toolkit.traffic.obstacles import Obstacles
+from toolkit.traffic.spawner import LIFE
+from toolkit.traffic.stray_ground import MAX_STRAY_GAP_M, StrayGround
+from toolkit.traffic.supply import Supply
+
+STRAY_SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}  # of the strays
+# share next to a solid or a vehicle, and next to the stray drawn before
+NEXT_TO_SHARE = 0.35
+COMPANION_SHARE = 0.3
+STANDING_SHARES = {
+    PEDESTRIAN: 0.5,
+    CYCLIST: 0.3,
+    VEHICLE: 1.0,
+    HEAVY: 1.0,
+}  # share that does not move, of the others
+SPEEDS_M_S = {PEDESTRIAN: (0.4, 1.8), CYCLIST: (1.0, 6.0)}  # from .. to
+MIN_STRAY_GAP_M = 0.12  # air between a stray and the thing next to it
+MAX_COMPANION_GAP_M = 0.4  # air between two companions
+MAX_TRIES = 6  # places looked at before one among solids is taken
+_Poses = Float64[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Strays:
+    """Strays of a moment.
+
+    Attributes:
+        ground: places for them.
+        obstacles: solids that they keep clear of.
+        bodies: body of each.
+        ids: its id.
+        poses: its x, y, yaw when drawn.
+        speeds: its speed (m/s).
+        drawn: time when it was drawn (s).
+        left: frames to live."""
+
+    ground: StrayGround
+    obstacles: Obstacles
+    bodies: Int64[np.ndarray, " n"]
+    ids: Int64[np.ndarray, " n"]
+    poses: _Poses
+    speeds: Float64[np.ndarray, " n"]
+    drawn: Float64[np.ndarray, " n"]
+    left: Int64[np.ndarray, " n"]
+
+    @staticmethod
+    def draw(
+        site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray
+    ) -> "Strays":
+        """Draw a number of strays. vehicles: boxes (n, 7) of parked ones, with strays next to them
+        too."""
+        rng = supply.rng
+        ground = StrayGround.draw(site, obstacles, rng) if number else StrayGround.empty()
+        if number and len(vehicles):
+            ground = ground.add_vehicles(vehicles)
+        no_numbers = np.zeros(0)
+        no_integers = np.zeros(0, np.int64)
+        nobody = Strays(
+            ground,
+            obstacles,
+            bodies=no_integers,
+            ids=no_integers,
+            poses=np.zeros((0, 3)),
+            speeds=no_numbers,
+            drawn=no_numbers,
+            left=no_integers,
+        )
+        number = number if len(ground.points) else 0
+        return nobody._add(number, supply, 0.0, rng.integers(1, LIFE + 1, number))
+
+    def at(self, time: float) -> _Poses:
+        """Poses at a time (s)."""
+        distances = self.speeds * (time - self.drawn)
+        x, y, yaw = self.poses.T
+        return np.column_stack([x + distances * np.cos(yaw), y + distances * np.sin(yaw), yaw])
+
+    def later(self, supply: Supply, time: float) -> "Strays":
+        """Strays a frame later, with new ones instead of those whose life is over.
+
+        time: of that frame (s)."""
+        left = self.left - 1
+        is_alive = left > 0
+        alive = replace(
+            self,
+            bodies=self.bodies[is_alive],
+            ids=self.ids[is_alive],
+            poses=self.poses[is_alive],
+            speeds=self.speeds[is_alive],
+            drawn=self.drawn[is_alive],
+            left=left[is_alive],
+        )
+        missing = int((~is_alive).sum())
+        return alive._add(missing, supply, time, np.full(missing, LIFE))
+
+    def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
+        """Add new strays. time: now (s). left: frames that each lives."""
+        rng = supply.rng
+        labels = [label for label in STRAY_SHARES if (supply.labels == label).any()]
+        shares = np.array([STRAY_SHARES[label] for label in labels])
+        strays: list[_Stray] = []
+        for label in rng.choice(labels, number, p=shares / shares.sum()).tolist():
+            has_company = bool(strays) and rng.random() < COMPANION_SHARE
+            previous = strays[-1] if has_company else None
+            strays.append(self._draw_stray(label, previous, supply))
+        ids = [next(supply.ids) for _ in range(number)]
+        new_bodies = np.array([stray.body for stray in strays], np.int64)
+        new_poses = np.array([stray.pose for stray in strays]).reshape(-1, 3)
+        return replace(
+            self,
+            bodies=np.append(self.bodies, new_bodies),
+            ids=np.append(self.ids, np.array(ids, np.int64)),
+            poses=np.concatenate([self.poses, new_poses]),
+            speeds=np.append(self.speeds, [stray.speed for stray in strays]),
+            drawn=np.append(self.drawn, np.full(number, time)),
+            left=np.append(self.left, left),
+        )
+
+    def _draw_stray(self, label: int, previous: "_Stray | None", supply: Supply) -> "_Stray":
+        """Draw a stray of a class, or a companion of the previous one."""
+        rng = supply.rng
+        if previous is not None and rng.random() < 0.8:
+            label = int(supply.labels[previous.body])
+        body = int(supply.several(np.flatnonzero(supply.labels == label), 1)[0])
+        is_standing = rng.random() < STANDING_SHARES[label]
+        speed = 0.0 if is_standing else float(rng.uniform(*SPEEDS_M_S[label]))
+        if previous is not None:
+            widths = supply.sizes[[previous.body, body], 1]
+            pose = _place_companion(previous.pose, widths, rng)
+            speed = previous.speed
+        else:
+            pose, is_next_to = self._draw_place(supply.sizes[body], rng)
+            speed = 0.0 if is_next_to else speed
+        return _Stray(body, pose, speed if label in SPEEDS_M_S else 0.0)
+
+    def _draw_place(
+        self, size: np.ndarray, rng: np.random.Generator
+    ) -> tuple[Float64[np.ndarray, "3"], bool]:
+        """Draw a pose, and whether it is next to a thing; clear of solids if that is easy."""
+        pose = np.zeros(3)
+        is_next_to = False
+        for _ in range(MAX_TRIES):
+            yaw = rng.uniform(-np.pi, np.pi)
+            is_next_to = len(self.ground.edges) > 0 and rng.random() < NEXT_TO_SHARE
+            if is_next_to:
+                edge = self.ground.edges[rng.integers(len(self.ground.edges))]
+                pose = _place_next_to(edge, yaw, size, rng)
+            else:
+                x, y = self.ground.points[rng.integers(len(self.ground.points))]
+                pose = np.array([x, y, yaw])
+            box = np.array([[pose[0], pose[1], size[2] / 2, *size, pose[2]]])
+            if not self.obstacles.hit(box)[0]:
+                break
+        return pose, is_next_to
+
+
+class _Stray(NamedTuple):
+    """Stray that was drawn: its body, its pose (x, y, yaw) and its speed (m/s)."""
+
+    body: int
+    pose: Float64[np.ndarray, "3"]
+    speed: float
+
+
+def _place_next_to(
+    edge: np.ndarray, yaw: float, size: np.ndarray, rng: np.random.Generator
+) -> Float64[np.ndarray, "3"]:
+    """Pose next to an edge (x, y, and its outward normal), mostly along or across it.
+
+    yaw: direction (rad) of the others. size: length, width, height (m)."""
+    x, y, nx, ny = edge
+    along_edge = np.arctan2(nx, -ny)
+    if rng.random() < 0.6:
+        yaw = along_edge + np.pi / 2 * rng.integers(4) + rng.normal(0, 0.1)
+    turn = yaw - along_edge
+    half_depth = abs(np.cos(turn)) * size[1] / 2 + abs(np.sin(turn)) * size[0] / 2
+    distance = half_depth + rng.uniform(MIN_STRAY_GAP_M, MAX_STRAY_GAP_M)
+    return np.array([x + distance * nx, y + distance * ny, yaw])
+
+
+def _place_companion(
+    first: np.ndarray, widths: np.ndarray, rng: np.random.Generator
+) -> Float64[np.ndarray, "3"]:
+    """Pose to the left of the stray drawn before, so that a group is in a row.
+
+    first: pose of that stray. widths: of both (m)."""
+    x, y, yaw = first
+    across = widths.sum() / 2 + rng.uniform(MIN_STRAY_GAP_M, MAX_COMPANION_GAP_M)
+    behind = rng.normal(0, 0.15)
+    companion_x = x - across * np.sin(yaw) - behind * np.cos(yaw)
+    companion_y = y + across * np.cos(yaw) - behind * np.sin(yaw)
+    return np.array([companion_x, companion_y, yaw + rng.normal(0, 0.1)])

@@ -1,0 +1,95 @@
+"""SUMO in this process: one simulation at a time, silent, its errors raised."""
+
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import ModuleType
+
+STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
+FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still
+LATERAL_RESOLUTION = (
+    0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
+)
+_OPTIONS = {
+    "lateral-resolution": LATERAL_RESOLUTION,
+    "collision.action": "none",
+    "time-to-teleport": -1,
+    "max-depart-delay": 0,
+    **dict.fromkeys(("xml-validation", "xml-validation.net"), "never"),
+    **dict.fromkeys(("no-step-log", "no-warnings", "duration-log.disable"), "true"),
+}
+
+
+@contextmanager
+def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[ModuleType]:
+    """Run the libsumo module with a network (net.xml text) and vehicle types (additional-file
+    text); step: s.
+
+    Raises ImportError without SUMO, RuntimeError where a simulation is open in this process already
+    (libsumo knows only one), ValueError with SUMO's own words where it refuses the network."""
+    try:
+        with redirect_stdout(
+            io.StringIO()
+        ):  # it greets with a warning about pyarrow, which is not used here
+            sumo = import_module("libsumo")
+    except ImportError as error:
+        raise ImportError(f'traffic needs SUMO ({error}): pip install "coview[sim]"') from None
+    if sumo.simulation.isLoaded():
+        raise RuntimeError(
+            "SUMO simulates one site at a time in a process, and one is open: "
+            "use up or close() the earlier simulation first, or run this one in another process"
+        )
+    with TemporaryDirectory(prefix="coview-") as folder:
+        files = {name: Path(folder) / name for name in ("net.xml", "types.xml", "said.txt")}
+        files["net.xml"].write_text(network, encoding="utf-8")
+        files["types.xml"].write_text(types, encoding="utf-8")
+        options = {
+            **_OPTIONS,
+            "net-file": files["net.xml"],
+            "additional-files": files["types.xml"],
+            "seed": seed,
+        }
+        options |= {"step-length": step} | (
+            {} if step == STEP else {"default.action-step-length": STEP}
+        )
+        try:
+            with _stderr_into(files["said.txt"]):
+                sumo.start(
+                    [
+                        "sumo",
+                        *(
+                            word
+                            for name, value in options.items()
+                            for word in (f"--{name}", str(value))
+                        ),
+                    ]
+                )
+        except Exception as error:  # SUMO says why only on stderr
+            message = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
+            reason = message.splitlines()[0].removeprefix("Error: ").rstrip(".")
+            raise ValueError(
+                f"SUMO refuses the site's network: {reason}: build it again with netconvert"
+            ) from None
+    try:
+        yield sumo
+    finally:
+        sumo.close()
+
+
+@contextmanager
+def _stderr_into(file: Path) -> Iterator[None]:
+    """Redirect stderr to a file."""
+    sys.stderr.flush()
+    stderr_copy = os.dup(2)
+    try:
+        with file.open("wb") as sink:
+            os.dup2(sink.fileno(), 2)
+        yield
+    finally:
+        os.dup2(stderr_copy, 2)
+        os.close(stderr_copy)

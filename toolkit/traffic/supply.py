@@ -1,0 +1,84 @@
+"""Bodies of traffic in random order of use, and SUMO's types for them."""
+
+from collections.abc import Sequence
+from itertools import count
+
+import numpy as np
+
+from toolkit.arrays import Int64, Rng
+from toolkit.bodies.body import Body
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+
+HEAVY_SHARE = 0.08  # of the vehicles
+# paper, Dataset
+SHARES = {VEHICLE: 0.6 * (1 - HEAVY_SHARE), HEAVY: 0.6 * HEAVY_SHARE, CYCLIST: 0.2, PEDESTRIAN: 0.2}
+# degrees; deviation of yaw from the path's
+SWAY = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}
+# m; deviation from the middle of the lane
+ASIDE = {VEHICLE: 0.25, HEAVY: 0.0, CYCLIST: 0.8, PEDESTRIAN: 0.0}
+BICYCLE_LENGTH = 1.75  # m; a longer two-wheeler has an engine
+POSITIONS = 3  # lateral positions in the lane, drawn per body
+
+
+class Supply:
+    """Bodies of traffic in random order of use, with SUMO's types for them and the next numbers of
+    objects.
+
+    labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes
+    are open to it; once: a body that was taken does not come again before all others offered with
+    it have been taken too, so that in a large fleet every object has a body of its own."""
+
+    def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
+        self.rng = rng
+        self.once = once
+        self.ids = count()
+        self._taken = np.zeros(len(bodies), bool)
+        self.labels = np.array([body.label for body in bodies], np.int64)
+        self.sizes = np.array([body.size for body in bodies], np.float64).reshape(-1, 3)
+        names = {VEHICLE: "passenger", HEAVY: "truck", PEDESTRIAN: "pedestrian"}
+        two_wheelers = (
+            "bicycle" if body.size[0] <= BICYCLE_LENGTH else "motorcycle" for body in bodies
+        )
+        self.classes = tuple(
+            names.get(body.label, two_wheeler)
+            for body, two_wheeler in zip(bodies, two_wheelers, strict=True)
+        )
+
+    def sumo_types(self) -> str:
+        """SUMO's additional file with a type "row-position" for each body and lateral position in
+        the lane."""
+        rows = []
+        for row, (label, (length, width, height)) in enumerate(
+            zip(self.labels.tolist(), self.sizes, strict=True)
+        ):
+            for position in range(POSITIONS):
+                aside = np.clip(self.rng.normal(0, ASIDE[label]), -1.2, 1.2)
+                gap = self.rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
+                rows.append(
+                    f'<vType id="{row}-{position}" vClass="{self.classes[row]}" '
+                    f'length="{length:.3f}" width="{width:.3f}" height="{height:.3f}" '
+                    f'minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
+                )
+        return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
+
+    def offer(self, rows: Int64[np.ndarray, " n"]) -> int:
+        """Draw one of these rows; call `take` when it is used."""
+        if not self.once:
+            return int(self.rng.choice(rows))
+        free = rows[~self._taken[rows]]
+        if not len(free):
+            self._taken[rows] = False
+            free = rows
+        return int(self.rng.choice(free))
+
+    def take(self, row: int, *, is_used: bool = True) -> None:
+        """Note that a row is used. is_used: False if it was not used after all."""
+        self._taken[row] = is_used
+
+    def several(self, rows: Int64[np.ndarray, " n"], number: int) -> Int64[np.ndarray, " m"]:
+        """Draw and take `number` of these rows."""
+        drawn = [] if self.once else self.rng.choice(rows, number).tolist()
+        while len(drawn) < number:
+            drawn.append(self.offer(rows))
+            self.take(drawn[-1])
+        return np.array(drawn, np.int64)
