@@ -147,7 +147,7 @@ class NamedDetector(NamedTuple):
     known: bool = False  # whether it knows the site's background
     phases: int = 1  # number of shifted grids
     bfloat16: bool = False
-    unknown_site: bool = False  # nothing is known of what stands there
+    unknown_site: bool = False  # nothing is known about the background
 
     def tune(self, detector: "Detector") -> "Detector":
         """Return a detector with these grids and numbers.
@@ -225,9 +225,9 @@ def _check_long(recording: "Recording") -> None:
     if number < MIN_LEARNING_FRAMES or 0 < seconds < MIN_LEARNING_S:
         duration = f" in {seconds:.0f} s" if seconds > 0 else ""
         raise ValueError(
-            f"{number} frames{duration} do not tell what waits from what belongs to the site: give "
-            f"at least {MIN_LEARNING_FRAMES} frames over {MIN_LEARNING_S:.0f} s, or leave "
-            f"{BACKGROUND} out"
+            f"{number} frames{duration} do not distinguish what waits from what belongs to the "
+            f"site: give at least {MIN_LEARNING_FRAMES} frames over {MIN_LEARNING_S:.0f} s, or "
+            f"leave {BACKGROUND} out"
         )
 
 
@@ -275,7 +275,7 @@ def _bare_detector(parsed: NamedDetector, site: "Site") -> "Detector":
     name = parsed.bare
     if name == CLUSTER:
         raise ValueError(
-            "detector cluster learns from a recording, of which there is none here: take voxelnet"
+            "detector cluster learns from a recording, and here is no recording: take voxelnet"
         )
     if ":" in name:
         from toolkit.detection.detect import ImportedDetector

@@ -27,7 +27,7 @@ from toolkit.objects import UnionDetector, known_labels
 from toolkit.sites.files import load_site
 
 
-def test_backgrounds_are_known_by_name_and_of_the_scenery():
+def test_names_are_parsed_with_their_suffixes():
     site = load_site("tjunction")
     assert parse_detector("general") == ("general", False, 1, False, True)
     assert parse_detector("my.package:detect+background") == (
@@ -56,6 +56,10 @@ def test_backgrounds_are_known_by_name_and_of_the_scenery():
         False,
     )
     assert not parse_detector("general+float32+bfloat16").bfloat16
+
+
+def test_a_site_s_background_is_known():
+    site = load_site("tjunction")
     bare, known = site_detector("voxelnet", site), site_detector("voxelnet+background", site)
     assert isinstance(known, KnownBackground)
     assert known.detector.digest == bare.digest  # type: ignore[attr-defined]
@@ -63,6 +67,10 @@ def test_backgrounds_are_known_by_name_and_of_the_scenery():
     assert known_labels(known) == known_labels(bare)
     with pytest.raises(ValueError, match=r"general\+background must see the site empty first"):
         place_detector("general+background", Place())
+
+
+def test_general_knows_whether_the_site_is_known():
+    site = load_site("tjunction")
     names = ("general+phases2", "general-background", "tjunction")
     assert [parse_detector(name).unknown_site for name in names] == [True, False, False]
     assert not parse_detector("general", site).unknown_site

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from coview.arguments import check_least
-from coview.commands.detection.evaluate import Subject, evaluate
-from coview.commands.placement.plan import Goal, StockOptions, plan
-from coview.commands.recordings.simulate import simulate
+from coview.commands.detection.evaluate import Subject, evaluate_command
+from coview.commands.placement.plan import Goal, StockOptions, plan_command
+from coview.commands.recordings.simulate import simulate_command
 from coview.detectors import check_detector, recording_detector
 from coview.options import Output
 from coview.outputs import OK, Writing, check_folder, say
@@ -17,10 +17,10 @@ from toolkit.runtime.run import Run
 RECORDING = "tjunction.hdf5"
 PLAN = "plan"  # folder
 CACHE = "cache"  # folder
-PLAN_SENSORS = 3  # of the site's six
+PLAN_SENSORS = 3  # from the site's six
 
 
-def demo(
+def demo_command(
     *,
     out: Path = Path("out/demo"),
     frames: int = 100,
@@ -39,7 +39,7 @@ def demo(
         plan_frames: Number of frames of each part of the plan's traffic; 0 for no plan.
         seed: Seed of the traffic.
         detector: Detector, as in coview evaluate.
-        overwrite: Replace existing files; those of another demo are replaced anyway."""
+        overwrite: Replace existing files; files of another demo are replaced anyway."""
     from toolkit.detection.evaluation import curve_files, draw_example
 
     check_least("--frames", frames, 1)
@@ -54,20 +54,20 @@ def demo(
     for name in sorted(files):
         check_folder(out, holds=name, overwrite=may_overwrite)
     writing = Writing(overwrite=may_overwrite)
-    simulate(
+    simulate_command(
         "tjunction",
         out=out / RECORDING,
         run=Run(frames=frames, seed=seed, workers=None),
         writing=writing,
     )
-    evaluate(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
+    evaluate_command(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
     with open_recording(out / RECORDING, None) as recording:
         draw_example(
             recording, recording_detector(detector, recording), out / "birds_eye.png", seed=seed
         )
     say(f"pictures in {out}: birds_eye.png, pr_0.7.png")
     if plan_frames:
-        plan(
+        plan_command(
             "tjunction",
             goal=Goal(budget=PLAN_SENSORS),
             stock=StockOptions(candidates="paper"),
