@@ -18,9 +18,9 @@ from pathlib import Path
 
 import pytest
 import tyro
-from examples.studies.stress.conditions import KINDS
 
 from coview.main import COMMANDS, command
+from examples.studies.stress.conditions import KINDS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
