@@ -189,13 +189,13 @@ def _settling_time(recording: SiteRecording) -> float:
 
 
 def _check_scored(recording: SiteRecording, count: int) -> None:
-    """Raise ValueError if none of the first frames is scored."""
+    """Raise ValueError if the first frames leave no frame to score."""
     settled_s = _settling_time(recording)
     frames = delay_frames(recording, PERFECT, frames=count, noise_seed=None)
     if not any(lagged.since >= settled_s for lagged in frames):
         raise ValueError(
-            f"none of the {count} frames is scored, because the first {settled_s:g} s after "
-            "traffic starts never are: use more frames"
+            f"{count} frames leave no frame to score, because the first {settled_s:g} s after "
+            "traffic starts is never scored: use more frames"
         )
 
 

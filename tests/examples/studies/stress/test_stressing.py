@@ -162,7 +162,7 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress(driving, tops):
 def test_frames_of_the_first_second_alone_are_too_few(driving, tops):
     question = StressQuestion(schemes=("early",), kinds=("bytes",))
     assert driving()[1].time - driving()[0].time == pytest.approx(0.1)
-    said = "none of the 10 frames is scored, because the first 1 s after traffic starts never are"
+    said = "10 frames leave no frame to score, because the first 1 s after traffic starts is never"
     with pytest.raises(ValueError, match=said):
         run_stress(driving(), tops(), question, Run(frames=10))
     rows = run_stress(driving(), tops(), question, Run(frames=12))
