@@ -32,7 +32,7 @@ from models.training.options import TrainingOptions, parse_arguments
 from models.training.packed import PackedFrames
 from models.training.second_stage import compute_recording_ap, fit_calibration, train_faces, widen
 from models.weight_files import WeightsHeader, load_weights, save_weights
-from toolkit.runtime.files import check_output
+from toolkit.runtime.output_checks import check_output
 from toolkit.runtime.resumable import ShardFolder
 from toolkit.runtime.text_tables import escape
 from toolkit.sites.files import load_site

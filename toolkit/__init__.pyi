@@ -1,10 +1,7 @@
 from .bodies.body import Body as Body
 from .bodies.fleet import catalogue as catalogue
-from .calibration.empty_scene import (
-    EmptyScene as EmptyScene,
-    SceneLearner as SceneLearner,
-    Scenes as Scenes,
-)
+from .calibration.empty_scene import EmptyScene as EmptyScene, SceneLearner as SceneLearner
+from .calibration.recording_scenes import Scenes as Scenes
 from .clouds import (
     crop as crop,
     down_sample as down_sample,
@@ -27,11 +24,9 @@ from .detection.background import (
 )
 from .detection.cluster import ClusterDetector as ClusterDetector
 from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
-from .detection.evaluation import (
-    Comparison as Comparison,
-    evaluate_recording as evaluate_recording,
-    format_table as format_table,
-)
+from .detection.comparison import Comparison as Comparison
+from .detection.evaluation import evaluate_recording as evaluate_recording
+from .detection.evaluation_tables import format_table as format_table
 from .detection.link.channel import (
     LinkChannel as LinkChannel,
     Tracks as Tracks,
@@ -47,13 +42,14 @@ from .detection.link.foreground import (
     decode_foreground as decode_foreground,
     encode_foreground as encode_foreground,
 )
-from .detection.label_doctor import diagnose as diagnose
+from .doctor.diagnosis import diagnose as diagnose
 from .detection.metrics import (
     average_precision as average_precision,
     evaluate as evaluate,
     precision_recall as precision_recall,
 )
-from .detection.scheme import Fused as Fused, Scheme as Scheme
+from .detection.view import Fused as Fused
+from .detection.scheme import Scheme as Scheme
 from .detection.schemes import find_scheme as find_scheme, fuse_frame as fuse_frame
 from .detection.sensor_monitor import Fault as Fault, SensorMonitor as SensorMonitor, Shown as Shown
 from .detection.survey import survey as survey

@@ -25,11 +25,13 @@ from toolkit.boxes import count_points
 from toolkit.frame import unproject
 from toolkit.geometry import check_pose, transform
 from toolkit.point_columns import MAX_LISTED, Attributes
-from toolkit.point_files import read_pcd, read_ply
+from toolkit.point_files.pcd import read_pcd
+from toolkit.point_files.ply import read_ply
 from toolkit.point_writing import format_pcd, format_ply
 from toolkit.points import Area, Crop
-from toolkit.runtime.files import MAX_CLOUD_BYTES, load_arrays, reserve, write_bytes, writing
+from toolkit.runtime.array_files import MAX_CLOUD_BYTES, load_arrays
 from toolkit.runtime.light_open3d import o3d
+from toolkit.runtime.writing import reserve, write_bytes, writing
 from toolkit.sensors.sensor import Sensor
 
 PointCloud = o3d.t.geometry.PointCloud

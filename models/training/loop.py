@@ -24,7 +24,7 @@ from models.network.voxelnet import Prediction, VoxelNet
 from models.training.losses import paper_loss, quality_loss
 from models.training.packed import Area, PackedFrames
 from models.training.samples import Batch, SampleRecipe, Samples, stack
-from toolkit.runtime.files import write_text
+from toolkit.runtime.writing import write_text
 
 WINDOW_M = 40.0  # largest side of the windows for networks without absolute coordinates
 ANYWHERE = (-WINDOW_M / 2, -WINDOW_M / 2, WINDOW_M / 2, WINDOW_M / 2)

@@ -24,7 +24,7 @@ from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Rng, Shaped
 from toolkit.boxes import footprints
-from toolkit.plots import canvas, plan_view as above
+from toolkit.plots import canvas, ground_map, map_sheet, north_arrow, pole_marks, sensor_marks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -365,15 +365,17 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         if site is not None:
-            above.draw_ground(axes, site)
-        above.draw_area(axes, area)
+            ground_map.draw_ground(axes, site)
+        map_sheet.draw_area(axes, area)
         vehicles = _draw_vehicles(axes, objective, members)
-        above.draw_poles(axes, np.unique(spots, axis=0), size=3.5)
+        pole_marks.draw_poles(axes, np.unique(spots, axis=0), size=3.5)
         chosen_sensors = [sensors[member] for member in members]
-        above.draw_wedges(axes, chosen_sensors, () if site is None else site.solids)
-        above.draw_sensors(axes, chosen_sensors, 72 * scale)
-        north_direction = np.array([0.0, 1.0]) if site is None else above.north(site)
-        above.draw_north(_draw_strips(figure, scale), (1.85, _FOOT_INCHES / 2), north_direction)
+        sensor_marks.draw_wedges(axes, chosen_sensors, () if site is None else site.solids)
+        sensor_marks.draw_sensors(axes, chosen_sensors, 72 * scale)
+        north_direction = np.array([0.0, 1.0]) if site is None else north_arrow.north(site)
+        north_arrow.draw_north(
+            _draw_strips(figure, scale), (1.85, _FOOT_INCHES / 2), north_direction
+        )
         title = (
             f"{canvas.shorten(_name(objective), 30)}: {len(members)} "
             f"sensor{'s' * (len(members) != 1)}"
@@ -428,7 +430,7 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     strip = figure.add_axes((0, 0, 1, _FOOT_INCHES / _SIDE_INCHES))
     strip.set(xlim=(0, _SIDE_INCHES), ylim=(0, _FOOT_INCHES))
     strip.set_axis_off()
-    length = above.scale_length(1.2 / scale)
+    length = map_sheet.scale_length(1.2 / scale)
     for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):
         left = 0.13 + half * length * scale
         right = 0.13 + (half + 0.5) * length * scale

@@ -17,7 +17,7 @@ from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import count_on_ground, frame_points, is_beyond
-from toolkit.runtime.files import read_arrays, write_arrays
+from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:

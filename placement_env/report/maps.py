@@ -15,7 +15,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.handover.ground import Ground, visible_polygons
 from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
-from toolkit.plots import canvas, plan_view as above
+from toolkit.plots import canvas, ground_map, map_sheet, pole_marks, sensor_marks
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -48,7 +48,7 @@ def draw_pool(candidates: Candidates, out: str | Path) -> None:
         strokes = np.stack([stroke * np.cos(headings), stroke * np.sin(headings)])
         feet = np.stack([x, y])[:, mount_headings[:, 0]]
         axes.plot(*np.stack([feet, feet + strokes], axis=1), color=canvas.BAR, linewidth=0.8)
-        above.draw_poles(axes, np.stack([x, y], axis=1))
+        pole_marks.draw_poles(axes, np.stack([x, y], axis=1))
         for mount in candidates.mounts if len(x) <= MAX_LABELLED_POLES else ():
             axes.annotate(
                 mount.name,
@@ -82,21 +82,23 @@ def _plan_sheet(
     ground: Ground | None,
     poles: Sequence[str] = (),
     poles_unused: Sequence[str] = (),
-) -> above.MapSheet:
+) -> map_sheet.MapSheet:
     used_places = _places(site, poles)
     unused_places = _places(site, poles_unused)
-    entries = above.pole_entries(used=len(used_places), unused=len(unused_places))
-    legend = [*above.ground_entries(site), *entries, *above.sensor_entries(sensors)]
+    entries = pole_marks.pole_entries(used=len(used_places), unused=len(unused_places))
+    legend = [*ground_map.ground_entries(site), *entries, *sensor_marks.sensor_entries(sensors)]
     subtitle = "coloured: fields of view up to 25 m, cut off at buildings"
     if ground is not None:
         _check(ground, sensors)
         subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
-    places = above.sensor_places(sensors)
+    places = sensor_marks.sensor_places(sensors)
     title = canvas.shorten(f"{site.name}: where the sensors stand", 70)
     holds = np.concatenate([places, used_places, unused_places])
-    sheet = above.map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
+    sheet = map_sheet.map_sheet(
+        site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES
+    )
     if ground is None:
-        above.draw_wedges(sheet.axes, sensors, site.solids)
+        sensor_marks.draw_wedges(sheet.axes, sensors, site.solids)
     else:
         open_ground = ground.open_ground  # smoothing drops slivers
         smooth_views = [
@@ -105,16 +107,16 @@ def _plan_sheet(
         ]
         smoothed = replace(ground, seen=np.array(smooth_views, bool).reshape(ground.seen.shape))
         for index, polygons in enumerate(visible_polygons(smoothed)):
-            above.fill_polygons(
+            ground_map.fill_polygons(
                 sheet.axes, polygons, canvas.sensor_colour(index), order=2.2, alpha=0.09, edge=1.2
             )
-    above.draw_poles(sheet.axes, unused_places)
-    above.draw_poles(sheet.axes, used_places, carries_sensor=True)
+    pole_marks.draw_poles(sheet.axes, unused_places)
+    pole_marks.draw_poles(sheet.axes, used_places, carries_sensor=True)
     if len(unused_places) <= MAX_LABELLED_POLES:
-        above.name_poles(
+        pole_marks.name_poles(
             sheet.axes, unused_places, poles_unused, sheet.points_per_metre, keep_off=places
         )
-    above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+    sensor_marks.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
     return sheet
 
 
@@ -194,7 +196,7 @@ def _cell_map(
         (Patch(facecolor=colour, edgecolor="#808080", linewidth=0.5), name)
         for colour, name in cells.legend
     ]
-    entries = [*patches, *above.sensor_entries(sensors)]
+    entries = [*patches, *sensor_marks.sensor_entries(sensors)]
     title = canvas.shorten(f"{site.name}: {title}", 70)
     image = np.concatenate([cells.colours[..., :3], cells.shown[..., None]], axis=-1)
     image = (
@@ -212,8 +214,8 @@ def _cell_map(
         ground.y[-1] + half_cell,
     )
     with canvas.house_style():
-        holds = above.sensor_places(sensors)
-        sheet = above.map_sheet(
+        holds = sensor_marks.sensor_places(sensors)
+        sheet = map_sheet.map_sheet(
             site, title, subtitle, holds=holds, legend=entries, inches=MAP_INCHES
         )
         limits = {"xlim": sheet.axes.get_xlim(), "ylim": sheet.axes.get_ylim()}
@@ -230,7 +232,7 @@ def _cell_map(
                 alpha=0.7,
                 zorder=1.4,
             )
-        above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+        sensor_marks.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
         return canvas.svg_text(sheet.figure, alt)
 
 

@@ -32,8 +32,8 @@ from toolkit.arrays import Bool
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
 from toolkit.display import figure_digits, format_share
-from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
+from toolkit.runtime.text_values import replace_infinite
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.georeference import bearing_deg

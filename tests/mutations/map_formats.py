@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from mutants import Mutation
 
-from toolkit.runtime.files import name_errors
+from toolkit.runtime.reading import name_errors
 from toolkit.sites import opendrive, plain_map
 from toolkit.sites.maps import MapPiece
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.detection import evaluation
+from toolkit.detection import comparison, evaluation, evaluation_files, evaluation_tables
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
@@ -58,7 +58,7 @@ class Knows:
 
 def mixed(classes, **options):
     return evaluation.evaluate_recording(
-        Mixed(), Knows(), evaluation.Comparison(schemes=["early"], classes=classes, **options)
+        Mixed(), Knows(), comparison.Comparison(schemes=["early"], classes=classes, **options)
     )
 
 
@@ -87,13 +87,13 @@ def test_classes_have_rows_figures_and_tables():
             (twin.ap, twin.recall, twin.precision), nan_ok=True
         )
     rows = mixed(["vehicle", "pedestrian"])
-    first, second = evaluation.format_table(rows).split("\n\n")
+    first, second = evaluation_tables.format_table(rows).split("\n\n")
     assert first.splitlines()[0] == "vehicle, 4 to find"
     assert second.splitlines()[0] == "pedestrian, 3 to find"
     assert "AP@0.9" in first
     assert "AP@0.25" in second
-    assert first.split("\n", 1)[1] == evaluation.format_table(rows[:3])
-    lines = evaluation.format_class_table(rows.classes).splitlines()
+    assert first.split("\n", 1)[1] == evaluation_tables.format_table(rows[:3])
+    lines = evaluation_tables.format_class_table(rows.classes).splitlines()
     assert lines[0].split()[:3] == ["class", "scheme", "sensors"]
     assert lines[2].split() == [
         "pedestrian",
@@ -109,12 +109,12 @@ def test_classes_have_rows_figures_and_tables():
     few, many = (
         replace(rows[0], ap=0.123456, recall=0.654321, truths=count) for count in (12, 1200)
     )
-    assert [evaluation.format_table([each]).split()[7:10] for each in (few, many)] == [
+    assert [evaluation_tables.format_table([each]).split()[7:10] for each in (few, many)] == [
         ["0,1,2", "0.12", "0.65"],
         ["0,1,2", "0.123", "0.654"],
     ]
     assert few.as_dict()["ap"] == 0.123456
-    assert evaluation.format_table([]) == ""
+    assert evaluation_tables.format_table([]) == ""
     with pytest.raises(
         ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"
     ):
@@ -143,12 +143,14 @@ def test_classes_have_rows_figures_and_tables():
 
 
 def test_files_of_curves_are_named_by_class(tmp_path):
-    evaluation.save_evaluation(mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5]), tmp_path)
+    evaluation_files.save_evaluation(
+        mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5]), tmp_path
+    )
     assert {path.name for path in tmp_path.iterdir()} == {
         "table.json",
-        *evaluation.curve_files(["vehicle", "pedestrian"], [0.5]),
+        *evaluation_files.curve_files(["vehicle", "pedestrian"], [0.5]),
     }
-    assert list(evaluation.curve_files(["vehicle", "cyclist"])) == [
+    assert list(evaluation_files.curve_files(["vehicle", "cyclist"])) == [
         *(
             "pr_0.7.png",
             "pr_0.8.png",

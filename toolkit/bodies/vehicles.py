@@ -12,7 +12,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, stand, tube
-from toolkit.runtime.files import read_own_table
+from toolkit.runtime.text_values import read_own_table
 
 # distance from the front and height of the top, as parts of both
 Profile = tuple[tuple[float, float], ...]

@@ -22,10 +22,11 @@ from typing import cast
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records import BAG_ENDINGS, ENDINGS, Listing, list_bags
+from toolkit.datasets.folders import BAG_ENDINGS, ENDINGS, list_bags
+from toolkit.datasets.listing import Listing
 from toolkit.frame import Frame, Frames, Recording, RecordingView
 from toolkit.objects import label_index
-from toolkit.runtime.files import writing_folder
+from toolkit.runtime.writing import writing_folder
 from toolkit.sensors.error_profiles import (
     PAPER_ERRORS,
     ErrorProfile,
@@ -33,8 +34,9 @@ from toolkit.sensors.error_profiles import (
     find_profile,
     only_own_noise,
 )
-from toolkit.sensors.error_terms import TrueImage, velocities
+from toolkit.sensors.readings import TrueImage
 from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.track_velocities import velocities
 
 GROUP = "coview.layouts"
 _BUILT_IN = (

@@ -23,7 +23,7 @@ import numpy as np
 from toolkit.arrays import Float32, Rng
 from toolkit.bodies.body import stretch_randomly
 from toolkit.bodies.fleet import Fleet, fleet_named
-from toolkit.datasets.dataset import RECORDING_SCHEMA, Header, Scene, encode, join
+from toolkit.datasets.recording_file import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime.cache import code_digest

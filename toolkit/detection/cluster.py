@@ -26,10 +26,10 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64, Points, Rng
 from toolkit.boxes import count_points, nms
-from toolkit.calibration.empty_scene import Scenes
+from toolkit.calibration.place import Corners, Place, Stand, crop_points
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import EMPTY_SWEEPS, Background, empty_sweeps
-from toolkit.detection.place import Corners, Place, Stand, crop_points
 from toolkit.frame import Frame
 from toolkit.geometry import plane_rotation, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections

@@ -22,7 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import BoxRows, ImageMask, ImageRanges
-from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.pixel_clusters import HALF, SIGMAS
 from toolkit.sensors.sensor import Sensor, is_return
 
 DEFAULT_SILENT_AFTER_S = 0.5

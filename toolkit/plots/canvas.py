@@ -23,7 +23,7 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64, Shaped
 from toolkit.plots.fonts import choose_fonts, list_letters, name_letters, own_font
-from toolkit.runtime.files import write_bytes
+from toolkit.runtime.writing import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -43,6 +43,7 @@ SOLID = {"pond": "#cfe4ee", "island": "#d9d9d2", "kerb": "#bdb9b0", "building": 
 SOLID |= dict.fromkeys(("hedge", "tree"), "#cfe0c3")
 OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
+Entry = tuple["Artist", str]  # artist and name, of a legend
 # over solids that coview drew
 DRAWN_INK = "#a05a9c"
 DRAWN_HATCH = "//////"

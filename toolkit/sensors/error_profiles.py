@@ -27,19 +27,16 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.runtime.cache import make_key
-from toolkit.sensors import error_terms as terms
+from toolkit.sensors import error_terms
 from toolkit.sensors.error_terms import (
     Calibration,
-    Draws,
     DropOut,
-    ErrorTerm,
     Glass,
     MixedPixels,
     OwnNoise,
     RangeNoise,
-    Reading,
-    TrueImage,
 )
+from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ def _degrees(angle_deg: float) -> float:
 
 _NOISE = (
     OwnNoise(),
-    terms.stereo_noise(baseline=1.0, focal=2000.0),
+    error_terms.stereo_noise(baseline=1.0, focal=2000.0),
     RangeNoise(proportional=0.0005, measures="range"),
 )
 
@@ -126,12 +123,12 @@ _USUAL = (
     Calibration(_degrees(0.2), 0.03),
 )
 TYPICAL = ErrorProfile("typical", _USUAL)
-_DARK = Glass(share=0.8), terms.Paint(share=0.2)
-_BAD = *_DARK, DropOut(share=0.05, half_range=200.0), MixedPixels(share=0.2), terms.rain(10.0)
-_BADLY_PLACED = Calibration(_degrees(0.5), 0.05), terms.PoleSway(_degrees(0.05))
-POOR = ErrorProfile("poor", (*_BAD, terms.DeadRows(share=0.02), *_NOISE, *_BADLY_PLACED))
-GLARE = ErrorProfile("glare", (*_USUAL, terms.BlindSector(share=0.25)))
-TYPICAL_CLOCK = ErrorProfile("typical-clock", (*_USUAL, terms.ClockOffset(offset=0.05)))
+_DARK = Glass(share=0.8), error_terms.Paint(share=0.2)
+_BAD = *_DARK, DropOut(share=0.05, half_range=200.0), MixedPixels(share=0.2), error_terms.rain(10.0)
+_BADLY_PLACED = Calibration(_degrees(0.5), 0.05), error_terms.PoleSway(_degrees(0.05))
+POOR = ErrorProfile("poor", (*_BAD, error_terms.DeadRows(share=0.02), *_NOISE, *_BADLY_PLACED))
+GLARE = ErrorProfile("glare", (*_USUAL, error_terms.BlindSector(share=0.25)))
+TYPICAL_CLOCK = ErrorProfile("typical-clock", (*_USUAL, error_terms.ClockOffset(offset=0.05)))
 PROFILES = {
     profile.name: profile
     for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, GLARE, TYPICAL_CLOCK, POOR)

@@ -1,256 +1,18 @@
-"""Error terms of real sensors, each with its law, sources and approximations.
+"""Error terms: what changes the measurements of a sensor and its believed pose."""
 
-**Clocks that differ.** A sensor measures somewhat earlier or later than it says, so moving objects
-are elsewhere. Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills:
-Computer Network Time Synchronization, 2nd edition, 2010; IEEE 1588); delays of fusion come on top
-(Lei et al.: Latency-aware collaborative perception, ECCV 2022). The points on each object move by
-its velocity times the offset; turns and changed occlusion are left out. Velocities come from the
-tracks of neighbouring frames, at most `MOST_APART` from each other.
-
-**Returns that fail**, at random, by range and incidence, or by whole rows of the image. A diffuse
-surface returns the power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar
-Systems, 1992; Lambert's law). It is measured where P exceeds a threshold; surfaces differ in rho,
-here log-logistically, so that
-
-    p(return) = 1 / (1 + (P0 / P)^steepness),   P0: that of a surface at right angles at
-                                                `half_range`.
-
-**Mixed pixels.** A beam, or the window of a stereo match, that meets two surfaces gives a mean of
-both weighed by the light of each (Hebert and Krotkov: 3D measurements from imaging laser radars,
-Image and Vision Computing 10, 1992; Tang, Huber and Akinci: A comparative analysis of
-depth-discontinuity and mixed-pixel detection algorithms, 3DIM 2007).
-
-**Wrong poses**, by calibration or the sway of a pole: the image is right, the cloud is placed with
-a wrong pose. Normal errors, drawn once per sensor, are how robustness to them is measured (V2X-ViT,
-Xu et al., ECCV 2022: 0.2° and 0.2 m of moving vehicles; what stands still is calibrated better). A
-pole is a cantilever: a force at its tip turns the tip by theta and moves it by 2/3 · theta · height
-(Euler and Bernoulli); poles swing at about 1 Hz, and bend with wind and sun.
-
-**Noise**, the model's own and noise that grows with range: sigma(z) = constant + proportional · z +
-quadratic · z². Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise
-sigma_d in pixels and baseline B in metres (Gallup et al.: Variable baseline/resolution stereo, CVPR
-2008). Time of flight: sigma grows with z where the light's own shot noise prevails, with z² where
-ambient light or electronics do (Lange and Seitz: Solid-state time-of-flight range camera, IEEE J.
-Quantum Electronics 37, 2001). Pulsed lidars: a constant of 1 to 3 cm, and a part proportional to
-range (Glennie and Lichti: Static calibration of the Velodyne HDL-64E S2, Remote Sensing 2, 2010).
-
-**Surfaces of vehicles** that return little: window glass, and dark or wet paint. Glass reflects 4 %
-of a ray at each face (Fresnel), away from the sensor; what passes returns from seats, trims or not
-at all (Foster et al.: VisAGGE, ICRA 2013). Black paint returns some tenth of what white does at 905
-nm; a wet surface is darker than a dry one (Lekner and Dorf: Why some things are darker when wet,
-Applied Optics 27, 1988). The windows of a vehicle are taken to be the band of its body between
-`lower` and `upper` of its height, right for saloons, estates and hatchbacks; pillars are a share of
-it, drawn pixel by pixel. Heavy vehicles and two-wheelers are taken to have none.
-
-**Rain, fog and snow** make near returns, and lose returns on their way: the share exp(-2 ·
-extinction · R) of those of surfaces at range R survives (Beer, Lambert). Extinction at 905 nm in dB
-per km:
-
-    rain   1.076 · r^0.67, r in mm/h
-           (Carbonneau and Wisely, 1998; Recommendation ITU-R P.1814)
-    snow   (5.42e-5 · 905 + 5.496) · s^1.38 if dry, (1.02e-4 · 905 + 3.786) · s^0.72 if wet,
-           s in mm/h (ITU-R P.1814)
-    fog    3.912 per metre over the visibility at 2 % contrast (Koschmieder)
-
-Near returns come with a rate that falls with range, per metre `rate · exp(-(r - 0.3 m) / reach)`,
-so that of rays that meet no surface `share` return from the air, and of those that do, as many as
-meet a drop before it. Most false returns lie within some 10 m: in rain (Filgueira et al.,
-Measurement 95, 2017), fog (Bijelic, Gruber and Ritter, IV 2018) and snow (Hahner et al., CVPR
-2022). The shares of `rain`, `fog` and `snow` are assumptions, to be replaced where known.
-
-Readings: what a sensor says it measured and where it is believed to be, and how errors change that.
-
-An error term makes one `Reading` of another. The truth beside it (`TrueImage`), as rendered, never
-changes. A random number depends on the seed, the error term and what it is drawn for, never on how
-many were drawn before, so that a sensor measures the same in any order of sensors, frames and
-processes."""
-
-from collections.abc import Sequence
 from dataclasses import Field, dataclass, fields, replace
-from functools import cached_property
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, ImageMask, ImageRanges, ImageVectors, Int64, Pose, Rng
-from toolkit.boxes import points_in_boxes
-from toolkit.objects import HEAVY, VEHICLE, Objects
-from toolkit.sensors.sensor import NEAR, Measure, Sensor, angle, is_return
+from toolkit.arrays import Float, Float64, ImageMask, Int64
+from toolkit.objects import HEAVY, VEHICLE
+from toolkit.sensors.readings import Draws, Reading, TrueImage
+from toolkit.sensors.sensor import NEAR, Measure, angle
 
-_SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is drawn for
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Random numbers of one error term of one sensor in one frame; all fields are numbers that
-    identify them."""
-
-    seed: int
-    sensor: int
-    frame: int
-    term: int
-
-    def own_noise(self) -> Rng:
-        """Generator of the sensor's own noise, which other errors do not change."""
-        return np.random.default_rng([self.seed, self.frame, self.sensor])
-
-    def of_frame(self) -> Rng:
-        """Generator for this sensor in this frame."""
-        return np.random.default_rng([self.seed, _FRAME, self.frame, self.sensor, self.term])
-
-    def of_sensor(self) -> Rng:
-        """Generator for this sensor, the same in every frame."""
-        return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
-
-    def of_pole(self, position: Float64[np.ndarray, "3"]) -> Rng:
-        """Generator for all sensors over one point of the ground (cm), the same in every frame."""
-        x, y = (int(np.rint(metres * 100)) & 0xFFFFFFFF for metres in position[:2].tolist())
-        return np.random.default_rng([self.seed, _POLE, x, y, self.term])
-
-    def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Number in [0, 1) for each track id."""
-        words = [self.seed, _OBJECT, self.term]
-        drawn = [
-            np.random.default_rng([*words, int(track) & 0xFFFFFFFFFFFFFFFF]).random()
-            for track in ids.tolist()
-        ]
-        return np.array(drawn, np.float64)
-
-
-SKIN = (
-    0.05  # m by which a box is larger than its object, so that points on its surface belong to it
-)
-FOOT_MARGIN = 0.05  # m above the foot of a box where the ground ends
-
-
-@dataclass(frozen=True, eq=False)
-class TrueImage:
-    """Measurement without error at the true pose. velocities: of the objects, m/s, None if
-    unknown."""
-
-    sensor: Sensor
-    measurement: ImageRanges
-    objects: Objects
-    time: float = 0.0
-    velocities: Float64[np.ndarray, "n 3"] | None = None
-
-    @cached_property
-    def valid(self) -> ImageMask:
-        """Mask of pixels that return anything."""
-        return is_return(self.measurement, self.sensor.model.max_range)
-
-    @cached_property
-    def ray_lengths(self) -> ImageRanges:
-        """Range (m) per measured metre: 1 for models that measure ranges."""
-        return np.linalg.norm(self.sensor.model.rays(), axis=2).astype(np.float32)
-
-    @cached_property
-    def ranges(self) -> ImageRanges:
-        """Distance from the sensor to the surface of each pixel (m), 0 for none."""
-        return np.where(self.valid, self.measurement * self.ray_lengths, np.float32(0))
-
-    @cached_property
-    def points(self) -> Float64[np.ndarray, "pixels 3"]:
-        """Point of each pixel, world frame, row after row; the sensor itself for no return."""
-        flat = np.where(self.valid, self.measurement, np.float32(0)).ravel().astype(np.float64)
-        return (self.sensor.world_rays * flat).T.astype(np.float64) + self.sensor.position
-
-    @cached_property
-    def owners(self) -> Int64[np.ndarray, "rows columns"]:
-        """Row of the object whose box holds the point of each pixel, above its foot, -1 for
-        none."""
-        owners = np.full(self.measurement.size, -1, np.int64)
-        if len(self.objects):
-            boxes = self.objects.boxes.copy()
-            boxes[:, 2] += (FOOT_MARGIN + SKIN) / 2
-            boxes[:, 3:5] += 2 * SKIN
-            boxes[:, 5] = np.maximum(boxes[:, 5] + SKIN - FOOT_MARGIN, 1e-3)
-            pixels = np.flatnonzero(self.valid)
-            within = points_in_boxes(self.points[pixels], boxes)
-            owners[pixels] = np.where(within.any(axis=1), within.argmax(axis=1), -1)
-        return owners.reshape(self.measurement.shape)
-
-    @cached_property
-    def cosines(self) -> ImageRanges:
-        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
-        From the differences to the nearer of the neighbours across and along."""
-        rays = self.sensor.model.rays().astype(np.float64)
-        points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
-        normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
-        area = np.linalg.norm(normal, axis=2)
-        is_known = self.valid & (area > 0)
-        along = np.abs(np.einsum("ijk,ijk->ij", normal, rays)) / np.where(
-            is_known, area * self.ray_lengths, 1
-        )
-        return np.where(is_known, np.clip(along, 0, 1), 1).astype(np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """Measurement of a sensor as it reports it. measurement: 0 for no return; pose: believed
-    world_SE3_sensor; shift: displacement of each pixel's point off its ray (m, world frame), None
-    for none."""
-
-    truth: TrueImage
-    measurement: ImageRanges
-    pose: Pose
-    shift: ImageVectors | None = None
-
-    @staticmethod
-    def of(truth: TrueImage) -> "Reading":
-        """Reading without error; NaN and infinity become 0, no return."""
-        image = np.asarray(truth.measurement, np.float32)
-        finite = np.isfinite(image)
-        return Reading(
-            truth,
-            image if finite.all() else np.where(finite, image, np.float32(0)),
-            truth.sensor.pose,
-        )
-
-    @property
-    def valid(self) -> ImageMask:
-        """Mask of pixels that return anything now."""
-        return is_return(self.measurement, self.truth.sensor.model.max_range)
-
-    def without(self, lost: ImageMask) -> "Reading":
-        """Remove the returns of some pixels."""
-        return (
-            self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
-        )
-
-    def measuring(self, measurement: ImageRanges) -> "Reading":
-        """Replace the image."""
-        return replace(self, measurement=measurement)
-
-
-def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
-    """Step from each point to its nearer neighbour."""
-    step = np.diff(points, axis=axis)
-    both = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
-    length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
-    widths = [[side, (0, 0)] if axis == 0 else [(0, 0), side] for side in ((0, 1), (1, 0))]
-    after, before = (np.pad(length, width, constant_values=np.inf) for width in widths)
-    step = np.where(both[..., None], step, 0)
-    ahead, behind = (np.pad(step, [*width, (0, 0)]) for width in widths)
-    return np.where((after <= before)[..., None], ahead, behind)
-
-
-@runtime_checkable
-class ErrorTerm(Protocol):
-    """One kind of error: a frozen dataclass of numbers."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def needs_velocities(self) -> bool:
-        """True if it depends on the speed of objects."""
-
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Apply the error."""
-
-
-MOST_APART = 0.5  # s between frames from which velocities are known
-_SAME = 1.0  # m by which a measurement may differ from the truth and still show the same object
+_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
+MAX_SAME_M = 1.0  # from the true measurement, of one that shows the same object
 
 
 class _Term:
@@ -308,36 +70,9 @@ class ClockOffset(_Term):
             )
         late = draws.of_sensor().standard_normal() * self.offset
         moved = np.append(truth.velocities * late, np.zeros((1, 3)), axis=0)[truth.owners]
-        same = reading.valid & (np.abs(reading.measurement - truth.measurement) < _SAME)
+        same = reading.valid & (np.abs(reading.measurement - truth.measurement) < MAX_SAME_M)
         shift = np.where(same[..., None], moved, 0).astype(np.float32)
         return replace(reading, shift=shift if reading.shift is None else reading.shift + shift)
-
-
-def velocities(
-    objects: Objects, time: float, around: Sequence[tuple[Objects, float]]
-) -> Float64[np.ndarray, "n 3"]:
-    """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before
-    and after.
-
-    It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of
-    its neighbours. Raises ValueError without neighbours and for one farther off than
-    `MOST_APART`."""
-    gaps = [abs(neighbour_time - time) for _, neighbour_time in around]
-    if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
-        intervals = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
-        remedy = "leave the clock's offset out, or record more often"
-        raise ValueError(
-            f"velocities need frames at most {MOST_APART} s apart, got {intervals}: {remedy}"
-        )
-    total = np.zeros((len(objects), 3))
-    count = np.zeros(len(objects))
-    for neighbour, neighbour_time in around:
-        _, rows, neighbour_rows = np.intersect1d(objects.ids, neighbour.ids, return_indices=True)
-        total[rows] += (neighbour.boxes[neighbour_rows, :3] - objects.boxes[rows, :3]) / (
-            neighbour_time - time
-        )
-        count[rows] += 1
-    return total / np.maximum(count, 1)[:, None]
 
 
 @dataclass(frozen=True)
@@ -411,9 +146,6 @@ def chance_of_return(
     power = np.asarray(reflectivity) * cosines * half_range**2
     lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
     return 1 / (1 + lacking**steepness)
-
-
-_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 @dataclass(frozen=True)
@@ -643,9 +375,6 @@ def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[n
     here, ray = (np.column_stack([x * cos + y * sin, x * -sin + y * cos, z]) for x, y, z in ways)
     ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
     return np.maximum(((np.copysign(boxes[:, 3:6] / 2, ray) - here) / ray).min(axis=1), 0.0)
-
-
-PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import shapely
 
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
-from toolkit.runtime.files import name_errors
+from toolkit.runtime.reading import name_errors
 from toolkit.sites import (
     furniture as f,
     lane_shapes,

@@ -36,7 +36,7 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import plane_rotation
-from toolkit.runtime.files import parse_json
+from toolkit.runtime.text_values import parse_json
 from toolkit.sites import furniture as f, network as nets
 from toolkit.sites.driving_side import find_driving_side
 from toolkit.sites.georeference import inverse_project, project

@@ -22,7 +22,7 @@ from coview.detectors import (
 from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
-from toolkit.detection.place import Place
+from toolkit.calibration.place import Place
 from toolkit.objects import Detector
 
 

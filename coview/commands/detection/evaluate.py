@@ -13,15 +13,15 @@ from coview.detectors import check_detector, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
-from toolkit.detection.place import Place
+from toolkit.calibration.place import Place
 from toolkit.display import describe_count
 from toolkit.frame import Frame, RecordingView
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import find_profile
 
 if TYPE_CHECKING:
-    from toolkit.calibration.poses import FoundPose
-    from toolkit.detection.evaluation import Comparison
+    from toolkit.calibration.found_pose import FoundPose
+    from toolkit.detection.comparison import Comparison
     from toolkit.frame import Frame
 
 
@@ -113,12 +113,14 @@ def evaluate(
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any
             layout.
         out: Folder for table.json and the PR curves."""
-    from toolkit.calibration.empty_scene import Scenes
-    from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
+    from toolkit.calibration.corrected_recording import Corrected
+    from toolkit.calibration.poses import TOGETHER, find_poses
+    from toolkit.calibration.recording_scenes import Scenes
     from toolkit.calibration.registration import read_surface
+    from toolkit.datasets.listing import check_labels
     from toolkit.datasets.recordings import Part, ReadRecording, Reads
-    from toolkit.datasets.records import check_labels
-    from toolkit.detection.evaluation import curve_files, evaluate_recording, save_evaluation
+    from toolkit.detection.evaluation import evaluate_recording
+    from toolkit.detection.evaluation_files import curve_files, save_evaluation
     from toolkit.frame import select_sensors
     from toolkit.objects import check_known, known_labels
 
@@ -159,7 +161,7 @@ def evaluate(
         poses: tuple[FoundPose, ...] = ()
         if subject.calibrate is not None:
             poses = find_poses(opened, surface, frames=reads.frames)
-            recording = Corrected.of(opened, poses)
+            recording = Corrected.from_poses(opened, poses)
         frames_read = recording
         if len(recording) and not is_known:
             frames_read = Part(recording, run.frames)
@@ -198,7 +200,7 @@ def evaluate(
 
 
 def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
-    from toolkit.detection.evaluation import Comparison
+    from toolkit.detection.comparison import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps
 

@@ -14,12 +14,12 @@ from coview.outputs import CARD_KIND, OK, Writing, check_file, check_folder, pri
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from models.training.options import TrainingOptions
-from toolkit.detection.place import Corners, Place
+from toolkit.calibration.place import Corners, Place
 
 if TYPE_CHECKING:
     from models.network.voxelnet import VoxelNet
+    from toolkit.calibration.place import Stand
     from toolkit.detection.background import Background
-    from toolkit.detection.place import Stand
     from toolkit.frame import Frame, Recording
     from toolkit.objects import Objects
 
@@ -84,7 +84,7 @@ def _check_times(opened: "Recording", path: Path) -> None:
 
 def _crop_level_clouds(frame: "Frame", stand: "Stand") -> list[np.ndarray]:
     """Return the cloud of each sensor on level ground, cropped to the area."""
-    from toolkit.detection.place import crop_points
+    from toolkit.calibration.place import crop_points
     from toolkit.geometry import level_rows
     from toolkit.points import frame_points
     from toolkit.sites.site import Site

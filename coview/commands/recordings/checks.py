@@ -85,8 +85,8 @@ def doctor(
         layout: Layout, as in coview evaluate.
         frames: Number of first frames whose labels are checked; of hdf5 all are.
         json: Print as JSON."""
-    from toolkit.calibration.poses import check_drift
-    from toolkit.detection.label_doctor import diagnose
+    from toolkit.doctor.diagnosis import diagnose
+    from toolkit.doctor.drift import check_drift
     from toolkit.sites.files import load_site
 
     check_least("--frames", frames, 1)
@@ -160,7 +160,9 @@ def calibrate(
         out: Copy of the recording to write with corrected poses; a plain folder for clouds.
         poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions;
             coview fuse reads it."""
-    from toolkit.calibration.poses import TOGETHER, find_poses, save_poses, write_corrected
+    from toolkit.calibration.corrected_recording import write_corrected
+    from toolkit.calibration.found_pose import save_poses
+    from toolkit.calibration.poses import TOGETHER, find_poses
     from toolkit.calibration.registration import read_surface
     from toolkit.datasets.recordings import Part, ReadRecording, Reads
 

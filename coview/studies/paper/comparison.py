@@ -29,7 +29,8 @@ import numpy as np
 from placement_env.analysis.intervals import Interval
 from toolkit.arrays import Float64
 from toolkit.plots.canvas import blank_figure
-from toolkit.runtime.files import read_own_table, writing
+from toolkit.runtime.text_values import read_own_table
+from toolkit.runtime.writing import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -87,9 +87,10 @@ from toolkit.detection.provenance import coview_version
 from toolkit.objects import Detector
 from toolkit.plots.curves import draw_density_cdf, draw_pr_curves
 from toolkit.runtime.cache import Cache
-from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Processes, Run
 from toolkit.runtime.text_tables import align_columns
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_text, writing_together
 
 SET_SCHEMES = ("early", "late")
 RECALL_STEP = 0.001  # recall between the points of a curve in its file

@@ -16,7 +16,7 @@ import numpy as np
 from coview.studies.stress.conditions import make_conditions
 from toolkit.arrays import ImageMask
 from toolkit.boxes import count_points
-from toolkit.calibration.empty_scene import Scenes
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
 from toolkit.detection.link.channel import PERFECT, delay_frames
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out

@@ -36,7 +36,7 @@ from toolkit.plots.fonts import (
     spell_name,
 )
 from toolkit.sites.site import Site
-from toolkit.viewing.scene import render_page
+from toolkit.viewing.pages import render_page
 
 _FOLDER = Path(__file__).parent
 UNDEFINED_MARK = "–"  # for an undefined figure

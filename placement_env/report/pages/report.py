@@ -47,7 +47,7 @@ from placement_env.report.pages.document import (
 from placement_env.report.pages.scene import build_scene
 from placement_env.report.sensor_views import draw_sensor_views
 from toolkit.display import describe_count
-from toolkit.runtime.files import writing_together
+from toolkit.runtime.writing import writing_together
 from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
 

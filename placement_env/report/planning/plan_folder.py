@@ -26,8 +26,9 @@ from toolkit.detection.codec import Codec
 from toolkit.detection.link.range_images import CODECS, find_codec
 from toolkit.detection.schemes import SCHEMES
 from toolkit.geometry import MAX_COORDINATE_M
-from toolkit.runtime.files import name_errors, read_json
 from toolkit.runtime.json_object import Json, JsonObject
+from toolkit.runtime.reading import name_errors
+from toolkit.runtime.text_values import read_json
 from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.models import name_in_words
 from toolkit.sites.files import format_attitude, format_model, load_site, read_model, read_sensor

@@ -66,8 +66,9 @@ from toolkit.detection.provenance import coview_version, detector_origin
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.objects import LABELS, Detector, label_index
 from toolkit.points import count_on_ground, has_centre_inside
-from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Run
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_text, writing_together
 from toolkit.sensors.error_profiles import only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site

@@ -19,12 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.calibration.empty_scene import (
-    Scenes,
-    learn_empty_scenes,
-    load_empty_scenes,
-    save_empty_scenes,
-)
+from toolkit.calibration.empty_scene import learn_empty_scenes
+from toolkit.calibration.recording_scenes import Scenes
+from toolkit.calibration.scene_files import load_empty_scenes, save_empty_scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recordings import read_frame
 from toolkit.datasets.simulation import simulate_dataset

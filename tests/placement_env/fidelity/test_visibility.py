@@ -13,7 +13,7 @@ from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.points import frame_points, is_beyond
 from toolkit.rendering.renderer import Renderer
-from toolkit.runtime.files import write_arrays
+from toolkit.runtime.array_files import write_arrays
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 

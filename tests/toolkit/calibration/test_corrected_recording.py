@@ -4,9 +4,11 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.calibration.poses import FoundPose, copy_corrected, write_corrected
+from toolkit.calibration.corrected_recording import copy_corrected, write_corrected
+from toolkit.calibration.found_pose import FoundPose
 from toolkit.calibration.registration import Registration
-from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.recording_file import Header, Scene, encode
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose

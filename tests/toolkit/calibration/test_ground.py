@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from toolkit.calibration import ground as module, height_map
-from toolkit.calibration.ground import (
-    Ground,
-    fit_plane,
-    heights_above_plane,
-    level,
-    level_warning,
-    plain_points,
+from toolkit.calibration import (
+    ground,
+    ground_plane,
+    height_map,
+    level_warning as level_warning_room,
 )
+from toolkit.calibration.ground import Ground, level, plain_points
+from toolkit.calibration.ground_plane import fit_plane, heights_above_plane
 from toolkit.calibration.height_map import HeightMap, fit_map, low_points, lowest_mask, support_mask
+from toolkit.calibration.level_warning import level_warning
 from toolkit.clouds import from_points
 from toolkit.datasets.layouts.argoverse import argoverse, read_labels
 from toolkit.geometry import invert, pose, transform
@@ -368,7 +368,8 @@ def test_the_steepest_slope_is_handed_on(monkeypatch):
         asked.append(given)
         return np.array([0.0, 0.0, -1.7])
 
-    monkeypatch.setattr(module, "fit_plane", noted)
+    monkeypatch.setattr(ground, "fit_plane", noted)
+    monkeypatch.setattr(level_warning_room, "fit_plane", noted)
     street = np.column_stack(
         [np.random.default_rng(0).uniform(-20, 20, (400, 2)), np.full(400, -1.7)]
     )
@@ -448,7 +449,7 @@ def test_cells_that_others_support_are_an_oracles():
 
 def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
     """The turn takes the plane's normal to z by the least angle, as SciPy has it."""
-    tilted = module.Ground(
+    tilted = ground.Ground(
         np.array([0.1, -0.2, 1.5]), HeightMap(np.zeros(2), np.full((3, 3), 0.25))
     )
     normal = np.array([-0.1, 0.2, 1.0]) / np.sqrt(1.05)
@@ -479,7 +480,7 @@ def test_planes_and_maps_look_for_low_cells_as_far_about_as_said(monkeypatch):
         asked.append((slope, step, window))
         return lowest(cells, slope, step, window=window)
 
-    for room in (module, height_map):
+    for room in (ground_plane, height_map):
         monkeypatch.setattr(room, "support_mask", supported)
         monkeypatch.setattr(room, "lowest_mask", low)
     street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (4000, 2)), np.zeros(4000)])
@@ -637,7 +638,9 @@ def test_warnings_are_of_clouds_that_reach_beyond_the_slice_and_have_enough_poin
     assert "2% of 500 points lie between 0 and 4 m, and no ground is found" in warned(column)
     column[10, 2] = 1.0
     assert level_warning(column) is None  # more than hardly any
-    monkeypatch.setattr(module, "fit_plane", lambda points, **_: np.array([0.0, 0.0, 0.12]))
+    monkeypatch.setattr(
+        level_warning_room, "fit_plane", lambda points, **_: np.array([0.0, 0.0, 0.12])
+    )
     halves = np.column_stack([np.zeros((400, 2)), np.repeat([0.1, 0.2], 200)])
     halves[0, 2] = 9.0
     assert level_warning(halves[1:]) is None  # all lie in the slice

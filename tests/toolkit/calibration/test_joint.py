@@ -3,15 +3,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from toolkit.calibration import poses as joint, registration
-from toolkit.calibration.poses import (
-    Pairs,
-    SeenBoxes,
-    align,
-    face_sensor,
-    object_pairs,
-    seen_objects,
-)
+from toolkit.calibration import alignment, joint_system, registration
+from toolkit.calibration.alignment import align, face_sensor
+from toolkit.calibration.joint_system import Pairs
+from toolkit.calibration.object_pairs import SensorBoxes, detect_boxes, object_pairs
 from toolkit.calibration.registration import LEVER, Surface, apply_motion
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, transform
@@ -196,7 +191,7 @@ def test_pairs_as_sure_as_the_usual_errors_move_a_sensor_half_the_way():
     rng, far = np.random.default_rng(7), np.eye(4)
     far[0, 3] = 500.0
     surface = seen_by(TRUE[0], rng)
-    usual = np.repeat([LEVER * joint.USUAL_TURN, joint.USUAL_MOVE], 3)
+    usual = np.repeat([LEVER * joint_system.USUAL_TURN, joint_system.USUAL_MOVE], 3)
     target = 0.2 * usual * [1, -1, 1, 1, 1, -1]
 
     def more(poses, radius):
@@ -211,7 +206,7 @@ def test_pairs_as_sure_as_the_usual_errors_move_a_sensor_half_the_way():
     assert registration.motion_between(far, found.poses[1]) == pytest.approx(
         target / 2, abs=1e-3 * usual.max()
     )
-    variance = np.repeat([joint.USUAL_TURN**2, joint.USUAL_MOVE**2], 3) / 2
+    variance = np.repeat([joint_system.USUAL_TURN**2, joint_system.USUAL_MOVE**2], 3) / 2
     assert np.diag(found.covariance)[6:] == pytest.approx(variance, rel=1e-3)
 
 
@@ -240,7 +235,7 @@ def seen_frames(rng, frames=30, noise=0.05):
     spread = noise * np.array([1, 1, 1, 0, 0, 0, 0.2])
     truths = (cars(rng) for _ in range(frames))
     return [
-        [SeenBoxes.of(each + spread * rng.standard_normal(each.shape), at) for at in TWO]
+        [SensorBoxes.from_boxes(each + spread * rng.standard_normal(each.shape), at) for at in TWO]
         for each in truths
     ]
 
@@ -287,7 +282,9 @@ def test_road_users_pair_by_nearest_and_heading():
     others = np.concatenate([others, [[0.9, 0, 1, 4, 2, 1.5, 0.0]]])
     here = np.eye(4)
     pairs = object_pairs(
-        [[SeenBoxes.of(boxes, here), SeenBoxes.of(others, here)]], [here, here], 1.5
+        [[SensorBoxes.from_boxes(boxes, here), SensorBoxes.from_boxes(others, here)]],
+        [here, here],
+        1.5,
     )
     assert len(pairs) == 1
     assert pairs[0].residual.tolist() == pytest.approx([-0.5, -0.2, 0.0, 0.0])
@@ -295,11 +292,13 @@ def test_road_users_pair_by_nearest_and_heading():
     box = np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]])
     round_about = box + np.array([[0, 0, 0, 0, 0, 0, np.pi - 0.05]])
     pairs = object_pairs(
-        [[SeenBoxes.of(box, np.eye(4)), SeenBoxes.of(round_about, np.eye(4))]], [np.eye(4)] * 2, 1.5
+        [[SensorBoxes.from_boxes(box, np.eye(4)), SensorBoxes.from_boxes(round_about, np.eye(4))]],
+        [np.eye(4)] * 2,
+        1.5,
     )
     assert pairs[0].residual[3] == pytest.approx(0.05)
-    nothing = SeenBoxes(np.zeros((0, 3)), np.zeros((0, 3)))
-    one = SeenBoxes.of(np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]]), np.eye(4))
+    nothing = SensorBoxes(np.zeros((0, 3)), np.zeros((0, 3)))
+    one = SensorBoxes.from_boxes(np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]]), np.eye(4))
     assert object_pairs([[one, nothing]], [np.eye(4)] * 2, 1.5) == []
     assert object_pairs([], [np.eye(4)] * 2, 1.5) == []
     sensor = Sensor(
@@ -314,7 +313,7 @@ def test_road_users_pair_by_nearest_and_heading():
         assert np.allclose(points[:, 2], 1.0 - 0.05 * points[:, 0], atol=1e-5)
         return Detections(box, np.ones(1))
 
-    seen = seen_objects([frame], detector, site)[0][0]
+    seen = detect_boxes([frame], detector, site)[0][0]
     np.testing.assert_allclose(transform(sensor.pose, seen.centres), [[2.0, 1.0, 1.1]], atol=1e-9)
     np.testing.assert_allclose(
         seen.ahead @ sensor.pose[:3, :3].T, [[np.cos(0.3), np.sin(0.3), 0.0]], atol=1e-9
@@ -322,7 +321,9 @@ def test_road_users_pair_by_nearest_and_heading():
 
 
 def joint_of(*pairs, free=None):
-    return joint._Joint(pairs, np.ones(12, bool) if free is None else free, np.zeros(12))
+    return joint_system.JointSystem(
+        pairs, np.ones(12, bool) if free is None else free, np.zeros(12)
+    )
 
 
 def rows_along(number, residuals, one=0, other=1):
@@ -406,14 +407,14 @@ def test_surfaces_pair_by_hand(monkeypatch):
         ),
     ]
     rows = [np.array([0])] * 2
-    first, second = joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))
+    first, second = alignment._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))
     assert [(pair.one, pair.other) for pair in (first, second)] == [(0, 1), (1, 0)]
     assert first.residual == pytest.approx([-0.03])
     assert second.residual == pytest.approx([0.03])
     deviation = np.sqrt(0.03**2 + 0.04**2 + 0.01**2)
     assert first.deviation == pytest.approx([3 * deviation])
     assert first.limit == pytest.approx([4.685 * deviation])
-    assert joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[
+    assert alignment._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[
         0
     ].limit == pytest.approx([0.9])
     assert first.one_row == pytest.approx(registration.resistance(place, np.zeros(3), up))
@@ -425,11 +426,11 @@ def test_surfaces_pair_by_hand(monkeypatch):
     down = [surfaces[0], Surface(surfaces[1].points, -up, surfaces[1].roughness)]
     assert [
         len(pair.residual)
-        for pair in joint._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))
+        for pair in alignment._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))
     ] == [0, 0]
-    monkeypatch.setattr(joint, "_SAME_SIDE", 1.0)  # the cosine must be greater
+    monkeypatch.setattr(alignment, "_SAME_SIDE", 1.0)  # the cosine must be greater
     assert not len(
-        joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual
+        alignment._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual
     )
 
 
@@ -437,19 +438,21 @@ def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about
     own = np.array([[0.9, 0, 1, 4, 2, 1.5, 0.0], [-0.2, 0, 1, 4, 2, 1.5, 0.1]])
     theirs = np.array([[0.0, 0.0, 1, 4, 2, 1.5, 0.0]])
     (pair,) = object_pairs(
-        [[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5
+        [[SensorBoxes.from_boxes(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5
     )
     assert pair.residual == pytest.approx([-0.2, 0.0, 0.0, 0.1])
     assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER, 0, 0, 0]
     assert pair.deviation == pytest.approx([0.25 * np.sqrt(2)] * 3 + [np.deg2rad(4.0) * np.sqrt(2)])
     assert pair.limit == pytest.approx([1.5] * 3 + [np.deg2rad(20.0)])
-    away = SeenBoxes.of(theirs + np.eye(7)[1], np.eye(4))
-    alone = SeenBoxes.of(theirs, np.eye(4))
+    away = SensorBoxes.from_boxes(theirs + np.eye(7)[1], np.eye(4))
+    alone = SensorBoxes.from_boxes(theirs, np.eye(4))
     assert object_pairs([[alone, away]], [np.eye(4)] * 2, 1.0) == []  # as far off as the gate
     assert len(object_pairs([[alone, away]], [np.eye(4)] * 2, 1.001)) == 1
     for radius, gate in ((0.1, 0.8), (1.0, 1.0), (9.0, 1.5)):
         (pair,) = object_pairs(
-            [[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, radius
+            [[SensorBoxes.from_boxes(each, np.eye(4)) for each in (own, theirs)]],
+            [np.eye(4)] * 2,
+            radius,
         )
         assert pair.limit[0] == gate
 
@@ -477,9 +480,9 @@ def test_scatter_is_the_robust_spread_of_a_sensors_own_rows():
 
 def test_what_nothing_determines_stays_as_unsure_as_usual_errors():
     system = joint_of(rows_along(0, [0.0]))
-    variance = np.tile(np.repeat([joint.USUAL_TURN**2, joint.USUAL_MOVE**2], 3), 2)
+    variance = np.tile(np.repeat([joint_system.USUAL_TURN**2, joint_system.USUAL_MOVE**2], 3), 2)
     assert np.diag(system.covariance()) == pytest.approx(variance)
-    moved = joint._Joint([rows_along(0, [0.0])], np.ones(12, bool), np.arange(12.0))
+    moved = joint_system.JointSystem([rows_along(0, [0.0])], np.ones(12, bool), np.arange(12.0))
     assert moved.step() == pytest.approx(-np.arange(12.0))  # back to where it was believed
-    held = joint._Joint([rows_along(0, [0.0])], np.arange(12) >= 6, np.arange(12.0))
+    held = joint_system.JointSystem([rows_along(0, [0.0])], np.arange(12) >= 6, np.arange(12.0))
     assert held.step() == pytest.approx(np.where(np.arange(12) >= 6, -np.arange(12.0), 0.0))

@@ -7,18 +7,12 @@ import jaxtyping._decorator as jaxtyping_decorator
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene as sample_scenes
-from toolkit.calibration.empty_scene import (
-    OUTSIDE_GRID,
-    SHARED_CELL,
-    EmptyScene,
-    LidarGrid,
-    Scenes,
-    learn_empty_scenes,
-    learn_sample_scenes,
-    load_empty_scenes,
-    save_empty_scenes,
-)
+from toolkit.calibration import recording_scenes
+from toolkit.calibration.cloud_image import OUTSIDE_GRID, SHARED_CELL
+from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
+from toolkit.calibration.lidar_grid import LidarGrid
+from toolkit.calibration.recording_scenes import Scenes, learn_sample_scenes
+from toolkit.calibration.scene_files import load_empty_scenes, save_empty_scenes
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
@@ -166,7 +160,7 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
 )
 def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
     grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
-    assert sample_scenes._Learner("north", grid, asked).learner.sample == kept
+    assert recording_scenes._CloudSceneLearner("north", grid, asked).learner.sample == kept
 
 
 def test_only_sensors_of_the_first_samples_and_so_many_of_their_images_are_kept():

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.doctor import (
-    SensorImages,
-    blind_frames,
-    diagnose_file,
-    failing_sensors,
-    frozen_frames,
-)
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.image_failures import blind_frames, failing_sensors, frozen_frames
+from toolkit.doctor.sensor_images import SensorImages
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera
@@ -69,7 +66,8 @@ def test_images_frozen_or_blind_are_named():
     ]
     both = [frozen, views()[1]]
     assert list(failing_sensors(both, rows(CENTRES), SITE, [0, 7, 14, 21, 28, 35])) == [
-        (
+        Finding(
+            "warning",
             "sensor a",
             "it is frozen",
             (
@@ -98,8 +96,8 @@ def test_images_frozen_or_blind_are_named():
         [False] * 6,
     ]
     (found,) = failing_sensors(changed, rows(CENTRES), SITE, range(6))
-    assert found[:2] == ("sensor a", "it goes blind")
-    assert found[2].startswith(
+    assert (found.where, found.suspected) == ("sensor a", "it goes blind")
+    assert found.evidence.startswith(
         "1 of 6 frames that were looked at, the first is 4, return less than half"
     )
 

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.datasets.records import parse_objects, read_entries
+from toolkit.calibration.level_frames import level_frames
+from toolkit.calibration.place import Place, Stand
+from toolkit.datasets.box_files import parse_objects, read_entries
 from toolkit.detection.detect import (
     Detected,
     describe_summary,
@@ -15,7 +17,6 @@ from toolkit.detection.detect import (
     summarise,
     write_detections,
 )
-from toolkit.detection.place import Place, Stand, level_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.geometry import pose, tilt_rows, transform
 from toolkit.objects import Detections, Objects

@@ -10,15 +10,14 @@ import pytest
 from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
-from toolkit.calibration.empty_scene import Scenes, learn_empty_scenes
+from toolkit.calibration.empty_scene import learn_empty_scenes
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
 from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.evaluation import (
-    Comparison,
-    evaluate_recording,
-    format_table,
-    save_evaluation,
-)
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
+from toolkit.detection.evaluation_files import save_evaluation
+from toolkit.detection.evaluation_tables import format_table
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate

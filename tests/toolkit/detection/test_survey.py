@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.recordings import Reads
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.geometry import look

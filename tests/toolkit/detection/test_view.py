@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from toolkit.calibration.empty_scene import EmptyScene, Scenes
+from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.ground import Ground
+from toolkit.calibration.place import Stand
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.detection.codec import Message
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.detection.place import Stand
 from toolkit.detection.schemes import SCHEMES, Hybrid
 from toolkit.detection.view import View, frame_view, stand_view, suppress, together
 from toolkit.frame import Frame, SensorCloud, unproject

@@ -9,13 +9,9 @@ from matplotlib.image import imread
 from toolkit.geometry import look
 from toolkit.objects import CYCLIST, VEHICLE, Detections, Objects
 from toolkit.plots.canvas import OUTCOME
-from toolkit.plots.plan_view import (
-    FrameOutcome,
-    draw_frame,
-    draw_site,
-    pole_entries,
-    sensor_entries,
-)
+from toolkit.plots.plan_view import FrameOutcome, draw_frame, draw_site
+from toolkit.plots.pole_marks import pole_entries
+from toolkit.plots.sensor_marks import sensor_entries
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site

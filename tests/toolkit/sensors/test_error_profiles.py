@@ -19,15 +19,13 @@ from toolkit.sensors.error_terms import (
     BlindSector,
     Calibration,
     ClockOffset,
-    Draws,
     DropOut,
-    ErrorTerm,
     OwnNoise,
     RangeBias,
     RangeNoise,
-    Reading,
     rain,
 )
+from toolkit.sensors.readings import Draws, ErrorTerm, Reading
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from toolkit.sensors.error_terms import (
     Calibration,
     ClockOffset,
     DeadRows,
-    Draws,
     DropOut,
     Glass,
     MixedPixels,
@@ -18,7 +17,6 @@ from toolkit.sensors.error_terms import (
     Paint,
     PoleSway,
     RangeNoise,
-    Reading,
     Weather,
     chance_of_return,
     fog,
@@ -28,8 +26,9 @@ from toolkit.sensors.error_terms import (
     snow,
     stereo_noise,
     time_of_flight_noise,
-    velocities,
 )
+from toolkit.sensors.readings import Draws, Reading
+from toolkit.sensors.track_velocities import velocities
 
 
 def moved(objects, by):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.objects import Objects
-from toolkit.sensors.error_terms import Draws, Reading, TrueImage
+from toolkit.sensors.readings import Draws, Reading, TrueImage
 from toolkit.sensors.sensor import is_return
 
 BASE = Draws(seed=3, sensor=5, frame=7, term=11)

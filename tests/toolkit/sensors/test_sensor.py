@@ -25,8 +25,8 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.doctor import diagnose_file
 from toolkit.datasets.simulation import simulate_dataset
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.frame import Frame, unproject
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform
 from toolkit.objects import Objects

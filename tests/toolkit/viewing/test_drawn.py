@@ -3,24 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from toolkit.calibration.place import Place
 from toolkit.detection.detect import detect_frames
-from toolkit.detection.place import Place
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.plots.canvas import sensor_colour
-from toolkit.viewing.drawn import (
-    MARKED,
-    UNKNOWN_SHADE,
-    Drawing,
-    DrawnCloud,
-    DrawnSample,
-    Scales,
-    find_newest,
-    list_colourings,
-    shades,
-    sort_outcomes,
-    thinned,
-)
+from toolkit.viewing.colouring import UNKNOWN_SHADE, Scales, list_colourings, shades
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.drawn import DrawnCloud, DrawnSample, find_newest, thin_cloud
+from toolkit.viewing.outcomes import MARKED, sort_outcomes
 
 BOXES = np.array([[x, 0.0, 1.0, 4.0, 2.0, 2.0, 0.0] for x in (0.0, 10.0, 20.0, 30.0, 80.0)])
 
@@ -205,11 +196,11 @@ def test_samples_are_coloured_and_counted_from_an_origin_near_by(samples):
     np.testing.assert_allclose(there.truth["others"], here.truth["others"], atol=1e-6)
     np.testing.assert_allclose(there.clouds[0].place, here.clouds[0].place, atol=1e-6)
     (cloud,) = Drawing().draw_all(samples[:1])[0].clouds
-    few = thinned(cloud, 4)
+    few = thin_cloud(cloud, 4)
     assert few.intensity.tolist() == [0, 100, 200, 300]
     np.testing.assert_array_equal(few.points, cloud.points[::100])
     np.testing.assert_array_equal(few.time, np.asarray(cloud.time)[::100])
-    assert thinned(cloud, 400) is cloud
+    assert thin_cloud(cloud, 400) is cloud
     first, second = Drawing().draw_all(samples)
     assert list_colourings([first]) == ("sensor", "height", "intensity", "age")
     bare = replace(second, clouds=second.clouds[1:])

@@ -5,7 +5,9 @@ import pytest
 
 from toolkit.plots.canvas import OUTCOME
 from toolkit.viewing import recording_scene, scene
-from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample, Scales
+from toolkit.viewing.colouring import COLOURINGS, Scales
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.drawn import DrawnSample
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,9 @@ import pytest
 from matplotlib import image
 
 from toolkit.plots import canvas
-from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample
+from toolkit.viewing.colouring import COLOURINGS
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.drawn import DrawnSample
 from toolkit.viewing.still import write_still
 
 

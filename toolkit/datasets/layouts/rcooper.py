@@ -22,18 +22,12 @@ import numpy as np
 from toolkit.arrays import Float64, Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time
+from toolkit.datasets.cloud_records import read_cloud
+from toolkit.datasets.folders import ENDINGS, list_files, natural_order
+from toolkit.datasets.frame_times import frame_time
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
-from toolkit.datasets.records import (
-    ENDINGS,
-    UNLABELLED,
-    Listing,
-    Problems,
-    add_problem,
-    frame_time,
-    list_files,
-    natural_order,
-    read_cloud,
-)
+from toolkit.datasets.listing import Listing
+from toolkit.datasets.problem_kinds import UNLABELLED, Problems, add_problem
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 

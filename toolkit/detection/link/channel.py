@@ -32,7 +32,7 @@ from toolkit.datasets.recordings import read_frame
 from toolkit.frame import Frame, Frames
 from toolkit.objects import Detections
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
-from toolkit.sensors.error_terms import MOST_APART
+from toolkit.sensors.track_velocities import MOST_APART
 
 MAX_AGE_S = 1.0  # older messages are not shown
 GATE_M = 1.0  # between a detection and the predicted position of its track

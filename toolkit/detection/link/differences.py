@@ -26,7 +26,8 @@ from typing import Literal
 import numpy as np
 
 from toolkit.arrays import Bool, ImageMask, ImageSteps
-from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.pixel_clusters import SIGMAS
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground, image_coding as coding
 from toolkit.detection.link.foreground import Restored

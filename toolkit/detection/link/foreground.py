@@ -17,7 +17,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
-from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.pixel_clusters import SIGMAS
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels

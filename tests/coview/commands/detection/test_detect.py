@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from toolkit.datasets.box_files import read_entries
 from toolkit.datasets.recordings import read, write_recording
-from toolkit.datasets.records import read_entries
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.datasets.layouts.rcooper import merged, rcooper
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 LEVEL = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
