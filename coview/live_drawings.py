@@ -17,7 +17,7 @@ from placement_env.live.planner import LivePlanner
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
 from placement_env.live.suggestions import Suggestion
 from placement_env.live.variant import LiveSensor
-from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
+from toolkit.plots.palette import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import box_lines, scene, scene_parts
 from toolkit.viewing.scene import Handle

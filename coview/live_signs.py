@@ -12,9 +12,9 @@ import shapely
 from placement_env.live.picture import GroundPicture
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float32, Float64, Int64
-from toolkit.plots.canvas import INK
 from toolkit.plots.map_sheet import scale_length
 from toolkit.plots.north_arrow import north
+from toolkit.plots.palette import INK
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
 from toolkit.sites.streets import find_lane_arrows, find_street_names

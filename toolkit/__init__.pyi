@@ -12,7 +12,7 @@ from .clouds import (
 )
 from .datasets.cloud_files import fuse_files as fuse_files
 from .datasets.dataset import CoopDataset as CoopDataset
-from .datasets.recordings import ReadRecording as ReadRecording, Reads as Reads
+from .datasets.recording_views import ReadRecording as ReadRecording, Reads as Reads
 from .datasets.recordings import (
     open_recording as open_recording,
     write_recording as write_recording,
@@ -61,7 +61,8 @@ from .plots.curves import draw_density_cdf as draw_density_cdf
 from .points import frame_points as frame_points
 from .rendering.renderer import Renderer as Renderer
 from .runtime.run import Run as Run
-from .sensors.error_profiles import ErrorProfile as ErrorProfile, find_profile as find_profile
+from .sensors.error_profile import ErrorProfile as ErrorProfile
+from .sensors.error_profiles import find_profile as find_profile
 from .sensors.models import DepthCamera as DepthCamera, SpinningLidar as SpinningLidar
 from .sensors.sensor import Sensor as Sensor, SensorModel as SensorModel
 from .sites.files import load_site as load_site, save_site as save_site

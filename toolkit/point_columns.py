@@ -95,7 +95,7 @@ class _Parsed(NamedTuple):
 
 def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
     """Return a cloud's attributes from named columns: `positions` (n, 3) in metres, float32 or
-    float64, `normals` and `colors` where present, every other column of numbers under its own name.
+    float64, `normals` and `colors` where present, every other column of numbers under its name.
     Raises ValueError if `find_axes` does."""
     left = {name: np.asarray(column) for name, column in columns.items()}
     axes = find_axes(list(left))

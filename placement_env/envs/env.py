@@ -24,7 +24,15 @@ from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Rng, Shaped
 from toolkit.boxes import footprints
-from toolkit.plots import canvas, ground_map, map_sheet, north_arrow, pole_marks, sensor_marks
+from toolkit.plots import (
+    canvas,
+    ground_map,
+    map_sheet,
+    north_arrow,
+    palette,
+    pole_marks,
+    sensor_marks,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -415,8 +423,8 @@ def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> st
     points = objective.visibility.points[members][:, rows].astype(np.float64).sum(axis=0)
     polygons = PolyCollection(
         list(footprints(boxes[rows])),
-        facecolor=canvas.point_colours(points),
-        edgecolor=canvas.INK,
+        facecolor=palette.point_colours(points),
+        edgecolor=palette.INK,
         linewidth=0.3,
         zorder=2.1,
     )
@@ -431,22 +439,22 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     strip.set(xlim=(0, _SIDE_INCHES), ylim=(0, _FOOT_INCHES))
     strip.set_axis_off()
     length = map_sheet.scale_length(1.2 / scale)
-    for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):
+    for half, colour in ((0.0, palette.INK), (0.5, palette.PAPER_WHITE)):
         left = 0.13 + half * length * scale
         right = 0.13 + (half + 0.5) * length * scale
         bar = [left, right, right, left], [0.24, 0.24, 0.31, 0.31]
-        strip.fill(*bar, facecolor=colour, edgecolor=canvas.INK, linewidth=0.8)
+        strip.fill(*bar, facecolor=colour, edgecolor=palette.INK, linewidth=0.8)
     strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
     strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
-    colours, _ = canvas.point_scale()
-    for step, name in enumerate(canvas.point_names()):
+    colours, _ = palette.point_scale()
+    for step, name in enumerate(palette.point_names()):
         left = 3.0 + 0.42 * step
         corners = [left, left + 0.42, left + 0.42, left]
         strip.fill(
             corners,
             [0.22, 0.22, 0.36, 0.36],
             facecolor=colours(step),
-            edgecolor=canvas.INK,
+            edgecolor=palette.INK,
             linewidth=0.3,
         )
         strip.text(left + 0.21, 0.18, name, fontsize=6.5, ha="center", va="top")

@@ -128,7 +128,7 @@ class Visibility:
         """View of a recording's sensors on its objects of some classes, counted in the clouds of
         the first `frames`. Points sent are counted with the noise that
         `toolkit.detection.evaluation` adds, None for none, as kbit are."""
-        from toolkit.datasets.recordings import with_errors
+        from toolkit.datasets.recording_views import with_errors
 
         site = recording.site
         count = min(len(recording), len(recording) if frames is None else frames)

@@ -15,7 +15,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.handover.ground import Ground, visible_polygons
 from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
-from toolkit.plots import canvas, ground_map, map_sheet, pole_marks, sensor_marks
+from toolkit.plots import canvas, ground_map, map_sheet, palette, pole_marks, sensor_marks
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -47,7 +47,7 @@ def draw_pool(candidates: Candidates, out: str | Path) -> None:
         axes.set_title(f"{len(candidates)} candidate sensors on {len(x)} mounts")
         strokes = np.stack([stroke * np.cos(headings), stroke * np.sin(headings)])
         feet = np.stack([x, y])[:, mount_headings[:, 0]]
-        axes.plot(*np.stack([feet, feet + strokes], axis=1), color=canvas.BAR, linewidth=0.8)
+        axes.plot(*np.stack([feet, feet + strokes], axis=1), color=palette.BAR, linewidth=0.8)
         pole_marks.draw_poles(axes, np.stack([x, y], axis=1))
         for mount in candidates.mounts if len(x) <= MAX_LABELLED_POLES else ():
             axes.annotate(
@@ -108,7 +108,7 @@ def _plan_sheet(
         smoothed = replace(ground, seen=np.array(smooth_views, bool).reshape(ground.seen.shape))
         for index, polygons in enumerate(visible_polygons(smoothed)):
             ground_map.fill_polygons(
-                sheet.axes, polygons, canvas.sensor_colour(index), order=2.2, alpha=0.09, edge=1.2
+                sheet.axes, polygons, palette.sensor_colour(index), order=2.2, alpha=0.09, edge=1.2
             )
     pole_marks.draw_poles(sheet.axes, unused_places)
     pole_marks.draw_poles(sheet.axes, used_places, carries_sensor=True)
@@ -128,10 +128,10 @@ def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     has_open_ground = ground.open_ground.any()
     names = ("no sensor", "1 sensor", "2 sensors", "3 or more")
     legend = []
-    for count, (colour, name) in enumerate(zip(canvas.VIEW_COLOURS, names, strict=True)):
+    for count, (colour, name) in enumerate(zip(palette.VIEW_COLOURS, names, strict=True)):
         share = float((views[ground.open_ground] == count).mean()) if has_open_ground else 0.0
         legend.append((colour, f"{name} ({share:.0%})"))
-    cells = _Cells(_colours(canvas.VIEW_COLOURS)[views], ground.open_ground, legend)
+    cells = _Cells(_colours(palette.VIEW_COLOURS)[views], ground.open_ground, legend)
     title = "how many sensors see the ground"
     alt = "Map of how many sensors see each place"
     return _cell_map(site, ground, sensors, cells, title, alt)
@@ -144,10 +144,10 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
     from matplotlib.colors import to_hex
 
-    colours = canvas.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
-    names = ["under 1", *canvas.point_names()[1:]]
+    colours = palette.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
+    names = ["under 1", *palette.point_names()[1:]]
     legend = [(to_hex(colour), f"{name} /m²") for colour, name in zip(colours, names, strict=True)]
-    cells = _Cells(canvas.point_colours(density), ground.open_ground, legend)
+    cells = _Cells(palette.point_colours(density), ground.open_ground, legend)
     title = "points on the ground in a frame"
     alt = "Map of the density of points on the ground"
     note = f"; mean over {SMOOTHING_SIDE_M:g} x {SMOOTHING_SIDE_M:g} m"
@@ -161,10 +161,10 @@ def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     is_blind = ground.open_ground & (ground.views == 0)
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
     legend = []
-    for kind, (name, colour) in enumerate(canvas.BLIND.items()):
+    for kind, (name, colour) in enumerate(palette.BLIND.items()):
         area = float((is_blind & (kinds == kind)).sum()) * ground.cell**2
         legend.append((colour, f"{name}, unseen ({area:.0f} m²)"))
-    cells = _Cells(_colours(tuple(canvas.BLIND.values()))[kinds], is_blind, legend)
+    cells = _Cells(_colours(tuple(palette.BLIND.values()))[kinds], is_blind, legend)
     return _cell_map(
         site, ground, sensors, cells, "ground that no sensor sees", "Map of blind spots"
     )
@@ -227,7 +227,7 @@ def _cell_map(
         for line in shapely.get_parts(shapely.boundary(shapely.simplify(lanes, 0.05))):
             sheet.axes.plot(
                 *shapely.get_coordinates(line).T,
-                color=canvas.INK,
+                color=palette.INK,
                 linewidth=0.5,
                 alpha=0.7,
                 zorder=1.4,

@@ -37,7 +37,7 @@ from placement_env.search.result import Result
 from toolkit.bodies.meshes import MeshEntry, take_mesh, take_meshes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recording_file import Header, Scene, encode
-from toolkit.datasets.recordings import Reads
+from toolkit.datasets.recording_views import Reads
 from toolkit.detection.comparison import Comparison
 from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES

@@ -20,7 +20,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from toolkit.datasets.layouts import rosbag
 from toolkit.datasets.layouts.bag_messages import CLOUD, TF
-from toolkit.datasets.recordings import Part, open_recording, write_recording
+from toolkit.datasets.recording_views import Part
+from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.detection.survey import survey
 from toolkit.doctor.labels import diagnose_labels
 from toolkit.frame import Frame, SensorCloud

@@ -62,7 +62,7 @@ def mixed(classes, **options):
     )
 
 
-def test_classes_have_rows_figures_and_tables():
+def test_classes_have_rows_at_their_thresholds():
     rows = mixed(["vehicle", "cyclist", "pedestrian"])
     assert [(row.label, row.iou) for row in rows] == [
         *(("vehicle", iou) for iou in (0.7, 0.8, 0.9)),
@@ -74,9 +74,15 @@ def test_classes_have_rows_figures_and_tables():
     assert [row.false_alarms_per_frame for row in rows[::3]] == [0.0, 0.0, 0.5]
     assert [row.ap for row in rows[::3]] == [1.0, 0.75, 0.0]
     assert rows.provenance["classes"]["pedestrian"] == (0.25, 0.5, 0.7)
+
+
+def test_thresholds_are_given_for_a_class():
     given = mixed(["cyclist"], iou_thresholds=[0.6])
     assert [(row.label, row.iou) for row in given] == [("cyclist", 0.6)]
     assert (given.provenance["label"], given.provenance["iou"]) == ("cyclist", [0.6])
+
+
+def test_a_class_scores_the_same_in_any_company():
     alone = {
         label: mixed([label], iou_thresholds=[0.5])[0]
         for label in ("vehicle", "cyclist", "pedestrian")
@@ -86,6 +92,9 @@ def test_classes_have_rows_figures_and_tables():
         assert (row.ap, row.recall, row.precision) == pytest.approx(
             (twin.ap, twin.recall, twin.precision), nan_ok=True
         )
+
+
+def test_tables_have_a_part_for_each_class():
     rows = mixed(["vehicle", "pedestrian"])
     first, second = evaluation_tables.format_table(rows).split("\n\n")
     assert first.splitlines()[0] == "vehicle, 4 to find"
@@ -115,6 +124,9 @@ def test_classes_have_rows_figures_and_tables():
     ]
     assert few.as_dict()["ap"] == 0.123456
     assert evaluation_tables.format_table([]) == ""
+
+
+def test_classes_that_the_detector_lacks_are_refused():
     with pytest.raises(
         ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"
     ):
@@ -123,6 +135,9 @@ def test_classes_have_rows_figures_and_tables():
         mixed(["tram"])
     with pytest.raises(ValueError, match="a class and an IoU threshold"):
         mixed([])
+
+
+def test_classes_have_figures_at_the_detectors_threshold():
     vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
     assert [
         (c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)

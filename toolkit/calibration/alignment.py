@@ -1,22 +1,24 @@
-"""Joint alignment of sensors by the parts of a standing scene that several of them see, without a
+"""Joint alignment of sensors by the parts of a standing scene that several see, without a
 reference."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose
-from toolkit.calibration import registration as reference_fit
+from toolkit.calibration import registration
 from toolkit.calibration.joint_system import JointSystem, Pairs, Poses
-from toolkit.calibration.registration import LEVER, Surface, motion_between, resistance
+from toolkit.calibration.motions import LEVER_M, apply_motion, motion_between, resistance
+from toolkit.calibration.reference_surface import Surface, thin_rows
 from toolkit.geometry import invert, transform
 
 # Each level: radius (m) of the search for counterparts, voxel (m), least limit (m) of Tukey's
 # weights.
 _LEVELS = ((1.5, 0.8, 0.75), (0.7, 0.5, 0.35), (0.35, 0.4, 0.15), (0.2, 0.4, 0.08))
 _STEPS = 15  # limit for each level
-_SAME_SIDE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
+_MIN_SIDE_COSINE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
 # further pairs for poses and a search radius (m)
 MorePairs = Callable[[Poses, float], Sequence[Pairs]]
 
@@ -25,10 +27,14 @@ MorePairs = Callable[[Poses, float], Sequence[Pairs]]
 class Alignment:
     """Poses that fit each other.
 
-    covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual
-    errors where nothing is observed; unobserved: unit motions of all sensors, turns times `LEVER`,
-    other than the common ones; shared: number of rows that each two sensors share; scatter: robust
-    standard deviation (m) of each sensor's rows."""
+    Attributes:
+        poses: pose of each sensor.
+        covariance: covariance of the motions of all sensors, six numbers each (rad and m); for
+            motions that are not observed, the covariance of the usual errors.
+        unobserved: unit motions of all sensors, turns times `LEVER_M`, without the common ones.
+        shared: number of rows that each two sensors share.
+        scatter: robust standard deviation (m) of each sensor's rows.
+    """
 
     poses: tuple[Pose, ...]
     covariance: Float64[np.ndarray, "m m"]
@@ -66,85 +72,106 @@ def align(
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
     for radius, voxel, min_limit in _LEVELS:
-        thinned = [reference_fit.thin_rows(surface.points, voxel) for surface in surfaces]
+        thinned = [thin_rows(surface.points, voxel) for surface in surfaces]
         for _ in range(_STEPS):
-            pairs = _surface_pairs(surfaces, thinned, poses, (radius, min_limit))
+            pairs = pair_surfaces(surfaces, thinned, poses, (radius, min_limit))
             pairs += list(more(poses, radius)) if more is not None else []
-            motions_off = [
-                motion_between(*pose_pair) for pose_pair in zip(believed, poses, strict=True)
-            ]
-            system = JointSystem(pairs, free, np.concatenate(motions_off))
+            pose_pairs = zip(believed, poses, strict=True)
+            off = [motion_between(*pose_pair) for pose_pair in pose_pairs]
+            system = JointSystem(pairs, free, np.concatenate(off))
             step = system.step()
-            poses = list(map(reference_fit.apply_motion, poses, step.reshape(-1, 6)))
-            if np.abs(step).max() < reference_fit.CONVERGED * radius:
+            poses = list(map(apply_motion, poses, step.reshape(-1, 6)))
+            if np.abs(step).max() < registration.CONVERGED * radius:
                 break
+    hidden = system.hidden_motions(_find_common_motions(poses))
+    shared, scatter = _count_rows(pairs, count)
+    return Alignment(tuple(poses), system.covariance(), hidden, shared, scatter)
+
+
+def _find_common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
+    """Orthonormal motions of all sensors together, as if they were on one rigid frame."""
     middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
-    motions = np.zeros((6, count, 6))  # of all sensors together, as if they hung on one frame
+    motions = np.zeros((6, len(poses), 6))
     for axis, direction in enumerate(np.eye(3)):
         for sensor, pose in enumerate(poses):
-            motions[axis, sensor] = [
-                *(direction * LEVER),
-                *np.cross(direction, pose[:3, 3] - middle),
-            ]
+            motions[axis, sensor, :3] = direction * LEVER_M
+            motions[axis, sensor, 3:] = np.cross(direction, pose[:3, 3] - middle)
             motions[3 + axis, sensor, 3:] = direction
-    hidden = system.hidden_motions(np.linalg.qr(motions.reshape(6, -1).T)[0].T)
-    shared = np.zeros((count, count), np.int64)
-    rows = [[np.empty(0)] for _ in poses]
+    return np.linalg.qr(motions.reshape(6, -1).T)[0].T
+
+
+def _count_rows(
+    pairs: Sequence[Pairs], sensors: int
+) -> tuple[Int64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
+    """Rows that each two sensors share, and the robust deviation (m) of each sensor's rows."""
+    shared = np.zeros((sensors, sensors), np.int64)
+    residuals: list[list[np.ndarray]] = [[np.empty(0)] for _ in range(sensors)]
     for pair in pairs:
-        counts = pair.weight > 0
-        shared[pair.one, pair.other] += int(counts.sum())
+        is_used = pair.weight > 0
+        shared[pair.one, pair.other] += int(is_used.sum())
         for sensor in (pair.one, pair.other):
-            rows[sensor].append(np.abs(pair.residual[counts]))
-    residuals_of = [np.concatenate(residuals) for residuals in rows]
-    scatter = np.array(
-        [
-            1.4826 * float(np.median(residuals)) if len(residuals) else 0.0
-            for residuals in residuals_of
-        ]
-    )
-    return Alignment(tuple(poses), system.covariance(), hidden, shared + shared.T, scatter)
+            residuals[sensor].append(np.abs(pair.residual[is_used]))
+    scatter = np.zeros(sensors)
+    for sensor, arrays in enumerate(residuals):
+        pooled = np.concatenate(arrays)
+        if len(pooled):
+            scatter[sensor] = 1.4826 * float(np.median(pooled))
+    return shared + shared.T, scatter
 
 
 def face_sensor(surface: Surface) -> Surface:
     """Turn a surface's normals towards its sensor, the origin."""
     away = (surface.points * surface.normals).sum(axis=1) > 0
-    return Surface(
-        surface.points,
-        np.where(away[:, None], -surface.normals, surface.normals),
-        surface.roughness,
-    )
+    normals = np.where(away[:, None], -surface.normals, surface.normals)
+    return Surface(surface.points, normals, surface.roughness)
 
 
-def _surface_pairs(
+def pair_surfaces(
     surfaces: Sequence[Surface],
     thinned: Sequence[np.ndarray],
     poses: Poses,
     limits: tuple[float, float],
 ) -> list[Pairs]:
-    """Pair each thinned point with other sensors' nearest points, if they face the same way."""
-    (radius, min_limit), pairs = limits, []
-    for one, (surface, rows) in enumerate(zip(surfaces, thinned, strict=True)):
-        world = transform(poses[one], surface.points[rows])
-        facing = surface.normals[rows] @ poses[one][:3, :3].T
-        for other, seen in enumerate(surfaces):
-            if other == one:
-                continue
-            distance, row = seen.tree.query(
-                transform(invert(poses[other]), world), distance_upper_bound=radius
-            )
-            near = np.flatnonzero(np.isfinite(distance))
-            normals = seen.normals[row[near]] @ poses[other][:3, :3].T
-            alike = (facing[near] * normals).sum(axis=1) > _SAME_SIDE
-            near = near[alike]
-            normals = normals[alike]
-            counterparts = transform(poses[other], seen.points[row[near]])
-            rough = np.hypot(surface.roughness[rows[near]], seen.roughness[row[near]])
-            residual = ((world[near] - counterparts) * normals).sum(axis=1)
-            deviation = np.hypot(rough, reference_fit.LEAST_SCALE)
-            mine, theirs = (
-                resistance(world[near], poses[sensor][:3, 3], normals) for sensor in (one, other)
-            )
-            spread = deviation * np.sqrt(reference_fit.CORRELATED)
-            limit = np.maximum(reference_fit.TUKEY * deviation, min_limit)
-            pairs.append(Pairs(one, other, mine, -theirs, residual, spread, limit))
+    """Pair each thinned point with other sensors' nearest points, if they face the same way.
+
+    thinned: rows of each surface; limits: search radius and smallest limit of the weights (m)."""
+    pairs = []
+    for one, other in permutations(range(len(surfaces)), 2):
+        pairs.append(_pair_two(surfaces, (one, other), thinned[one], poses, limits))
     return pairs
+
+
+def _pair_two(
+    surfaces: Sequence[Surface],
+    numbers: tuple[int, int],
+    rows: Int64[np.ndarray, " k"],
+    poses: Poses,
+    limits: tuple[float, float],
+) -> Pairs:
+    """Pair some rows of one sensor's surface with the nearest points of another's."""
+    one, other = numbers
+    radius, min_limit = limits
+    surface = surfaces[one]
+    target = surfaces[other]
+    world = transform(poses[one], surface.points[rows])
+    in_target = transform(invert(poses[other]), world)
+    distance, neighbours = target.tree.query(in_target, distance_upper_bound=radius)
+    near = np.flatnonzero(np.isfinite(distance))
+    facing = surface.normals[rows] @ poses[one][:3, :3].T
+    normals = target.normals[neighbours[near]] @ poses[other][:3, :3].T
+    is_alike = (facing[near] * normals).sum(axis=1) > _MIN_SIDE_COSINE
+    near = near[is_alike]
+    normals = normals[is_alike]
+    target_rows = neighbours[near]
+    counterparts = transform(poses[other], target.points[target_rows])
+    roughness = np.hypot(surface.roughness[rows[near]], target.roughness[target_rows])
+    deviation = np.hypot(roughness, registration.MIN_SCALE_M)
+    return Pairs(
+        one,
+        other,
+        one_row=resistance(world[near], poses[one][:3, 3], normals),
+        other_row=-resistance(world[near], poses[other][:3, 3], normals),
+        residual=((world[near] - counterparts) * normals).sum(axis=1),
+        deviation=deviation * np.sqrt(registration.CORRELATED_POINTS),
+        limit=np.maximum(registration.TUKEY * deviation, min_limit),
+    )

@@ -18,6 +18,7 @@ its place. The more frequent of the two is `first`. A parked car that is away a 
 not in the scene; one that never leaves is."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -26,9 +27,9 @@ import numpy as np
 
 from toolkit.arrays import Float, ImageMask, ImageRanges
 from toolkit.calibration.pixel_clusters import (
-    HALF,
-    LEAST_SHARE,
-    SIGMAS,
+    MIN_CLUSTER_SHARE,
+    MIN_OPEN_SHARE,
+    SCENE_SIGMAS,
     PixelMode,
     find_clusters,
     mark_continuation,
@@ -38,26 +39,38 @@ from toolkit.calibration.pixel_clusters import (
 from toolkit.frame import Frames
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
-SAMPLE = 128  # images kept of a sensor
+MAX_SCENE_IMAGES = 128  # images kept of a sensor
 SCENE_IMAGES = ("first", "spread", "share", "second", "second_spread", "second_share")
-_BLOCK = 1 << 21  # measurements sorted at once
+_BLOCK_VALUES = 1 << 21  # measurements that are sorted together
 
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """Empty scene of one sensor, by its name and model. Raises ValueError for an image that does
-    not fit the model's shape, or is negative or infinite."""
+    """Empty scene of one sensor.
+
+    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite.
+
+    Attributes:
+        name: name of the sensor.
+        model: its model.
+        first: median measurement of each pixel, 0 if nothing returns.
+        spread: its standard deviation.
+        share: share of the frames that show it.
+        second: median of the other measurement of the scene, NaN without one.
+        second_spread: its standard deviation, 0 without one.
+        second_share: share of the frames that show it, 0 without one.
+        frames: number of frames that the scene was learnt from.
+    """
 
     name: str
     model: SensorModel
-    first: ImageRanges  # median measurement, 0 where nothing returns
-    spread: ImageRanges  # its standard deviation
-    share: ImageRanges  # fraction of the frames that show it
-    # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
+    first: ImageRanges
+    spread: ImageRanges
+    share: ImageRanges
     second: ImageRanges
     second_spread: ImageRanges
     second_share: ImageRanges
-    frames: int  # that it was learnt from
+    frames: int
 
     def __post_init__(self) -> None:
         for name in SCENE_IMAGES:
@@ -75,7 +88,7 @@ class EmptyScene:
             raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
 
     @staticmethod
-    def of(sensor: Sensor, image: ImageRanges) -> "EmptyScene":
+    def from_render(sensor: Sensor, image: ImageRanges) -> "EmptyScene":
         """Scene of a noise-free render, with the model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
@@ -99,10 +112,11 @@ class EmptyScene:
         return digest.hexdigest()
 
     def shows(
-        self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS
+        self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SCENE_SIGMAS
     ) -> ImageMask:
-        """Mark pixels within `sigmas` spreads of one of its medians, or with no return where that
-        may be."""
+        """Mark pixels that show the scene: within `sigmas` spreads of one of its medians.
+
+        A pixel without a return shows it if one of its medians is no return."""
         self.check_shape(measurement)
         is_measured = is_return(measurement, self.model.max_range)
         is_scene = np.abs(measurement - self.first) <= sigmas * self.spread
@@ -119,9 +133,9 @@ class EmptyScene:
 
 
 class SceneLearner:
-    """Learner of a sensor's empty scene from every 2^k-th image, at most `sample` of them."""
+    """Learner of a sensor's empty scene from every 2^k-th image, at most `sample` images."""
 
-    def __init__(self, sensor: Sensor, sample: int = SAMPLE) -> None:
+    def __init__(self, sensor: Sensor, sample: int = MAX_SCENE_IMAGES) -> None:
         if sample < 2:
             raise ValueError(f"sample must be at least 2 images, got {sample}")
         self.sensor = sensor
@@ -151,35 +165,60 @@ class SceneLearner:
                 f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene"
             )
         model = self.sensor.model
-        rows, columns = model.shape
-        height = max(1, _BLOCK // (len(self._kept) * columns))
-        tops = range(0, rows, height)
-        images = np.stack(self._kept)
-        blocks = (find_clusters(images[:, top : top + height], model) for top in tops)
-        fars, nears, flickering = zip(*blocks, strict=True)
-        far, near = (
-            PixelMode(*map(np.concatenate, zip(*modes, strict=True))) for modes in (fars, nears)
-        )
+        far, near, flickers = self._find_modes()
         usual = usual_spread(far, model)
-        far, near = (narrow_broad(mode, usual(mode.median), self._kept) for mode in (far, near))
-        flickers = np.concatenate(flickering) & (near.share >= LEAST_SHARE)
-        continues = mark_continuation(near, far.median)
-        is_second = flickers & (continues | ((far.median == 0) & (near.share >= HALF)))
+        far = narrow_broad(far, usual(far.median), self._kept)
+        near = narrow_broad(near, usual(near.median), self._kept)
+        is_usual = near.share >= MIN_CLUSTER_SHARE
+        before_nothing = (far.median == 0) & (near.share >= MIN_OPEN_SHARE)
+        is_second = flickers & is_usual & (mark_continuation(near, far.median) | before_nothing)
         nothing = np.zeros(model.shape, np.float32)
-        first = far
-        second = near.where(is_second, PixelMode(np.full_like(nothing, np.nan), *(nothing,) * 4))
-        swap = second.share > first.share
-        first, second = second.where(swap, first), first.where(swap, second)
-        scene_images = dict(zip(SCENE_IMAGES, (*first[:3], *second[:3]), strict=True))
-        return EmptyScene(self.sensor.name, model, frames=self.frames, **scene_images)
+        no_mode = PixelMode(np.full_like(nothing, np.nan), nothing, nothing, nothing, nothing)
+        other = near.where(is_second, no_mode)
+        is_swapped = other.share > far.share
+        first = other.where(is_swapped, far)
+        second = far.where(is_swapped, other)
+        return EmptyScene(
+            self.sensor.name,
+            model,
+            first=first.median,
+            spread=first.spread,
+            share=first.share,
+            second=second.median,
+            second_spread=second.spread,
+            second_share=second.share,
+            frames=self.frames,
+        )
+
+    def _find_modes(self) -> tuple[PixelMode, PixelMode, ImageMask]:
+        """Farthest and nearer clusters of all pixels, and a mask of flickering ones, by blocks."""
+        rows, columns = self.sensor.model.shape
+        height = max(1, _BLOCK_VALUES // (len(self._kept) * columns))
+        images = np.stack(self._kept)
+        fars = []
+        nears = []
+        masks = []
+        for top in range(0, rows, height):
+            block = images[:, top : top + height]
+            far, near, flickers = find_clusters(block, self.sensor.model)
+            fars.append(far)
+            nears.append(near)
+            masks.append(flickers)
+        return _stack_modes(fars), _stack_modes(nears), np.concatenate(masks)
+
+
+def _stack_modes(blocks: Sequence[PixelMode]) -> PixelMode:
+    """One mode of blocks of rows."""
+    return PixelMode(*map(np.concatenate, zip(*blocks, strict=True)))
 
 
 def learn_empty_scenes(
-    recording: Frames, sample: int = SAMPLE, *, frames: int | None = None
+    recording: Frames, sample: int = MAX_SCENE_IMAGES, *, frames: int | None = None
 ) -> tuple[EmptyScene, ...]:
-    """Learn the empty scene of every sensor of a recording, in their order. sample: images that are
-    looked at, spread over the first `frames` frames, all if None. Raises ValueError without frames,
-    and for frames of clouds."""
+    """Learn the empty scene of every sensor of a recording, in their order.
+
+    sample: number of images, spread over the first `frames` frames, all if None. Raises ValueError
+    without frames, and for frames of clouds."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(
@@ -196,7 +235,5 @@ def learn_empty_scenes(
 
 def describe_model(model: SensorModel) -> dict[str, object]:
     """Class and numbers of a sensor model, for files and digests."""
-    return {
-        "class": type(model).__name__,
-        **{key: value for key, value in asdict(model).items() if value is not None},
-    }
+    numbers = {key: value for key, value in asdict(model).items() if value is not None}
+    return {"class": type(model).__name__, **numbers}

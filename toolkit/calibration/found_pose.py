@@ -8,25 +8,27 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Float64, Pose
-from toolkit.calibration import registration as reference_fit
-from toolkit.calibration.registration import LEVER, Registration, motion_between
+from toolkit.calibration.motions import LEVER_M, MOTION_NAMES, motion_between
+from toolkit.calibration.registration import Registration
 from toolkit.runtime.text_values import replace_infinite
 from toolkit.runtime.writing import write_text
 from toolkit.sensors.sensor import Sensor
 
 # a pose farther off than this has drifted
-WORTH_TURN = float(np.deg2rad(0.1))
-WORTH_MOVE = 0.02
-_SURE = 3.0  # standard deviations
+MIN_DRIFT_RAD = float(np.deg2rad(0.1))
+MIN_DRIFT_M = 0.02
+_MIN_SIGMAS = 3.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class FoundPose:
-    """A sensor's believed mounting and its registration."""
+    """A sensor's believed mounting and its registration.
+
+    registration: None if no pose was found; refusal: the reason then."""
 
     sensor: Sensor
-    registration: Registration | None  # None if no pose was found
-    refusal: str = ""  # the reason then
+    registration: Registration | None
+    refusal: str = ""
 
     @property
     def pose(self) -> Pose:
@@ -36,7 +38,7 @@ class FoundPose:
     @property
     def turn(self) -> float:
         """Angle (rad) between the believed pose and this one."""
-        return float(np.linalg.norm(motion_between(self.sensor.pose, self.pose)[:3])) / LEVER
+        return float(np.linalg.norm(motion_between(self.sensor.pose, self.pose)[:3])) / LEVER_M
 
     @property
     def distance(self) -> float:
@@ -52,13 +54,11 @@ class FoundPose:
         return float(np.linalg.norm(turn)), float(np.linalg.norm(move))
 
     @property
-    def drifted(self) -> bool:
-        """True if the pose is off by more than 0.1° or 2 cm, and by more than three standard
-        deviations."""
+    def has_drifted(self) -> bool:
+        """True if the pose is clearly off: by 0.1° or 2 cm, and by three standard deviations."""
         turn, move = self.deviation
-        return self.turn > max(WORTH_TURN, _SURE * turn) or self.distance > max(
-            WORTH_MOVE, _SURE * move
-        )
+        has_turned = self.turn > max(MIN_DRIFT_RAD, _MIN_SIGMAS * turn)
+        return has_turned or self.distance > max(MIN_DRIFT_M, _MIN_SIGMAS * move)
 
     def __str__(self) -> str:
         if self.registration is None:
@@ -72,9 +72,10 @@ class FoundPose:
             f"{moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
         )
 
-    def described(self) -> dict[str, object]:
-        """Return figures for files (degrees, metres, world axes); deviations are infinite where not
-        observed."""
+    def as_dict(self) -> dict[str, object]:
+        """Return figures for files (degrees, metres, world axes).
+
+        Deviations are infinite for motions that are not observed."""
         poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
         poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:
@@ -85,7 +86,7 @@ class FoundPose:
             "turned_deg": float(np.rad2deg(self.turn)),
             "moved_m": self.distance,
         }
-        figures["drifted"] = self.drifted
+        figures["drifted"] = self.has_drifted
         figures["standard_deviation"] = {
             "turn_deg": np.rad2deg(turn).tolist(),
             "move_m": move.tolist(),
@@ -99,25 +100,17 @@ class FoundPose:
 
 
 def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
-    """Describe a motion, turns times `LEVER`, in words."""
+    """Describe a motion, turns times `LEVER_M`, in words."""
     motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
     parts = [
         f"{name} {share:.2f}"
-        for name, share in zip(reference_fit.NAMES, motion, strict=True)
+        for name, share in zip(MOTION_NAMES, motion, strict=True)
         if abs(share) > 0.1
     ]
     return ", ".join(parts)
 
 
 def save_poses(path: str | Path, found_poses: Sequence[FoundPose]) -> None:
-    """Write `FoundPose.described` of each sensor as JSON by name, for
-    `toolkit.datasets.pose_files.read_poses`."""
-    write_text(
-        path,
-        json.dumps(
-            replace_infinite(
-                {found_pose.sensor.name: found_pose.described() for found_pose in found_poses}
-            ),
-            indent=1,
-        ),
-    )
+    """Write the figures of each sensor as JSON by name, for `toolkit.datasets.pose_files`."""
+    figures = {found_pose.sensor.name: found_pose.as_dict() for found_pose in found_poses}
+    write_text(path, json.dumps(replace_infinite(figures), indent=1))

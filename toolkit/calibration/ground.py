@@ -8,7 +8,7 @@ import numpy as np
 
 from toolkit.arrays import BoxRows, Float, Float64, Points, Pose
 from toolkit.boxes import check_boxes
-from toolkit.calibration.ground_plane import MAX_TILT, Plane, fit_plane
+from toolkit.calibration.ground_plane import MAX_TILT_RAD, Plane, fit_plane
 from toolkit.calibration.height_map import HeightMap, fit_map
 from toolkit.calibration.levels import GroundLevel, add_levels
 from toolkit.geometry import invert, transform
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from toolkit.clouds import PointCloud
 
 Levelling = Literal["map", "plane"]
-_MOST_COLUMNS = 4  # of an array of points: x y z intensity
+_MAX_COLUMNS = 4  # x y z intensity, in an array of points
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Ground:
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height (m) of the ground at places, own frame."""
+        """Height (m) of the ground at places in its frame."""
         xy = np.asarray(xy, np.float64)
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
@@ -87,11 +87,11 @@ class Ground:
 
 
 def level(
-    cloud: "PointCloud | Points", *, method: Levelling = "map", max_tilt: float = MAX_TILT
+    cloud: "PointCloud | Points", *, method: Levelling = "map", max_tilt: float = MAX_TILT_RAD
 ) -> Ground:
     """Find the ground below a cloud, in any frame whose z is up to within `max_tilt` (rad).
 
-    cloud: of any kind, see `plain_points`. method: "plane" for one plane, "map" for a smooth map of
+    cloud: see `plain_points`. method: "plane" for one plane, "map" for a smooth map of
     heights upon it. Raises ValueError if no ground is found."""
     points = plain_points(cloud)
     if method not in ("map", "plane"):
@@ -117,7 +117,7 @@ def plain_points(cloud: object) -> Points:
         points = np.asarray(cloud if legacy is None else legacy)
     if (
         points.ndim != 2
-        or not 3 <= points.shape[1] <= _MOST_COLUMNS
+        or not 3 <= points.shape[1] <= _MAX_COLUMNS
         or points.dtype.kind not in "fiu"
     ):
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""

@@ -6,8 +6,8 @@ from toolkit.arrays import Float64, Pose, Shaped
 from toolkit.datasets.problem_kinds import TILTED, Problems, add_problem
 from toolkit.geometry import pose, transform
 
-MIN_LEVEL_COSINE = np.cos(np.deg2rad(8.0))  # of a road's slope, which tilts a vehicle's frame
-MIN_UPRIGHT_COSINE = np.cos(np.deg2rad(20.0))  # of the tilt of a road user's box
+MIN_LEVEL_COSINE = np.cos(np.deg2rad(8.0))  # a road's slope tilts a vehicle's frame
+MIN_UPRIGHT_COSINE = np.cos(np.deg2rad(20.0))  # tilt of a road user's box
 
 
 def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
@@ -15,11 +15,9 @@ def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
 
     It is the direction of the turned forward axis, from above."""
     yaw = np.asarray(yaw, np.float64)
-    forward = (
-        np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
-        @ target_SE3_source[:3, :3].T
-    )
-    return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))
+    forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+    turned = forward @ target_SE3_source[:3, :3].T
+    return np.asarray(np.arctan2(turned[..., 1], turned[..., 0]))
 
 
 def level_frame(map_SE3_frame: Pose) -> Pose:
@@ -35,7 +33,8 @@ def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.
     """Boxes of the source frame in the target frame, whose z is up as well."""
     with np.errstate(all="ignore"):
         centres = transform(target_SE3_source, boxes[:, :3])
-        return np.column_stack([centres, boxes[:, 3:6], heading(target_SE3_source, boxes[:, 6])])
+        yaws = heading(target_SE3_source, boxes[:, 6])
+        return np.column_stack([centres, boxes[:, 3:6], yaws])
 
 
 def find_headings(

@@ -45,7 +45,7 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
     checked = [check_pose(pose, f"pose of {path}") for path, pose in zip(paths, poses, strict=True)]
     parts = []
     for number, path in enumerate(paths):
-        recorded = _finite(read_recorded(path))
+        recorded = _drop_infinite(read_recorded(path))
         returned = (recorded["positions"] != 0).any(axis=1)
         no_return = int((~returned).sum())
         if no_return:
@@ -88,19 +88,20 @@ def crop_area(
 
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
     """Finite points of one file, as they are stored."""
-    return _finite(read_recorded(path))["positions"]
+    return _drop_infinite(read_recorded(path))["positions"]
 
 
-def _finite(recorded: Attributes) -> Attributes:
+def _drop_infinite(recorded: Attributes) -> Attributes:
+    """Drop points whose coordinates are not finite."""
     finite = np.isfinite(recorded["positions"]).all(axis=1)
     return {name: column[finite] for name, column in recorded.items()}
 
 
 def read_recorded(path: str | Path) -> Attributes:
-    """Attributes of one file by name, including `positions` (float64), also of points that are not
-    finite.
+    """Attributes of one file by name, including `positions` (float64).
 
-    Raises FileNotFoundError, and ValueError for a file that holds no points."""
+    Points that are not finite are kept. Raises FileNotFoundError, and ValueError for a file that
+    holds no points."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
@@ -113,65 +114,84 @@ def read_recorded(path: str | Path) -> Attributes:
 
 
 def _read(path: Path) -> Attributes:
-    ending = path.suffix.lower()
-    if ending in (".ply", ".pcd", ".npz"):
-        from toolkit.clouds import attributes, load
-
-        return {name: column for name, column in attributes(load(path)).items() if name != "sensor"}
-    if ending in (".xyz", ".txt", ".csv"):
-        return name_attributes(read_text_columns(path))
-    if ending == ".npy":
-        table = array_files.load_arrays(path).get("")
-        if table is None:
-            raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
-        if table.dtype.names is not None and table.ndim == 1:
-            fields = {name: table[name] for name in table.dtype.names if table[name].ndim == 1}
-            with reading.name_errors(path):
-                return name_attributes(fields)
-        if table.ndim != 2 or table.shape[1] < 3:
-            raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
-        if table.dtype.kind not in "fiu":
-            raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
-        if len(table) in (3, 4) and table.shape[1] > 20:
-            raise ValueError(
-                f"{path} must hold rows of x y z, got an array of shape {table.shape}: transpose it"
-            )
-        return {"positions": table[:, :3]}
-    if ending == ".bin":
-        names = ("x", "y", "z", "intensity", "ring")[
-            : 5 if path.name.lower().endswith(".pcd.bin") else 4
-        ]
-        size = path.stat().st_size
-        count = len(names)
-        if size % (4 * count):
-            raise ValueError(
-                f"{path} must hold rows of {count} float32, but {size} bytes are no whole number "
-                "of them"
-            )
-        rows = np.frombuffer(reading.read_plain(path), "<f4").reshape(-1, count)
-        if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
-            problem = (
-                f"{path} must hold rows of float32 {' '.join(names)}, but its intensities are "
-                "below 0"
-            )
-            raise ValueError(f"{problem}: save other types or columns as .npy or .csv")
-        if count == 4 and _has_five_columns(rows):
-            layout = "5 columns, the last of whole numbers, as nuScenes has them"
-            raise ValueError(
-                f"{path} must hold rows of float32 {' '.join(names)}, but fits {layout}: call it "
-                ".pcd.bin"
-            )
-        return name_attributes(dict(zip(names, rows.T, strict=True)))
-    if ending == ".feather":
-        columns = read_table(path)
-        with reading.name_errors(path):
-            axes = find_axes(list(columns)).names
-        if any(columns[name].dtype.kind not in "fiu" for name in axes):
-            raise ValueError(f"{path} must hold numbers in its columns {', '.join(axes)}")
-        return name_attributes(columns)
+    """Attributes of one file by the reader of its ending."""
+    readers = {
+        (".ply", ".pcd", ".npz"): _read_cloud,
+        (".xyz", ".txt", ".csv"): _read_text,
+        (".npy",): _read_array,
+        (".bin",): _read_binary,
+        (".feather",): _read_feather,
+    }
+    for endings, reader in readers.items():
+        if path.suffix.lower() in endings:
+            return reader(path)
     raise ValueError(
         f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather"
     )
+
+
+def _read_cloud(path: Path) -> Attributes:
+    """Attributes of a file with named columns, without the numbers of sensors."""
+    from toolkit.clouds import attributes, load
+
+    return {name: column for name, column in attributes(load(path)).items() if name != "sensor"}
+
+
+def _read_text(path: Path) -> Attributes:
+    """Attributes of a text file."""
+    return name_attributes(read_text_columns(path))
+
+
+def _read_array(path: Path) -> Attributes:
+    """Attributes of a .npy file: rows of x y z, or named columns."""
+    table = array_files.load_arrays(path).get("")
+    if table is None:
+        raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
+    if table.dtype.names is not None and table.ndim == 1:
+        fields = {name: table[name] for name in table.dtype.names if table[name].ndim == 1}
+        with reading.name_errors(path):
+            return name_attributes(fields)
+    if table.ndim != 2 or table.shape[1] < 3:
+        raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
+    if table.dtype.kind not in "fiu":
+        raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
+    if len(table) in (3, 4) and table.shape[1] > 20:
+        raise ValueError(
+            f"{path} must hold rows of x y z, got an array of shape {table.shape}: transpose it"
+        )
+    return {"positions": table[:, :3]}
+
+
+def _read_binary(path: Path) -> Attributes:
+    """Attributes of rows of float32, as KITTI and nuScenes write them."""
+    is_nuscenes = path.name.lower().endswith(".pcd.bin")
+    names = ("x", "y", "z", "intensity", "ring")[: 5 if is_nuscenes else 4]
+    rule = f"{path} must hold rows of float32 {' '.join(names)}"
+    size = path.stat().st_size
+    count = len(names)
+    if size % (4 * count):
+        raise ValueError(
+            f"{path} must hold rows of {count} float32, but {size} bytes are no whole number "
+            "of them"
+        )
+    rows = np.frombuffer(reading.read_plain(path), "<f4").reshape(-1, count)
+    if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
+        problem = f"{rule}, but its intensities are below 0"
+        raise ValueError(f"{problem}: save other types or columns as .npy or .csv")
+    if count == 4 and _has_five_columns(rows):
+        layout = "5 columns, the last of whole numbers, as nuScenes has them"
+        raise ValueError(f"{rule}, but fits {layout}: call it .pcd.bin")
+    return name_attributes(dict(zip(names, rows.T, strict=True)))
+
+
+def _read_feather(path: Path) -> Attributes:
+    """Attributes of a feather file."""
+    columns = read_table(path)
+    with reading.name_errors(path):
+        axes = find_axes(list(columns)).names
+    if any(columns[name].dtype.kind not in "fiu" for name in axes):
+        raise ValueError(f"{path} must hold numbers in its columns {', '.join(axes)}")
+    return name_attributes(columns)
 
 
 def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:

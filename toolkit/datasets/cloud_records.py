@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Pose
+from toolkit.arrays import Float32, Float64, Int64, Mask, Pose
 from toolkit.datasets.cloud_files import read_recorded
 from toolkit.datasets.coordinates import check_extent, describe_rounding
 from toolkit.datasets.origins import Middles, find_far_middle, translation
@@ -69,7 +69,9 @@ def build_cloud(
     recording's sensors. Raises ValueError for points that are too far apart to be metres."""
     recorded = np.asarray(attributes["positions"], np.float64)
     check_extent(recorded)
-    is_returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
+    is_returned = np.ones(len(recorded), bool)
+    if frame == "sensor":
+        is_returned = (recorded != 0).any(axis=1)
     middle = find_far_middle(recorded)
     if middle.any():
         add_problem(problems, COARSE_POINTS, int(describe_rounding(recorded) is not None))
@@ -82,6 +84,24 @@ def build_cloud(
         origin = (middles or Middles()).find(name, middle)
         recorded = recorded - origin
         world_SE3_sensor = world_SE3_sensor @ translation(origin)
+    is_kept = _mark_sound(recorded, is_returned, problems)
+    columns = _PointColumns(attributes, is_kept)
+    return SensorCloud(
+        name,
+        recorded[is_kept].astype(np.float32),
+        world_SE3_sensor,
+        frame,
+        columns.find_times(problems),
+        columns.find_intensity(),
+        columns.find_rings(),
+        stamp_s,
+    )
+
+
+def _mark_sound(
+    recorded: Float64[np.ndarray, "n 3"], is_returned: Mask, problems: Problems
+) -> Mask:
+    """Mark the points to keep, and count the others in `problems`."""
     with np.errstate(invalid="ignore"):
         is_sound = (np.abs(recorded) <= MAX_POINT_DISTANCE_M).all(axis=1)  # NaN is not
     is_kept = is_sound & is_returned
@@ -89,51 +109,70 @@ def build_cloud(
     add_problem(problems, NO_RETURN_POINTS, int((is_sound & ~is_returned).sum()))
     add_problem(problems, EMPTY, int(not is_kept.any()))
     if is_kept.any():
-        middle = np.median(recorded[is_kept][:: int(is_kept.sum()) // 1000 + 1], axis=0)
-        add_problem(
-            problems,
-            FAR_POINTS,
-            int((np.linalg.norm(recorded[is_kept] - middle, axis=1) > _FAR_POINT_M).sum()),
-        )
+        points = recorded[is_kept]
+        middle = np.median(points[:: len(points) // 1000 + 1], axis=0)
+        is_far = np.linalg.norm(points - middle, axis=1) > _FAR_POINT_M
+        add_problem(problems, FAR_POINTS, int(is_far.sum()))
+    return is_kept
 
-    def columns(names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
-        """Columns with these names, or the first of their columns if `wide`."""
-        for column in (np.asarray(attributes[key]) for key in names if key in attributes):
-            if len(column) == len(is_kept) and (wide or column.size == len(is_kept)):
-                yield (column if column.ndim == 1 else column[:, 0])[is_kept]
 
-    intensity = next(columns(_INTENSITIES, wide=True), None)  # OPV2V keeps it in the red
-    rings = (
-        ring_column
-        for ring_column in columns(_RINGS)
-        if ring_column.dtype.kind in "iu" or (np.abs(ring_column) < _MAX_RINGS).all()
-    )
-    ring = next((ring_column for ring_column in rings if (ring_column % 1 == 0).all()), None)
-    timed = [key for key in attributes if is_time(key) and np.size(attributes[key]) == len(is_kept)]
-    seconds = parse_point_times(timed[0], next(columns(timed[:1]))) if timed else None
-    add_problem(problems, UNTIMED, int(bool(timed) and seconds is None))
-    geometry = recorded[is_kept].astype(np.float32), world_SE3_sensor, frame
-    intensity = None if intensity is None else intensity.astype(np.float32)
-    return SensorCloud(
-        name,
-        *geometry,
-        seconds,
-        intensity,
-        None if ring is None else ring.astype(np.int64),
-        stamp_s,
-    )
+class _PointColumns(NamedTuple):
+    """Columns of a recorded cloud, and a mask of the points that are kept."""
+
+    attributes: Mapping[str, np.ndarray]
+    is_kept: Mask
+
+    def _list(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
+        """Yield columns with these names; if `wide`, also the first column of a matrix."""
+        count = len(self.is_kept)
+        for name in names:
+            if name not in self.attributes:
+                continue
+            column = np.asarray(self.attributes[name])
+            if len(column) == count and (wide or column.size == count):
+                yield (column if column.ndim == 1 else column[:, 0])[self.is_kept]
+
+    def find_intensity(self) -> Float32[np.ndarray, " n"] | None:
+        """Intensities, None without any; OPV2V keeps them in the red of colours."""
+        intensity = next(self._list(_INTENSITIES, wide=True), None)
+        return None if intensity is None else intensity.astype(np.float32)
+
+    def find_rings(self) -> Int64[np.ndarray, " n"] | None:
+        """Laser of each point by the first column of whole numbers, None without one."""
+        for column in self._list(_RINGS):
+            is_small = column.dtype.kind in "iu" or (np.abs(column) < _MAX_RINGS).all()
+            if is_small and (column % 1 == 0).all():
+                return column.astype(np.int64)
+        return None
+
+    def find_times(self, problems: Problems) -> Float64[np.ndarray, " n"] | None:
+        """Times of points (s), None without a column of times or if its unit is unknown."""
+        count = len(self.is_kept)
+        names = [
+            name
+            for name, column in self.attributes.items()
+            if is_time(name) and np.size(column) == count
+        ]
+        if not names:
+            return None
+        seconds = parse_point_times(names[0], next(self._list(names[:1])))
+        add_problem(problems, UNTIMED, int(seconds is None))
+        return seconds
 
 
 def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
-    """Write x y z, intensity, and ring if known, of a cloud, in its frame, as a binary PCD file."""
+    """Write a cloud in its frame as a binary PCD file: x y z, intensity, and ring if known."""
     columns = dict(zip("xyz", cloud.points.astype(np.float32).T, strict=True))
-    ring = {} if cloud.ring is None else {"ring": cloud.ring.astype(np.int32)}
-    write_bytes(path, pcd_bytes(columns | {"intensity": get_intensity(cloud)} | ring))
+    columns["intensity"] = get_intensity(cloud)
+    if cloud.ring is not None:
+        columns["ring"] = cloud.ring.astype(np.int32)
+    write_bytes(path, pcd_bytes(columns))
 
 
 def one_cloud(sample: Frame) -> SensorCloud:
-    """Merge all clouds of a frame in its world frame. Intensities are kept if all clouds have
-    them."""
+    """Merge all clouds of a frame in its world frame.
+
+    Intensities are kept if all clouds have them."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
     is_complete = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)

@@ -6,7 +6,7 @@ from toolkit.arrays import Float64
 from toolkit.geometry import MAX_COORDINATE_M
 
 _MIN_COORDINATE_M = 1e-30  # smaller ones are whole numbers, or parts of others, read as floats
-MIN_ROUNDING_M = 0.01  # of float32 coordinates, for a warning
+MIN_ROUNDING_M = 0.01  # rounding of float32 coordinates, for a warning
 _MAX_SPREAD_M = 5000.0  # from the middle to half of a sensor's points; beyond are millimetres
 
 

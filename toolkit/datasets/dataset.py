@@ -78,7 +78,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             self.times = hdf5.find_array(file, "coview/time", axes=1)
             self._starts = hdf5.find_array(file, "coview/object_start", axes=1)
             lengths = {
-                channel.name: self.stored(channel.name).shape[0] for channel in self.channels
+                channel.name: self.open_dataset(channel.name).shape[0] for channel in self.channels
             }
             lengths |= {} if self.times is None else {"coview/time": len(self.times)}
             if len(set(lengths.values())) != 1:
@@ -129,7 +129,9 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             self._open[1].close()
         self._open = None
 
-    def stored(self, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
+    def open_dataset(
+        self, name: str, *, axes: int | None = None, kinds: str = "fiu"
+    ) -> h5py.Dataset:
         """Dataset of the file, such as a channel's, checked on first use."""
         file, checked = self._file()
         if name not in checked:
@@ -155,13 +157,13 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         file, _ = self._file()
         try:
             names = dict.fromkeys(channel.name for channel in self.channels)
-            images = {name: hdf5.rows(self.stored(name), name, k) for name in names}
+            images = {name: hdf5.rows(self.open_dataset(name), name, k) for name in names}
             shared = [
                 (images[c.name][c.depth_index], c.stride)
                 for c in self.channels
                 if c.depth_index is not None
             ]
-            measured = iter(published.measured(shared))
+            measured = iter(published.measure_images(shared))
             measurements = tuple(
                 images[stored.name].astype(np.float32)
                 if stored.depth_index is None
@@ -185,7 +187,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         ids = None
         rows = object_rows(file, name)
         if self._starts is not None:
-            stored = self.stored("coview/object_ids", axes=1, kinds="iu")
+            stored = self.open_dataset("coview/object_ids", axes=1, kinds="iu")
             ids = hdf5.rows(stored, "coview/object_ids", slice(*self._starts[k : k + 2].tolist()))
             if len(ids) != len(rows):
                 raise ValueError(

@@ -71,17 +71,17 @@ def _batch_size(message: bytes, body: Any) -> int:
         )
         return table + offset if offset else 0
 
-    def pointed(position: int) -> int:
+    def follow_offset(position: int) -> int:
         return position + number("I", position)
 
     root = number("I", 0)
     kind = number("B", field(root, 1))
-    batch = pointed(field(root, 2))
+    batch = follow_offset(field(root, 2))
     if kind not in (_DICTIONARY, _BATCH):
         return 0
-    batch = pointed(field(batch, 1)) if kind == _DICTIONARY else batch
-    columns = pointed(field(batch, 1))
-    buffers = pointed(field(batch, 2))
+    batch = follow_offset(field(batch, 1)) if kind == _DICTIONARY else batch
+    columns = follow_offset(field(batch, 1))
+    buffers = follow_offset(field(batch, 2))
     rows = number("q", field(batch, 0)) if field(batch, 0) else 0
     # as NumPy's columns, also of nulls that take no bytes in the file
     size = rows * number("I", columns) * 8

@@ -13,12 +13,8 @@ def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> 
     """Files and folders in a folder in `natural_order`.
 
     Hidden ones are left out, and files that macOS adds to archives (`._NAME`)."""
-    if not recursive:
-        files = [file for file in folder.glob(pattern) if not _is_hidden((file.name,))]
-    else:
-        files = [
-            file for file in folder.rglob(pattern) if not _is_hidden(file.relative_to(folder).parts)
-        ]
+    found = folder.rglob(pattern) if recursive else folder.glob(pattern)
+    files = [file for file in found if not _is_hidden(file.relative_to(folder).parts)]
     return sorted(files, key=_path_order)
 
 
@@ -44,6 +40,7 @@ def _path_order(file: Path) -> tuple[tuple[str | int, ...], ...]:
 
 
 def _is_hidden(parts: tuple[str, ...]) -> bool:
+    """True for paths that begin with a dot, or that macOS adds to archives."""
     return any(part.startswith(".") or part == MACOS_FOLDER for part in parts)
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Int64, Shaped
+from toolkit.arrays import Float64, Int64, Mask, Shaped
 from toolkit.class_names import CATEGORIES
 from toolkit.datasets.problem_kinds import (
     DOUBLED,
@@ -38,8 +38,12 @@ MAX_TRACK = 10**16  # below it a number's text is short enough to stay a number
 class FrameLabels(NamedTuple):
     """Labels of one frame as `toolkit.frame.Frame` holds them.
 
-    objects: the objects; categories: their names; counts: the data set's counts of points, None
-    without any; others: objects of other classes."""
+    Attributes:
+        objects: the objects.
+        categories: their names.
+        counts: the data set's counts of points on them, None without any.
+        others: objects of other classes.
+    """
 
     objects: Objects
     categories: tuple[str, ...]
@@ -61,15 +65,53 @@ def make_labels(
     boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
-    is_finite = np.isfinite(boxes).all(axis=1)
+    rows = np.flatnonzero(_mark_possible(boxes, problems))
+    doubled = _find_doubled(boxes, categories, rows)
+    add_problem(problems, DOUBLED, len(doubled))
+    rows = np.setdiff1d(rows, doubled)
+    yaws = np.where(np.isfinite(boxes).all(axis=1), boxes[:, 6], 0.0)
+    boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
+    count_full_turns(yaws[rows], problems)
+    other_rows = rows[classes[rows] < 0]
+    rows = rows[classes[rows] >= 0]
+    add_problem(problems, OTHER_KINDS, len(other_rows))
+    tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
+    object_counts = None
+    other_counts = None
+    if counts is not None:
+        row_counts = np.asarray(counts, np.int64)
+        object_counts = _known_counts(row_counts[rows])
+        other_counts = _known_counts(row_counts[other_rows])
+    other_names = tuple(str(categories[k]) for k in other_rows.tolist())
+    return FrameLabels(
+        Objects(boxes[rows], classes[rows], tracks),
+        tuple(str(categories[k]) for k in rows.tolist()),
+        object_counts,
+        OtherObjects(boxes[other_rows], other_names, other_counts),
+    )
+
+
+def _mark_possible(boxes: Float64[np.ndarray, "n 7"], problems: Problems) -> Mask:
+    """Mark boxes that an object may have, and count the others by their first problem."""
     is_sized = (boxes[:, 3:6] >= MIN_BOX_SIDE_M).all(axis=1)
     is_small = (boxes[:, 3:6] <= MAX_BOX_SIDE_M).all(axis=1)
-    is_small &= (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M).all(axis=1)
+    is_near = (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M).all(axis=1)
+    checks = (
+        (NOT_FINITE, np.isfinite(boxes).all(axis=1)),
+        (NO_SIZE, is_sized),
+        (TOO_LARGE, is_small & is_near),
+    )
     is_kept = np.ones(len(boxes), bool)
-    for problem, is_sound in ((NOT_FINITE, is_finite), (NO_SIZE, is_sized), (TOO_LARGE, is_small)):
+    for problem, is_sound in checks:
         add_problem(problems, problem, int((is_kept & ~is_sound).sum()))
         is_kept &= is_sound
-    rows = np.flatnonzero(is_kept)
+    return is_kept
+
+
+def _find_doubled(
+    boxes: Float64[np.ndarray, "n 7"], categories: Sequence[str], rows: Int64[np.ndarray, " m"]
+) -> Int64[np.ndarray, " k"]:
+    """Rows that repeat the box and category of an earlier one."""
     category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
     compared = np.column_stack([boxes, category_numbers])
     by_x = rows[np.argsort(boxes[rows, 0], kind="stable")]
@@ -80,26 +122,7 @@ def make_labels(
         differs = (np.abs(compared[unique] - compared[row]) > MAX_DOUBLED_GAP).any(axis=1)
         if not unique or differs.all():
             unique.append(row)
-    add_problem(problems, DOUBLED, len(near) - len(unique))
-    rows = np.setdiff1d(rows, np.setdiff1d(near, unique))
-    yaws = np.where(is_finite, boxes[:, 6], 0.0)
-    boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
-    count_full_turns(yaws[rows], problems)
-    row_counts = np.full(len(boxes), -1) if counts is None else np.asarray(counts, np.int64)
-    other_rows = rows[classes[rows] < 0]
-    rows = rows[classes[rows] >= 0]
-    add_problem(problems, OTHER_KINDS, len(other_rows))
-    tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
-    objects = Objects(boxes[rows], classes[rows], tracks)
-    object_names = tuple(str(categories[k]) for k in rows.tolist())
-    other_names = tuple(str(categories[k]) for k in other_rows.tolist())
-    object_counts = None
-    other_counts = None
-    if counts is not None:
-        object_counts = _known_counts(row_counts[rows])
-        other_counts = _known_counts(row_counts[other_rows])
-    others = OtherObjects(boxes[other_rows], other_names, other_counts)
-    return FrameLabels(objects, object_names, object_counts, others)
+    return np.setdiff1d(near, unique)
 
 
 def _known_counts(counts: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"] | None:
@@ -124,8 +147,9 @@ def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None
 
 
 def track_number(name: object) -> int:
-    """Track id as a number: an integer, also as text, stays itself, any other text becomes a
-    number."""
+    """Track id as a number.
+
+    An integer stays itself, also as text; any other text becomes a number."""
     if type(name) is int and abs(name) < MAX_TRACK:
         return name
     text = str(name).strip()

@@ -26,8 +26,8 @@ _GZIP_LEVEL = 1
 class Header:
     """Values shared by all frames of a recording.
 
-    site: the site; sensors: in the order of a frame's measurements; bodies: their names; plan: plan
-    of the simulation, see `toolkit.datasets.simulation`."""
+    site: the site; sensors: in the order of a frame's measurements; bodies: their names; plan: the
+    simulation's plan, see `toolkit.datasets.simulation`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -91,7 +91,7 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
                     )
                     channel += 1
                 else:
-                    file[name][k] = published.rounded(measurement)
+                    file[name][k] = published.round_measurement(measurement)
         file.flush()
         return file.id.get_file_image()
 

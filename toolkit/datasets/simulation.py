@@ -37,7 +37,7 @@ from toolkit.traffic.snapshots import INTERVAL, MOST_OBJECTS, Mix, simulate, sum
 
 DEFAULT_FRAMES = 1000
 FRAMES_PER_BLOCK = 50  # frames drawn with one seed
-_SITE_FRAMES = 20  # of each site, by default
+_SITE_FRAMES = 20  # for each site, by default
 MIN_RANDOM_SENSORS = 3
 MAX_RANDOM_SENSORS = 10
 MIN_PARKED = 4  # lower bound of the maximum number of parked vehicles

@@ -245,7 +245,7 @@ def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
     """Return a detector of whatever stands out from the empty scenes of lidars.
 
-    frame: shows where the lidars are; place: area and ground of the later detection. Raises
+    frame: has the poses of the lidars; place: area and ground of the later detection. Raises
     ValueError if the empty scenes have no point in the area."""
     rng = np.random.default_rng(0)
     sweeps = []

@@ -88,6 +88,6 @@ def name_sets(
 
 
 def class_thresholds(iou_thresholds: Sequence[float] | None, label: str) -> tuple[float, ...]:
-    """IoU thresholds of a class, each once; its usual ones if none are given."""
+    """IoU thresholds of a class, each once; its usual ones by default."""
     thresholds = USUAL_IOUS[label_index(label)] if iou_thresholds is None else iou_thresholds
     return tuple(dict.fromkeys(map(float, thresholds)))

@@ -20,6 +20,7 @@ Milliseconds are the median over frames, from measurements to fused boxes, with 
 parallel as in the paper."""
 
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -27,7 +28,7 @@ from typing import Any
 from toolkit.calibration.place import Place
 from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.listing import check_labels
-from toolkit.datasets.recordings import Part, ReadRecording, Reads
+from toolkit.datasets.recording_views import Part, ReadRecording, Reads
 from toolkit.detection.breakdown import GroupRow
 from toolkit.detection.comparison import Comparison, list_ious, name_schemes, name_sets
 from toolkit.detection.evaluation_result import Evaluation
@@ -76,7 +77,6 @@ def evaluate_recording(
     measured = ReadRecording(recording, reads)
     at_site = place.at(site)
     first = measured[0]
-    sets = name_sets(first, comparison.sensor_sets)
     if scenes is None:
         scenes = Scenes(measured if at_site else Part(measured, total))
     job = ScoringJob(
@@ -87,12 +87,25 @@ def evaluate_recording(
         site,
         at_site,
         schemes,
-        sets,
+        name_sets(first, comparison.sensor_sets),
         scenes,
         protocol=comparison.protocol or ("exact" if at_site else "measured"),
         count_points=(not at_site) if comparison.breakdown is None else comparison.breakdown,
     )
     results = _score_frames(job, first, total, run)
+    settings = job.describe(ious, frames=total, noise_seed=reads.noise_seed, errors=errors.origin)
+    origin = settings_origin(comparison.codec, **settings)
+    provenance = dataset_origin(recording) | detector_origin(detector) | origin
+    return _pool_results(job, results, ious, provenance)
+
+
+def _pool_results(
+    job: ScoringJob,
+    results: Sequence[FrameResult],
+    ious: Mapping[str, tuple[float, ...]],
+    provenance: dict[str, Any],
+) -> Evaluation:
+    """Pool the results of all frames into figures of each scheme, sensor set and class."""
     rows = list[Row]()
     classes = list[ClassFigures]()
     loads = list[SetLoad]()
@@ -103,24 +116,19 @@ def evaluate_recording(
         for label, thresholds in ious.items():
             scores = pooled.score_class(label, thresholds)
             rows += [pooled.make_row(label, iou, scores[iou]) for iou in thresholds]
-            classes.append(pooled.rate_threshold(label, scores[TRUE_IOU[label_index(label)]]))
-        title = name if len(sets) == 1 else f"{name} {sensor_text(sensors)}"
+            true_score = scores[TRUE_IOU[label_index(label)]]
+            classes.append(pooled.rate_threshold(label, true_score))
+        title = name if len(job.sets) == 1 else f"{name} {sensor_text(sensors)}"
         if job.count_points:
             groups += pooled.break_down(title, ious)
         load = pooled.find_load()
         if load is not None:
             loads.append(SetLoad(name, sensors, load))
         figures[title] = pooled.summarise(load)
-
-    settings = job.describe(ious, frames=total, noise_seed=reads.noise_seed, errors=errors.origin)
-    origin = settings_origin(comparison.codec, **settings)
-    provenance = dataset_origin(recording) | detector_origin(detector) | origin
     return Evaluation(tuple(rows), provenance, tuple(classes), tuple(loads), figures, tuple(groups))
 
 
-def _score_frames(
-    job: "ScoringJob", first: Frame, total: int, run: Processes
-) -> "list[FrameResult]":
+def _score_frames(job: ScoringJob, first: Frame, total: int, run: Processes) -> list[FrameResult]:
     """Score all frames; in this process if a scheme needs earlier messages."""
     progress = run.stage("frame", total)
     results = list[FrameResult]()
@@ -133,9 +141,8 @@ def _score_frames(
         if results[0].warning is not None:
             warnings.warn(f"frame 0: {results[0].warning}", stacklevel=3)
         return results
-    batches = [
-        range(start, min(start + BATCH_FRAMES, total)) for start in range(0, total, BATCH_FRAMES)
-    ]
+    starts = range(0, total, BATCH_FRAMES)
+    batches = [range(start, min(start + BATCH_FRAMES, total)) for start in starts]
     report = None if progress is None else lambda done: progress(min(total, BATCH_FRAMES * done))
     results += chain.from_iterable(run.map(job, batches, progress=report))
     return results

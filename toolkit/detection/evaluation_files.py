@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import with_errors
+from toolkit.datasets.recording_views import with_errors
 from toolkit.detection.comparison import class_thresholds
 from toolkit.detection.evaluation_result import Evaluation
 from toolkit.detection.metrics import matches

@@ -74,7 +74,7 @@ class Evaluation(Sequence[Row]):
         classes = [figures.as_dict() for figures in self.classes]
         optional: dict[str, Any] = {"loads": [load.as_dict() for load in self.loads]}
         optional["breakdown"] = [vars(row) for row in self.breakdown]
-        optional["poses"] = {pose.sensor.name: pose.described() for pose in self.poses}
+        optional["poses"] = {pose.sensor.name: pose.as_dict() for pose in self.poses}
         filled = {name: value for name, value in optional.items() if value}
         return replace_infinite(
             {"rows": rows, "classes": classes, "schemes": self.schemes, **filled}

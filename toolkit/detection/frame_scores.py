@@ -11,7 +11,7 @@ import numpy as np
 from toolkit.boxes import count_points
 from toolkit.calibration.place import Place, Stand
 from toolkit.calibration.recording_scenes import Scenes
-from toolkit.datasets.recordings import ReadRecording
+from toolkit.datasets.recording_views import ReadRecording
 from toolkit.detection.breakdown import FrameTruth, select_truth
 from toolkit.detection.codec import Codec, ImageCodec, check_codec
 from toolkit.detection.comparison import Comparison, Scoring

@@ -9,7 +9,8 @@ import numpy as np
 
 from toolkit.datasets import problem_kinds
 from toolkit.datasets.layouts.hdf5 import holds_clouds
-from toolkit.datasets.recordings import Part, guess_layout, open_recording
+from toolkit.datasets.recording_views import Part
+from toolkit.datasets.recordings import guess_layout, open_recording
 from toolkit.datasets.stored_site import UnknownSite
 from toolkit.doctor.box_fits import GroundView
 from toolkit.doctor.buried_points import suspect_buried_points

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.calibration import registration as reference_fit
 from toolkit.calibration.found_pose import FoundPose
 from toolkit.calibration.poses import find_poses
+from toolkit.calibration.reference_surface import read_surface
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.doctor.findings import Finding
 from toolkit.sites.site import Site
@@ -16,7 +16,7 @@ from toolkit.sites.site import Site
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
     """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording
     without poses. Raises ValueError and OSError if the reference cannot be read."""
-    surface = reference_fit.read_surface(reference)
+    surface = read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
             return drift_findings(find_poses(recording, surface), str(reference))
@@ -42,7 +42,7 @@ def drift_findings(found_poses: Sequence[FoundPose], reference: str) -> list[Fin
             findings.append(
                 Finding("warning", subject, suspected, found_pose.refusal, "check by hand")
             )
-        elif found_pose.drifted:
+        elif found_pose.has_drifted:
             off = (
                 f"turned by {np.rad2deg(found_pose.turn):.2f}° and moved by "
                 f"{found_pose.distance * 100:.1f} cm"

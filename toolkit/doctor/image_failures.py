@@ -16,7 +16,7 @@ from toolkit.doctor.sensor_images import SensorImages
 from toolkit.sites.site import Site
 
 MIN_OBJECT_POINTS = 20  # points that show an object
-USUAL_QUANTILE = 0.9  # of the number of returns, which counts as usual
+USUAL_QUANTILE = 0.9  # quantile of the number of returns that counts as usual
 MAX_BLIND_SHARE = 0.5  # share of the usual number of returns below which a sensor is blind
 
 

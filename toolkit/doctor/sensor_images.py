@@ -24,7 +24,7 @@ def read_images(
     views = []
     findings = []
     for sensor, name, index, stride in dataset.channels:
-        images = dataset.stored(name)
+        images = dataset.open_dataset(name)
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
         for i, k in enumerate(frames):
             try:

@@ -7,8 +7,10 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
-from toolkit.plots import canvas
-from toolkit.plots.canvas import GROUND, INK, PAPER_WHITE, SOLID, Entry, PlotStyle, plain, shorten
+from toolkit.plots import palette
+from toolkit.plots.canvas import plain, shorten
+from toolkit.plots.line_style import Entry, PlotStyle
+from toolkit.plots.palette import GROUND, INK, PAPER_WHITE, SOLID
 from toolkit.sites.site import Site, Solid
 from toolkit.sites.streets import find_lane_arrows, find_street_names
 
@@ -33,9 +35,9 @@ def draw_ground(axes: "Axes", site: Site) -> None:
             shapely.Polygon(solid.footprint)
         )
     for rank, (kind, shapes) in enumerate(by_kind.items()):
-        fill_polygons(axes, shapes, SOLID.get(kind, canvas.OTHER_SOLID), order=1.5 + 0.01 * rank)
+        fill_polygons(axes, shapes, SOLID.get(kind, palette.OTHER_SOLID), order=1.5 + 0.01 * rank)
     drawn = shapely.union_all([shapely.Polygon(solid.footprint) for solid in _drawn_solids(site)])
-    hatched: PlotStyle = {"hatch": canvas.DRAWN_HATCH, "edgecolor": canvas.DRAWN_INK}
+    hatched: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK}
     for part in shapely.get_parts(drawn):
         outline = shapely.get_coordinates(part.exterior)
         axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatched)
@@ -141,8 +143,8 @@ def ground_entries(site: Site) -> list[Entry]:
     ]
     if _drawn_solids(site):
         drawn: PlotStyle = {
-            "hatch": canvas.DRAWN_HATCH,
-            "edgecolor": canvas.DRAWN_INK,
+            "hatch": palette.DRAWN_HATCH,
+            "edgecolor": palette.DRAWN_INK,
             "linewidth": 0.5,
         }
         entries.append((Patch(facecolor="white", **drawn), "drawn, in no map"))

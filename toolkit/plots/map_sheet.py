@@ -1,7 +1,7 @@
 """Sheet of a map from above, under its title, without sensors.
 
-The strip below the map holds scale bar, north arrow and legend, so that none of them covers the
-map."""
+The strip below the map holds scale bar, north arrow and legend, so that they do not cover
+the map."""
 
 from collections.abc import Sequence
 from math import ceil, floor, log10
@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float, Float64
-from toolkit.plots.canvas import INK, Entry, PlotStyle, add_legend, blank_figure, plain
+from toolkit.plots.canvas import add_legend, blank_figure, plain
 from toolkit.plots.ground_map import draw_ground, draw_streets
+from toolkit.plots.line_style import Entry, PlotStyle
 from toolkit.plots.north_arrow import draw_north, north
+from toolkit.plots.palette import INK
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 AROUND = 10.0  # m around the area
-MOST_INCHES = 10.0  # of the map, in both directions
+MOST_INCHES = 10.0  # size of the map, in both directions
 # inches around the map, and of a row of the legend
 LEFT = 0.62
 RIGHT = 0.2
@@ -47,68 +49,75 @@ def map_sheet(
     legend: Sequence[Entry] = (),
     inches: float = MOST_INCHES,
 ) -> MapSheet:
-    """Draw the site from above under its title, without sensors. holds: places that the map must
-    include besides the area; legend: its entries, in order; inches: longer side of the map."""
+    """Draw the site from above under its title, without sensors.
+
+    holds: places that the map must include besides the area; legend: its entries, in order; inches:
+    longer side of the map."""
     low, high = extent(site, holds)
     scale = inches / float((high - low).max())
     width, height = ((high - low) * scale).tolist()
     full = max(width + LEFT + RIGHT, 6.5)
     inner = full - LEFT - RIGHT
-    longest = max((len(label) for _, label in legend), default=1)
-    columns = max(1, min(len(legend), int((inner - SCALE_WIDTH) / (0.058 * longest + 0.58))))
+    columns = _count_columns(legend, inner)
     strip = AXIS + max(0.55, LEGEND_ROW * ceil(len(legend) / columns) + 0.1)
     total = HEAD + height + strip
     figure = blank_figure(full, total)
 
-    def part(left: float, bottom: float, width: float, height: float) -> "Axes":  # inches
+    def add_part(left: float, bottom: float, width: float, height: float) -> "Axes":  # inches
         return figure.add_axes((left / full, bottom / total, width / full, height / total))
 
-    axes = part(LEFT + (inner - width) / 2, strip, width, height)
+    axes = add_part(LEFT + (inner - width) / 2, strip, width, height)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
     for spine in axes.spines.values():
         spine.set_visible(True)
     draw_ground(axes, site)
     draw_streets(axes, site, low, high)
     draw_area(axes, site.area)
-    figure.text(
-        LEFT / full, 1 - 0.26 / total, plain(title), fontsize=12, fontweight="bold", va="center"
-    )
-    figure.text(LEFT / full, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
-    below = part(LEFT, 0.05, inner, strip - AXIS - 0.05)
+    left = LEFT / full
+    heading: PlotStyle = {"fontsize": 12, "fontweight": "bold", "va": "center"}
+    figure.text(left, 1 - 0.26 / total, plain(title), **heading)
+    figure.text(left, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
+    below = add_part(LEFT, 0.05, inner, strip - AXIS - 0.05)
     below.set_axis_off()
     below.set(xlim=(0, inner), ylim=(-(strip - AXIS - 0.05), 0))
-    length = scale_length(min(1.6, width) / scale)
-    for start, colour in ((0.0, INK), (0.5, "white")):  # a bar of two halves
+    _draw_scale(below, scale_length(min(1.6, width) / scale), scale)
+    draw_north(below, (2.2, -0.25), north(site))
+    if legend:
+        _draw_legend(below, legend, columns)
+    return MapSheet(figure, axes, 72 * scale)
+
+
+def _count_columns(legend: Sequence[Entry], inner: float) -> int:
+    """Number of the legend's columns in a strip of some inches."""
+    longest = max((len(label) for _, label in legend), default=1)
+    column_inches = 0.058 * longest + 0.58
+    return max(1, min(len(legend), int((inner - SCALE_WIDTH) / column_inches)))
+
+
+def _draw_scale(axes: "Axes", length: float, scale: float) -> None:
+    """Draw a scale bar of two halves. length: metres; scale: inches per metre."""
+    for start, colour in ((0.0, INK), (0.5, "white")):
         left = start * length * scale
         right = (start + 0.5) * length * scale
         bar = [left, right, right, left]
-        below.fill(bar, [-0.2, -0.2, -0.12, -0.12], facecolor=colour, edgecolor=INK, linewidth=0.8)
+        axes.fill(bar, [-0.2, -0.2, -0.12, -0.12], facecolor=colour, edgecolor=INK, linewidth=0.8)
     for share, label in ((0.0, "0"), (1.0, f"{length:g} m")):
-        below.text(
-            share * length * scale,
-            -0.25,
-            label,
-            ha="center" if share else "left",
-            va="top",
-            fontsize=8,
-        )
-    draw_north(below, (2.2, -0.25), north(site))
-    if legend:
-        legend_style: PlotStyle = {
-            "bbox_to_anchor": (SCALE_WIDTH, 0.0),
-            "bbox_transform": below.transData,
-        }
-        legend_style |= {
-            "loc": "upper left",
-            "borderaxespad": 0.0,
-            "columnspacing": 1.4,
-            "handlelength": 2.8,
-        }
-        handles, labels = zip(*legend, strict=True)
-        add_legend(
-            below, handles, [plain(label) for label in labels], ncols=columns, **legend_style
-        )
-    return MapSheet(figure, axes, 72 * scale)
+        alignment = "center" if share else "left"
+        axes.text(share * length * scale, -0.25, label, ha=alignment, va="top", fontsize=8)
+
+
+def _draw_legend(axes: "Axes", legend: Sequence[Entry], columns: int) -> None:
+    """Draw the legend right of the scale bar."""
+    style: PlotStyle = {
+        "bbox_to_anchor": (SCALE_WIDTH, 0.0),
+        "bbox_transform": axes.transData,
+        "loc": "upper left",
+        "borderaxespad": 0.0,
+        "columnspacing": 1.4,
+        "handlelength": 2.8,
+    }
+    handles, labels = zip(*legend, strict=True)
+    add_legend(axes, handles, [plain(label) for label in labels], ncols=columns, **style)
 
 
 def draw_area(axes: "Axes", area: Float64[np.ndarray, "4"]) -> None:

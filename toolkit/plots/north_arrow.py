@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.plots.canvas import INK
+from toolkit.plots.palette import INK
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:

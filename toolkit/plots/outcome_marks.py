@@ -11,7 +11,8 @@ import numpy as np
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Objects
-from toolkit.plots.canvas import CLASS, INK, OUTCOME, PAPER_WHITE, Entry, Outcome, PlotStyle
+from toolkit.plots.line_style import Entry, Outcome, PlotStyle
+from toolkit.plots.palette import CLASS, INK, OUTCOME, PAPER_WHITE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

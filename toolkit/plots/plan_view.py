@@ -2,38 +2,39 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Mask
 from toolkit.objects import LABELS, Detections, Objects
-from toolkit.plots.canvas import (
-    CLASS,
-    INK,
-    Entry,
-    Outcome,
-    PlotStyle,
-    house_style,
-    sensor_colour,
-    shorten,
-    write_figure,
-)
+from toolkit.plots.canvas import house_style, shorten, write_figure
 from toolkit.plots.ground_map import ground_entries
+from toolkit.plots.line_style import Entry, Outcome, PlotStyle
 from toolkit.plots.map_sheet import map_sheet
 from toolkit.plots.outcome_marks import draw_objects, draw_outcome, outcome_entry
+from toolkit.plots.palette import CLASS, INK, sensor_colour
 from toolkit.plots.pole_marks import draw_poles, pole_entries
 from toolkit.plots.sensor_marks import draw_sensors, draw_wedges, sensor_entries, sensor_places
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 POINT_SIZE = 1.3  # square points of 1/72 inch
 
 
 class FrameOutcome(NamedTuple):
-    """Outcome of a frame's n truths and m detections. `toolkit.detection.metrics.matches` decides.
-    iou: at which a detection hits; *_hit: truths and detections that hit; *_ignored: those that do
-    not count."""
+    """Outcome of a frame's n truths and m detections (`toolkit.detection.metrics.matches`).
+
+    Attributes:
+        iou: threshold from which a detection hits.
+        truth_hit: mask of the truths that were found.
+        truth_ignored: mask of the truths that do not count.
+        detection_hit: mask of the true detections.
+        detection_ignored: mask of the detections that do not count.
+    """
 
     iou: float
     truth_hit: Mask
@@ -43,8 +44,7 @@ class FrameOutcome(NamedTuple):
 
 
 def draw_site(site: Site, out: Path | str) -> None:
-    """Draw the site with streets, solids, poles, sensors and their fields of view, as PNG or SVG by
-    the suffix."""
+    """Draw the site with its poles and sensors, as PNG or SVG by the suffix."""
     poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     counts = ((len(site.sensors), "sensor"), (len(poles), "pole"))
     title = f"Site {shorten(site.name, 60)}"
@@ -74,59 +74,83 @@ def draw_frame(
     outcome: FrameOutcome | None = None,
     title: str = "",
 ) -> None:
-    """Draw one frame. Clouds are coloured by sensor, truth is filled by class. The picture is PNG
-    or SVG by the suffix. With an `outcome`, hits, misses and false alarms each have a line and a
-    mark of their own. Raises ValueError for an outcome of other truths or detections."""
-    from matplotlib.patches import Patch
+    """Draw one frame, as PNG or SVG by the suffix.
 
+    Clouds are coloured by sensor, truth is filled by class. With an `outcome`, hits, misses and
+    false alarms each have a line and a mark. Raises ValueError for an outcome of other truths or
+    detections."""
     drawn_sensors = sensors or site.sensors
     truth = truth or Objects.empty()
     detected = detections or Detections.empty()
-    scored = ""
-    kinds = np.bincount(truth.labels, minlength=len(LABELS))
-    filled = zip(LABELS, kinds, strict=True)
-    look: PlotStyle = {"edgecolor": INK, "linewidth": 0.5}
-    legend: list[Entry] = [
-        (Patch(facecolor=CLASS[name], **look), f"{name} ({n})") for name, n in filled if n
-    ]
-    if outcome is None:
-        outlines: dict[Outcome, np.ndarray] = {"detection": detected.boxes} if len(detected) else {}
-    elif len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(detected):
-        counts = f"{len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections"
-        raise ValueError(
-            f"the outcome has {counts}, the frame {len(truth)} and {len(detected)}: match the same "
-            "frame"
-        )
-    else:
-        scored = f" ({(~outcome.truth_ignored).sum()} scored)"
-        outlines = {
-            "hit": detected.boxes[outcome.detection_hit],
-            "missed": truth.boxes[~outcome.truth_hit & ~outcome.truth_ignored],
-            "false alarm": detected.boxes[~outcome.detection_hit & ~outcome.detection_ignored],
-            "not scored": detected.boxes[outcome.detection_ignored],
-        }
-    for kind, boxes in outlines.items():
-        if len(boxes) or kind != "not scored":
-            rule = f", IoU ≥ {outcome.iou:g}" if outcome is not None and kind == "hit" else ""
-            legend.append(outcome_entry(kind, f"{kind}{rule} ({len(boxes)})"))
+    outlines = _sort_outlines(truth, detected, outcome)
+    legend = [*_class_entries(truth), *_outline_entries(outlines, outcome)]
     legend += sensor_entries(drawn_sensors)
-    count = (
-        f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points"
-        if len(truth) or len(clouds)
-        else ""
-    )
+    subtitle = ""
+    if len(truth) or len(clouds):
+        scored = ""
+        if outcome is not None:
+            scored = f" ({(~outcome.truth_ignored).sum()} scored)"
+        subtitle = f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points"
     title = shorten(title or f"Site {site.name}", 110)
     with house_style():
-        sheet = map_sheet(site, title, count, holds=sensor_places(drawn_sensors), legend=legend)
+        sheet = map_sheet(site, title, subtitle, holds=sensor_places(drawn_sensors), legend=legend)
         for index, points in enumerate(clouds):
-            x, y = points[:, :2].T
-            colour = [sensor_colour(index)]
-            sheet.axes.scatter(
-                x, y, s=POINT_SIZE, color=colour, linewidths=0, rasterized=True, zorder=3
-            )
+            _draw_points(sheet.axes, points, sensor_colour(index))
         draw_wedges(sheet.axes, drawn_sensors, site.solids)
         draw_objects(sheet.axes, truth)
         for name, boxes in outlines.items():
             draw_outcome(sheet.axes, boxes, name)
         draw_sensors(sheet.axes, drawn_sensors, sheet.points_per_metre)
         write_figure(sheet.figure, out)
+
+
+def _sort_outlines(
+    truth: Objects, detections: Detections, outcome: FrameOutcome | None
+) -> dict[Outcome, np.ndarray]:
+    """Boxes to outline, by their outcome, or all detections without one."""
+    if outcome is None:
+        return {"detection": detections.boxes} if len(detections) else {}
+    if len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(detections):
+        counts = f"{len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections"
+        raise ValueError(
+            f"the outcome has {counts}, the frame {len(truth)} and {len(detections)}: match the "
+            "same frame"
+        )
+    is_false = ~outcome.detection_hit & ~outcome.detection_ignored
+    return {
+        "hit": detections.boxes[outcome.detection_hit],
+        "missed": truth.boxes[~outcome.truth_hit & ~outcome.truth_ignored],
+        "false alarm": detections.boxes[is_false],
+        "not scored": detections.boxes[outcome.detection_ignored],
+    }
+
+
+def _class_entries(truth: Objects) -> list[Entry]:
+    """Legend entries of the classes of objects, with their numbers."""
+    from matplotlib.patches import Patch
+
+    look: PlotStyle = {"edgecolor": INK, "linewidth": 0.5}
+    entries: list[Entry] = []
+    counts = np.bincount(truth.labels, minlength=len(LABELS))
+    for name, count in zip(LABELS, counts, strict=True):
+        if count:
+            entries.append((Patch(facecolor=CLASS[name], **look), f"{name} ({count})"))
+    return entries
+
+
+def _outline_entries(
+    outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome | None
+) -> list[Entry]:
+    """Legend entries of outlines, with their numbers."""
+    entries = []
+    for kind, boxes in outlines.items():
+        if len(boxes) or kind != "not scored":
+            rule = f", IoU ≥ {outcome.iou:g}" if outcome is not None and kind == "hit" else ""
+            entries.append(outcome_entry(kind, f"{kind}{rule} ({len(boxes)})"))
+    return entries
+
+
+def _draw_points(axes: "Axes", points: Float[np.ndarray, "_ 3"], colour: str) -> None:
+    """Draw the points of one sensor."""
+    x, y = points[:, :2].T
+    axes.scatter(x, y, s=POINT_SIZE, color=[colour], linewidths=0, rasterized=True, zorder=3)

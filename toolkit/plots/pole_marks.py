@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.plots import canvas
-from toolkit.plots.canvas import PAPER_WHITE, Entry, PlotStyle, shorten
+from toolkit.plots import palette
+from toolkit.plots.canvas import shorten
+from toolkit.plots.line_style import Entry, PlotStyle
+from toolkit.plots.palette import PAPER_WHITE
 from toolkit.plots.sensor_marks import DISC, MapPlaces
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ def name_poles(
     points_per_metre: float,
     keep_off: MapPlaces,
 ) -> None:
-    """Write names beside poles where there is room. Poles, other names and sensors (`keep_off`) may
+    """Write names next to poles if there is room. Poles, other names and sensors (`keep_off`) may
     take the room."""
     around = [(place * points_per_metre, 4.0) for place in places]
     around += [(place * points_per_metre, DISC / 2 + 1) for place in keep_off]
@@ -68,11 +70,11 @@ def pole_style(carries_sensor: bool) -> PlotStyle:
     edge: PlotStyle = {
         "marker": "s",
         "markersize": 6.0,
-        "markeredgecolor": canvas.POLE_INK,
+        "markeredgecolor": palette.POLE_INK,
         "markeredgewidth": 1.3,
     }
     return edge | {
-        "markerfacecolor": canvas.POLE_INK if carries_sensor else PAPER_WHITE,
+        "markerfacecolor": palette.POLE_INK if carries_sensor else PAPER_WHITE,
         "linestyle": "none",
     }
 

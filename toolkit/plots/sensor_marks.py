@@ -9,8 +9,10 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
-from toolkit.plots.canvas import INK, PAPER_WHITE, Entry, PlotStyle, sensor_colour, shorten
+from toolkit.plots.canvas import shorten
+from toolkit.plots.line_style import Entry, PlotStyle
 from toolkit.plots.outcome_marks import text_colour
+from toolkit.plots.palette import INK, PAPER_WHITE, sensor_colour
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Solid
 

@@ -23,7 +23,7 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
             if start < 0 or len(out) > size:
                 break
             same = out[start : start + length]
-            out += (same * (length // back + 1))[:length]  # it may overlap its own output
+            out += (same * (length // back + 1))[:length]  # it may overlap its output
     except IndexError:
         pass
     if i != len(packed) or len(out) != size:

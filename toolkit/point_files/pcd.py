@@ -18,7 +18,7 @@ from toolkit.point_files.rows import read_binary, read_rows
 from toolkit.runtime.array_files import MAX_CLOUD_BYTES, check_unpacked
 from toolkit.runtime.reading import read_plain
 
-MAX_LZF_RATIO = 100  # of plain to packed bytes: three packed bytes give 264 at most
+MAX_LZF_RATIO = 100  # plain over packed bytes: three packed bytes give 264 at most
 
 
 def read_pcd(path: str | Path) -> Attributes:

@@ -98,7 +98,7 @@ def _split_entries(header: bytes) -> dict[str, list[str]]:
 
 
 def _read_fields(entries: Mapping[str, list[str]]) -> list[_Field]:
-    """Fields of a point, without those of no value."""
+    """Fields of a point that have a value."""
     words = entries.get("FIELDS", entries.get("COLUMNS", []))  # COLUMNS until version 0.5
     names = [name.lower() if len(name) == 1 else name for name in words]
     size_words = entries.get("SIZE", [])

@@ -18,8 +18,8 @@ _MAX_LISTS = 1_000_000  # rows with lists before the points, which are walked on
 def read_ply(path: str | Path) -> Attributes:
     """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element.
 
-    Raises ValueError, in one line, if the file is damaged, cut off, longer than its header says, or
-    has no x, y and z."""
+    Raises ValueError, in one line, if the file is damaged, cut off, longer than its header
+    states, or has no x, y and z."""
     content = read_plain(path)
     try:
         header = parse_ply_header(content)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-MAX_FIELDS = 1000  # of a point
+MAX_FIELDS = 1000  # fields of a point
 
 
 def whole_numbers(words: list[str]) -> list[int]:

@@ -20,7 +20,7 @@ class _Term:
 
     __dataclass_fields__: ClassVar[dict[str, Field[object]]]
     needs_velocities: ClassVar[bool] = False
-    # fields of which one must be above 0 to change anything
+    # fields that change nothing while all of them are 0
     _strengths: ClassVar[tuple[str, ...]] = ("share",)
     _shares: ClassVar[tuple[str, ...]] = ("share",)  # fields that are at most 1
     _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
@@ -42,24 +42,24 @@ class _Term:
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Apply the error; a term without strength returns the reading itself."""
-        return (
-            self._change(reading, draws)
-            if any(getattr(self, name) for name in self._strengths)
-            else reading
-        )
+        if not any(getattr(self, name) for name in self._strengths):
+            return reading
+        return self._change(reading, draws)
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Return the reading with this error."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class ClockOffset(_Term):
-    """Offset of each sensor's clock, constant over a recording."""
+    """Offset of each sensor's clock, constant over a recording.
+
+    offset: standard deviation (s)."""
 
     needs_velocities: ClassVar[bool] = True
     _strengths = ("offset",)
-
-    offset: float = 0.0  # its standard deviation (s)
+    offset: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         truth = reading.truth
@@ -68,23 +68,24 @@ class ClockOffset(_Term):
                 "a clock's offset needs the objects' velocities: read a recording with tracks "
                 "and times"
             )
-        late = draws.of_sensor().standard_normal() * self.offset
-        moved = np.append(truth.velocities * late, np.zeros((1, 3)), axis=0)[truth.owners]
-        same = reading.valid & (np.abs(reading.measurement - truth.measurement) < MAX_SAME_M)
-        shift = np.where(same[..., None], moved, 0).astype(np.float32)
+        late_s = draws.of_sensor().standard_normal() * self.offset
+        displacement = np.append(truth.velocities * late_s, np.zeros((1, 3)), axis=0)[truth.owners]
+        is_same = reading.valid & (np.abs(reading.measurement - truth.measurement) < MAX_SAME_M)
+        shift = np.where(is_same[..., None], displacement, 0).astype(np.float32)
         return replace(reading, shift=shift if reading.shift is None else reading.shift + shift)
 
 
 @dataclass(frozen=True)
 class DropOut(_Term):
-    """Returns that fail, at random and by range and incidence."""
+    """Returns that fail, at random and by range and incidence.
+
+    share: share of all returns that fail at random; half_range: range (m) from which half of the
+    surfaces at right angles return, 0 for no loss by range; steepness: steepness of this law."""
 
     _strengths = ("share", "half_range")
-    share: float = 0.0  # of all returns
-    half_range: float = (
-        0.0  # m from which half of the surfaces at right angles return; 0: no loss by range
-    )
-    steepness: float = 2.0  # of the law above
+    share: float = 0.0
+    half_range: float = 0.0
+    steepness: float = 2.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         chance = np.full(reading.measurement.shape, 1.0 - self.share)
@@ -96,8 +97,9 @@ class DropOut(_Term):
 
 @dataclass(frozen=True)
 class DeadRows(_Term):
-    """Rows of the image that never return: lasers or lines of a detector that failed. share: of all
-    rows."""
+    """Rows of the image that never return: lasers or lines of a detector that failed.
+
+    share: share of all rows."""
 
     share: float = 0.0
 
@@ -108,8 +110,9 @@ class DeadRows(_Term):
 
 @dataclass(frozen=True)
 class BlindSector(_Term):
-    """Columns of the image that see nothing, as in the glare of a low sun. share: of them, the same
-    in every frame."""
+    """Columns of the image that see nothing, as in the glare of a low sun.
+
+    share: share of all columns, the same ones in every frame."""
 
     share: float = 0.0
 
@@ -122,16 +125,17 @@ class BlindSector(_Term):
 
 @dataclass(frozen=True)
 class RangeBias(_Term):
-    """Ranges of each sensor that are all too long or too short. deviation: of that error (m)."""
+    """Ranges of each sensor that are all too long or too short.
+
+    deviation: standard deviation of the error (m)."""
 
     _strengths = ("deviation",)
     deviation: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         bias = np.float32(draws.of_sensor().standard_normal() * self.deviation)
-        return reading.measuring(
-            np.where(reading.valid, np.maximum(reading.measurement + bias, 0), np.float32(0))
-        )
+        biased = np.maximum(reading.measurement + bias, 0)
+        return reading.measuring(np.where(reading.valid, biased, np.float32(0)))
 
 
 def chance_of_return(
@@ -141,8 +145,9 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative
-    to others."""
+    """Probability that surfaces return.
+
+    ranges: in metres; cosines: cosines of incidence; reflectivity: relative to other surfaces."""
     power = np.asarray(reflectivity) * cosines * half_range**2
     lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
     return 1 / (1 + lacking**steepness)
@@ -150,37 +155,45 @@ def chance_of_return(
 
 @dataclass(frozen=True)
 class MixedPixels(_Term):
-    """Pixels beside an edge that measure something between two surfaces, with even probability. One
-    of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
+    """Pixels next to an edge that measure something between two surfaces.
 
-    share: float = 0.0  # of the pixels beside an edge
-    gap: float = 0.3  # least difference to a neighbour at an edge (m)
-    reach: float = (
-        1000.0  # largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m
-    )
+    All distances between the two are equally likely. The other surface is a neighbour's, drawn from
+    four; a neighbour without return mixes nothing.
+
+    share: share of the pixels next to an edge; gap: smallest difference at an edge (m); reach:
+    largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m."""
+
+    share: float = 0.0
+    gap: float = 0.3
+    reach: float = 1000.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         image = reading.measurement
         rng = draws.of_frame()
         side = rng.integers(len(_NEIGHBOURS), size=image.shape)
-        mixed = rng.random(image.shape) < self.share
+        is_drawn = rng.random(image.shape) < self.share
         weight = rng.random(image.shape, np.float32)
         padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
-        (rows, columns), (down, right) = image.shape, np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
+        rows, columns = image.shape
+        down, right = np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
         neighbour = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
         step = np.abs(neighbour - image)
-        between = reading.valid & (neighbour > 0) & (step > self.gap) & (step < self.reach) & mixed
-        return reading.measuring(np.where(between, image + weight * (neighbour - image), image))
+        is_edge = (neighbour > 0) & (step > self.gap) & (step < self.reach)
+        is_mixed = reading.valid & is_edge & is_drawn
+        mixed = image + weight * (neighbour - image)
+        return reading.measuring(np.where(is_mixed, mixed, image))
 
 
 @dataclass(frozen=True)
 class Calibration(_Term):
-    """Error of calibration, constant over a recording, normal about and along each axis."""
+    """Error of calibration, constant over a recording, normal about and along each axis.
+
+    rotation: root mean square of the angle (rad) about any axis through the sensor; translation:
+    root mean square of the displacement (m) in any direction."""
 
     _strengths = ("rotation", "translation")
-    # root mean square of the angle (rad) about any axis through the sensor
     rotation: float = angle(0.0)
-    translation: float = 0.0  # root mean square of the displacement (m) in any direction
+    translation: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
@@ -194,13 +207,16 @@ class Calibration(_Term):
 class PoleSway(_Term):
     """Slow sway of poles; all sensors of a pole sway together.
 
-    To first order a sensor that moved, placed where it stood, is one that stood, placed where it
-    did not: nothing is rendered anew. A pole's foot is taken to be at z = 0."""
+    To first order, a moved sensor at its believed pose equals an unmoved sensor at a wrong pose, so
+    nothing is rendered again. A pole's foot is at z = 0.
+
+    amplitude: angle by which the tip of a pole turns (rad); period: seconds, up to a third longer
+    or shorter from pole to pole."""
 
     _strengths = ("amplitude",)
     _positive = ("period",)
-    amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)
-    period: float = 3.0  # s, up to a third longer or shorter from pole to pole
+    amplitude: float = angle(0.0)
+    period: float = 3.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         position = reading.truth.sensor.position
@@ -209,9 +225,8 @@ class PoleSway(_Term):
         theta = self.amplitude * np.sin(2 * np.pi * (reading.truth.time / period + phase))
         ahead = np.array([np.cos(2 * np.pi * towards), np.sin(2 * np.pi * towards), 0.0])
         swayed = reading.pose.copy()
-        swayed[:3, :3] = (
-            make_rotation(theta * np.array([-ahead[1], ahead[0], 0.0])) @ reading.pose[:3, :3]
-        )
+        sway_axis = np.array([-ahead[1], ahead[0], 0.0])
+        swayed[:3, :3] = make_rotation(theta * sway_axis) @ reading.pose[:3, :3]
         swayed[:3, 3] += 2 / 3 * theta * max(position[2], 0.0) * ahead
         return replace(reading, pose=swayed)
 
@@ -229,21 +244,22 @@ class OwnNoise(_Term):
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Add the model's noise."""
-        return reading.measuring(
-            reading.truth.sensor.model.noisy(reading.measurement, draws.own_noise())
-        )
+        model = reading.truth.sensor.model
+        return reading.measuring(model.noisy(reading.measurement, draws.own_noise()))
 
 
 @dataclass(frozen=True)
 class RangeNoise(_Term):
-    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m); no return comes from
-    behind a sensor."""
+    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m).
+
+    No return comes from behind a sensor. measures: limits it to sensors that measure "depth" or
+    "range"."""
 
     _strengths = ("constant", "proportional", "quadratic")
     constant: float = 0.0
     proportional: float = 0.0
     quadratic: float = 0.0
-    measures: Measure | None = None  # limits it to sensors that measure "depth" or "range"
+    measures: Measure | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -257,19 +273,16 @@ class RangeNoise(_Term):
             return reading
         z = np.where(reading.valid, reading.measurement, np.float32(0))
         noise = draws.of_frame().standard_normal(z.shape, dtype=np.float32)
-        sigma = (
-            np.float32(self.constant)
-            + np.float32(self.proportional) * z
-            + np.float32(self.quadratic) * z**2
-        )
-        return reading.measuring(
-            np.where(reading.valid, np.maximum(z + noise * sigma, 0), np.float32(0))
-        )
+        sigma = np.float32(self.constant) + np.float32(self.proportional) * z
+        sigma = sigma + np.float32(self.quadratic) * z**2
+        noisy = np.maximum(z + noise * sigma, 0)
+        return reading.measuring(np.where(reading.valid, noisy, np.float32(0)))
 
 
 def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
-    """Noise of a stereo camera. baseline: m; focal: pixels; disparity: its standard deviation
-    (pixels)."""
+    """Noise of a stereo camera.
+
+    baseline: metres; focal: pixels; disparity: standard deviation of the disparity (pixels)."""
     if not (baseline > 0 and focal > 0):
         raise ValueError(
             f"baseline and focal length must be above 0, got {baseline} m and {focal} pixels"
@@ -278,7 +291,9 @@ def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> Ra
 
 
 def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
-    """Noise of a time-of-flight camera: sigma at 10 m (m), and its share due to ambient light and
+    """Noise of a time-of-flight camera.
+
+    at_10_m: standard deviation at 10 m (m); ambient: its share due to ambient light and
     electronics."""
     if not 0 <= ambient <= 1:
         raise ValueError(f"ambient must be a share from 0 to 1, got {ambient}")
@@ -286,19 +301,28 @@ def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> Rang
 
 
 def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> RangeNoise:
-    """Noise of a lidar beside the model's own. constant: m; proportional: per metre of range."""
+    """Noise of a lidar in addition to its model's.
+
+    constant: metres; proportional: per metre of range."""
     return RangeNoise(constant=constant, proportional=proportional, measures="range")
 
 
 @dataclass(frozen=True)
 class Glass(_Term):
-    """Window glass of cars: some rays return from anywhere inside, the others return nothing."""
+    """Window glass of cars: some rays return from anywhere inside, the others return nothing.
+
+    Attributes:
+        share: share of the window band that is glass; the rest is pillars.
+        lower: lower end of the band, as a share of a vehicle's height.
+        upper: its upper end.
+        behind: share of the rays through glass that return from the inside.
+    """
 
     _shares = ("share", "lower", "upper", "behind")
-    share: float = 0.0  # of the window band that is glass, the rest being pillars
-    lower: float = 0.62  # the band, as shares of a vehicle's height
+    share: float = 0.0
+    lower: float = 0.62
     upper: float = 0.93
-    behind: float = 0.3  # share of the rays through glass that return from the inside
+    behind: float = 0.3
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -310,19 +334,17 @@ class Glass(_Term):
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         rng = draws.of_frame()
         shape = reading.measurement.shape
-        pane = rng.random(shape) < self.share
-        inside = rng.random(shape) < self.behind
-        way = rng.random(shape)
-        glass = self.band(reading.truth) & pane & reading.valid
-        pixels = np.flatnonzero(glass & inside)
-        through = np.zeros(glass.size)
-        through[pixels] = way.ravel()[pixels] * _way_through(reading.truth, pixels)
-        deeper = reading.measurement + (through.reshape(shape) / reading.truth.ray_lengths).astype(
-            np.float32
-        )
-        return reading.measuring(np.where(glass & inside, deeper, reading.measurement)).without(
-            glass & ~inside
-        )
+        is_pane = rng.random(shape) < self.share
+        returns = rng.random(shape) < self.behind
+        depth_share = rng.random(shape)
+        is_glass = self.band(reading.truth) & is_pane & reading.valid
+        is_inside = is_glass & returns
+        pixels = np.flatnonzero(is_inside)
+        depth = np.zeros(is_glass.size)
+        depth[pixels] = depth_share.ravel()[pixels] * _way_through(reading.truth, pixels)
+        deeper = (depth.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
+        measurement = np.where(is_inside, reading.measurement + deeper, reading.measurement)
+        return reading.measuring(measurement).without(is_glass & ~returns)
 
     def band(self, truth: TrueImage) -> ImageMask:
         """Mask of pixels on the window band of a vehicle."""
@@ -338,20 +360,30 @@ class Glass(_Term):
 
 @dataclass(frozen=True)
 class Paint(_Term):
-    """Dark or wet paint of vehicles, heavy ones included. Recordings without track ids draw anew in
-    each frame."""
+    """Dark or wet paint of vehicles, heavy ones included.
+
+    Recordings without track ids draw other dark vehicles in each frame.
+
+    Attributes:
+        share: share of dark vehicles, by track id, the same for all sensors and frames.
+        dark: reflectivity of dark vehicles relative to others.
+        wet: reflectivity of every vehicle relative to a dry one.
+        half_range: as for `DropOut`, for a vehicle that is not dark (m).
+        steepness: as for `DropOut`.
+    """
 
     _shares = ("share", "dark", "wet")
     _positive = ("half_range",)
-    share: float = 0.0  # of dark vehicles, by track id, the same for all sensors and frames
-    dark: float = 0.1  # their reflectivity relative to others
-    wet: float = 1.0  # reflectivity of every vehicle relative to a dry one
-    half_range: float = 150.0  # of `DropOut`, for a vehicle that is not dark
+    share: float = 0.0
+    dark: float = 0.1
+    wet: float = 1.0
+    half_range: float = 150.0
     steepness: float = 2.0
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop returns of dark or wet vehicles, with 1 less the ratio of both chances: dry bright
-        ones lose nothing."""
+        """Drop returns of dark or wet vehicles; dry bright ones lose nothing.
+
+        A return stays with the ratio of its chance to the chance of a dry bright vehicle."""
         truth = reading.truth
         shape = reading.measurement.shape
         if not (self.share or self.wet < 1) or not len(truth.objects):
@@ -359,9 +391,9 @@ class Paint(_Term):
         painted = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
         is_dark = (draws.of_objects(truth.objects.ids) < self.share) & painted
         reflectivity = np.where(painted, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
-        of_pixel = np.append(reflectivity, 1.0)[truth.owners]
+        pixel_reflectivity = np.append(reflectivity, 1.0)[truth.owners]
         law = truth.ranges, truth.cosines, self.half_range, self.steepness
-        chance = chance_of_return(*law, of_pixel) / chance_of_return(*law)
+        chance = chance_of_return(*law, pixel_reflectivity) / chance_of_return(*law)
         return reading.without(draws.of_frame().random(shape) >= chance)
 
 
@@ -370,22 +402,35 @@ def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[n
     boxes = truth.objects.boxes[truth.owners.ravel()[pixels]]
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    ways = ((truth.points[pixels] - boxes[:, :3]).T, rays.T)
-    here, ray = (np.column_stack([x * cos + y * sin, x * -sin + y * cos, z]) for x, y, z in ways)
+    start = _turn_into_boxes(truth.points[pixels] - boxes[:, :3], boxes)
+    ray = _turn_into_boxes(rays, boxes)
     ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-    return np.maximum(((np.copysign(boxes[:, 3:6] / 2, ray) - here) / ray).min(axis=1), 0.0)
+    to_faces = (np.copysign(boxes[:, 3:6] / 2, ray) - start) / ray
+    return np.maximum(to_faces.min(axis=1), 0.0)
+
+
+def _turn_into_boxes(
+    vectors: Float64[np.ndarray, "n 3"], boxes: Float64[np.ndarray, "n 7"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Return vectors along the length, width and height of their boxes."""
+    cos = np.cos(boxes[:, 6])
+    sin = np.sin(boxes[:, 6])
+    x, y, z = vectors.T
+    return np.column_stack([x * cos + y * sin, x * -sin + y * cos, z])
 
 
 @dataclass(frozen=True)
 class Weather(_Term):
-    """Rain, fog or snow."""
+    """Rain, fog or snow.
+
+    extinction: per metre; share: share of rays into the open that return from the air, below 1;
+    reach: distance (m) by which the rate of such returns falls to 1/e."""
 
     _strengths = ("extinction", "share")
     _positive = ("reach",)
-    extinction: float = 0.0  # per metre
-    share: float = 0.0  # of rays into the open that return from the air, below 1
-    reach: float = 8.0  # m by which the rate of such returns falls to 1/e
+    extinction: float = 0.0
+    share: float = 0.0
+    reach: float = 8.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -415,33 +460,35 @@ class Weather(_Term):
 
 
 def rain(rate: float) -> Weather:
-    """Rain of some mm/h: 2.5 light, 10 heavy. 0.3 % of rays into the open per mm/h return from a
-    drop."""
-    return Weather(
-        PER_METRE_OF_DB_PER_KM * 1.076 * _rate(rate) ** 0.67, 1 - np.exp(-0.003 * rate), 8.0
-    )
+    """Rain of some mm/h: 2.5 is light, 10 heavy.
+
+    For each mm/h, 0.3 % of the rays into the open return from a drop."""
+    extinction = PER_METRE_OF_DB_PER_KM * 1.076 * _check_rate(rate) ** 0.67
+    return Weather(extinction, 1 - np.exp(-0.003 * rate), 8.0)
 
 
 def snow(rate: float, *, wet: bool = False) -> Weather:
-    """Snow of some mm/h of water: 1 light, 4 heavy. 4 % of rays into the open per mm/h return from
-    a flake."""
+    """Snow of some mm/h of water: 1 is light, 4 heavy.
+
+    For each mm/h, 4 % of the rays into the open return from a flake."""
     dry_law = (5.42e-5 * 905 + 5.496, 1.38)
     wet_law = (1.02e-4 * 905 + 3.786, 0.72)
     factor, power = wet_law if wet else dry_law
-    return Weather(
-        PER_METRE_OF_DB_PER_KM * factor * _rate(rate) ** power, 1 - np.exp(-0.04 * rate), 6.0
-    )
+    extinction = PER_METRE_OF_DB_PER_KM * factor * _check_rate(rate) ** power
+    return Weather(extinction, 1 - np.exp(-0.04 * rate), 6.0)
 
 
 def fog(visibility: float) -> Weather:
-    """Fog of a visibility (m). 1 - exp(-5 m / visibility) of rays into the open return from it,
-    most near by."""
+    """Fog of a visibility (m).
+
+    A share 1 - exp(-5 m / visibility) of the rays into the open return from it, most near by."""
     if not visibility > 0:
         raise ValueError(f"visibility must be above 0 m, got {visibility}")
     return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)
 
 
-def _rate(rate: float) -> float:
+def _check_rate(rate: float) -> float:
+    """Return a rate, or raise ValueError."""
     if not 0 <= rate < np.inf:
         raise ValueError(f"a rate must be a number of mm/h from 0 on, got {rate}")
     return rate

@@ -17,16 +17,13 @@ from toolkit.objects import Objects
 from toolkit.sensors.sensor import Sensor, is_return
 
 _SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is drawn for
-SKIN = (
-    0.05  # m by which a box is larger than its object, so that points on its surface belong to it
-)
-FOOT_MARGIN = 0.05  # m above the foot of a box where the ground ends
+SKIN_M = 0.05  # by which a box is larger than its object, so that it holds surface points
+FOOT_MARGIN_M = 0.05  # above the foot of a box, below which points are of the ground
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Random numbers of one error term of one sensor in one frame; all fields are numbers that
-    identify them."""
+    """Random numbers of one error term of one sensor in one frame, identified by four numbers."""
 
     seed: int
     sensor: int
@@ -34,7 +31,7 @@ class Draws:
     term: int
 
     def own_noise(self) -> Rng:
-        """Generator of the sensor's own noise, which other errors do not change."""
+        """Generator of the noise of the sensor's model, which other errors do not change."""
         return np.random.default_rng([self.seed, self.frame, self.sensor])
 
     def of_frame(self) -> Rng:
@@ -62,8 +59,15 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class TrueImage:
-    """Measurement without error at the true pose. velocities: of the objects, m/s, None if
-    unknown."""
+    """Measurement without error at the true pose.
+
+    Attributes:
+        sensor: the sensor, at its true pose.
+        measurement: its image.
+        objects: objects of the frame.
+        time: time of the frame (s).
+        velocities: velocities of the objects (m/s), None if unknown.
+    """
 
     sensor: Sensor
     measurement: ImageRanges
@@ -94,14 +98,13 @@ class TrueImage:
 
     @cached_property
     def owners(self) -> Int64[np.ndarray, "rows columns"]:
-        """Row of the object whose box holds the point of each pixel, above its foot, -1 for
-        none."""
+        """Row of the object whose box holds each pixel's point, above its foot, else -1."""
         owners = np.full(self.measurement.size, -1, np.int64)
         if len(self.objects):
             boxes = self.objects.boxes.copy()
-            boxes[:, 2] += (FOOT_MARGIN + SKIN) / 2
-            boxes[:, 3:5] += 2 * SKIN
-            boxes[:, 5] = np.maximum(boxes[:, 5] + SKIN - FOOT_MARGIN, 1e-3)
+            boxes[:, 2] += (FOOT_MARGIN_M + SKIN_M) / 2
+            boxes[:, 3:5] += 2 * SKIN_M
+            boxes[:, 5] = np.maximum(boxes[:, 5] + SKIN_M - FOOT_MARGIN_M, 1e-3)
             pixels = np.flatnonzero(self.valid)
             within = points_in_boxes(self.points[pixels], boxes)
             owners[pixels] = np.where(within.any(axis=1), within.argmax(axis=1), -1)
@@ -109,24 +112,29 @@ class TrueImage:
 
     @cached_property
     def cosines(self) -> ImageRanges:
-        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
-        From the differences to the nearer of the neighbours across and along."""
+        """Cosine of the angle between each ray and the surface's normal, 1 if that is unknown.
+
+        Differences to the nearer neighbours across and along give the normal."""
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
         area = np.linalg.norm(normal, axis=2)
         is_known = self.valid & (area > 0)
-        along = np.abs(np.einsum("ijk,ijk->ij", normal, rays)) / np.where(
-            is_known, area * self.ray_lengths, 1
-        )
-        return np.where(is_known, np.clip(along, 0, 1), 1).astype(np.float32)
+        product = np.abs(np.einsum("ijk,ijk->ij", normal, rays))
+        cosine = product / np.where(is_known, area * self.ray_lengths, 1)
+        return np.where(is_known, np.clip(cosine, 0, 1), 1).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Measurement of a sensor as it reports it. measurement: 0 for no return; pose: believed
-    world_SE3_sensor; shift: displacement of each pixel's point off its ray (m, world frame), None
-    for none."""
+    """Measurement of a sensor as it reports it.
+
+    Attributes:
+        truth: measurement without error.
+        measurement: image, 0 for no return.
+        pose: believed world_SE3_sensor.
+        shift: displacement of each pixel's point off its ray (m, world frame), None for zero.
+    """
 
     truth: TrueImage
     measurement: ImageRanges
@@ -138,11 +146,9 @@ class Reading:
         """Reading without error; NaN and infinity become 0, no return."""
         image = np.asarray(truth.measurement, np.float32)
         finite = np.isfinite(image)
-        return Reading(
-            truth,
-            image if finite.all() else np.where(finite, image, np.float32(0)),
-            truth.sensor.pose,
-        )
+        if not finite.all():
+            image = np.where(finite, image, np.float32(0))
+        return Reading(truth, image, truth.sensor.pose)
 
     @property
     def valid(self) -> ImageMask:
@@ -151,9 +157,9 @@ class Reading:
 
     def without(self, lost: ImageMask) -> "Reading":
         """Remove the returns of some pixels."""
-        return (
-            self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
-        )
+        if not lost.any():
+            return self
+        return self.measuring(np.where(lost, np.float32(0), self.measurement))
 
     def measuring(self, measurement: ImageRanges) -> "Reading":
         """Replace the image."""

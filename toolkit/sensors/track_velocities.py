@@ -16,8 +16,8 @@ def velocities(
     """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before
     and after.
 
-    It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of
-    its neighbours. Raises ValueError without neighbours and for one farther off than
+    It is their mean, 0 for a track in neither. time: time of the frame (s); around: objects and
+    time of its neighbours. Raises ValueError without neighbours and for one farther off than
     `MOST_APART`."""
     gaps = [abs(neighbour_time - time) for _, neighbour_time in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):

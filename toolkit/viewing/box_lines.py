@@ -32,22 +32,20 @@ def roof_crosses(boxes: BoxRows) -> Segments:
 def spikes(boxes: BoxRows) -> Segments:
     """Upright with a cross bar per box: a false alarm."""
     top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
-    tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))
-    upright = np.stack([top, tip], 1)
-    bars = [
-        np.stack([bar - side, bar + side], 1)
-        for side in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0]))
-    ]
-    return np.concatenate([upright, *bars]).astype(np.float64)
+    tip = top + np.array([0.0, 0, SPIKE])
+    bar = top + np.array([0.0, 0, 0.7 * SPIKE])
+    lines = [np.stack([top, tip], axis=1)]
+    for side in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0])):
+        lines.append(np.stack([bar - side, bar + side], axis=1))
+    return np.concatenate(lines).astype(np.float64)
 
 
 def arrows(boxes: BoxRows) -> Segments:
     """Arrow down onto each box: an object that nobody sees."""
     tip = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2 + 0.3)
-    ends = SPIKE * np.array(
-        [(0.0, 0, 1.4), (0.4, 0, 0.5), (-0.4, 0, 0.5), (0, 0.4, 0.5), (0, -0.4, 0.5)]
-    )
-    return np.concatenate([np.stack([tip, tip + end], 1) for end in ends]).astype(np.float64)
+    ends = [(0.0, 0, 1.4), (0.4, 0, 0.5), (-0.4, 0, 0.5), (0, 0.4, 0.5), (0, -0.4, 0.5)]
+    lines = [np.stack([tip, tip + SPIKE * np.array(end)], axis=1) for end in ends]
+    return np.concatenate(lines).astype(np.float64)
 
 
 def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
@@ -56,6 +54,7 @@ def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
     for start, end in segments:
         length = float(np.linalg.norm(end - start))
         begins = np.arange(0.0, max(length, 1e-9), dash + gap)
-        along = np.stack([begins, np.minimum(begins + dash, length)], 1) / max(length, 1e-9)
-        parts.append(start + along[:, :, None] * (end - start))
+        ends = np.minimum(begins + dash, length)
+        shares = np.stack([begins, ends], axis=1) / max(length, 1e-9)
+        parts.append(start + shares[:, :, None] * (end - start))
     return np.concatenate(parts)

@@ -7,12 +7,12 @@ from typing import Literal
 import numpy as np
 
 from toolkit.arrays import UInt8
-from toolkit.plots.canvas import sensor_colour
+from toolkit.plots.palette import sensor_colour
 from toolkit.viewing.drawn import DrawnCloud, DrawnSample, find_newest
 
 Colouring = Literal["sensor", "height", "intensity", "age"]
 COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
-UNKNOWN_SHADE = (150, 150, 150)  # of points without the coloured attribute
+UNKNOWN_SHADE = (150, 150, 150)  # for points without the coloured attribute
 _SPREAD = (2.0, 98.0)  # percentiles that the scales span
 _STEPS = 256
 _Span = tuple[float, float]

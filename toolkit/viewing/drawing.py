@@ -5,40 +5,72 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toolkit.arrays import Float64
-from toolkit.calibration.place import Place
-from toolkit.detection.detect import detect_frames
-from toolkit.frame import Frame, OtherObjects
+from toolkit.arrays import BoxRows, Float64
+from toolkit.calibration.place import Place, Stand
+from toolkit.detection.detect import Detected, detect_frames
+from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.objects import LABELS, Detections, Detector, label_index
-from toolkit.plots.canvas import Outcome
+from toolkit.plots.line_style import Outcome
 from toolkit.viewing.drawn import OTHERS, DrawnCloud, DrawnSample, Tag, sort_kinds
 from toolkit.viewing.outcomes import MARKED, Marked, sort_outcomes
 
-GROUND_PERCENTILE = (
-    5.0  # percentile of heights where the ground of a cloud that is not levelled is taken to be
-)
+GROUND_PERCENTILE = 5.0  # percentile of heights that is the ground of a cloud, if not levelled
 
 
-def _list_tags(outcome: Outcome, kind: str, boxes: np.ndarray, rows: Detections) -> list[Tag]:
-    tags = []
-    for (x, y, z, _, _, height, _), score in zip(boxes.tolist(), rows.scores, strict=True):
-        text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
-        tags.append(
-            Tag(
-                kind,
-                outcome,
-                text + (" false" if outcome == "false alarm" else ""),
-                (x, y, z + height / 2),
-            )
-        )
-    return tags
+@dataclass(frozen=True, eq=False)
+class _Lift:
+    """Move points and boxes from the world to a drawing, on level ground if that was found.
+
+    stand: ground and area of the frame; origin: origin (m, world) of the drawing."""
+
+    stand: Stand
+    origin: Float64[np.ndarray, "3"]
+
+    def points(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Return points (world) in the drawing."""
+        middle = np.array([*self.stand.middle, 0.0])
+        near = points - middle
+        if self.stand.ground is not None and len(near):
+            near = self.stand.ground.points(near)
+        return near + (middle - self.origin)
+
+    def boxes(self, boxes: BoxRows) -> BoxRows:
+        """Return boxes (world) in the drawing."""
+        middle = np.array([*self.stand.middle, 0.0])
+        near = boxes - np.array([*middle, 0, 0, 0, 0])
+        if self.stand.ground is not None and len(near):
+            near = self.stand.ground.boxes(near)
+        return near + np.array([*(middle - self.origin), 0, 0, 0, 0])
+
+    def cloud(self, cloud: SensorCloud) -> DrawnCloud:
+        """Return a sensor's cloud in the drawing."""
+        points = self.points(cloud.in_world()).astype(np.float32)
+        position = self.points(cloud.world_SE3_sensor[None, :3, 3])[0]
+        return DrawnCloud(cloud.name, points, position, cloud.time, cloud.intensity)
+
+    def tags(self, outcome: Outcome, kind: str, rows: Detections) -> list[Tag]:
+        """Return tags of boxes (world) of one outcome and class."""
+        tags = []
+        boxes = self.boxes(rows.boxes).tolist()
+        for (x, y, z, _, _, height, _), score in zip(boxes, rows.scores, strict=True):
+            text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
+            if outcome == "false alarm":
+                text += " false"
+            tags.append(Tag(kind, outcome, text, (x, y, z + height / 2)))
+        return tags
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Options for drawing frames. detector: its boxes are drawn too; place: where it looks, and on
-    what ground; least_score: of the boxes that are drawn; classes, sensors: only boxes of these,
-    and only the clouds of these, all when None."""
+    """Options for drawing frames.
+
+    Attributes:
+        detector: its boxes are drawn too.
+        place: area and ground for the detector.
+        least_score: score below which no box is drawn.
+        classes: classes that are drawn, all if None.
+        sensors: sensors whose clouds are drawn, all if None.
+    """
 
     detector: Detector | None = None
     place: Place = Place("none")
@@ -47,75 +79,61 @@ class Drawing:
     sensors: Sequence[int | str] | None = None
 
     def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
-        """Origin (m) for a recording that begins with this frame. It is in the world frame: the
-        middle of the sensors, and their ground if that stays as it is."""
+        """Origin (m, world) for a recording that begins with this frame.
+
+        It is the middle of the sensors, at the height of their ground if that is not levelled."""
         points = sample.points()
-        stays = self.place.level == "none" and len(points) > 0
-        low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
+        keeps_heights = self.place.level == "none" and len(points) > 0
+        low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if keeps_heights else 0.0
         return np.array([*self.place.find_middle(sample), low], np.float64)
 
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
         """Draw a frame. Raises ValueError for an unknown levelling."""
-        sample = sample if self.sensors is None else sample.seen_by(self.sensors)
-        detector = self.detector or (lambda points: Detections.empty())
-        (detected,) = detect_frames([sample], detector, self.place)
-        detected = replace(
-            detected, detections=detected.detections[detected.detections.scores >= self.least_score]
-        )
-        if self.classes is not None:
-            wanted_labels = [label_index(label) for label in self.classes]
-            frame = replace(
-                detected.frame.of(np.isin(detected.frame.objects.labels, wanted_labels)),
-                others=OtherObjects(),
-            )
-            class_detections = detected.detections[
-                np.isin(detected.detections.labels, wanted_labels)
-            ]
-            detected = replace(detected, frame=frame, detections=class_detections)
-        sample = detected.frame
-        found_detections = detected.detections
-        ground = detected.stand.ground
-        to_middle = np.array([*detected.stand.middle, 0.0])
-        back = to_middle - origin
-
-        def placed(points: np.ndarray) -> np.ndarray:
-            near = points - to_middle
-            return (near if ground is None or not len(near) else ground.points(near)) + back
-
-        def boxes(rows: np.ndarray) -> np.ndarray:
-            near = rows - np.array([*to_middle, 0, 0, 0, 0])
-            return (near if ground is None or not len(near) else ground.boxes(near)) + np.array(
-                [*back, 0, 0, 0, 0]
-            )
-
-        clouds = []
-        for cloud in sample.clouds:
-            points = placed(cloud.in_world()).astype(np.float32)
-            position = placed(cloud.world_SE3_sensor[None, :3, 3])[0]
-            clouds.append(DrawnCloud(cloud.name, points, position, cloud.time, cloud.intensity))
-        truth = sort_kinds(boxes(sample.objects.boxes), sample.objects.labels)
-        truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
-        detections = sort_kinds(boxes(found_detections.boxes), found_detections.labels)
+        detected = self._detect(sample)
+        frame = detected.frame
+        lift = _Lift(detected.stand, origin)
+        truth = sort_kinds(lift.boxes(frame.objects.boxes), frame.objects.labels)
+        if len(frame.others.boxes):
+            truth[OTHERS] = lift.boxes(frame.others.boxes)
+        rows = detected.detections
         by_outcome = {} if self.detector is None else sort_outcomes(detected)
         outcomes: dict[Marked, dict[str, np.ndarray]] = {}
+        tags: list[Tag] = []
         for name, by_kind in by_outcome.items():
-            outcomes[name] = {kind: boxes(rows.boxes) for kind, rows in by_kind.items()}
-        marked = [
-            (MARKED[name], kind, rows)
-            for name, by in by_outcome.items()
-            for kind, rows in by.items()
-        ]
-        marked = marked or [
-            ("detection", LABELS[label], found_detections[found_detections.labels == label])
-            for label in set(found_detections.labels)
-        ]
-        tags = tuple(
-            tag
-            for outcome, kind, rows in marked
-            for tag in _list_tags(outcome, kind, boxes(rows.boxes), rows)
+            outcomes[name] = {}
+            for kind, kind_rows in by_kind.items():
+                outcomes[name][kind] = lift.boxes(kind_rows.boxes)
+                tags += lift.tags(MARKED[name], kind, kind_rows)
+        if not any(by_outcome.values()):
+            for label in set(rows.labels):
+                tags += lift.tags("detection", LABELS[label], rows[rows.labels == label])
+        return DrawnSample(
+            frame.name,
+            frame.time,
+            tuple(lift.cloud(cloud) for cloud in frame.clouds),
+            truth,
+            sort_kinds(lift.boxes(rows.boxes), rows.labels),
+            warning=detected.stand.warning,
+            outcomes=outcomes,
+            tags=tuple(tags),
         )
-        drawn = DrawnSample(sample.name, sample.time, tuple(clouds), truth, detections)
-        return replace(drawn, warning=detected.stand.warning, outcomes=outcomes, tags=tags)
+
+    def _detect(self, sample: Frame) -> Detected:
+        """Frame and detections, restricted to the sensors, classes and scores that are drawn."""
+        if self.sensors is not None:
+            sample = sample.seen_by(self.sensors)
+        detector = self.detector or (lambda points: Detections.empty())
+        (detected,) = detect_frames([sample], detector, self.place)
+        detections = detected.detections[detected.detections.scores >= self.least_score]
+        if self.classes is None:
+            return replace(detected, detections=detections)
+        labels = [label_index(label) for label in self.classes]
+        frame = detected.frame.of(np.isin(detected.frame.objects.labels, labels))
+        return replace(
+            detected,
+            frame=replace(frame, others=OtherObjects()),
+            detections=detections[np.isin(detections.labels, labels)],
+        )
 
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None

@@ -8,7 +8,7 @@ import numpy as np
 from toolkit.arrays import Float32, Float64
 from toolkit.display import describe_count
 from toolkit.objects import LABELS
-from toolkit.plots.canvas import Outcome
+from toolkit.plots.line_style import Outcome
 from toolkit.viewing.outcomes import MARKED, Marked
 
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
@@ -19,7 +19,7 @@ BOX_KINDS = (*LABELS, OTHERS)
 @dataclass(frozen=True, eq=False)
 class DrawnCloud:
     """Points and place of one sensor, from the origin. intensity: as the set gives it; time: of
-    each point, seconds from the frame's. Each is None if the set has none."""
+    each point, seconds from the frame's. Each is None if the set lacks it."""
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -29,8 +29,7 @@ class DrawnCloud:
 
 
 class Tag(NamedTuple):
-    """Class and score beside a box, with its outcome, and where that stands: the middle of the
-    roof."""
+    """Class and score of a box, with its outcome, and their place: the middle of the roof."""
 
     kind: str
     outcome: Outcome
@@ -40,9 +39,18 @@ class Tag(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DrawnSample:
-    """One instant to be drawn. truth, detections: boxes by kind of `BOX_KINDS`, without the kinds
-    that are absent; warning: of ground that is not level; outcomes: boxes by outcome, empty if
-    unknown; tags: of detected and missed."""
+    """One instant to be drawn.
+
+    Attributes:
+        name: name of the frame.
+        time: its time (s).
+        clouds: points of the sensors.
+        truth: labelled boxes by kind of `BOX_KINDS`, without absent kinds.
+        detections: detected boxes by kind.
+        warning: warning of ground that is not level.
+        outcomes: boxes by outcome, empty if unknown.
+        tags: tags of detected and missed boxes.
+    """
 
     name: str
     time: float
@@ -78,7 +86,7 @@ def sort_kinds(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
     return {LABELS[label]: boxes[labels == label] for label in np.unique(labels).tolist()}
 
 
-def thin_cloud(cloud: DrawnCloud, max_points: int) -> DrawnCloud:
+def limit_points(cloud: DrawnCloud, max_points: int) -> DrawnCloud:
     """Thin a cloud evenly to at most `max_points` points."""
     if len(cloud.points) <= max_points:
         return cloud

@@ -7,7 +7,7 @@ from dataclasses import replace
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from toolkit.datasets.recordings import Part
+from toolkit.datasets.recording_views import Part
 from toolkit.viewing import scene
 from toolkit.viewing.colouring import COLOURINGS, Colouring, Scales
 from toolkit.viewing.drawing import Drawing
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _LOOKS = "green", "red with a cross", "violet with a mark", "grey, dotted"
 SHOWN_AS: dict[Marked, str] = dict(zip(MARKED, _LOOKS, strict=True))
-LIVE_POINTS = 400_000  # of one cloud
+LIVE_POINTS = 400_000  # in one cloud
 PORT = 8080  # unless it is taken
 
 
@@ -60,7 +60,7 @@ class LiveView:
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in groups}
         self.shown: list[scene.Handle] = []
-        self.switches: dict[str, scene.Handle] = {}  # of the page, by the part they show
+        self.switches: dict[str, scene.Handle] = {}  # of the page, by the part that they show
         self._wanted = 0
         scene.set_view(server, *scene.overview(area))
         server.gui.configure_theme(show_share_button=False, show_logo=False)
@@ -88,7 +88,7 @@ class LiveView:
         self.show(0)
 
     def show(self, number: int) -> None:
-        """Show the frame of this number, or say why not."""
+        """Show the frame of this number, or the reason why it cannot be shown."""
         self._wanted = number
         with self._lock:
             if number != self._wanted:  # the slider has gone on meanwhile

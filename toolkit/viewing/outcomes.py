@@ -13,7 +13,7 @@ from toolkit.detection.breakdown import select_truth
 from toolkit.detection.detect import Detected
 from toolkit.detection.metrics import TRUE_IOU, matches, second_labels
 from toolkit.objects import LABELS, Detections
-from toolkit.plots.canvas import Outcome
+from toolkit.plots.line_style import Outcome
 
 Marked = Literal["hits", "missed", "false alarms", "ignored"]
 _OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (

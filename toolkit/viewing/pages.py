@@ -14,7 +14,7 @@ POLICY = (
 
 
 def render_page(template: Path, data: object, script: str = "", **values: object) -> str:
-    """Render a page around a scene. data: of the scene, None without one. Raises ImportError
+    """Render a page around a scene. data: data of the scene, None without one. Raises ImportError
     without jinja2."""
     try:
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -31,7 +31,7 @@ def render_page(template: Path, data: object, script: str = "", **values: object
 
 
 def script_data(value: object) -> str:
-    r"""JSON that may stand inside a script element. Its texts may hold anything."""
+    r"""JSON that is safe inside a script element. Its texts may hold anything."""
     return (
         json.dumps(value)
         .replace("<", "\\u003c")

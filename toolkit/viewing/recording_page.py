@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.plots.canvas import OUTCOME, sensor_colour
+from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.runtime.writing import write_text
 from toolkit.viewing import pages, scene
-from toolkit.viewing.colouring import Colouring, Scales, list_colourings
+from toolkit.viewing.colouring import Scales, list_colourings
 from toolkit.viewing.drawn import BOX_KINDS, DrawnSample
 from toolkit.viewing.outcomes import MARKED
 from toolkit.viewing.recording_scene import (
@@ -29,8 +29,8 @@ from toolkit.viewing.recording_scene import (
 )
 
 TAGS_NAME = "class and score"
-PAGE_FRAMES = 20  # of a recording, unless another number is asked for
-PAGE_POINTS = 600_000  # of all clouds of all frames together
+PAGE_FRAMES = 20  # frames of a recording by default
+PAGE_POINTS = 600_000  # in all clouds of all frames together
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,18 @@ class Switch:
 
 @dataclass(frozen=True)
 class PageContent:
-    """Contents of a page: a switch for each part, one of `colourings` at a time, and frames by
-    their nodes with a line of text each. points: number of all points; drawn: number of those on
-    the page."""
+    """Contents of a page.
+
+    Attributes:
+        title: its title.
+        html: the scene.
+        switches: a switch for each part.
+        colourings: switches of the colourings of points; one is on at a time.
+        frames: nodes of each frame.
+        names: a line of text for each frame.
+        points: number of all points.
+        drawn: number of the points on the page.
+    """
 
     title: str
     html: str
@@ -62,16 +71,20 @@ class PageContent:
 def page_content(
     samples: Sequence[DrawnSample], title: str, *, max_points: int = PAGE_POINTS
 ) -> PageContent:
-    """Contents of a page of some frames. max_points: limit on its points. Raises ValueError without
-    a frame, ImportError without viser."""
+    """Contents of a page of some frames.
+
+    max_points: limit on its points. Raises ValueError without a frame, and ImportError without
+    viser."""
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
     sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
-    sensors = list_sensors(samples)
-    colourings = list_colourings(samples)
-    scales = Scales.of(samples[0])
+    max_cloud_points = max(max_points // max(len(sizes), 1), 1)
     style = SceneStyle(
-        sensors, colourings, scales, max(max_points // max(len(sizes), 1), 1), "float16"
+        list_sensors(samples),
+        list_colourings(samples),
+        Scales.of(samples[0]),
+        max_cloud_points,
+        "float16",
     )
     area = find_view_area(samples[0])
     nodes: list[tuple[str, ...]] = []
@@ -83,39 +96,48 @@ def page_content(
             nodes.append(tuple(handle.name for handle in handles))
         scene.set_view(server, *scene.overview(area))
         html = scene.scene_html(server)
-    switches = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
+    return PageContent(
+        title=title,
+        html=html,
+        switches=tuple(_list_switches(samples, style)),
+        colourings=tuple(_list_colour_switches(style)),
+        frames=tuple(nodes),
+        names=tuple(sample.describe() for sample in samples),
+        points=sum(sizes),
+        drawn=sum(min(size, max_cloud_points) for size in sizes),
+    )
+
+
+def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Switch]:
+    """Switches of sensors, boxes, outcomes, tags, kinds and the grid."""
+    switches = []
+    for k, name in enumerate(style.sensors):
+        switches.append(Switch(name, f"/sensors/{k}", sensor_colour(k)))
     has_outcomes = any(sample.outcomes for sample in samples)
     all_scored = all(sample.outcomes for sample in samples)
-    boxes = [name for name in BOXES if name != "detections" or not all_scored]
-    switches += [Switch(name, f"/{name}", BOXES[name]) for name in boxes]
-    colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if has_outcomes}
-    switches += [
-        Switch(name, f"/{OUTCOME_NODES[name]}", colour) for name, colour in colours.items()
-    ]
+    for group, colour in BOXES.items():
+        if group != "detections" or not all_scored:
+            switches.append(Switch(group, f"/{group}", colour))
+    for marked, outcome in MARKED.items() if has_outcomes else ():
+        switches.append(Switch(marked, f"/{OUTCOME_NODES[marked]}", OUTCOME[outcome].colour))
     if any(sample.tags for sample in samples):
         switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
     present_kinds = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
-    kinds = {
-        kind: nodes_of_kind(kind, outcomes=has_outcomes)
-        for kind in BOX_KINDS
-        if kind in present_kinds
-    }
-    switches += [Switch(kind, " ".join(nodes)) for kind, nodes in kinds.items()]
-    points: dict[Colouring, str] = {}
-    for colouring in colourings:
-        nodes_of_points = (f"/sensors/{number}/{colouring}" for number in range(len(sensors)))
-        points[colouring] = " ".join(nodes_of_points)
-    return PageContent(
-        *(title, html, (*switches, Switch("grid of 10 m", GRID_NODE))),
-        tuple(
-            Switch(
-                scales.describe(colouring), points[colouring], checked=colouring == colourings[0]
-            )
-            for colouring in colourings
-        ),
-        *(tuple(nodes), tuple(sample.describe() for sample in samples)),
-        *(sum(sizes), sum(min(size, style.most) for size in sizes)),
-    )
+    for kind in BOX_KINDS:
+        if kind in present_kinds:
+            switches.append(Switch(kind, " ".join(nodes_of_kind(kind, outcomes=has_outcomes))))
+    return [*switches, Switch("grid of 10 m", GRID_NODE)]
+
+
+def _list_colour_switches(style: SceneStyle) -> list[Switch]:
+    """A switch for each colouring of points; only the first is on."""
+    switches = []
+    for colouring in style.colourings:
+        nodes = [f"/sensors/{number}/{colouring}" for number in range(len(style.sensors))]
+        is_first = colouring == style.colourings[0]
+        name = style.scales.describe(colouring)
+        switches.append(Switch(name, " ".join(nodes), checked=is_first))
+    return switches
 
 
 def page_html(content: PageContent) -> str:

@@ -1,4 +1,4 @@
-"""Scene of recorded frames in 3D: nodes, of which any part can be hidden.
+"""Scene of recorded frames in 3D: nodes, any part of which can be hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
@@ -18,7 +18,7 @@ import numpy as np
 
 from toolkit.arrays import BoxRows
 from toolkit.mesh import box
-from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour
+from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
 from toolkit.viewing import box_lines, drawn, scene, scene_parts
 from toolkit.viewing.colouring import Colouring, Scales, shades
 from toolkit.viewing.drawn import BOX_KINDS, DrawnSample
@@ -32,8 +32,8 @@ OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MAR
 TAGS = "tags"
 SHOWN_POINT_SIZE = 0.07  # m
 GRID_NODE = "/grid"
-_LEAST_AREA = 20.0  # m: least extent of a scene
-_MOST = (10.0, 90.0)  # percentiles of the points that the first view shows
+_MIN_AREA_M = 20.0  # extent of a scene
+_VIEW_PERCENTILES = (10.0, 90.0)  # of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
 _LINES: dict[
     str, tuple[float, Callable[[BoxRows], list[box_lines.Segments]]]
@@ -58,14 +58,20 @@ _LINES: dict[
 
 @dataclass(frozen=True)
 class SceneStyle:
-    """Selection and style of what is drawn in each frame. sensors: names, in the order of their
-    numbers; most: points of a cloud; precision: of their coordinates; float16 is half as large, in
-    steps of 3 cm beyond 32 m."""
+    """Selection and style of what is drawn in each frame.
+
+    Attributes:
+        sensors: names, in the order of their numbers.
+        colourings: colourings of points.
+        scales: ranges of the colours.
+        max_points: maximum number of points of a cloud.
+        precision: type of coordinates; float16 is half as large, in steps of 3 cm beyond 32 m.
+    """
 
     sensors: tuple[str, ...]
     colourings: tuple[Colouring, ...]
     scales: Scales
-    most: int
+    max_points: int
     precision: Literal["float16", "float32"] = "float32"
 
 
@@ -103,48 +109,62 @@ def add_sample(
     """Add one frame below `add_groups`; return the handles."""
     newest = drawn.find_newest(sample)
     handles: list[scene.Handle] = []
-    for drawn_cloud in sample.clouds:
-        cloud = drawn.thin_cloud(drawn_cloud, style.most)
-        number = style.sensors.index(drawn_cloud.name)
-        node_of_place, (x, y, z) = f"/sensors/{number}/place/{frame}", cloud.place.tolist()
-        handles.append(api.add_frame(node_of_place, show_axes=False, visible=visible))
-        scene_parts.add_mesh(
-            api, f"{node_of_place}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number)
-        )
-        api.add_label(
-            f"{node_of_place}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center"
-        )
-        for colouring in style.colourings if len(cloud.points) else ():
-            colours = shades(cloud, colouring, style.scales, index=number, newest=newest)
+    for cloud in sample.clouds:
+        number = style.sensors.index(cloud.name)
+        handles.append(_add_place(api, cloud, f"/sensors/{number}/place/{frame}", number, visible))
+        points = drawn.limit_points(cloud, style.max_points)
+        for colouring in style.colourings if len(points.points) else ():
+            colours = shades(points, colouring, style.scales, index=number, newest=newest)
             node = f"/sensors/{number}/{colouring}/{frame}"
-            look = scene.Look(size=SHOWN_POINT_SIZE, visible=visible)
-            handles.append(
-                scene_parts.add_points(
-                    api, node, cloud.points, colours, precision=style.precision, **look
-                )
+            handle = scene_parts.add_points(
+                api,
+                node,
+                points.points,
+                colours,
+                size=SHOWN_POINT_SIZE,
+                visible=visible,
+                precision=style.precision,
             )
+            handles.append(handle)
     for number, tag in enumerate(sample.tags):
         node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
-        handles.append(
-            api.add_label(
-                node, tag.text, position=tag.place, anchor="bottom-center", visible=visible
-            )
-        )
+        look = scene.Look(position=tag.place, anchor="bottom-center", visible=visible)
+        handles.append(api.add_label(node, tag.text, **look))
+    return handles + _add_boxes(api, sample, frame, visible)
+
+
+def _add_place(
+    api: "SceneApi", cloud: drawn.DrawnCloud, node: str, number: int, visible: bool
+) -> scene.Handle:
+    """Add the housing and the name of a sensor; return the handle above both."""
+    x, y, z = cloud.place.tolist()
+    handle = api.add_frame(node, show_axes=False, visible=visible)
+    housing = box((0.4, 0.4, 0.4), (x, y, z))
+    scene_parts.add_mesh(api, f"{node}/housing", housing, sensor_colour(number))
+    api.add_label(f"{node}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
+    return handle
+
+
+def _add_boxes(
+    api: "SceneApi", sample: DrawnSample, frame: int, visible: bool
+) -> list[scene.Handle]:
+    """Add labelled boxes, and outcomes or else detections; return the handles."""
     groups = [("truth", BOXES["truth"], sample.truth)]
-    groups += [] if sample.outcomes else [("detections", BOXES["detections"], sample.detections)]
-    groups += [
-        (OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes)
-        for name, boxes in sample.outcomes.items()
-    ]
+    if not sample.outcomes:
+        groups.append(("detections", BOXES["detections"], sample.detections))
+    for name, boxes_by_kind in sample.outcomes.items():
+        groups.append((OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes_by_kind))
+    handles = []
     for group, colour, by_kind in groups:
-        width, lines = _LINES[group]
+        width, make_lines = _LINES[group]
         for kind, boxes in by_kind.items():
-            segments = np.concatenate(lines(boxes))
+            segments = np.concatenate(make_lines(boxes))
             node = f"/{group}/{kind}/{frame}"
             handle = scene_parts.add_lines(
                 api, node, segments, colour, width=width, visible=visible
             )
-            handles += [] if handle is None else [handle]
+            if handle is not None:
+                handles.append(handle)
     return handles
 
 
@@ -166,23 +186,23 @@ def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.
 
 
 def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """Area (xmin, ymin, xmax, ymax, rounded to 10 m) of most points of a frame and its sensors, or
-    else its boxes."""
-    clouds = [
-        cloud.points[:, :2].astype(np.float64) for cloud in sample.clouds if len(cloud.points)
-    ]
-    near = [np.percentile(xy, percent, axis=0)[None] for xy in clouds for percent in _MOST]
-    places = [cloud.place[None, :2] for cloud in sample.clouds] if clouds else []
-    boxes = (
-        []
-        if clouds
-        else [rows[:, :2] for rows in (*sample.truth.values(), *sample.detections.values())]
-    )
-    points = np.concatenate([np.zeros((0, 2)), *near, *places, *boxes])
-    low, high = (
-        (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
-    )
-    margin = np.maximum(_LEAST_AREA - (high - low), 0.0) / 2
+    """Area of most points of a frame and its sensors, or else of its boxes.
+
+    It is xmin, ymin, xmax, ymax, rounded to 10 m."""
+    places = [np.zeros((0, 2))]
+    for cloud in sample.clouds:
+        if len(cloud.points):
+            xy = cloud.points[:, :2].astype(np.float64)
+            places.append(np.percentile(xy, _VIEW_PERCENTILES, axis=0))
+    if len(places) > 1:
+        places += [cloud.place[None, :2] for cloud in sample.clouds]
+    else:
+        boxes = (*sample.truth.values(), *sample.detections.values())
+        places += [rows[:, :2] for rows in boxes]
+    points = np.concatenate(places)
+    low = points.min(axis=0) if len(points) else np.zeros(2)
+    high = points.max(axis=0) if len(points) else np.zeros(2)
+    margin = np.maximum(_MIN_AREA_M - (high - low), 0.0) / 2
     xmin, ymin = (10 * np.floor((low - margin) / 10)).tolist()
     xmax, ymax = (10 * np.ceil((high + margin) / 10)).tolist()
     return xmin, ymin, xmax, ymax

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 Spot = tuple[float, float, float]
-Handle = Any  # of a node or control of viser
+Handle = Any  # node or control of viser
 Look = dict[str, Any]  # keyword arguments of viser
 FOLDER = Path(__file__).parent
-VERTICAL_FOV = float(np.deg2rad(50.0))  # of the camera that a scene opens with (rad)
+VERTICAL_FOV = float(np.deg2rad(50.0))  # field of view of the camera that a scene opens with (rad)
 _LOCAL = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?")
 
 
@@ -41,7 +41,7 @@ def check_viser() -> None:
 
 @contextmanager
 def viser_server(port: int = 0, token: str = "") -> "Iterator[ViserServer]":
-    """Open a viser server for this machine alone. Its scene is empty, with light and up direction.
+    """Open a viser server for this machine only. Its scene is empty, with light and up direction.
     port: 0 for one of the system's choice, else this or, if it is taken, one after it; token: that
     its address ends with, "" to serve nobody. Nothing is printed, and viser does not rebuild its
     viewer, for which it would use the network. Raises ImportError without viser."""
@@ -81,7 +81,7 @@ def viser_server(port: int = 0, token: str = "") -> "Iterator[ViserServer]":
 def _serve_guarded(
     serve: Handle, token: str, *arguments: object, process_request: Handle, **options: object
 ) -> Handle:
-    """Serve requests below /token/ alone, and sockets to pages of this machine alone."""
+    """Serve only requests below /token/, and only sockets to pages of this machine."""
 
     def guard(connection: Handle, request: Handle) -> Handle:
         path_token, _, page_path = request.path.removeprefix("/").partition("/")
@@ -113,7 +113,7 @@ def set_view(
 
 def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Spot, Spot]:
     """Spot and target of a camera that sees an area. It sees the whole area, at a slant from the
-    south. area: xmin, ymin, xmax, ymax (m); height: of the ground."""
+    south. area: xmin, ymin, xmax, ymax (m); height: height of the ground."""
     xmin, ymin, xmax, ymax = area
     x = (xmin + xmax) / 2
     y = (ymin + ymax) / 2
@@ -122,8 +122,9 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
 
 
 def scene_html(server: "ViserServer") -> str:
-    """Return the scene as a page for an iframe, which tells when it is ready and switches nodes by
-    messages."""
+    """Return the scene as a page for an iframe.
+
+    It reports when it is ready, and switches nodes by messages."""
     server.scene.add_frame("/end", show_axes=False)
     return _with_head(server.get_scene_serializer().as_html(), "control.js")
 

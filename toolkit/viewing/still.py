@@ -10,21 +10,10 @@ import numpy as np
 from toolkit.boxes import footprints
 from toolkit.frame import Frame, Recording
 from toolkit.objects import Detections, Objects
-from toolkit.plots.canvas import (
-    FAINT,
-    INK,
-    OUTCOME,
-    PAPER_WHITE,
-    Entry,
-    Outcome,
-    PlotStyle,
-    blank_figure,
-    house_style,
-    sensor_colour,
-    shorten,
-    write_figure,
-)
+from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
+from toolkit.plots.line_style import Entry, Outcome, PlotStyle
 from toolkit.plots.outcome_marks import draw_outcome, outcome_entry
+from toolkit.plots.palette import FAINT, INK, OUTCOME, PAPER_WHITE, sensor_colour
 from toolkit.plots.plan_view import draw_frame
 from toolkit.viewing import drawn
 from toolkit.viewing.colouring import Colouring, Scales, shades
@@ -36,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-STILL_POINTS = 200_000  # of a cloud
-_INCHES = 9.0  # of the greater side of the map
+STILL_POINTS = 200_000  # in a cloud
+_INCHES = 9.0  # longer side of the map
 _POINT_AREA = 1.0  # square points of 1/72 inch
 _GRID_M = 10.0
 
@@ -53,8 +42,8 @@ def write_still(
 ) -> None:
     """Write a frame as a picture, PNG or SVG by the ending, with the same bytes each time.
 
-    colouring: of points; sensors: names in the order of their colours, the frame's when empty;
-    half: half of the sides (m) of the picture about the origin; None for the area with most
+    colouring: colouring of points; sensors: names in the order of their colours, the frame's when
+    empty; half: half of the sides (m) of the picture about the origin; None for the area with most
     points."""
     order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
     scales = Scales.of(sample)
@@ -95,7 +84,7 @@ def _draw_clouds(
     """Draw the points of all sensors. order: names of sensors in the order of their colours."""
     newest = drawn.find_newest(sample)
     for sample_cloud in sample.clouds:
-        cloud = drawn.thin_cloud(sample_cloud, STILL_POINTS)
+        cloud = drawn.limit_points(sample_cloud, STILL_POINTS)
         index = order.index(cloud.name)
         colours = shades(cloud, colouring, scales, index=index, newest=newest) / 255.0
         x, y, _ = cloud.points.T
@@ -158,7 +147,7 @@ def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, order: list[str]) -> 
 
 
 def draw_frame_alone(frame: Frame, out: str | Path) -> None:
-    """Draw a frame where its points are."""
+    """Draw the area of a frame's points."""
     view = Drawing()
     write_still(view.draw(frame, view.origin(frame)), out)
 

@@ -56,7 +56,7 @@ def detect(
             processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti."""
-    from toolkit.datasets.recordings import Part
+    from toolkit.datasets.recording_views import Part
     from toolkit.detection.detect import (
         Detected,
         describe_summary,

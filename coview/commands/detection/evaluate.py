@@ -116,9 +116,9 @@ def evaluate(
     from toolkit.calibration.corrected_recording import Corrected
     from toolkit.calibration.poses import TOGETHER, find_poses
     from toolkit.calibration.recording_scenes import Scenes
-    from toolkit.calibration.registration import read_surface
+    from toolkit.calibration.reference_surface import read_surface
     from toolkit.datasets.listing import check_labels
-    from toolkit.datasets.recordings import Part, ReadRecording, Reads
+    from toolkit.datasets.recording_views import Part, ReadRecording, Reads
     from toolkit.detection.evaluation import evaluate_recording
     from toolkit.detection.evaluation_files import curve_files, save_evaluation
     from toolkit.frame import select_sensors

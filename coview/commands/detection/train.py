@@ -136,7 +136,7 @@ def adapt(
     from models.training.loop import CHECKPOINT, Machine
     from models.training.packing import LevelSample, pack, sample_recordings
     from models.weight_files import WeightsHeader, load_weights, save_weights
-    from toolkit.datasets.recordings import Part, ReadRecording, Reads
+    from toolkit.datasets.recording_views import Part, ReadRecording, Reads
     from toolkit.detection.background import KnownBackground
     from toolkit.runtime.resumable import ShardFolder
 

@@ -42,7 +42,7 @@ def survey(
         errors: Error profile, as in coview evaluate.
         seed: Seed of the sensors' noise and errors.
         json: Print as JSON."""
-    from toolkit.datasets.recordings import Reads
+    from toolkit.datasets.recording_views import Reads
     from toolkit.detection.survey import survey as count
     from toolkit.frame import select_sensors
 
@@ -163,8 +163,8 @@ def calibrate(
     from toolkit.calibration.corrected_recording import write_corrected
     from toolkit.calibration.found_pose import save_poses
     from toolkit.calibration.poses import TOGETHER, find_poses
-    from toolkit.calibration.registration import read_surface
-    from toolkit.datasets.recordings import Part, ReadRecording, Reads
+    from toolkit.calibration.reference_surface import read_surface
+    from toolkit.datasets.recording_views import Part, ReadRecording, Reads
 
     find_profile(reading.errors)
     reference = None if fit.reference == TOGETHER else fit.reference
@@ -198,6 +198,6 @@ def calibrate(
             write_corrected(Part(recording, total) if has_clouds else recording, found_poses, out)
     if poses is not None:
         save_poses(poses, found_poses)
-    figures = {pose.sensor.name: pose.described() for pose in found_poses}
+    figures = {pose.sensor.name: pose.as_dict() for pose in found_poses}
     print_result(figures, "\n".join(map(str, found_poses)), as_json=writing.json)
     return OK if all(pose.registration is not None for pose in found_poses) else SUSPECTED

@@ -20,7 +20,8 @@ from toolkit.calibration.place import Place
 from toolkit.datasets.cloud_files import crop_area, fuse_files
 from toolkit.datasets.layouts.argoverse import check_log
 from toolkit.datasets.pose_files import load_poses
-from toolkit.datasets.recordings import Part, ReadRecording, Reads, filter_classes, find_layout
+from toolkit.datasets.recording_views import Part, ReadRecording, Reads, filter_classes
+from toolkit.datasets.recordings import find_layout
 from toolkit.runtime.reading import check_links
 from toolkit.runtime.run import Simulation
 from toolkit.sensors.error_profiles import find_profile

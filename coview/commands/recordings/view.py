@@ -13,7 +13,7 @@ from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.calibration.place import Corners, Level, Place
-from toolkit.datasets.recordings import Part
+from toolkit.datasets.recording_views import Part
 from toolkit.frame import select_sensors
 from toolkit.plots.canvas import check_picture
 from toolkit.viewing.drawing import Drawing

@@ -17,7 +17,7 @@ from coview.studies.stress.conditions import make_conditions
 from toolkit.arrays import ImageMask
 from toolkit.boxes import count_points
 from toolkit.calibration.recording_scenes import Scenes
-from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
+from toolkit.datasets.recording_views import ReadRecording, Reads, read_frame
 from toolkit.detection.link.channel import PERFECT, delay_frames
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
 from toolkit.detection.link.range_images import STEPS_M

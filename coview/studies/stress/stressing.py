@@ -25,7 +25,7 @@ from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.recording_scenes import Scenes
-from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame
+from toolkit.datasets.recording_views import ReadRecording, Reads, block_seed, read_frame
 from toolkit.detection.link.channel import MAX_AGE_S, Lagged, Tracks, delay_frames
 from toolkit.detection.metrics import matches
 from toolkit.detection.scheme import Chained
@@ -36,7 +36,8 @@ from toolkit.objects import Detections, Detector, check_known, known_labels
 from toolkit.points import has_centre_inside
 from toolkit.runtime.cache import Cache, code_digest, make_key
 from toolkit.runtime.run import Run
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.track_velocities import MOST_APART
 from toolkit.sites.site import Site
 from toolkit.traffic.spawner import LIFE

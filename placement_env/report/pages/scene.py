@@ -16,7 +16,15 @@ from placement_env.handover.mounted import PlannedSensor
 from placement_env.report.content import Plan, SceneMoment
 from toolkit.arrays import ImageRanges
 from toolkit.mesh import Mesh, box, extrude, merge, triangulate, tube
-from toolkit.plots.canvas import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
+from toolkit.plots.palette import (
+    FAINT,
+    GROUND,
+    OTHER_SOLID,
+    OUTCOME,
+    POLE_INK,
+    SOLID,
+    sensor_colour,
+)
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site

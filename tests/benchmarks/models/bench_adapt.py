@@ -76,7 +76,7 @@ def simulate(world, folder, frames, seed):
 def level(path, site, errors, seed):
     """Clouds and objects of each frame on level ground."""
     from toolkit.datasets.dataset import CoopDataset
-    from toolkit.datasets.recordings import read_frame
+    from toolkit.datasets.recording_views import read_frame
     from toolkit.geometry import level_rows
     from toolkit.points import frame_points
 

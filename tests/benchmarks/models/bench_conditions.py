@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def conditions(path, dataset, detector, asked) -> None:
-    from toolkit.datasets.recordings import Reads
+    from toolkit.datasets.recording_views import Reads
     from toolkit.detection.comparison import Comparison
     from toolkit.detection.evaluation import evaluate_recording
 

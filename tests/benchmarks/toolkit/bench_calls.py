@@ -16,7 +16,7 @@ import numpy as np
 
 import toolkit
 from coview.recordings import Opening
-from toolkit.datasets.recordings import Reads
+from toolkit.datasets.recording_views import Reads
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.comparison import Comparison
 from toolkit.detection.evaluation import evaluate_recording

@@ -112,7 +112,7 @@ def test_a_recording_of_images_is_copied_with_a_note_of_what_was_found(recording
     write_corrected(recording, found, out)
     with h5py.File(out) as file:
         assert json.loads(file.attrs["calibration"]) == json.loads(
-            json.dumps({"two": found[0].described()})
+            json.dumps({"two": found[0].as_dict()})
         )
         assert (
             h5py.h5g.get_objinfo(file.id, b"coview/site").mtime == 0

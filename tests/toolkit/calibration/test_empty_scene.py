@@ -203,7 +203,9 @@ def test_learners_sample_all_frames_and_known_scenes_have_the_models_spread():
     scene = learnt(nothing, times=1)
     np.testing.assert_allclose(scene.first[2:], 20, atol=0.1)
     np.testing.assert_allclose(scene.spread[2:], 0.015)
-    scene = empty_scene.EmptyScene.of(Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0)), still())
+    scene = empty_scene.EmptyScene.from_render(
+        Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0)), still()
+    )
     np.testing.assert_array_equal(scene.first, still())
     np.testing.assert_allclose(scene.spread[2:], 0.02 + 0.0003 * 20)
     assert (scene.spread[:2] == 0).all()

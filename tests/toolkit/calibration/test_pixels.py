@@ -166,7 +166,7 @@ def narrowed(values, least, greatest, usual):
 
 @pytest.mark.parametrize("at_once", [256, 7])
 def test_broad_clusters_are_narrowed_as_an_oracle_does(monkeypatch, at_once):
-    monkeypatch.setattr(pixel_clusters, "_AT_ONCE", at_once)
+    monkeypatch.setattr(pixel_clusters, "_BATCH_PX", at_once)
     rng = np.random.default_rng(5)
     stack = rng.choice(np.linspace(9.0, 12.0, 61), (23, *MODEL.shape)).astype(np.float32)
     stack[:, rng.random(MODEL.shape) < 0.5] *= 1.5
@@ -278,7 +278,7 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
     assert heights == [6]  # all at once, usually
     heights.clear()
     for block, wanted in ((1, [1] * 6), (400, [2] * 3), (639, [3] * 2), (640, [4, 2]), (960, [6])):
-        monkeypatch.setattr(empty_scene, "_BLOCK", block)
+        monkeypatch.setattr(empty_scene, "_BLOCK_VALUES", block)
         assert learnt().digest == whole.digest
         assert heights == wanted  # rows of 8 columns in 20 images, as many as fit
         heights.clear()
@@ -319,7 +319,7 @@ def test_scenes_are_of_images_spread_over_the_first_frames():
 def test_known_scenes_have_the_models_spread_near_by_too_and_are_seen_to_their_edge():
     image = np.full(MODEL.shape, 0.5, np.float32)
     image[0, 0] = 0.0
-    scene = empty_scene.EmptyScene.of(Sensor("s", MODEL, np.eye(4)), image)
+    scene = empty_scene.EmptyScene.from_render(Sensor("s", MODEL, np.eye(4)), image)
     assert scene.spread[0, :2].tolist() == pytest.approx([0.0, deviation(0.5)])
     assert (scene.share == 1).all()
     edges = np.full(MODEL.shape, 20.0, np.float32)
@@ -423,7 +423,7 @@ def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkey
     assert np.argwhere(mask(far, near, 0.25)).tolist() == [[2, 4]]  # four spreads off, and no more
     close = uniform(0.05)  # beyond the edge is no surface at no distance
     assert not mask(uniform(10.0), close, 0.02).any()
-    monkeypatch.setattr(pixel_clusters, "OTHER_SURFACE", 0.5)
+    monkeypatch.setattr(pixel_clusters, "MIN_SURFACE_GAP_SHARE", 0.5)
     far, near = uniform(4.0), uniform(np.nan)
     # just half as far again as the plane through the pixel and the one before
     far[2, 3], near[2, 2] = (6.0, 6.0)

@@ -10,8 +10,9 @@ import pytest
 
 from toolkit.calibration import corrected_recording, empty_scene, found_pose, object_pairs, poses
 from toolkit.calibration.alignment import Alignment
-from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
-from toolkit.datasets.recordings import ReadRecording, Reads
+from toolkit.calibration.reference_surface import Surface, scene_points, site_surface
+from toolkit.calibration.registration import Registration
+from toolkit.datasets.recording_views import ReadRecording, Reads
 from toolkit.doctor import drift
 from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import invert, look, pose, transform
@@ -79,13 +80,13 @@ def test_every_sensor_of_a_recording_is_put_right():
         assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.01
         assert each.distance == pytest.approx(0.1, abs=0.01)
         assert np.rad2deg(each.turn) == pytest.approx(1.0, abs=0.03)
-        assert each.drifted
+        assert each.has_drifted
         assert each.refusal == ""
 
 
 def test_sensors_where_they_should_be_have_not_drifted_and_errors_of_a_profile_turn_them():
     for each in poses.find_poses(recording(TRUE), surface()):
-        assert not each.drifted
+        assert not each.has_drifted
         assert each.distance < 0.01
     for each, true in zip(
         poses.find_poses(ReadRecording(recording(TRUE), Reads("typical", 3)), surface()),
@@ -104,8 +105,8 @@ def test_too_few_frames_and_other_places_are_refused():
     assert refused.registration is None
     assert "points lie within 3 m of the reference" in refused.refusal
     assert refused.pose is TRUE[0].pose
-    assert (refused.turn, refused.distance, refused.drifted) == (0.0, 0.0, False)
-    assert refused.described()["found"] is False
+    assert (refused.turn, refused.distance, refused.has_drifted) == (0.0, 0.0, False)
+    assert refused.as_dict()["found"] is False
     learner = empty_scene.SceneLearner(TRUE[0])
     for _ in range(5):
         learner.add(images()[0])
@@ -139,19 +140,25 @@ def found_at(pose, deviation=1e-4, unobserved=()):
     )
 
 
-def test_drifts_are_clear_and_said_in_degrees():
+def test_a_drift_is_larger_than_its_deviation():
     little, much = np.eye(4), np.eye(4)
     little[0, 3], much[0, 3] = 0.015, 0.05
-    assert not found_at(little).drifted
-    assert found_at(much).drifted
-    assert not found_at(much, deviation=0.05).drifted
+    assert not found_at(little).has_drifted
+    assert found_at(much).has_drifted
+    assert not found_at(much, deviation=0.05).has_drifted
+
+
+def test_turns_drift_too():
     turned = np.eye(4)
     turned[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(0.2)]))
-    assert found_at(turned).drifted
+    assert found_at(turned).has_drifted
     assert np.rad2deg(found_at(turned).turn) == pytest.approx(0.2)
+
+
+def test_found_poses_have_figures_in_degrees_and_metres():
     moved = np.eye(4)
     moved[:3, 3] = [0.0, 0.3, 0.4]
-    said = found_at(moved, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
+    said = found_at(moved, 0.01, [[0, 0, 0, -1.0, 0, 0]]).as_dict()
     assert said["moved_m"] == pytest.approx(0.5)
     assert said["unobserved"] == ["move along x 1.00"]
     assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
@@ -160,6 +167,9 @@ def test_drifts_are_clear_and_said_in_degrees():
         found_pose.describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0]))
         == "turn about z 0.70, move along y -0.70"
     )
+
+
+def test_drifts_are_findings_in_degrees_and_centimetres():
     findings = drift.drift_findings(
         [found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction"
     )
@@ -208,7 +218,7 @@ def test_sensors_are_put_right_by_each_other():
     assert [each.sensor.name for each in found] == ["a", "b", "away"]
     assert found[0].pose.tobytes() == TRUE_TOGETHER[0].pose.tobytes()
     assert np.linalg.norm(found[1].pose[:3, 3] - TRUE_TOGETHER[1].position) < 0.02
-    assert [each.drifted for each in found[:2]] == [False, True]
+    assert [each.has_drifted for each in found[:2]] == [False, True]
     assert "it shares 0 points with the other sensors, 50 are needed" in found[2].refusal
     # with none held both move half way
     a, b = poses.find_poses(recording_together([TRUE_TOGETHER[0], crooked]))
@@ -419,7 +429,7 @@ def test_drifts_are_above_what_is_worth_it_and_three_deviations(
     moved[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))
     moved[0, 3] = metres
     each = found_at(moved, deviation)
-    assert each.drifted is drifted
+    assert each.has_drifted is drifted
     assert each.deviation == pytest.approx((deviation * np.sqrt(3),) * 2)
 
 
@@ -453,9 +463,9 @@ def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_la
 
 
 def test_a_pose_has_not_drifted_by_nothing(monkeypatch):
-    monkeypatch.setattr(found_pose, "WORTH_TURN", 0.0)
-    monkeypatch.setattr(found_pose, "WORTH_MOVE", 0.0)
-    assert not found_at(np.eye(4), deviation=0.0).drifted
+    monkeypatch.setattr(found_pose, "MIN_DRIFT_RAD", 0.0)
+    monkeypatch.setattr(found_pose, "MIN_DRIFT_M", 0.0)
+    assert not found_at(np.eye(4), deviation=0.0).has_drifted
 
 
 def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(monkeypatch):
@@ -465,7 +475,7 @@ def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(m
         asked.append((points, surface, believed, deviation))
         return Registration(believed, np.eye(6), np.zeros((0, 6)), overlaps.pop(), 0.01)
 
-    monkeypatch.setattr("toolkit.calibration.registration.register", register)
+    monkeypatch.setattr("toolkit.calibration.poses.register", register)
     points, deviations = np.zeros((2, 3)), np.ones(2)
     surface = Surface(np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1))
     for is_found in (True, False):

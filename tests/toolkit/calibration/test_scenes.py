@@ -94,7 +94,7 @@ def images(count=10):
         yield image
 
 
-def test_who_passes_is_not_in_the_scene_learnt_when_asked_for():
+def test_who_passes_is_not_in_the_scene():
     learnt = learn_sample_scenes(sample(k, image, twice=5) for k, image in enumerate(images()))[
         "north"
     ]
@@ -110,6 +110,9 @@ def test_who_passes_is_not_in_the_scene_learnt_when_asked_for():
     stands_out = ~learnt.scene.shows(present)
     assert stands_out[SOMEBODY].all()
     assert stands_out.sum() == 8
+
+
+def test_scenes_are_learnt_when_asked_for():
     frames = Recording(sample(k, image) for k, image in enumerate(images()))
     scenes = Scenes(frames)
     assert (frames.reads, scenes.used) == (0, False)
@@ -129,7 +132,7 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
     given = Scenes([], [loaded])
     assert given["north"].scene is loaded
     assert given.image(sample(0, WALL).clouds[0]).measurement.shape == MODEL.shape
-    camera = EmptyScene.of(
+    camera = EmptyScene.from_render(
         Sensor("c", DepthCamera(), np.eye(4)), np.ones(DepthCamera().shape, np.float32)
     )
     with pytest.raises(ValueError, match=r"learnt from images of DepthCamera.*, not from clouds"):

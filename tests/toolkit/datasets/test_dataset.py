@@ -8,7 +8,7 @@ import pytest
 
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recording_file import Header, Scene, encode, join
-from toolkit.datasets.recordings import with_errors
+from toolkit.datasets.recording_views import with_errors
 from toolkit.detection.survey import survey
 from toolkit.doctor.stored_file import diagnose_file
 from toolkit.frame import Frame

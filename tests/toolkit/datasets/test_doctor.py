@@ -48,13 +48,16 @@ def views(shown=CENTRES):
     return [SensorImages(each, rays, np.stack([image(each, x) for x in shown])) for each in SENSORS]
 
 
-def test_images_frozen_or_blind_are_named():
+def test_healthy_images_are_not_accused():
     assert not any(
         frozen_frames(each, rows(CENTRES), SITE).any() for each in views()
     )  # 9 twice: parked
     assert not blind_frames(views()).any()
     assert list(failing_sensors(views(), rows(CENTRES), SITE, range(6))) == []
     assert list(failing_sensors([], [], SITE, [])) == []
+
+
+def test_frozen_images_are_named():
     frozen = views([-4.0, -3.0, -3.0, -3.0, 9.0, 2.0])[0]
     assert frozen_frames(frozen, rows(CENTRES), SITE).tolist() == [
         False,
@@ -79,6 +82,9 @@ def test_images_frozen_or_blind_are_named():
     ]
     nearby = rows([-4.0, -3.0, -1.0, 9.0, 9.0, 2.0])  # has moved, but stands still where it was
     assert not frozen_frames(frozen, nearby, SITE)[2]
+
+
+def test_blind_images_are_named():
     images = views()
     dark = images[0].depth.copy()
     there = np.flatnonzero(dark[3] > 0)

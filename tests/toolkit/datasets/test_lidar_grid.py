@@ -152,7 +152,7 @@ def test_what_is_no_image_is_refused(monkeypatch):
         find_grid([])
     with pytest.raises(ValueError, match="3 points of l say nothing"):
         find_grid([SensorCloud("l", np.full((3, 3), 9.0, np.float32), np.eye(4))])
-    monkeypatch.setattr(lidar_grid, "MOST_PIXELS", 2519)
+    monkeypatch.setattr(lidar_grid, "MAX_GRID_PX", 2519)
     with pytest.raises(
         ValueError, match="would have 7 x 360 pixels: are its points in its own frame"
     ):

@@ -11,15 +11,14 @@ import pytest
 
 import toolkit.datasets
 from toolkit.datasets import recordings
+from toolkit.datasets.layout import Layout
 from toolkit.datasets.problem_kinds import add_problem
+from toolkit.datasets.recording_views import Part, read
 from toolkit.datasets.recordings import (
     LAYOUTS,
-    Layout,
-    Part,
     find_layout,
     load_plugins,
     open_recording,
-    read,
     write_recording,
 )
 from toolkit.frame import Frame, SensorCloud

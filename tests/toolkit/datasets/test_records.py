@@ -13,7 +13,7 @@ from toolkit.datasets import (
     record_values,
 )
 from toolkit.datasets.listing import Listing, check_labels
-from toolkit.datasets.recordings import Part
+from toolkit.datasets.recording_views import Part
 from toolkit.frame import AWAY, Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects

@@ -14,18 +14,9 @@ from toolkit.plots import (
     pole_marks,
     sensor_marks,
 )
-from toolkit.plots.canvas import (
-    CLASS,
-    GROUND,
-    INK,
-    OUTCOME,
-    PAPER_WHITE,
-    SOLID,
-    blank_figure,
-    house_style,
-    render_pixels,
-)
+from toolkit.plots.canvas import blank_figure, house_style, render_pixels
 from toolkit.plots.ground_map import ground_entries
+from toolkit.plots.palette import CLASS, GROUND, INK, OUTCOME, PAPER_WHITE, SOLID
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, Solid
@@ -66,7 +57,7 @@ def test_the_map_is_to_scale(site):
     )  # its unit is the inch
 
 
-def test_maps_show_streets_texts_and_north():
+def test_maps_show_streets_and_texts():
     with house_style():
         sheet = map_sheet.map_sheet(SITE, "a title")
         pixels = render_pixels(sheet.figure)
@@ -87,6 +78,9 @@ def test_maps_show_streets_texts_and_north():
     box, whole = shown.get_window_extent(), sheet.figure.bbox
     assert whole.x0 <= box.x0 < box.x1 <= whole.x1
     assert whole.y0 - 1 <= box.y0 < box.y1 <= sheet.axes.get_window_extent().y0
+
+
+def test_maps_point_north_and_have_a_scale():
     for yaw in (0.0, 0.5, np.pi / 2, -3.0):
         site = Site("turned", AREA, map_SE3_site=pose(100.0, -5.0, yaw=yaw))
         assert pose(yaw=yaw)[:2, :2] @ north_arrow.north(site) == pytest.approx([0, 1])

@@ -8,7 +8,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from toolkit.datasets.listing import Listing
-from toolkit.datasets.recordings import Part
+from toolkit.datasets.recording_views import Part
 from toolkit.viewing import drawing, live_view, scene
 from toolkit.viewing.live_view import LiveView, view_live
 

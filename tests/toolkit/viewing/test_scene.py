@@ -7,14 +7,20 @@ from toolkit.mesh import box, merge
 from toolkit.viewing import box_lines, pages, scene, scene_parts
 
 
-def test_colours_camera_thinned_points_and_scripts():
+def test_the_camera_sees_the_area():
     assert scene.rgb("#0a10ff") == (10, 16, 255)
     position, look_at = scene.overview((0.0, 0.0, 40.0, 20.0), height=2.0)
     assert look_at == (20.0, 10.0, 2.0)
     assert position == (14.0, -20.0, 28.0)
+
+
+def test_points_are_thinned_evenly():
     points = np.arange(30, dtype=np.float32).reshape(10, 3)
     assert scene_parts.thin_evenly(points, 10) is points
     np.testing.assert_array_equal(scene_parts.thin_evenly(points, 5)[:, 0], [0, 6, 12, 18, 24])
+
+
+def test_scripts_are_safe_in_pages():
     assert pages.POLICY.startswith("default-src 'none';")
     assert "http" not in pages.POLICY
     assert " 'unsafe-eval'" not in pages.POLICY

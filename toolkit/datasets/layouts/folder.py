@@ -9,7 +9,7 @@ without a pose file the clouds are assumed to be in it already.
   files, the k-th files of each are one frame, in the order of their names, 2 before 10. A frame
   that lacks a sensor, or goes by order, is counted in its problems.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
-- labels.json is `toolkit.datasets.records`, by the names of the frames' first clouds, or other
+- labels.json is of `toolkit.datasets.box_files`, by the names of the frames' first clouds, or other
   clouds.
 - A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
   Otherwise labels.json has it, whose `clouds` has the times of the sensors' clouds."""
@@ -68,25 +68,12 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
 
     poses: a file of poses, None for the one in the folder; inverted: it gives world → sensor.
     Raises FileNotFoundError if there are no clouds."""
-    if path.is_file():
-        clouds = {ALONE: [path]}
-    elif path.is_dir():
-        below = {
-            subfolder.name: _files(subfolder)
-            for subfolder in folders.list_files(path)
-            if subfolder.is_dir()
-        }
-        clouds = {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
-    else:
-        raise FileNotFoundError(f"no such folder or cloud file: {path}")
-    single = {
+    all_clouds = _find_clouds(path)
+    clouds = {
         sensor: _drop_doubled(files) if len(files) > 1 else files
-        for sensor, files in clouds.items()
+        for sensor, files in all_clouds.items()
     }
-    doubled = sum(len(files) for files in clouds.values()) - sum(
-        len(files) for files in single.values()
-    )
-    clouds = single
+    doubled = sum(len(files) - len(clouds[sensor]) for sensor, files in all_clouds.items())
     names, by_order = _match(clouds)
     if not names:
         raise FileNotFoundError(
@@ -95,17 +82,8 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     base = path.parent if path.is_file() else path
     pose_file = poses or next((base / name for name in POSES if lexists(base / name)), None)
     poses_by_name = {} if pose_file is None else read_poses(pose_file, inverted=inverted)
-    sensors = set()
-    pose_names = set()
-    for by_sensor in names.values():
-        for sensor, file in by_sensor.items():
-            sensors.add(sensor)
-            pose_names |= {sensor, file.stem, f"{sensor}/{file.stem}"}
-    if poses and not poses_by_name.keys() & pose_names:
-        raise ValueError(
-            f"{poses} has poses {', '.join(poses_by_name)}, but the sensors are "
-            f"{', '.join(sorted(sensors))}"
-        )
+    if poses:
+        _check_names(poses, poses_by_name, names)
     middles = Middles({sensor: files[0] for sensor, files in clouds.items()})
     labels = base / LABELS_FILE
     entries = box_files.read_entries(labels) if lexists(labels) else {}
@@ -122,6 +100,36 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         known=cloud_names,
         noted={problem_kinds.DOUBLED_CLOUDS: doubled},
     )
+
+
+def _find_clouds(path: Path) -> dict[str, list[Path]]:
+    """Cloud files of each sensor of a folder; a single file is of one sensor."""
+    if path.is_file():
+        return {ALONE: [path]}
+    if not path.is_dir():
+        raise FileNotFoundError(f"no such folder or cloud file: {path}")
+    clouds = {ALONE: _files(path)}
+    for subfolder in folders.list_files(path):
+        if subfolder.is_dir():
+            clouds[subfolder.name] = _files(subfolder)
+    return {sensor: files for sensor, files in clouds.items() if files}
+
+
+def _check_names(
+    poses: Path, poses_by_name: Mapping[str, Pose], names: Mapping[str, Mapping[str, Path]]
+) -> None:
+    """Raise ValueError if no pose of a file has the name of a sensor or cloud."""
+    sensors = set()
+    pose_names = set()
+    for files in names.values():
+        for sensor, file in files.items():
+            sensors.add(sensor)
+            pose_names |= {sensor, file.stem, f"{sensor}/{file.stem}"}
+    if not poses_by_name.keys() & pose_names:
+        raise ValueError(
+            f"{poses} has poses {', '.join(poses_by_name)}, but the sensors are "
+            f"{', '.join(sorted(sensors))}"
+        )
 
 
 @dataclass(frozen=True)
@@ -163,21 +171,20 @@ class _Loader:
         clouds = []
         for sensor, file in files.items():
             stem = _stem(file)
-            stamp = next(
-                (time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None
-            )
+            epoch = find_epoch(stem)
+            stamp = stamps.get(sensor) if epoch is None else epoch
             pose = _pose(self.poses, sensor, stem)
-            clouds.append(
-                cloud_records.read_cloud(
-                    file, sensor, pose, problems, stamp_s=stamp, middles=self.middles
-                )
+            cloud = cloud_records.read_cloud(
+                file, sensor, pose, problems, stamp_s=stamp, middles=self.middles
             )
+            clouds.append(cloud)
         labels = frame_labels.no_labels()
         if title in self.entries:
             labels = box_files.parse_objects(self.labels, self.entries[title], problems)
-        frame_time = next(
-            (time for time in (find_epoch(name), seconds) if time is not None), float("nan")
-        )
+        epoch = find_epoch(name)
+        if epoch is None:
+            epoch = seconds
+        frame_time = float("nan") if epoch is None else epoch
         return Frame.of_clouds(name, clouds, *labels, time=frame_time, problems=problems)
 
 

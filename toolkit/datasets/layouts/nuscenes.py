@@ -201,8 +201,8 @@ def _sample(
     is_clock: bool,
 ) -> Frame:
     problems: problem_kinds.Problems = {}
-    ego_poses = [_placed(folder, tables, "ego_pose", row) for row in data]
-    sensor_poses = [_placed(folder, tables, "calibrated_sensor", row) for row in data]
+    ego_poses = [_read_pose(folder, tables, "ego_pose", row) for row in data]
+    sensor_poses = [_read_pose(folder, tables, "calibrated_sensor", row) for row in data]
     with name_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
@@ -241,7 +241,7 @@ def _parse_time(value: record_values.Unchecked) -> float:
     return parse_microseconds(as_number(value, "timestamp"))
 
 
-def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
+def _read_pose(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
     """Pose in a table that a row of sample_data names."""
     with name_damage(folder / f"{name}.json", "table"):
         pose_row = entry(tables[name], str(entry(row, f"{name}_token")))

@@ -81,7 +81,7 @@ def _find_stream_clouds(
 
 
 def _find_cloud(location: str, labels: Path, clouds: CloudFiles) -> Path | None:
-    """File that a label file names; of several with one name, the one with most folders in
+    """File that a label file names; among files of one name, the one with most folders in
     common."""
     candidates = clouds.get(PurePosixPath(location).name) or clouds.get(
         PureWindowsPath(location).name, ()

@@ -1,7 +1,7 @@
 """OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd.
 
 There is a folder per vehicle or roadside unit. World frame: level, its origin at the first agent's
-lidar, x in the direction of that lidar; `map_SE3_world` is its pose in the map.
+lidar, x in the lidar's direction; `map_SE3_world` is its pose in the map.
 
 - OPV2V and V2XSet come from CARLA, whose world is **left-handed** (y right), and so are the points
   of their .pcd: here y is negated in both. V2X-Real is measured: its points and poses are

@@ -127,14 +127,14 @@ def _sample(
         labels_of_agent = read_annotations(labels if is_there else None, pose, problems)
         parts.append(labels_of_agent.objects)
         categories += labels_of_agent.categories
-    objects, rows = merged(parts)
+    objects, rows = merge_copies(parts)
     object_categories = tuple(categories[k] for k in rows)
     return Frame.of_clouds(
         name, clouds, objects, object_categories, time=frame_time(clouds), problems=problems
     )
 
 
-def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
+def merge_copies(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
     """Merge several agents' objects into one list, and return it with its rows among all of
     them."""
     boxes = np.concatenate([np.zeros((0, 7)), *(objects.boxes for objects in parts)])

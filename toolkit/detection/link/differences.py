@@ -27,7 +27,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, ImageMask, ImageSteps
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.pixel_clusters import SIGMAS
+from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground, image_coding as coding
 from toolkit.detection.link.foreground import Restored
@@ -338,7 +338,7 @@ class ForegroundDifferences(foreground.SendsForeground):
     step: float = 0.02
     refers_to: RefersTo = "previous"
     key_every: int = DEFAULT_KEY_EVERY
-    sigmas: float = SIGMAS
+    sigmas: float = SCENE_SIGMAS
     name: str = "differences"
 
     def __post_init__(self) -> None:

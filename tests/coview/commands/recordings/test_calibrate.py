@@ -90,7 +90,7 @@ def test_the_doctor_warns_of_drift_but_not_against_another_place(folder, run, tm
 
 
 def test_an_earlier_recording_and_a_survey_are_references_too(folder, tmp_path, run):
-    from toolkit.calibration.registration import site_surface
+    from toolkit.calibration.reference_surface import site_surface
 
     survey = tmp_path / "survey.ply"
     points = site_surface(PLACE).points

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.box_frames import move_boxes
-from toolkit.datasets.recordings import read
+from toolkit.datasets.recording_views import read
 
 
 def test_our_recording_as_kitti_and_back(recording, tmp_path, run):

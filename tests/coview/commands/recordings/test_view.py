@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from toolkit.datasets.recordings import read, write_recording
+from toolkit.datasets.recording_views import read
+from toolkit.datasets.recordings import write_recording
 from toolkit.viewing import scene
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from coview.studies.stress.conditions import Condition, StressQuestion, make_systems
 from coview.studies.stress.stressing import KeptDetections, Trial, choose_kinds, run_stress
-from toolkit.datasets.recordings import Reads
+from toolkit.datasets.recording_views import Reads
 from toolkit.detection.comparison import Comparison
 from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.link.differences import ForegroundDifferences
