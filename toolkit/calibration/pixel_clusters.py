@@ -126,13 +126,13 @@ def _split_clusters(values: Float32[np.ndarray, "pixels n"], model: SensorModel)
 
 
 def _measure_mode(
-    clusters: _Clusters, chosen: Int64[np.ndarray, " pixels"], model: SensorModel
+    clusters: _Clusters, numbers: Int64[np.ndarray, " pixels"], model: SensorModel
 ) -> PixelMode:
-    """Measure one chosen cluster (-1 for none) of every pixel."""
+    """Measure the cluster with the given number (-1 for none) of every pixel."""
     n = clusters.values.shape[1]
     values = clusters.solid.ravel()
-    first = clusters.starts[chosen]
-    last = clusters.ends[chosen]
+    first = clusters.starts[numbers]
+    last = clusters.ends[numbers]
     size = last - first
     median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2
     offset = np.arange(n)
@@ -140,10 +140,10 @@ def _measure_mode(
     members = values[np.minimum(first[:, None] + offset, len(values) - 1)]
     deviations = np.where(is_member, np.abs(members - median[:, None]), np.float32(np.inf))
     deviations = np.sort(deviations)
-    row = np.arange(len(chosen))
+    row = np.arange(len(numbers))
     typical = (deviations[row, (size - 1) // 2] + deviations[row, size // 2]) / 2
     spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
-    exists = chosen >= 0
+    exists = numbers >= 0
     return PixelMode(
         median=np.where(exists, median, np.nan).astype(np.float32),
         spread=np.where(exists & (median > 0), spread, 0).astype(np.float32),

@@ -65,18 +65,20 @@ def find_poses(
     count = min(len(recording), len(recording) if frames is None else frames)
     more = None
     if len(recording) and not recording[0].has_images:
-        sensors, standing = _find_in_clouds(recording, count)
+        sensors, standing_points = _find_in_clouds(recording, count)
         stay = select_sensors(sensors, held)
     else:
-        standing = _find_in_images(recording, count, sample)
+        standing_points = _find_in_images(recording, count, sample)
         sensors = recording[0].sensors
         stay = select_sensors(sensors, held)
         if detector is not None:
             more = _pair_objects(recording, count, detector)
     if surface is None:
-        return align_clouds([scene.points for scene in standing], sensors, held=stay, more=more)
+        return align_clouds(
+            [scene.points for scene in standing_points], sensors, held=stay, more=more
+        )
     found_poses: list[FoundPose] = []
-    for scene, sensor in zip(standing, sensors, strict=True):
+    for scene, sensor in zip(standing_points, sensors, strict=True):
         found_poses.append(find_pose(scene.points, sensor, surface, deviation=scene.deviation))
         if progress is not None:
             progress(len(found_poses))

@@ -105,14 +105,14 @@ def _find_starts(
     points: Points, noise: _Deviations, surface: Surface, believed: Pose
 ) -> list[np.ndarray]:
     """Poses that coarse levels find from several turns about z, each once."""
-    found: list[np.ndarray] = []
+    poses: list[np.ndarray] = []
     for turn in _START_TURNS_RAD:
         start = apply_motion(believed, np.array([0, 0, turn * LEVER_M, 0, 0, 0]))
         pose, _ = align_levels(points, noise, surface.thin, start, _COARSE)
-        gaps = [np.abs(motion_between(pose, earlier)).max() for earlier in found]
+        gaps = [np.abs(motion_between(pose, earlier)).max() for earlier in poses]
         if all(gap > _MIN_START_GAP_M for gap in gaps):
-            found.append(pose)
-    return found
+            poses.append(pose)
+    return poses
 
 
 def align_levels(
