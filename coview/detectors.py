@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from models.detector import VoxelNetDetector
-    from toolkit.calibration.empty_scene import Scenes
+    from toolkit.calibration.place import Place
+    from toolkit.calibration.recording_scenes import Scenes
     from toolkit.datasets.dataset import CoopDataset
-    from toolkit.detection.place import Place
     from toolkit.frame import Recording
     from toolkit.objects import Detections, Detector
     from toolkit.sites.site import Site
@@ -94,7 +94,7 @@ class CloudDetector:
         return [self(join_clouds(clouds, union)) for union in unions]
 
     def _warn(self, points: "np.ndarray") -> None:
-        from toolkit.calibration.ground import level_warning
+        from toolkit.calibration.level_warning import level_warning
 
         warning = level_warning(points)
         if warning is not None:
@@ -180,9 +180,9 @@ def recording_detector(
     name: name of the detector; None for `find_network`, which plans use, at a known site, else for
     general; place: place of detection, if not at the site itself; scenes: empty scenes to learn
     from."""
+    from toolkit.calibration.place import Place
     from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
-    from toolkit.detection.place import Place
 
     place = place or Place()
     site = recording.site
@@ -204,13 +204,16 @@ def recording_detector(
         return KnownBackground(detector, recording_background(dataset))
     if parsed.bare != CLUSTER and not parsed.known:
         return place_detector(name, place)
-    from toolkit.calibration import empty_scene
+
+    from toolkit.calibration import recording_scenes
 
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
     if parsed.known:
         _check_long(recording)
-    learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
+    learnt = learn_cluster_detector(
+        scenes or recording_scenes.Scenes(recording), recording[0], place
+    )
     if parsed.bare == CLUSTER:
         return parsed.tune(learnt)
     return KnownBackground(

@@ -17,9 +17,9 @@ from placement_env.live.planner import LivePlanner
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
 from placement_env.live.suggestions import Suggestion
 from placement_env.live.variant import LiveSensor
-from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
+from toolkit.plots.palette import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.sensors.sensor import Sensor
-from toolkit.viewing import scene
+from toolkit.viewing import box_lines, scene, scene_parts
 from toolkit.viewing.scene import Handle
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ class AreaDrawing:
             lines += [[start, end] for start, end in pairwise(corners)]
         self._api.remove_by_name("/areas")
         rows = np.array(lines).reshape(-1, 2, 3)
-        scene.add_lines(self._api, "/areas", rows, AREA_COLOUR, width=4.0, visible=True)
+        scene_parts.add_lines(self._api, "/areas", rows, AREA_COLOUR, width=4.0, visible=True)
 
 
 class PictureDrawing:
@@ -241,14 +241,16 @@ class TrafficDrawing:
             node.remove()
         found = unseen.boxes[rows[is_found]]
         missed = unseen.boxes[rows[~is_found]]
-        crossed = np.concatenate([scene.box_edges(missed), scene.roof_crosses(missed)])
+        crossed = np.concatenate([box_lines.box_edges(missed), box_lines.roof_crosses(missed)])
         drawings = (
-            ("found", scene.box_edges(found), OUTCOME["hit"].colour),
+            ("found", box_lines.box_edges(found), OUTCOME["hit"].colour),
             ("missed", crossed, OUTCOME["missed"].colour),
-            ("unseen", scene.arrows(unseen.boxes[rows[is_hidden]]), INK),
+            ("unseen", box_lines.arrows(unseen.boxes[rows[is_hidden]]), INK),
         )
         nodes = [
-            scene.add_lines(self._api, f"/traffic/{name}", lines, colour, width=2.5, visible=True)
+            scene_parts.add_lines(
+                self._api, f"/traffic/{name}", lines, colour, width=2.5, visible=True
+            )
             for name, lines, colour in drawings
         ]
         self._nodes = [node for node in nodes if node is not None]

@@ -12,12 +12,13 @@ import shapely
 from placement_env.live.picture import GroundPicture
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float32, Float64, Int64
-from toolkit.plots.canvas import INK
-from toolkit.plots.plan_view import north, scale_length
+from toolkit.plots.map_sheet import scale_length
+from toolkit.plots.north_arrow import north
+from toolkit.plots.palette import INK
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
 from toolkit.sites.streets import find_lane_arrows, find_street_names
-from toolkit.viewing import scene
+from toolkit.viewing import scene, scene_parts
 from toolkit.viewing.scene import Handle
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
         / 2
         * np.array([[[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]], [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]])
     )
-    scene.add_lines(
+    scene_parts.add_lines(
         api, "/signs/marks", (tops + arms).reshape(-1, 2, 3), INK, width=2.0, visible=True
     )
 
@@ -219,7 +220,7 @@ def _add_lines(
     width: float,
 ) -> None:
     lifted = _lift(site, lines.reshape(-1, 2)).reshape(-1, 2, 3)
-    scene.add_lines(api, name, lifted, colour, width=width, visible=True)
+    scene_parts.add_lines(api, name, lifted, colour, width=width, visible=True)
 
 
 def _lift(site: Site, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from coview.live_tables import START, note_html
-from toolkit.runtime.files import write_bytes
+from toolkit.runtime.writing import write_bytes
 from toolkit.sites.files import save_site
 from toolkit.sites.maps.opendrive_site import import_opendrive
 from toolkit.sites.maps.osm_site import import_osm

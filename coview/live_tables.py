@@ -9,7 +9,7 @@ import numpy as np
 
 from placement_env.handover.mounted import is_named_by_pole
 from toolkit.display import describe_count, format_share
-from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor_colour
+from toolkit.plots.palette import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor_colour
 
 if TYPE_CHECKING:
     from placement_env.live.figures import FoundShare, LiveAnswer

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from toolkit.runtime import files
-from toolkit.runtime.files import UNFINISHED, check_output, read_json, replace_infinite
+from toolkit.runtime import output_checks
+from toolkit.runtime.output_checks import check_output
 from toolkit.runtime.parallel import WorkLost
 from toolkit.runtime.resumable import ShardFolder
 from toolkit.runtime.text_tables import escape
+from toolkit.runtime.text_values import read_json, replace_infinite
+from toolkit.runtime.writing import UNFINISHED
 
 OK = 0
 SUSPECTED = 1
@@ -127,7 +129,7 @@ def check_empty_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: boo
     """Check that a folder is empty or new, or that coview wrote it and may overwrite it."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
-    files.check_new_folder(out, inputs=inputs, overwrite=overwrite)
+    output_checks.check_new_folder(out, inputs=inputs, overwrite=overwrite)
     check_writable(out.resolve(), out)
 
 

@@ -39,9 +39,9 @@ class Opening:
     @contextmanager
     def open(self, path: Path) -> "Iterator[Recording]":
         """Open a recording. Raises what `open_recording` raises, with the option that helps."""
-        from toolkit.datasets.dataset import UnknownSite
         from toolkit.datasets.published_layout import InvalidObjects
         from toolkit.datasets.recordings import open_recording
+        from toolkit.datasets.stored_site import UnknownSite
         from toolkit.sites import BUILT_IN
         from toolkit.sites.files import load_site
 
@@ -78,7 +78,7 @@ def count_passing(
     frames: "Iterable[Frame]", problems: dict[str, int], progress: Callable[[int], None]
 ) -> "Iterator[Frame]":
     """Yield frames, report progress, and add up what reading left out."""
-    from toolkit.datasets.records import add_problem
+    from toolkit.datasets.problem_kinds import add_problem
 
     for done, frame in enumerate(frames, 1):
         for kind, number in frame.problems.items():

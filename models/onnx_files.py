@@ -30,7 +30,9 @@ from models.onnx_trial import TrialLimits, try_network
 from models.weight_files import load_weights
 from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
-from toolkit.runtime.files import parse_json, read_plain, read_text, writing
+from toolkit.runtime.reading import read_plain, read_text
+from toolkit.runtime.text_values import parse_json
+from toolkit.runtime.writing import writing
 
 MAX_PLACE_M = 1e5  # in boxes that a network returns
 MAX_SIZE_M = 100.0  # in boxes that a network returns

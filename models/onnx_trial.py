@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.runtime.files import limit_memory
+from toolkit.runtime.reading import limit_memory
 
 _passed: set[str] = set()  # digests of the trials that this process need not repeat
 

@@ -25,7 +25,7 @@ from models.training.presets import ANYWHERE, PRESETS, choose_area, make_config
 from models.training.second_stage import compute_recording_ap, fit_calibration, train_faces, widen
 from models.training.training_log import LOG
 from models.weight_files import WeightsHeader, load_weights, save_weights
-from toolkit.runtime.files import check_output
+from toolkit.runtime.output_checks import check_output
 from toolkit.runtime.resumable import ShardFolder
 from toolkit.runtime.text_tables import escape
 from toolkit.sites.files import load_site

@@ -20,7 +20,9 @@ from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.network.voxelnet import VoxelNet
-from toolkit.runtime.files import MAX_FILE_BYTES, parse_json, write_bytes
+from toolkit.runtime.reading import MAX_FILE_BYTES
+from toolkit.runtime.text_values import parse_json
+from toolkit.runtime.writing import write_bytes
 
 FORMAT = "coview VoxelNet 1"
 # Errors that torch.load raised on damaged files, in addition to OSError for a file that cannot be

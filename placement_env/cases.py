@@ -28,7 +28,8 @@ from placement_env.checks import check_choice, check_iou, whole
 from placement_env.classes import Classes, Combine, join_names
 from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.sensors.error_profiles import PROFILES, ErrorProfile, find_profile, only_own_noise
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PROFILES, find_profile, only_own_noise
 
 if TYPE_CHECKING:
     Profiles = str | ErrorProfile | tuple[str | ErrorProfile, ...]

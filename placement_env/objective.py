@@ -33,8 +33,8 @@ from placement_env.subsets import Sets, find_index
 from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import scheme_codec
-from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
+from toolkit.runtime.text_values import replace_infinite
 from toolkit.sites.site import Site
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # members of a set, by index or name

@@ -22,7 +22,8 @@ from models.weight_files import WeightsHeader, save_weights
 from placement_env.fidelity.hit_model import SURROGATE_FOLDER, load_models, save_models
 from placement_env.fidelity.table import load_table, save_table
 from toolkit.clouds import from_points, save
-from toolkit.detection.evaluation import Evaluation, save_evaluation
+from toolkit.detection.evaluation_result import Evaluation
+from toolkit.detection.evaluation_files import save_evaluation
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.plots.curves import draw_pr_curves

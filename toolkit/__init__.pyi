@@ -1,10 +1,7 @@
 from .bodies.body import Body as Body
 from .bodies.fleet import catalogue as catalogue
-from .calibration.empty_scene import (
-    EmptyScene as EmptyScene,
-    SceneLearner as SceneLearner,
-    Scenes as Scenes,
-)
+from .calibration.empty_scene import EmptyScene as EmptyScene, SceneLearner as SceneLearner
+from .calibration.recording_scenes import Scenes as Scenes
 from .clouds import (
     crop as crop,
     down_sample as down_sample,
@@ -15,7 +12,7 @@ from .clouds import (
 )
 from .datasets.cloud_files import fuse_files as fuse_files
 from .datasets.dataset import CoopDataset as CoopDataset
-from .datasets.recordings import ReadRecording as ReadRecording, Reads as Reads
+from .datasets.recording_views import ReadRecording as ReadRecording, Reads as Reads
 from .datasets.recordings import (
     open_recording as open_recording,
     write_recording as write_recording,
@@ -27,23 +24,22 @@ from .detection.background import (
 )
 from .detection.cluster import ClusterDetector as ClusterDetector
 from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
-from .detection.evaluation import (
-    Comparison as Comparison,
-    evaluate_recording as evaluate_recording,
-    format_table as format_table,
-)
+from .detection.comparison import Comparison as Comparison
+from .detection.evaluation import evaluate_recording as evaluate_recording
+from .detection.evaluation_tables import format_table as format_table
 from .detection.link.foreground import (
     Foreground as Foreground,
     decode_foreground as decode_foreground,
     encode_foreground as encode_foreground,
 )
-from .detection.label_doctor import diagnose as diagnose
+from .doctor.diagnosis import diagnose as diagnose
 from .detection.metrics import (
     average_precision as average_precision,
     evaluate as evaluate,
     precision_recall as precision_recall,
 )
-from .detection.scheme import Fused as Fused, Scheme as Scheme
+from .detection.view import Fused as Fused
+from .detection.scheme import Scheme as Scheme
 from .detection.schemes import find_scheme as find_scheme, fuse_frame as fuse_frame
 from .detection.survey import survey as survey
 from .detection.view import View as View, suppress as suppress
@@ -54,7 +50,8 @@ from .plots.curves import draw_density_cdf as draw_density_cdf
 from .points import frame_points as frame_points
 from .rendering.renderer import Renderer as Renderer
 from .runtime.run import Run as Run
-from .sensors.error_profiles import ErrorProfile as ErrorProfile, find_profile as find_profile
+from .sensors.error_profile import ErrorProfile as ErrorProfile
+from .sensors.error_profiles import find_profile as find_profile
 from .sensors.models import DepthCamera as DepthCamera, SpinningLidar as SpinningLidar
 from .sensors.sensor import Sensor as Sensor, SensorModel as SensorModel
 from .sites.files import load_site as load_site, save_site as save_site

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 from toolkit.objects import LABELS, label_index
-from toolkit.runtime.files import read_own_table
+from toolkit.runtime.text_values import read_own_table
 
 _TABLE = read_own_table(__file__, "classes.toml")
 CATEGORIES = {

@@ -2,8 +2,8 @@
 
 A cloud is an `open3d.t.geometry.PointCloud` with `positions` (n, 3), float32 in a site's frame, and
 `sensor` (n, 1) int32, the number of the sensor that measured each point. Further attributes
-(`colors`, `normals`, `intensity`, `time` ...) go with their points through every function. Open3D's
-own viewer, filters and files work on it as it is, but its `voxel_down_sample` averages all
+(`colors`, `normals`, `intensity`, `time` ...) go with their points through every function. The
+viewer, filters and files of Open3D work on it as it is, but its `voxel_down_sample` averages all
 attributes of a voxel in float32 (Open3D 0.20.0): sensor numbers become the truncated mean of
 several sensors, positions in UTM coordinates end decimetres off, and nanosecond stamps lose
 seconds. Use `down_sample`.
@@ -25,11 +25,13 @@ from toolkit.boxes import count_points
 from toolkit.frame import unproject
 from toolkit.geometry import check_pose, transform
 from toolkit.point_columns import MAX_LISTED, Attributes
-from toolkit.point_files import read_pcd, read_ply
+from toolkit.point_files.pcd import read_pcd
+from toolkit.point_files.ply import read_ply
 from toolkit.point_writing import format_pcd, format_ply
 from toolkit.points import Area, Crop
-from toolkit.runtime.files import MAX_CLOUD_BYTES, load_arrays, reserve, write_bytes, writing
+from toolkit.runtime.array_files import MAX_CLOUD_BYTES, load_arrays
 from toolkit.runtime.light_open3d import o3d
+from toolkit.runtime.writing import reserve, write_bytes, writing
 from toolkit.sensors.sensor import Sensor
 
 PointCloud = o3d.t.geometry.PointCloud
@@ -143,17 +145,19 @@ def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> Poi
         raise ValueError(
             "fuse takes a list of clouds, got a single one: give fuse([first, second, ...])"
         )
-    parts = [cloud_attributes(cloud) for cloud in clouds]
+    tables = [cloud_attributes(cloud) for cloud in clouds]
     if poses is not None:
-        if len(parts) != len(poses):
+        if len(tables) != len(poses):
             raise ValueError(
-                f"{len(parts)} clouds but {len(poses)} poses: give one pose for each cloud"
+                f"{len(tables)} clouds but {len(poses)} poses: give one pose for each cloud"
             )
         checked = [check_pose(pose, f"pose {k}") for k, pose in enumerate(poses)]
-        parts = [_move(part, pose) for part, pose in zip(parts, checked, strict=True)]
-    numbers_in_use = {int(number) for part in parts for number in np.unique(part.get("sensor", ()))}
+        tables = [_move(table, pose) for table, pose in zip(tables, checked, strict=True)]
+    numbers_in_use = {
+        int(number) for table in tables for number in np.unique(table.get("sensor", ()))
+    }
     unnumbered = [
-        k for k, part in enumerate(parts) if "sensor" not in part and len(part["positions"])
+        k for k, table in enumerate(tables) if "sensor" not in table and len(table["positions"])
     ]
     for k in unnumbered:
         if k in numbers_in_use:
@@ -161,48 +165,47 @@ def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> Poi
                 f"cloud {k} has no sensor number, and another has number {k}: give it one by "
                 "from_points"
             )
-        parts[k]["sensor"] = np.full(len(parts[k]["positions"]), k, np.int32)
+        tables[k]["sensor"] = np.full(len(tables[k]["positions"]), k, np.int32)
     if poses is None and len(unnumbered) > 1:
         names = ", ".join(map(str, unnumbered[:MAX_LISTED_CLOUDS]))
         rule = "have neither a pose nor a sensor number, so they are taken to be in one frame"
         warnings.warn(
             f"clouds {names} {rule}: give poses=, np.eye(4) for each that is", stacklevel=2
         )
-    return _join([part for part in parts if len(part["positions"])])
+    return _join([table for table in tables if len(table["positions"])])
 
 
-def _join(parts: Sequence[Attributes]) -> PointCloud:
-    """Return one cloud of parts that have points and sensor numbers, with what all of them have."""
-    if not parts:
+def _join(tables: Sequence[Attributes]) -> PointCloud:
+    """Join clouds with numbers of sensors; attributes that not all have are dropped."""
+    if not tables:
         return from_points(np.zeros((0, 3), np.float32))
-    names = {name for part in parts for name in part} - {"sensor"}
-    common_names = [name for name in parts[0] if name in names and _have_one_width(parts, name)]
+    names = {name for table in tables for name in table} - {"sensor"}
+    common_names = [name for name in tables[0] if name in names and _have_one_width(tables, name)]
     if len(common_names) < len(names):
         dropped = ", ".join(sorted(names - set(common_names)))
         warnings.warn(
-            f"fuse drops {dropped}: not all {len(parts)} clouds have them in one width",
+            f"fuse drops {dropped}: not all {len(tables)} clouds have them in one width",
             stacklevel=3,
         )
-    numbers = [np.asarray(part["sensor"]).reshape(-1) for part in parts]
+    numbers = [np.asarray(table["sensor"]).reshape(-1) for table in tables]
     fused = {"sensor": np.concatenate(numbers)}
     for name in common_names:
-        fused[name] = np.concatenate([part[name] for part in parts])
+        fused[name] = np.concatenate([table[name] for table in tables])
     return from_attributes(fused)
 
 
-def _have_one_width(parts: Sequence[Attributes], name: str) -> bool:
-    """True if all parts have an attribute, in the same width."""
-    widths = {part[name].shape[1:] if name in part else None for part in parts}
+def _have_one_width(tables: Sequence[Attributes], name: str) -> bool:
+    """True if all clouds have an attribute, in the same width."""
+    widths = {table[name].shape[1:] if name in table else None for table in tables}
     return len(widths) == 1
 
 
-def _move(part: Attributes, pose: Pose) -> Attributes:
-    """Return the attributes with positions, in float64, and normals moved by a pose."""
-    moved = dict(part)
-    moved["positions"] = transform(pose, part["positions"].astype(np.float64))
-    if "normals" in part:
-        moved["normals"] = part["normals"] @ pose[:3, :3].T.astype(part["normals"].dtype)
-    return moved
+def _move(table: Attributes, pose: Pose) -> Attributes:
+    """Move a cloud's positions and turn its normals."""
+    moved = {"positions": transform(pose, table["positions"].astype(np.float64))}
+    if "normals" in table:
+        moved["normals"] = table["normals"] @ pose[:3, :3].T.astype(table["normals"].dtype)
+    return {**table, **moved}
 
 
 def cloud_attributes(cloud: AnyCloud) -> Attributes:
@@ -339,11 +342,10 @@ def load(path: str | Path) -> PointCloud:
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
     kind = path.suffix.lower()
-    npz = partial(load_arrays, max_bytes=MAX_CLOUD_BYTES)
     readers: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {
         ".ply": read_ply,
         ".pcd": read_pcd,
-        ".npz": npz,
+        ".npz": partial(load_arrays, max_bytes=MAX_CLOUD_BYTES),
     }
     if kind not in readers:
         raise ValueError(
@@ -351,45 +353,51 @@ def load(path: str | Path) -> PointCloud:
             "toolkit.datasets.cloud_files"
         )
     columns = readers[kind](path)
-    points = columns.get("positions")
-    if (
-        points is None
-        or points.ndim != 2
-        or points.shape[1] != 3
-        or points.dtype not in (np.float32, np.float64)
-    ):
-        description = ", ".join(
-            f"{name} {column.dtype} {column.shape}" for name, column in columns.items()
-        )[:MAX_LISTED]
-        rule = "its array positions must be (n, 3) of float32 or float64"
-        raise ValueError(f"{path} has no points: {rule}, got {description or 'no array'}")
-    # without what no cloud can have
-    count = len(points)
-    sound = dict[str, np.ndarray]()
-    for name, column in columns.items():
-        numbers = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
-        if numbers and column.dtype.isnative and column.ndim in (1, 2) and len(column) == count:
-            sound[name] = column
-    if lost := [name for name in columns if name not in sound]:
+    _check_positions(path, columns)
+    count = len(columns["positions"])
+    sound = {name: column for name, column in columns.items() if _is_sound(column, count)}
+    lost = [name for name in columns if name not in sound]
+    if lost:
         warnings.warn(
             f"{path.name}: {', '.join(lost)} left out: no number for each of {count} points",
             stacklevel=2,
         )
-    sensor_column = sound.get("sensor", np.zeros(0))
-    if "sensor" in columns and (
-        sensor_column.dtype.kind not in "iu" or sensor_column.size != count
-    ):
+    sensor = sound.get("sensor", np.zeros(0))
+    if "sensor" in columns and (sensor.dtype.kind not in "iu" or sensor.size != count):
         raise ValueError(
             f"{path}: sensor must be a whole number for each of {count} points: write it again"
         )
     return from_attributes(sound)
 
 
+def _check_positions(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Raise ValueError for columns without positions (n, 3) of floats."""
+    points = columns.get("positions")
+    is_table = points is not None and points.ndim == 2 and points.shape[1] == 3
+    if points is not None and is_table and points.dtype in (np.float32, np.float64):
+        return
+    columns_text = ", ".join(
+        f"{name} {column.dtype} {column.shape}" for name, column in columns.items()
+    )
+    rule = "its array positions must be (n, 3) of float32 or float64"
+    got = columns_text[:MAX_LISTED] or "no array"
+    raise ValueError(f"{path} has no points: {rule}, got {got}")
+
+
+def _is_sound(column: np.ndarray, count: int) -> bool:
+    """True for a column of numbers, one or several for each of the points of a cloud."""
+    is_number = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
+    has_rows = column.ndim in (1, 2) and len(column) == count
+    return is_number and column.dtype.isnative and has_rows
+
+
 def _tensor_cloud(cloud: AnyCloud) -> PointCloud:
+    """Return a cloud as tensors."""
     return cloud if isinstance(cloud, PointCloud) else from_attributes(cloud_attributes(cloud))
 
 
 def _select(cloud: PointCloud, keep: Mask) -> PointCloud:
+    """Return the points of a mask, with all their attributes."""
     selection = PointCloud()
     rows = np.flatnonzero(keep)
     for name in cloud.point:

@@ -3,8 +3,8 @@
 - PCD stores positions in float32: `open3d.io.read_point_cloud` (Open3D 0.20.0) reads 8-byte x, y
   and z as zeros without a word. Far from the world's origin, such as in UTM coordinates, whole
   kilometres are taken off first. The header states them in a comment, since the format has no field
-  for an origin, and `toolkit.point_files.read_pcd` adds them again. PLY stores positions of float64
-  as `double`.
+  for an origin, and `toolkit.point_files.pcd.read_pcd` adds them again. PLY stores positions of
+  float64 as `double`.
 - Colours are bytes, `rgb` in PCD and `red`, `green`, `blue` in PLY. Floats are taken as Open3D's,
   from 0 to 1; readers take floating `red` for shares of 255.
 - PLY knows no 64-bit integers: they become `int` if all fit, else `double` if that is exact."""
@@ -17,7 +17,8 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64, Shaped
 from toolkit.point_columns import COLOURS, NORMALS, Attributes
-from toolkit.point_files import ORIGIN_COMMENT, pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
+from toolkit.point_files.pcd_header import ORIGIN_COMMENT
 
 NEAR_ORIGIN_M = 4096.0  # farther out, float32 is off by more than a quarter of a millimetre
 ORIGIN_GRID_M = 1000.0

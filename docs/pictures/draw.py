@@ -12,9 +12,10 @@ from matplotlib.patches import Polygon
 from toolkit.boxes import footprints
 from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import read_frame
+from toolkit.datasets.recording_views import read_frame
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.plots.canvas import FAINT, INK, blank_figure, house_style, sensor_colour, write_figure
+from toolkit.plots.canvas import blank_figure, house_style, write_figure
+from toolkit.plots.palette import FAINT, INK, sensor_colour
 from toolkit.points import frame_points
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import find_profile

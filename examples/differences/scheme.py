@@ -16,7 +16,7 @@ from examples.differences.messages import (
     check_differences,
 )
 from toolkit.arrays import ImageMask
-from toolkit.calibration.empty_scene import SIGMAS
+from toolkit.calibration.pixel_clusters import SCENE_SIGMAS as SIGMAS
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground
 from toolkit.detection.link.foreground import Restored

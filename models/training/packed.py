@@ -33,7 +33,7 @@ from toolkit.boxes import check_boxes
 from toolkit.geometry import LEVEL, Slope, check_slope, level_rows
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5
-from toolkit.runtime.files import parse_json
+from toolkit.runtime.text_values import parse_json
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 

@@ -20,8 +20,8 @@ from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
 from toolkit.geometry import LEVEL, Slope
 from toolkit.objects import Objects
-from toolkit.runtime.files import writing
 from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.runtime.writing import writing
 from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site

@@ -22,8 +22,8 @@ from toolkit.geometry import level_rows, plane_rotation
 from toolkit.objects import HEAVY, Objects, label_index
 from toolkit.points import has_centre_inside
 from toolkit.sensors import error_terms
-from toolkit.sensors.error_profiles import ErrorProfile
-from toolkit.sensors.error_terms import ErrorTerm, TrueImage
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.readings import ErrorTerm, TrueImage
 from toolkit.sensors.sensor import Sensor
 
 _Points = Float32[np.ndarray, "n 3"]

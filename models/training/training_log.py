@@ -3,7 +3,7 @@
 import csv
 from pathlib import Path
 
-from toolkit.runtime.files import write_text
+from toolkit.runtime.writing import write_text
 
 LOG = "log.csv"
 _HEADER = "step,epoch,name,value"

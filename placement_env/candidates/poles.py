@@ -42,7 +42,7 @@ from shapely.geometry import shape
 
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from toolkit.arrays import Float64, Mask
-from toolkit.runtime.files import read_json, read_own_table
+from toolkit.runtime.text_values import read_json, read_own_table
 from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 

@@ -30,7 +30,8 @@ from io import BytesIO
 from pathlib import Path
 from warnings import catch_warnings, simplefilter
 
-from toolkit.runtime.files import name_errors, parse_toml, read_bytes
+from toolkit.runtime.reading import name_errors, read_bytes
+from toolkit.runtime.text_values import parse_toml
 from toolkit.sensors.models import find_model_class, make_model
 from toolkit.sensors.sensor import SensorModel, find_angles
 

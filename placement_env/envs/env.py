@@ -24,7 +24,15 @@ from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Rng, Shaped
 from toolkit.boxes import footprints
-from toolkit.plots import canvas, plan_view as above
+from toolkit.plots import (
+    canvas,
+    ground_map,
+    map_sheet,
+    north_arrow,
+    palette,
+    pole_marks,
+    sensor_marks,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -369,15 +377,17 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         if site is not None:
-            above.draw_ground(axes, site)
-        above.draw_area(axes, area)
+            ground_map.draw_ground(axes, site)
+        map_sheet.draw_area(axes, area)
         vehicles = _draw_vehicles(axes, objective, members)
-        above.draw_poles(axes, np.unique(spots, axis=0), size=3.5)
+        pole_marks.draw_poles(axes, np.unique(spots, axis=0), size=3.5)
         chosen_sensors = [sensors[member] for member in members]
-        above.draw_wedges(axes, chosen_sensors, () if site is None else site.solids)
-        above.draw_sensors(axes, chosen_sensors, 72 * scale)
-        north_direction = np.array([0.0, 1.0]) if site is None else above.north(site)
-        above.draw_north(_draw_strips(figure, scale), (1.85, _FOOT_INCHES / 2), north_direction)
+        sensor_marks.draw_wedges(axes, chosen_sensors, () if site is None else site.solids)
+        sensor_marks.draw_sensors(axes, chosen_sensors, 72 * scale)
+        north_direction = np.array([0.0, 1.0]) if site is None else north_arrow.north(site)
+        north_arrow.draw_north(
+            _draw_strips(figure, scale), (1.85, _FOOT_INCHES / 2), north_direction
+        )
         title = (
             f"{canvas.shorten(_name(objective), 30)}: {len(members)} "
             f"sensor{'s' * (len(members) != 1)}"
@@ -421,8 +431,8 @@ def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> st
     points = objective.visibility.points[members][:, rows].astype(np.float64).sum(axis=0)
     polygons = PolyCollection(
         list(footprints(boxes[rows])),
-        facecolor=canvas.point_colours(points),
-        edgecolor=canvas.INK,
+        facecolor=palette.point_colours(points),
+        edgecolor=palette.INK,
         linewidth=0.3,
         zorder=2.1,
     )
@@ -439,23 +449,23 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     strip = figure.add_axes((0, 0, 1, _FOOT_INCHES / _SIDE_INCHES))
     strip.set(xlim=(0, _SIDE_INCHES), ylim=(0, _FOOT_INCHES))
     strip.set_axis_off()
-    length = above.scale_length(1.2 / scale)
-    for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):
+    length = map_sheet.scale_length(1.2 / scale)
+    for half, colour in ((0.0, palette.INK), (0.5, palette.PAPER_WHITE)):
         left = 0.13 + half * length * scale
         right = 0.13 + (half + 0.5) * length * scale
         bar = [left, right, right, left], [0.24, 0.24, 0.31, 0.31]
-        strip.fill(*bar, facecolor=colour, edgecolor=canvas.INK, linewidth=0.8)
+        strip.fill(*bar, facecolor=colour, edgecolor=palette.INK, linewidth=0.8)
     strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
     strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
-    colours, _ = canvas.point_scale()
-    for step, name in enumerate(canvas.point_names()):
+    colours, _ = palette.point_scale()
+    for step, name in enumerate(palette.point_names()):
         left = 3.0 + 0.42 * step
         corners = [left, left + 0.42, left + 0.42, left]
         strip.fill(
             corners,
             [0.22, 0.22, 0.36, 0.36],
             facecolor=colours(step),
-            edgecolor=canvas.INK,
+            edgecolor=palette.INK,
             linewidth=0.3,
         )
         strip.text(left + 0.21, 0.18, name, fontsize=6.5, ha="center", va="top")

@@ -42,7 +42,8 @@ from placement_env.checks import check_choice
 from toolkit.arrays import Float, Float32
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, VEHICLE
-from toolkit.runtime.files import read_json, write_text
+from toolkit.runtime.text_values import read_json
+from toolkit.runtime.writing import write_text
 
 SURROGATE_FOLDER = Path(__file__).parent / "surrogates"
 RANGES = {

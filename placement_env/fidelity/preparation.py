@@ -36,7 +36,7 @@ from toolkit.detection.scheme import surrogate_name
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, Detector, check_known, quick_detector
 from toolkit.runtime.run import Run
-from toolkit.sensors.error_profiles import ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
 from toolkit.sites.site import Site

@@ -18,17 +18,25 @@ from models.training.packing import MAX_DEPTH_M, change
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, ImageRanges, Int64, Shaped
-from toolkit.calibration.empty_scene import EmptyScene, SceneLearner, Scenes
+from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame, with_errors
+from toolkit.datasets.recording_views import (
+    ReadRecording,
+    Reads,
+    block_seed,
+    read_frame,
+    with_errors,
+)
 from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
 from toolkit.runtime.cache import Arrays, Cache, code_digest, make_key, recall
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, only_own_noise
-from toolkit.sensors.error_terms import velocities
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS, check_drawn, only_own_noise
 from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.track_velocities import velocities
 from toolkit.sites.files import format_site
 from toolkit.traffic.spawner import LIFE
 
@@ -132,7 +140,7 @@ class Renders:
                     learner.add(self._reading(k, c).images[0])
                 self._scenes[c] = learner.scene()
             else:
-                self._scenes[c] = EmptyScene.of(self.sensors[c], _still(self._rig(c)))
+                self._scenes[c] = EmptyScene.from_render(self.sensors[c], _still(self._rig(c)))
         return self._scenes[c]
 
     def objects(self, k: int) -> Objects:

@@ -22,9 +22,10 @@ from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, find_scheme
 from toolkit.objects import LABELS, VEHICLE, Detector
+from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, make_key
-from toolkit.runtime.files import parse_json, read_arrays, write_arrays
 from toolkit.runtime.run import Processes
+from toolkit.runtime.text_values import parse_json
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN

@@ -17,7 +17,7 @@ from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import count_on_ground, frame_points, is_beyond
-from toolkit.runtime.files import read_arrays, write_arrays
+from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class Visibility:
         """View of a recording's sensors on its objects of some classes, counted in the clouds of
         the first `frames`. Points sent are counted with the noise that
         `toolkit.detection.evaluation` adds, None for none, as kbit are."""
-        from toolkit.datasets.recordings import with_errors
+        from toolkit.datasets.recording_views import with_errors
 
         site = recording.site
         count = min(len(recording), len(recording) if frames is None else frames)

@@ -18,7 +18,7 @@ import shapely
 
 from placement_env.handover.ground import Ground, blind_polygons, visible_polygons
 from placement_env.handover.mounted import PlannedSensor
-from toolkit.runtime.files import write_text
+from toolkit.runtime.writing import write_text
 from toolkit.sites.files import save_site
 from toolkit.sites.georeference import feature, feature_collection, mount_feature
 from toolkit.sites.site import Mount, Site
@@ -79,7 +79,7 @@ def write_exchange(
     unused: Sequence[Mount] = (),
     currency: str = "",
 ) -> None:
-    """Write `EXCHANGE_FILES` into a folder, which `toolkit.runtime.files.writing_together` may
+    """Write `EXCHANGE_FILES` into a folder, which `toolkit.runtime.writing.writing_together` may
     yield.
 
     site: with the sensors; ground: visible to the sensors, in their order; unused: poles without a

@@ -13,8 +13,8 @@ import numpy as np
 from placement_env.live.variant import check_name
 from toolkit.arrays import Float64, UInt8
 from toolkit.geometry import MAX_COORDINATE_M
-from toolkit.runtime.files import write_bytes
 from toolkit.runtime.json_object import JsonObject
+from toolkit.runtime.writing import write_bytes
 
 # of a picture as it comes
 MOST_PICTURE_BYTES = 40_000_000

@@ -24,8 +24,10 @@ from placement_env.live.picture import GroundPicture
 from placement_env.live.planner import LivePlanner
 from placement_env.live.variant import Variant, check_name
 from placement_env.report.planning.plan_folder import PLAN_FILE
-from toolkit.runtime.files import name_errors, read_json, take, write_text, writing_together
 from toolkit.runtime.json_object import JsonObject
+from toolkit.runtime.reading import name_errors
+from toolkit.runtime.text_values import read_json
+from toolkit.runtime.writing import take, write_text, writing_together
 from toolkit.sites.files import format_site
 
 PROJECT_VERSION = 1

@@ -15,8 +15,8 @@ import shapely
 from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims, name_sensor
 from toolkit.arrays import Float64
 from toolkit.geometry import MAX_COORDINATE_M, pose
-from toolkit.runtime.files import name_errors
 from toolkit.runtime.json_object import JsonObject
+from toolkit.runtime.reading import name_errors
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount, Site

@@ -11,9 +11,10 @@ from placement_env.handover.mounted import FRAME_RATE_HZ, LinkLoad
 from placement_env.report import content
 from placement_env.search.result import Result
 from toolkit.plots import canvas
-from toolkit.plots.canvas import BAR, INK, OUTCOME, SENSORS, PlotStyle
 from toolkit.plots.curves import curve_axes
-from toolkit.plots.plan_view import sensor_labels
+from toolkit.plots.line_style import PlotStyle
+from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS
+from toolkit.plots.sensor_marks import sensor_labels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,7 +22,7 @@ from placement_env.links import LINK_SHARE
 from toolkit.arrays import Bool, Float32, Mask
 from toolkit.display import Card, Displayed, Table, figure_digits, format_share
 from toolkit.objects import Detections, Objects
-from toolkit.runtime.files import read_own_table
+from toolkit.runtime.text_values import read_own_table
 from toolkit.sites.site import Site
 
 PLAN_VERSION = 1  # in plan.json

@@ -15,7 +15,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.handover.ground import Ground, visible_polygons
 from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
-from toolkit.plots import canvas, plan_view as above
+from toolkit.plots import canvas, ground_map, map_sheet, palette, pole_marks, sensor_marks
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -47,8 +47,8 @@ def draw_pool(candidates: Candidates, out: str | Path) -> None:
         axes.set_title(f"{len(candidates)} candidate sensors on {len(x)} mounts")
         strokes = np.stack([stroke * np.cos(headings), stroke * np.sin(headings)])
         feet = np.stack([x, y])[:, mount_headings[:, 0]]
-        axes.plot(*np.stack([feet, feet + strokes], axis=1), color=canvas.BAR, linewidth=0.8)
-        above.draw_poles(axes, np.stack([x, y], axis=1))
+        axes.plot(*np.stack([feet, feet + strokes], axis=1), color=palette.BAR, linewidth=0.8)
+        pole_marks.draw_poles(axes, np.stack([x, y], axis=1))
         for mount in candidates.mounts if len(x) <= MAX_LABELLED_POLES else ():
             axes.annotate(
                 mount.name,
@@ -82,21 +82,23 @@ def _plan_sheet(
     ground: Ground | None,
     poles: Sequence[str] = (),
     poles_unused: Sequence[str] = (),
-) -> above.MapSheet:
+) -> map_sheet.MapSheet:
     used_places = _places(site, poles)
     unused_places = _places(site, poles_unused)
-    entries = above.pole_entries(used=len(used_places), unused=len(unused_places))
-    legend = [*above.ground_entries(site), *entries, *above.sensor_entries(sensors)]
+    entries = pole_marks.pole_entries(used=len(used_places), unused=len(unused_places))
+    legend = [*ground_map.ground_entries(site), *entries, *sensor_marks.sensor_entries(sensors)]
     subtitle = "coloured: fields of view up to 25 m, cut off at buildings"
     if ground is not None:
         _check(ground, sensors)
         subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
-    places = above.sensor_places(sensors)
+    places = sensor_marks.sensor_places(sensors)
     title = canvas.shorten(f"{site.name}: where the sensors stand", 70)
     holds = np.concatenate([places, used_places, unused_places])
-    sheet = above.map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
+    sheet = map_sheet.map_sheet(
+        site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES
+    )
     if ground is None:
-        above.draw_wedges(sheet.axes, sensors, site.solids)
+        sensor_marks.draw_wedges(sheet.axes, sensors, site.solids)
     else:
         open_ground = ground.open_ground  # smoothing drops slivers
         smooth_views = [
@@ -105,16 +107,16 @@ def _plan_sheet(
         ]
         smoothed = replace(ground, seen=np.array(smooth_views, bool).reshape(ground.seen.shape))
         for index, polygons in enumerate(visible_polygons(smoothed)):
-            above.fill_polygons(
-                sheet.axes, polygons, canvas.sensor_colour(index), order=2.2, alpha=0.09, edge=1.2
+            ground_map.fill_polygons(
+                sheet.axes, polygons, palette.sensor_colour(index), order=2.2, alpha=0.09, edge=1.2
             )
-    above.draw_poles(sheet.axes, unused_places)
-    above.draw_poles(sheet.axes, used_places, carries_sensor=True)
+    pole_marks.draw_poles(sheet.axes, unused_places)
+    pole_marks.draw_poles(sheet.axes, used_places, carries_sensor=True)
     if len(unused_places) <= MAX_LABELLED_POLES:
-        above.name_poles(
+        pole_marks.name_poles(
             sheet.axes, unused_places, poles_unused, sheet.points_per_metre, keep_off=places
         )
-    above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+    sensor_marks.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
     return sheet
 
 
@@ -126,10 +128,10 @@ def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     has_open_ground = ground.open_ground.any()
     names = ("no sensor", "1 sensor", "2 sensors", "3 or more")
     legend = []
-    for count, (colour, name) in enumerate(zip(canvas.VIEW_COLOURS, names, strict=True)):
+    for count, (colour, name) in enumerate(zip(palette.VIEW_COLOURS, names, strict=True)):
         share = float((views[ground.open_ground] == count).mean()) if has_open_ground else 0.0
         legend.append((colour, f"{name} ({share:.0%})"))
-    cells = _Cells(_colours(canvas.VIEW_COLOURS)[views], ground.open_ground, legend)
+    cells = _Cells(_colours(palette.VIEW_COLOURS)[views], ground.open_ground, legend)
     title = "how many sensors see the ground"
     alt = "Map of how many sensors see each place"
     return _cell_map(site, ground, sensors, cells, title, alt)
@@ -142,10 +144,10 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
     from matplotlib.colors import to_hex
 
-    colours = canvas.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
-    names = ["under 1", *canvas.point_names()[1:]]
+    colours = palette.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
+    names = ["under 1", *palette.point_names()[1:]]
     legend = [(to_hex(colour), f"{name} /m²") for colour, name in zip(colours, names, strict=True)]
-    cells = _Cells(canvas.point_colours(density), ground.open_ground, legend)
+    cells = _Cells(palette.point_colours(density), ground.open_ground, legend)
     title = "points on the ground in a frame"
     alt = "Map of the density of points on the ground"
     note = f"; mean over {SMOOTHING_SIDE_M:g} x {SMOOTHING_SIDE_M:g} m"
@@ -159,10 +161,10 @@ def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     is_blind = ground.open_ground & (ground.views == 0)
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
     legend = []
-    for kind, (name, colour) in enumerate(canvas.BLIND.items()):
+    for kind, (name, colour) in enumerate(palette.BLIND.items()):
         area = float((is_blind & (kinds == kind)).sum()) * ground.cell**2
         legend.append((colour, f"{name}, unseen ({area:.0f} m²)"))
-    cells = _Cells(_colours(tuple(canvas.BLIND.values()))[kinds], is_blind, legend)
+    cells = _Cells(_colours(tuple(palette.BLIND.values()))[kinds], is_blind, legend)
     return _cell_map(
         site, ground, sensors, cells, "ground that no sensor sees", "Map of blind spots"
     )
@@ -194,7 +196,7 @@ def _cell_map(
         (Patch(facecolor=colour, edgecolor="#808080", linewidth=0.5), name)
         for colour, name in cells.legend
     ]
-    entries = [*patches, *above.sensor_entries(sensors)]
+    entries = [*patches, *sensor_marks.sensor_entries(sensors)]
     title = canvas.shorten(f"{site.name}: {title}", 70)
     image = np.concatenate([cells.colours[..., :3], cells.shown[..., None]], axis=-1)
     image = (
@@ -212,8 +214,8 @@ def _cell_map(
         ground.y[-1] + half_cell,
     )
     with canvas.house_style():
-        holds = above.sensor_places(sensors)
-        sheet = above.map_sheet(
+        holds = sensor_marks.sensor_places(sensors)
+        sheet = map_sheet.map_sheet(
             site, title, subtitle, holds=holds, legend=entries, inches=MAP_INCHES
         )
         limits = {"xlim": sheet.axes.get_xlim(), "ylim": sheet.axes.get_ylim()}
@@ -225,12 +227,12 @@ def _cell_map(
         for line in shapely.get_parts(shapely.boundary(shapely.simplify(lanes, 0.05))):
             sheet.axes.plot(
                 *shapely.get_coordinates(line).T,
-                color=canvas.INK,
+                color=palette.INK,
                 linewidth=0.5,
                 alpha=0.7,
                 zorder=1.4,
             )
-        above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+        sensor_marks.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
         return canvas.svg_text(sheet.figure, alt)
 
 

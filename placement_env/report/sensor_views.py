@@ -11,7 +11,7 @@ from toolkit.arrays import Float, Float64
 from toolkit.boxes import points_in_boxes
 from toolkit.geometry import invert, transform
 from toolkit.plots import canvas
-from toolkit.plots.canvas import OUTCOME
+from toolkit.plots.palette import OUTCOME
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site

@@ -22,9 +22,9 @@ from placement_env.search.order import SearchOrder
 from placement_env.search.portfolio.curve import MAX_AMOUNTS, CurvePoint
 from toolkit.arrays import Float64
 from toolkit.plots import canvas
-from toolkit.plots.canvas import BAR, INK
+from toolkit.plots.palette import BAR, INK
 from toolkit.plots.plan_view import draw_site
-from toolkit.runtime.files import write_text, writing_together
+from toolkit.runtime.writing import write_text, writing_together
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import save_site
 from toolkit.sites.georeference import longitude_latitude

@@ -19,7 +19,7 @@ from placement_env.search.exclusions import describe_empty, describe_money
 from placement_env.search.order import SearchOrder, Summary
 from placement_env.search.portfolio.curve import CurvePoint
 from placement_env.search.result import Result
-from toolkit.runtime.files import replace_infinite
+from toolkit.runtime.text_values import replace_infinite
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from toolkit.runtime.cache import code_digest, decode_arrays, encode_arrays, make_key, read_secret
-from toolkit.runtime.files import replace_infinite, write_bytes
 from toolkit.runtime.resumable import ShardFolder
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_bytes
 
 SAVE_INTERVAL_S = 10.0  # shortest time between two states of a stage
 STATE_SUFFIX = ".state"

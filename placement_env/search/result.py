@@ -13,7 +13,8 @@ import numpy as np
 from placement_env.objective import Score
 from toolkit.arrays import Float64, Int64
 from toolkit.display import Card, Displayed, Table, format_share
-from toolkit.runtime.files import read_json, replace_infinite, write_text
+from toolkit.runtime.text_values import read_json, replace_infinite
+from toolkit.runtime.writing import write_text
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 

@@ -30,7 +30,7 @@ from placement_env.search.portfolio.curve import budget_curve, list_amounts
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES, Judging
 from placement_env.search.result import Result
 from placement_env.search.verification import ap_at_profiles, verify_best
-from toolkit.runtime.files import replace_infinite
+from toolkit.runtime.text_values import replace_infinite
 
 SEARCH_FRAMES = 48  # frames that a portfolio's searches use, spread evenly over all
 

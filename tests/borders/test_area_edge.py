@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from toolkit.calibration.place import Place
 from toolkit.datasets.layouts.folder import write_folder
 from toolkit.datasets.recordings import open_recording
+from toolkit.detection.comparison import Comparison
 from toolkit.detection.detect import Detected
-from toolkit.detection.evaluation import Comparison, evaluate_recording
-from toolkit.detection.place import Place
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import VEHICLE, Detections, Objects
-from toolkit.viewing.drawn import sort_outcomes
+from toolkit.viewing.outcomes import sort_outcomes
 
 CAR_M = (4.2, 1.8, 1.5)
 EDGE_M = 40.0

@@ -16,7 +16,7 @@ import pytest
 
 from toolkit.datasets import transform_tree
 from toolkit.datasets.clock_times import UNPAIRED
-from toolkit.datasets.layouts import rosbag as layout
+from toolkit.datasets.layouts import bag_index, bag_messages, rosbag
 from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
@@ -67,7 +67,7 @@ def cloud(
             "row_step": 12 * len(table),
         } | more
         data = np.frombuffer(table.tobytes(), np.uint8)
-        return store.types[layout.CLOUD](
+        return store.types[bag_messages.CLOUD](
             header=header(store, stamp, frame),
             fields=fields,
             is_bigendian=False,
@@ -76,7 +76,7 @@ def cloud(
             **shape,
         )
 
-    return topic, layout.CLOUD, stamp if recorded is None else recorded, build
+    return topic, bag_messages.CLOUD, stamp if recorded is None else recorded, build
 
 
 def tf(
@@ -101,9 +101,9 @@ def tf(
         )
         stamped = store.types["geometry_msgs/msg/TransformStamped"]
         link = stamped(header=header(store, stamp, parent), child_frame_id=child, transform=moved)
-        return store.types[layout.TF](transforms=[link])
+        return store.types[bag_messages.TF](transforms=[link])
 
-    return topic, layout.TF, stamp if recorded is None else recorded, build
+    return topic, bag_messages.TF, stamp if recorded is None else recorded, build
 
 
 def write(
@@ -125,7 +125,9 @@ def write(
 
 def write_ros1(path: Path, messages: Sequence[Message]) -> Path:
     store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", layout.TF))
+    store.register(
+        get_types_from_msg("geometry_msgs/TransformStamped[] transforms", bag_messages.TF)
+    )
     with Writer1(path) as writer:
         kinds = {topic: kind for topic, kind, _, _ in messages}
         topics = {
@@ -225,7 +227,7 @@ def test_moving_transforms_far_from_a_cloud_are_counted(tmp_path):
     messages += [cloud("/points", START + t) for t in (0.5, 1.5, 60)]
     frames = read(write(tmp_path / "bag", messages))
     assert list_x(frames) == [0.5, 1, 1]
-    assert [frame.problems for frame in frames] == [{}, {}, {layout.FAR_TF: 1}]
+    assert [frame.problems for frame in frames] == [{}, {}, {rosbag.FAR_TF: 1}]
 
 
 def test_clouds_of_two_trees_are_counted(tmp_path):
@@ -233,10 +235,10 @@ def test_clouds_of_two_trees_are_counted(tmp_path):
     messages = [tf("/tf_static", START, "map", "a", 10), tf("/b/tf_static", START, "odom", "b", 5)]
     messages += [cloud("/a", START + 1, "a"), cloud("/b", START + 1, "b")]
     (frame,) = read(write(tmp_path / "bag", messages))
-    assert frame.problems == {layout.OTHER_TREE: 1}
+    assert frame.problems == {rosbag.OTHER_TREE: 1}
     without_tf = [cloud("/a", START + 1, "a"), cloud("/b", START + 1, "b")]
     (frame,) = read(write(tmp_path / "none", without_tf))
-    assert frame.problems == {layout.NO_TF: 2}
+    assert frame.problems == {rosbag.NO_TF: 2}
 
 
 @pytest.mark.parametrize(
@@ -280,7 +282,7 @@ def test_a_cloud_that_cannot_be_read_is_left_out_and_counted(tmp_path):
     messages = [cloud("/a", START + 1), cloud("/a", START + 2, width=99), cloud("/a", START + 3)]
     frames = read(write(tmp_path / "bag", messages))
     assert [len(frame.clouds) for frame in frames] == [1, 0, 1]
-    assert [frame.problems for frame in frames] == [{}, {layout.UNREADABLE: 1}, {}]
+    assert [frame.problems for frame in frames] == [{}, {rosbag.UNREADABLE: 1}, {}]
 
 
 def test_a_radars_clouds_without_xyz_are_left_out_and_counted(tmp_path):
@@ -290,7 +292,7 @@ def test_a_radars_clouds_without_xyz_are_left_out_and_counted(tmp_path):
     ]
     (frame,) = read(write(tmp_path / "bag", messages))
     assert [each.name for each in frame.clouds] == ["a"]
-    assert frame.problems == {layout.NO_XYZ: 1}
+    assert frame.problems == {rosbag.NO_XYZ: 1}
     with pytest.raises(ValueError, match="without fields x, y and z only"):
         read(write(tmp_path / "radar", messages[1:]))
 
@@ -318,7 +320,7 @@ def test_a_sensor_with_a_clock_that_counts_from_its_start(tmp_path):
     messages += [cloud("/b", 12.0 + 0.1 * k, recorded=START + 0.1 * k + 0.03) for k in range(4)]
     frames = read(write(tmp_path / "bag", messages))
     assert [len(frame.clouds) for frame in frames] == [2] * 4
-    assert all(frame.problems[layout.OTHER_CLOCKS] == 2 for frame in frames)
+    assert all(frame.problems[bag_index.OTHER_CLOCKS] == 2 for frame in frames)
     np.testing.assert_allclose(
         [frame.time for frame in frames], [START + 0.1 * k + 0.01 for k in range(4)], atol=1e-6
     )
@@ -331,7 +333,7 @@ def test_a_lidar_that_stamps_from_its_start_moves_with_tf(tmp_path):
     messages += [cloud("/points", 3484.0 + t, recorded=START + t) for t in (1.25, 4.5)]
     frames = read(write(tmp_path / "bag", messages))
     assert list_x(frames) == [1.25, 4.5]
-    assert [frame.problems for frame in frames] == [{layout.OTHER_CLOCKS: 1}] * 2
+    assert [frame.problems for frame in frames] == [{bag_index.OTHER_CLOCKS: 1}] * 2
 
 
 def test_a_simulated_clock_is_one_clock(tmp_path):
@@ -359,7 +361,7 @@ def test_clouds_without_a_stamp_have_the_time_of_their_recording(tmp_path):
     messages = [cloud("/a", 0.0, recorded=START + 1.5)]
     (frame,) = read(write(tmp_path / "bag", messages))
     assert frame.time == START + 1.5
-    assert frame.problems == {layout.NO_STAMP: 1}
+    assert frame.problems == {rosbag.NO_STAMP: 1}
 
 
 def test_several_files_without_metadata_are_read_in_order(tmp_path):

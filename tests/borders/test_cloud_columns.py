@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 
 from toolkit.clouds import attributes, load
-from toolkit.datasets.cloud_files import fuse_files, read_poses, read_recorded
+from toolkit.datasets.cloud_files import fuse_files, read_recorded
+from toolkit.datasets.pose_files import read_poses
 from toolkit.point_columns import find_axes
 
 POINTS = np.array([[1.5, -2.25, 0.5], [3.0, 4.0, 5.0], [-7.5, 0.25, 1.0]])

@@ -12,7 +12,7 @@ from toolkit.datasets.recordings import find_layout, open_recording, write_recor
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 START_S = 1_700_000_000.0
 LAG_S = 0.05  # of the second sensor

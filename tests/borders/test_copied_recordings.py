@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolkit.datasets.recordings import LAYOUTS, Part, open_recording, write_recording
+from toolkit.datasets.recording_views import Part
+from toolkit.datasets.recordings import LAYOUTS, open_recording, write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects

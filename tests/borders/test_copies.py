@@ -19,7 +19,8 @@ from placement_env.objective import Objective
 from placement_env.setting import Setting
 from toolkit import load_site
 from toolkit.bodies.fleet import fleet_named
-from toolkit.datasets.recordings import Part, ReadRecording, open_recording, write_recording
+from toolkit.datasets.recording_views import Part, ReadRecording
+from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects

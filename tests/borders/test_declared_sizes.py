@@ -7,7 +7,9 @@ from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.fidelity.table import load_table
 from toolkit.datasets.cloud_files import read_points
 from toolkit.point_columns import name_attributes
-from toolkit.runtime.files import limit_memory, read_bytes, read_json, write_arrays
+from toolkit.runtime.array_files import write_arrays
+from toolkit.runtime.reading import limit_memory, read_bytes
+from toolkit.runtime.text_values import read_json
 
 
 def sparse(path, size):

@@ -11,10 +11,10 @@ import pytest
 
 from toolkit.boxes import count_points
 from toolkit.calibration.ground import level
+from toolkit.datasets.box_frames import move_boxes
 from toolkit.datasets.layouts.folder import write_folder
-from toolkit.datasets.records import move_boxes
-from toolkit.detection import label_fits
-from toolkit.detection.label_doctor import diagnose
+from toolkit.doctor import box_fits
+from toolkit.doctor.diagnosis import diagnose
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
@@ -97,7 +97,7 @@ def ground_found_once(sound):
     """The street is level in all frames, so its ground is found in the first."""
     ground = level(sound[0].points()[::4], method="map")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(label_fits, "level", lambda points, method: ground)
+        patch.setattr(box_fits, "level", lambda points, method: ground)
         yield
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from toolkit.boxes import count_points
-from toolkit.datasets import records
+from toolkit.datasets import cloud_records, frame_labels, problem_kinds
 from toolkit.datasets.origins import find_origin, near_frames, rebase
 from toolkit.datasets.recordings import LAYOUTS, find_layout, open_recording, write_recording
 from toolkit.frame import Everywhere, Frame, ImageWedge, Rectangle, SensorCloud
@@ -116,20 +116,20 @@ def test_every_frame_is_counted_from_the_first_ones_origin(tmp_path):
     for frame in (second, alone):
         assert frame.sensors[0].position.tolist() == first.sensors[0].position.tolist()
         np.testing.assert_allclose(frame.points(), car() + UTM + [50, 0, 0], atol=1e-4)
-    assert first.problems == {records.UNPLACED: 1}
+    assert first.problems == {problem_kinds.UNPLACED: 1}
 
 
 def test_points_that_float32_spoilt_before_are_counted(tmp_path):
     np.save(tmp_path / "a.npy", (car() + UTM).astype(np.float32))
     (frame,) = open_recording(tmp_path / "a.npy")
     assert len(np.unique(frame.points()[:, 1])) < 10
-    assert frame.problems == {records.UNPLACED: 1, records.COARSE_POINTS: 1}
+    assert frame.problems == {problem_kinds.UNPLACED: 1, problem_kinds.COARSE_POINTS: 1}
 
 
 def test_clouds_in_a_far_world_go_into_their_sensors_frame():
     """Argoverse's points are in the world frame, also if that is a map's."""
-    problems: records.Problems = {}
-    cloud = records.build_cloud(
+    problems: problem_kinds.Problems = {}
+    cloud = cloud_records.build_cloud(
         {"positions": car() + UTM}, "a", pose(*UTM, yaw=1.0), problems, frame="world"
     )
     assert cloud.frame == "sensor"
@@ -199,8 +199,8 @@ def test_coordinates_of_all_that_is_read_are_told_apart_from_no_place(tmp_path):
     """Labels beyond 1e8 m (`MAX_COORDINATE_M`) are none; those of UTM in feet are."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        problems: records.Problems = {}
+        problems: problem_kinds.Problems = {}
         rows = np.array([[2.27e6, 1.75e7, 1700.0, 14, 6, 5, 0.0], [1.1e8, 0, 0, 4, 2, 1.5, 0]])
-        found = records.labelled(rows, ["car", "car"], None, problems)
+        found = frame_labels.make_labels(rows, ["car", "car"], None, problems)
     assert len(found.objects) == 1
-    assert problems == {records.TOO_LARGE: 1}
+    assert problems == {problem_kinds.TOO_LARGE: 1}

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.layouts import openlabel
+from toolkit.datasets.problem_kinds import FULL_TURNS
 from toolkit.datasets.recordings import open_recording, write_recording
-from toolkit.datasets.records import FULL_TURNS
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 YAW = np.deg2rad(30)
 BOX = np.array([[12.0, 3.0, -1.0, 4.5, 1.8, 1.5, YAW]])

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolkit.datasets.records import parse_objects, read_entries
-from toolkit.detection.label_doctor import _finding
+from toolkit.datasets.box_files import parse_objects, read_entries
+from toolkit.doctor.labels import compare_fits
 
 CAR = {
     "label": "vehicle",
@@ -67,6 +67,6 @@ def test_another_file_is_refused_with_what_it_must_say(tmp_path: Path, content):
 
 @pytest.mark.parametrize(("fit", "is_certain"), [(0.18, False), (0.7, True)])
 def test_the_doctor_says_when_its_best_cause_explains_little(fit, is_certain):
-    finding = _finding("mirrored", np.full(9, 0.02), np.full(9, fit), "negate y")
+    finding = compare_fits("mirrored", np.full(9, 0.02), np.full(9, fit), "negate y")
     assert finding.remedy.startswith("negate y")
     assert ("the cause may be another" not in finding.remedy) == is_certain

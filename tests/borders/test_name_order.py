@@ -13,7 +13,7 @@ import yaml
 
 from toolkit.datasets.layouts.kitti import kitti
 from toolkit.datasets.recordings import open_recording, write_recording
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 NUMBERS = range(1, 13)
 

@@ -14,11 +14,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from toolkit.boxes import count_points
-from toolkit.datasets.layouts import openlabel as layout
+from toolkit.datasets.layouts import (
+    openlabel,
+    openlabel_boxes,
+    openlabel_clouds,
+    openlabel_systems,
+    openlabel_transforms,
+)
 from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.frame import Frame
 from toolkit.geometry import pose
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 LIDAR = pose(20.0, 0.0, 5.0, yaw=np.pi / 2)
 ROOT_HALF = float(np.sqrt(0.5))
@@ -199,29 +205,29 @@ def test_cuboids_at_the_top_hold_in_their_frame_intervals(tmp_path):
 
 def test_what_the_file_leaves_open_is_counted(tmp_path):
     unnamed = read(tmp_path, document({"val": IN_WORLD}, POSES["matrix"]))
-    assert unnamed.problems == {layout.NO_FRAME: 1}
+    assert unnamed.problems == {openlabel.NO_FRAME: 1}
     np.testing.assert_allclose(unnamed.objects.boxes, [BOX], atol=1e-6)
     unknown = read(
         tmp_path, document({"val": IN_WORLD, "coordinate_system": "radar"}, POSES["matrix"])
     )
-    assert unknown.problems == {layout.UNKNOWN_FRAME: 1}
+    assert unknown.problems == {openlabel_boxes.UNKNOWN_FRAME: 1}
     assert len(unknown.objects) == 0
     unplaced = read(tmp_path, document(CUBOIDS["in lidar1"], None))
-    assert unplaced.problems == {layout.NO_POSE: 1}
+    assert unplaced.problems == {openlabel_systems.NO_POSE: 1}
     content = document(CUBOIDS["in world"], POSES["matrix"])
     content["openlabel"]["coordinate_systems"]["other"] = content["openlabel"][
         "coordinate_systems"
     ].pop("lidar1")
-    assert read(tmp_path, content).problems == {layout.UNPLACED_SENSOR: 1}
+    assert read(tmp_path, content).problems == {openlabel.UNPLACED_SENSOR: 1}
     content = document({"val": IN_WORLD, "coordinate_system": "world"}, POSES["matrix"])
     content["openlabel"]["frames"]["0"]["objects"]["2"] = {
         "object_data": {"poly3d": [{"name": "p", "val": [0, 0, 0]}]}
     }
-    assert read(tmp_path, content).problems == {layout.OTHER_SHAPES: 1}
+    assert read(tmp_path, content).problems == {openlabel_boxes.OTHER_SHAPES: 1}
     zero = read(
         tmp_path, document({"val": [*IN_WORLD[:3], 0, 0, 0, 0, 4.2, 1.8, 1.5]}, POSES["matrix"])
     )
-    assert zero.problems == {layout.NO_FRAME: 1, "labels with NaN or infinite numbers": 1}
+    assert zero.problems == {openlabel.NO_FRAME: 1, "labels with NaN or infinite numbers": 1}
 
 
 @pytest.mark.parametrize(
@@ -261,7 +267,7 @@ def test_a_camera_whose_pose_cannot_be_read_refuses_nothing(tmp_path, camera):
         "pose_wrt_parent": camera,
     }
     frame = read(tmp_path, content)
-    assert frame.problems == {layout.UNREADABLE_POSE: 1}
+    assert frame.problems == {openlabel_systems.UNREADABLE_POSE: 1}
     np.testing.assert_allclose(frame.objects.boxes, [BOX], atol=1e-6)
     content = document({"val": IN_LIDAR, "coordinate_system": "camera1"}, POSES["matrix"])
     content["openlabel"]["coordinate_systems"]["camera1"] = systems["camera1"]
@@ -306,7 +312,9 @@ def test_angles_are_about_the_axes_as_they_turn():
         expected = (
             expected @ Rotation.from_rotvec(about[axis] * np.eye(3)["XYZ".index(axis)]).as_matrix()
         )
-    found = layout.parse_transform({"euler_angles": angles, "translation": [0, 0, 0]}, "t")
+    found = openlabel_transforms.parse_transform(
+        {"euler_angles": angles, "translation": [0, 0, 0]}, "t"
+    )
     np.testing.assert_allclose(found[:3, :3], expected, atol=1e-12)
     np.testing.assert_allclose(
         found[:3, :3], pose(yaw=0.4, pitch=-0.3, roll=0.2)[:3, :3], atol=1e-12
@@ -352,7 +360,7 @@ def test_a_clouds_sensor_is_told_by_uri_folder_or_name_and_not_by_order(tmp_path
     del content["openlabel"]["coordinate_systems"], content["openlabel"]["streams"]
     frame = read(tmp_path, content)
     assert [(cloud.name, len(cloud.points)) for cloud in frame.clouds] == [("a", 300), ("b", 2)]
-    assert frame.problems == {layout.STREAM_BY_ORDER: 2}
+    assert frame.problems == {openlabel_clouds.STREAM_BY_ORDER: 2}
 
 
 def test_a_cloud_beside_its_labels_is_of_the_files_only_sensor(tmp_path):
@@ -364,7 +372,7 @@ def test_a_cloud_beside_its_labels_is_of_the_files_only_sensor(tmp_path):
     (frame,) = open_recording(tmp_path, "openlabel")
     assert frame.clouds[0].name == "lidar1"
     assert count_points(frame.points(), frame.objects.boxes).tolist() == [300]
-    assert frame.problems == {layout.ONLY_SENSOR: 1}
+    assert frame.problems == {openlabel_clouds.ONLY_SENSOR: 1}
 
 
 def test_what_is_written_is_the_standards_own_form(tmp_path):

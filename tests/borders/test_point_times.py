@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from toolkit.datasets.cloud_records import build_cloud
 from toolkit.datasets.point_times import parse_point_times
-from toolkit.datasets.records import UNTIMED, build_cloud
+from toolkit.datasets.problem_kinds import UNTIMED
 
 COUNT = 1000
 SWEEP_S = np.linspace(0, 0.1, COUNT)

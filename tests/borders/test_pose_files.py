@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 import pytest
 
-from toolkit.datasets.cloud_files import read_poses
+from toolkit.datasets.pose_files import read_poses
 from toolkit.geometry import pose
 
 YAW = np.deg2rad(30)

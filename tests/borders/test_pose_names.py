@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from toolkit.datasets.cloud_files import match_poses
+from toolkit.datasets.pose_files import match_poses
 from toolkit.geometry import pose
 
 NORTH, SOUTH = pose(1.0, 0.0, 5.0), pose(2.0, 0.0, 5.0)

@@ -13,14 +13,14 @@ import pytest
 import yaml
 
 from toolkit.boxes import count_points
-from toolkit.datasets import records
+from toolkit.datasets import problem_kinds
 from toolkit.datasets.clock_times import UNPAIRED
-from toolkit.datasets.layouts import kitti, nuscenes, opv2v, rosbag
+from toolkit.datasets.layouts import bag_messages, kitti, nuscenes, opv2v, rosbag
 from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 POINTS = np.array([[9.0, 0.5, -4.0], [11.0, -0.5, -4.5]], np.float32)
 BOX = [10.0, 0.0, -4.25, 4.2, 1.8, 1.5, 0.0]
@@ -186,7 +186,7 @@ def test_a_cloud_under_two_endings_is_taken_once_and_counted(tmp_path):
     for name in ("000000", "000001"):
         np.save(tmp_path / f"lidar/{name}.npy", 2 * POINTS)
     first, second = open_recording(tmp_path, "folder")
-    assert first.problems == {records.DOUBLED_CLOUDS: 2}
+    assert first.problems == {problem_kinds.DOUBLED_CLOUDS: 2}
     assert second.problems == {}
     np.testing.assert_allclose(first.points(), POINTS, atol=1e-6)
 
@@ -230,7 +230,7 @@ def test_clouds_of_a_map_grid_of_100_km_keep_their_centimetres(tmp_path):
     apart."""
     put_cloud(tmp_path / "map/0.pcd", POINTS + np.array([88096.0, 48996.0, 30.0], np.float32))
     (frame,) = open_recording(tmp_path, "folder")
-    assert frame.problems == {records.UNPLACED: 1}
+    assert frame.problems == {problem_kinds.UNPLACED: 1}
     np.testing.assert_allclose(frame.points(), POINTS + np.array([88096, 48996, 30]), atol=0.005)
     np.testing.assert_allclose(frame.sensors[0].position[:2], [88106, 48996], atol=1)
 
@@ -279,7 +279,7 @@ def make_cloud(
         "row_step": row.itemsize * len(table),
     }
     data = np.frombuffer(table.tobytes(), np.uint8)
-    return types[rosbag.CLOUD](
+    return types[bag_messages.CLOUD](
         header=head, fields=made, is_bigendian=False, is_dense=True, data=data, **shape
     )
 
@@ -318,9 +318,9 @@ def test_fields_of_a_cloud_are_read_at_their_offsets(tmp_path, bags):
     with rosbag2.Writer(
         tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
     ) as writer:
-        topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
+        topic = writer.add_connection("/points", bag_messages.CLOUD, typestore=store)
         message = make_cloud(store, 5, fields, row, fill(row, POINTS))
-        writer.write(topic, 5 * 10**9, store.serialize_cdr(message, rosbag.CLOUD))
+        writer.write(topic, 5 * 10**9, store.serialize_cdr(message, bag_messages.CLOUD))
     (frame,) = open_recording(tmp_path / "bag", "rosbag")
     assert frame.points().tolist() == POINTS.tolist()
     assert frame.clouds[0].ring.tolist() == [7, 65535]
@@ -335,15 +335,15 @@ def test_clouds_of_double_coordinates_in_utm(tmp_path, bags):
     with rosbag2.Writer(
         tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
     ) as writer:
-        topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
+        topic = writer.add_connection("/points", bag_messages.CLOUD, typestore=store)
         for k in (5, 6):
             message = make_cloud(store, k, fields, row, fill(row, far + 100.0 * (k - 5)))
-            writer.write(topic, k * 10**9, store.serialize_cdr(message, rosbag.CLOUD))
+            writer.write(topic, k * 10**9, store.serialize_cdr(message, bag_messages.CLOUD))
     first, second = open_recording(tmp_path / "bag", "rosbag")
     np.testing.assert_allclose(first.points(), far, atol=1e-4)
     np.testing.assert_allclose(second.points(), far + 100, atol=1e-4)
     assert first.sensors[0].position.tolist() == second.sensors[0].position.tolist()
-    assert first.problems == {records.UNPLACED: 1}
+    assert first.problems == {problem_kinds.UNPLACED: 1}
 
 
 def test_a_database_without_definitions_of_its_messages(tmp_path, bags):
@@ -355,9 +355,9 @@ def test_a_database_without_definitions_of_its_messages(tmp_path, bags):
     with rosbag2.Writer(
         tmp_path / "bag", version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3
     ) as writer:
-        topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
+        topic = writer.add_connection("/points", bag_messages.CLOUD, typestore=store)
         message = make_cloud(store, 5, fields, row, fill(row, POINTS))
-        writer.write(topic, 5 * 10**9, store.serialize_cdr(message, rosbag.CLOUD))
+        writer.write(topic, 5 * 10**9, store.serialize_cdr(message, bag_messages.CLOUD))
     import sqlite3
 
     (file,) = (tmp_path / "bag").glob("*.db3")
@@ -382,9 +382,9 @@ def test_packets_with_an_empty_definition_do_no_harm(tmp_path, bags):
             "/packets", "rslidar_msgs/msg/rslidarPacket", msgdef="x y\n", md5sum=empty
         )
         writer.write(packets, 4 * 10**9, b"\0" * 8)
-        topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
+        topic = writer.add_connection("/points", bag_messages.CLOUD, typestore=store)
         message = make_cloud(store, 5, fields, row, fill(row, POINTS))
-        writer.write(topic, 5 * 10**9, store.serialize_ros1(message, rosbag.CLOUD))
+        writer.write(topic, 5 * 10**9, store.serialize_ros1(message, bag_messages.CLOUD))
     (frame,) = open_recording(tmp_path / "a.bag", "rosbag")
     assert frame.points().tolist() == POINTS.tolist()
 
@@ -417,9 +417,9 @@ def test_a_lidar_on_two_topics_is_counted_twice_and_said(tmp_path, bags):
         tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
     ) as writer:
         for name in ("/points_raw", "/filtered_points"):
-            topic = writer.add_connection(name, rosbag.CLOUD, typestore=store)
+            topic = writer.add_connection(name, bag_messages.CLOUD, typestore=store)
             message = make_cloud(store, 5, fields, row, fill(row, POINTS))
-            writer.write(topic, 5 * 10**9, store.serialize_cdr(message, rosbag.CLOUD))
+            writer.write(topic, 5 * 10**9, store.serialize_cdr(message, bag_messages.CLOUD))
     (frame,) = open_recording(tmp_path / "bag", "rosbag")
     assert frame.problems[rosbag.SAME_SENSOR] == 1
 
@@ -432,10 +432,10 @@ def test_a_cloud_of_no_points_among_others(tmp_path, bags):
     with rosbag2.Writer(
         tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP
     ) as writer:
-        topic = writer.add_connection("/points", rosbag.CLOUD, typestore=store)
+        topic = writer.add_connection("/points", bag_messages.CLOUD, typestore=store)
         for k, table in ((5, fill(row, POINTS)[:0]), (6, fill(row, POINTS))):
             message = make_cloud(store, k, fields, row, table)
-            writer.write(topic, k * 10**9, store.serialize_cdr(message, rosbag.CLOUD))
+            writer.write(topic, k * 10**9, store.serialize_cdr(message, bag_messages.CLOUD))
     first, second = open_recording(tmp_path / "bag", "rosbag")
-    assert first.problems == {records.EMPTY: 1}
+    assert first.problems == {problem_kinds.EMPTY: 1}
     assert len(second.points()) == 2

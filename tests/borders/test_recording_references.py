@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import yaml
 
-from toolkit.datasets import records
-from toolkit.datasets.layouts import openlabel, opv2v, rosbag
+from toolkit.datasets import frame_labels, problem_kinds, record_values
+from toolkit.datasets.layouts import openlabel_transforms, opv2v, rosbag
 from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 POINTS = np.array([[9.0, 0.5, -4.0], [11.0, -0.5, -4.5]], np.float32)
 BOX = [10.0, 0.0, -4.25, 4.2, 1.8, 1.5, 0.0]
@@ -160,7 +160,7 @@ def test_a_yaw_in_the_place_of_the_pitch_is_counted(tmp_path):
     """DerrickXuNu/v2x-vit#14: angle is roll, yaw, pitch, and not roll, pitch, yaw."""
     put_agent(tmp_path, "1", angle=[0.0, 0.0, 90.0])
     (frame,) = open_recording(tmp_path, "opv2v")
-    assert frame.problems == {records.TILTED: 1}
+    assert frame.problems == {problem_kinds.TILTED: 1}
 
 
 def test_vehicles_in_a_list_are_refused_by_name(tmp_path):
@@ -176,7 +176,7 @@ def test_angles_of_an_openlabel_pose_in_degrees_are_refused():
     degrees."""
     placed = {"euler_angles": [90.0, 0.0, 0.0], "translation": [20.0, 0.0, 5.0]}
     with pytest.raises(ValueError, match="euler_angles of lidar1 must be radians, got"):
-        openlabel.parse_transform(placed, "lidar1")
+        openlabel_transforms.parse_transform(placed, "lidar1")
 
 
 def test_a_pose_given_by_columns_is_refused(tmp_path):
@@ -186,9 +186,9 @@ def test_a_pose_given_by_columns_is_refused(tmp_path):
     with pytest.raises(
         ValueError, match=r"lidar_pose must end with the row 0 0 0 1, got \[100.0, 50.0, 2.0, 1.0\]"
     ):
-        records.rigid_matrix(by_columns.ravel().tolist(), "lidar_pose")
+        record_values.rigid_matrix(by_columns.ravel().tolist(), "lidar_pose")
     np.testing.assert_allclose(
-        records.rigid_matrix(by_columns.T.tolist()), by_columns.T, atol=1e-12
+        record_values.rigid_matrix(by_columns.T.tolist()), by_columns.T, atol=1e-12
     )
 
 
@@ -237,10 +237,11 @@ def test_doubled_labels_are_the_same_in_every_number():
         same = [
             k
             for k in kept
-            if names[k] == name and np.abs(boxes[k] - boxes[row]).max() <= records.MAX_DOUBLED_GAP
+            if names[k] == name
+            and np.abs(boxes[k] - boxes[row]).max() <= frame_labels.MAX_DOUBLED_GAP
         ]
         kept += [] if same else [row]
-    problems: records.Problems = {}
-    found = records.labelled(boxes, names, None, problems)
+    problems: problem_kinds.Problems = {}
+    found = frame_labels.make_labels(boxes, names, None, problems)
     assert found.objects.ids.tolist() == kept
-    assert problems == {records.DOUBLED: 60 - len(kept)}
+    assert problems == {problem_kinds.DOUBLED: 60 - len(kept)}

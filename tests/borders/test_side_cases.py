@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolkit.datasets import records
+from toolkit.datasets import cloud_records, problem_kinds
 from toolkit.datasets.layouts import dair, nuscenes, openlabel
 from toolkit.datasets.recordings import guess_layout, open_recording, write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 POINTS = np.array([[1.0, 2.0, 0.5], [3.0, -1.0, 0.25]], np.float32)
 
@@ -153,13 +153,13 @@ def test_openlabel_in_a_file_called_labels_is_openlabel(tmp_path):
 def test_times_of_points_in_another_unit_are_left_out_and_counted():
     """A sweep takes a tenth of a second; microseconds as floats (velodyne_pointcloud of some forks)
     would be a day."""
-    problems: records.Problems = {}
+    problems: problem_kinds.Problems = {}
     columns = {"positions": POINTS.astype(np.float64), "time": np.array([0.0, 99_000.0])}
-    assert records.build_cloud(columns, "a", np.eye(4), problems).time is None
-    assert problems == {records.UNTIMED: 1}
+    assert cloud_records.build_cloud(columns, "a", np.eye(4), problems).time is None
+    assert problems == {problem_kinds.UNTIMED: 1}
     problems = {}
     columns["time"] = np.array([1_700_000_000.0, 1_700_000_000.099])
-    time = records.build_cloud(columns, "a", np.eye(4), problems).time
+    time = cloud_records.build_cloud(columns, "a", np.eye(4), problems).time
     assert time is not None
     np.testing.assert_allclose(time, [0, 0.099], atol=1e-6)
     assert problems == {}

@@ -16,13 +16,13 @@ from toolkit.datasets.layouts.argoverse import argoverse
 from toolkit.datasets.layouts.nuscenes import nuscenes
 from toolkit.datasets.layouts.openlabel import openlabel
 from toolkit.datasets.layouts.sustech import sustech
+from toolkit.datasets.problem_kinds import DOUBLED_CLOUDS, TILTED
 from toolkit.datasets.recordings import write_recording
-from toolkit.datasets.records import DOUBLED_CLOUDS, TILTED
-from toolkit.detection.label_doctor import diagnose
+from toolkit.doctor.diagnosis import diagnose
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 YAW = np.deg2rad(30)
 SIZE = np.array([4.2, 1.8, 1.5])

@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from toolkit.datasets.clock_times import BY_ORDER, MAX_PERIOD_S, UNPAIRED, group_by_time
 from toolkit.datasets.layouts.folder import OTHER_NAME
+from toolkit.datasets.listing import Listing
 from toolkit.datasets.recordings import open_recording
-from toolkit.datasets.records import Listing
 from toolkit.frame import APART, Frame
 
 START_S = 1_700_000_000.0
@@ -163,7 +163,7 @@ def test_every_cloud_is_in_one_group_and_none_is_far_from_its_partners(times_s):
 
 def test_rcooper_pairs_by_time(tmp_path):
     """Agents' names differ by milliseconds, and the second lost a cloud."""
-    from toolkit.point_files import pcd_bytes
+    from toolkit.point_files.pcd import pcd_bytes
 
     for agent, stamps in (("106", [44.4, 44.5, 44.6]), ("105", [44.41, 44.61])):
         where = tmp_path / "data/106-105" / agent / "seq-1/lidar"

@@ -18,11 +18,11 @@ from coview.detectors import (
     site_detector,
 )
 from models.detector import MIN_UNKNOWN_PERSON_SCORE
+from toolkit.calibration.place import Place
 from toolkit.clouds import from_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import Background, KnownBackground, site_background
 from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.place import Place
 from toolkit.objects import UnionDetector, known_labels
 from toolkit.sites.files import load_site
 

@@ -13,7 +13,7 @@ from PIL import Image
 from coview.live_signs import _find_room, add_signs, draw_view, find_target, lay_picture
 from placement_env.live.picture import keep_picture
 from toolkit.geometry import look
-from toolkit.plots.plan_view import north
+from toolkit.plots.north_arrow import north
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site

@@ -30,7 +30,7 @@ from placement_env.live.planner import LivePlanner
 from placement_env.live.suggestions import Suggestion
 from placement_env.live.variant import LiveSensor
 from toolkit.geometry import look
-from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour
+from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
 from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor

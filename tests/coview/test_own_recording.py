@@ -10,8 +10,9 @@ import pytest
 
 from models.training.packed import PackedFrames
 from toolkit.boxes import footprints
-from toolkit.datasets.cloud_files import read_poses
-from toolkit.datasets.recordings import read, write_recording
+from toolkit.datasets.pose_files import read_poses
+from toolkit.datasets.recording_views import read
+from toolkit.datasets.recordings import write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects

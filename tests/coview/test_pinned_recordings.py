@@ -29,7 +29,8 @@ CLOUDS = {  # by scheme, protocol, measure and group: AP of vehicles, how many t
 @pytest.fixture(scope="session")
 def layouts(recording, tmp_path_factory):
     """The recording as a plain folder of clouds and as KITTI."""
-    from toolkit.datasets.recordings import read, write_recording
+    from toolkit.datasets.recording_views import read
+    from toolkit.datasets.recordings import write_recording
 
     folder = tmp_path_factory.mktemp("pinned")
     for layout in ("folder", "kitti"):

@@ -7,8 +7,8 @@ import pytest
 
 from coview.detectors import place_detector
 from toolkit.bodies.drawn_bodies import draw_body
+from toolkit.calibration.place import Place
 from toolkit.detection.detect import detect_frames
-from toolkit.detection.place import Place
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import VEHICLE, Objects
 

@@ -10,7 +10,8 @@ from models.detector import load_detector
 from models.weight_files import load_weights
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.runtime.run import Run
 
 

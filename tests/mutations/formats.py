@@ -35,17 +35,19 @@ from placement_env.fidelity.hit_model import SURROGATE_FOLDER
 from placement_env.fidelity.table import Table, TableOrigin, save_table
 from placement_env.search.result import Result
 from toolkit.bodies.meshes import MeshEntry, take_mesh, take_meshes
-from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
-from toolkit.datasets.doctor import diagnose_file
-from toolkit.datasets.recordings import Reads
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.recording_file import Header, Scene, encode
+from toolkit.datasets.recording_views import Reads
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.detection.survey import survey
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Detections, Objects
+from toolkit.runtime.array_files import write_arrays
 from toolkit.runtime.cache import Cache, make_key
-from toolkit.runtime.files import write_arrays
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site, save_site

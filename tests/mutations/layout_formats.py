@@ -18,15 +18,16 @@ from mutants import BYTES, HDF5, JSON, TEXT, Mutation
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from toolkit.datasets.layouts import rosbag as writing
-from toolkit.datasets.layouts.rosbag import CLOUD, TF
-from toolkit.datasets.recordings import Part, open_recording, write_recording
-from toolkit.detection.label_doctor import diagnose_labels
+from toolkit.datasets.layouts import rosbag
+from toolkit.datasets.layouts.bag_messages import CLOUD, TF
+from toolkit.datasets.recording_views import Part
+from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.detection.survey import survey
+from toolkit.doctor.labels import diagnose_labels
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 FILES: dict[
     str, tuple[str, str, tuple[Mutation, ...]]
@@ -243,9 +244,9 @@ def _ros2(folder: Path, sqlite: bool = False) -> Path:
         for k, sample in enumerate(samples()):
             stamp = (k + 1) * 10**8
             links = store.types[TF](
-                transforms=[writing._link(store, each, stamp) for each in sample.clouds]
+                transforms=[rosbag._link(store, each, stamp) for each in sample.clouds]
             )
-            made = (links, writing._message(store, sample.clouds[0], stamp))
+            made = (links, rosbag._message(store, sample.clouds[0], stamp))
             for connection, message, kind in zip((tf, cloud), made, kinds, strict=True):
                 writer.write(connection, stamp, store.serialize_cdr(message, kind))
     return folder / "bag"

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from mutants import Mutation
 
-from toolkit.runtime.files import name_errors
+from toolkit.runtime.reading import name_errors
 from toolkit.sites.maps.piece import MapPiece
 from toolkit.sites.opendrive.ground_plane import find_plane
 from toolkit.sites.opendrive.lane_surfaces import outline_lanes

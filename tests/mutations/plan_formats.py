@@ -37,7 +37,7 @@ from placement_env.search.result import (
     Result,
 )
 from placement_env.setting import Setting
-from toolkit.runtime.files import read_bytes
+from toolkit.runtime.reading import read_bytes
 from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site, save_site

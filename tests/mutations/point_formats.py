@@ -127,7 +127,7 @@ def poses_text(path: Path) -> None:
 
 
 def read_poses(path: Path) -> None:
-    from toolkit.datasets.cloud_files import load_poses, match_poses, read_poses
+    from toolkit.datasets.pose_files import load_poses, match_poses, read_poses
 
     read_poses(path, inverted=True)
     match_poses(["north.ply", "south.ply"], read_poses(path))

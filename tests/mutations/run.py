@@ -25,7 +25,7 @@ from zlib import crc32
 import numpy as np
 from formats import Format, formats, one_line
 
-from toolkit.runtime import files
+from toolkit.runtime import reading
 
 LONGEST = 20.0  # s that a reader may take
 MAPPED = 24 << 30  # bytes that a process may map; a damaged file must not ask for the whole machine
@@ -194,7 +194,7 @@ def _verdict(
 
 
 def _place_verdict(kind: Format, name: str, what: str) -> str:
-    files._MAX_SILENCE_S = 0.1
+    reading._MAX_SILENCE_S = 0.1
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, name)
         if what in ("pipe", "folder"):

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from toolkit.datasets.problem_kinds import STRAY
 from toolkit.datasets.recordings import open_recording
-from toolkit.datasets.records import STRAY
 from toolkit.frame import Frame
 
 LAYOUTS = (

@@ -3,7 +3,8 @@ import pytest
 
 from placement_env.cases import Cases, iou_text
 from placement_env.classes import Classes
-from toolkit.sensors.error_profiles import POOR, TYPICAL, ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import POOR, TYPICAL
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.points import has_centre_inside
-from toolkit.runtime.files import read_arrays, write_arrays
+from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor

@@ -25,7 +25,8 @@ from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER, Codec, Message
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import Hybrid, fuse_frame
 from toolkit.detection.survey import survey

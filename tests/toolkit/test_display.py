@@ -13,8 +13,8 @@ from placement_env import Objective, Setting, greedy
 from placement_env.report.content import Plan, Planned, Verdict
 from placement_env.search.result import Result
 from toolkit import Detections, Objects, Run, load_site
-from toolkit.datasets.recordings import Part
-from toolkit.datasets.records import Listing
+from toolkit.datasets.listing import Listing
+from toolkit.datasets.recording_views import Part
 from toolkit.display import MOST_ROWS, Card, Displayed
 from toolkit.frame import Frame, SensorCloud
 from toolkit.sites.site import Site

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.detection import evaluation
+from toolkit.detection import comparison, evaluation, evaluation_files, evaluation_tables
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
@@ -58,11 +58,11 @@ class Knows:
 
 def mixed(classes, **options):
     return evaluation.evaluate_recording(
-        Mixed(), Knows(), evaluation.Comparison(schemes=["early"], classes=classes, **options)
+        Mixed(), Knows(), comparison.Comparison(schemes=["early"], classes=classes, **options)
     )
 
 
-def test_classes_have_rows_figures_and_tables():
+def test_classes_have_rows_at_their_thresholds():
     rows = mixed(["vehicle", "cyclist", "pedestrian"])
     assert [(row.label, row.iou) for row in rows] == [
         *(("vehicle", iou) for iou in (0.7, 0.8, 0.9)),
@@ -74,9 +74,15 @@ def test_classes_have_rows_figures_and_tables():
     assert [row.false_alarms_per_frame for row in rows[::3]] == [0.0, 0.0, 0.5]
     assert [row.ap for row in rows[::3]] == [1.0, 0.75, 0.0]
     assert rows.provenance["classes"]["pedestrian"] == (0.25, 0.5, 0.7)
+
+
+def test_thresholds_are_given_for_a_class():
     given = mixed(["cyclist"], iou_thresholds=[0.6])
     assert [(row.label, row.iou) for row in given] == [("cyclist", 0.6)]
     assert (given.provenance["label"], given.provenance["iou"]) == ("cyclist", [0.6])
+
+
+def test_a_class_scores_the_same_in_any_company():
     alone = {
         label: mixed([label], iou_thresholds=[0.5])[0]
         for label in ("vehicle", "cyclist", "pedestrian")
@@ -86,14 +92,17 @@ def test_classes_have_rows_figures_and_tables():
         assert (row.ap, row.recall, row.precision) == pytest.approx(
             (twin.ap, twin.recall, twin.precision), nan_ok=True
         )
+
+
+def test_tables_have_a_part_for_each_class():
     rows = mixed(["vehicle", "pedestrian"])
-    first, second = evaluation.format_table(rows).split("\n\n")
+    first, second = evaluation_tables.format_table(rows).split("\n\n")
     assert first.splitlines()[0] == "vehicle, 4 to find"
     assert second.splitlines()[0] == "pedestrian, 3 to find"
     assert "AP@0.9" in first
     assert "AP@0.25" in second
-    assert first.split("\n", 1)[1] == evaluation.format_table(rows[:3])
-    lines = evaluation.format_class_table(rows.classes).splitlines()
+    assert first.split("\n", 1)[1] == evaluation_tables.format_table(rows[:3])
+    lines = evaluation_tables.format_class_table(rows.classes).splitlines()
     assert lines[0].split()[:3] == ["class", "scheme", "sensors"]
     assert lines[2].split() == [
         "pedestrian",
@@ -109,12 +118,15 @@ def test_classes_have_rows_figures_and_tables():
     few, many = (
         replace(rows[0], ap=0.123456, recall=0.654321, truths=count) for count in (12, 1200)
     )
-    assert [evaluation.format_table([each]).split()[7:10] for each in (few, many)] == [
+    assert [evaluation_tables.format_table([each]).split()[7:10] for each in (few, many)] == [
         ["0,1,2", "0.12", "0.65"],
         ["0,1,2", "0.123", "0.654"],
     ]
     assert few.as_dict()["ap"] == 0.123456
-    assert evaluation.format_table([]) == ""
+    assert evaluation_tables.format_table([]) == ""
+
+
+def test_classes_that_the_detector_lacks_are_refused():
     with pytest.raises(
         ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"
     ):
@@ -123,6 +135,9 @@ def test_classes_have_rows_figures_and_tables():
         mixed(["tram"])
     with pytest.raises(ValueError, match="a class and an IoU threshold"):
         mixed([])
+
+
+def test_classes_have_figures_at_the_detectors_threshold():
     vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
     assert [
         (c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)
@@ -143,12 +158,14 @@ def test_classes_have_rows_figures_and_tables():
 
 
 def test_files_of_curves_are_named_by_class(tmp_path):
-    evaluation.save_evaluation(mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5]), tmp_path)
+    evaluation_files.save_evaluation(
+        mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5]), tmp_path
+    )
     assert {path.name for path in tmp_path.iterdir()} == {
         "table.json",
-        *evaluation.curve_files(["vehicle", "pedestrian"], [0.5]),
+        *evaluation_files.curve_files(["vehicle", "pedestrian"], [0.5]),
     }
-    assert list(evaluation.curve_files(["vehicle", "cyclist"])) == [
+    assert list(evaluation_files.curve_files(["vehicle", "cyclist"])) == [
         *(
             "pr_0.7.png",
             "pr_0.8.png",

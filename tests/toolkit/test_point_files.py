@@ -6,7 +6,9 @@ import pytest
 
 from toolkit.clouds import attributes, from_attributes
 from toolkit.point_columns import name_attributes
-from toolkit.point_files import decompress_lzf, read_pcd, read_ply
+from toolkit.point_files.lzf import decompress_lzf
+from toolkit.point_files.pcd import read_pcd
+from toolkit.point_files.ply import read_ply
 
 RNG = np.random.default_rng(0)
 MADE: dict[str, np.ndarray] = {

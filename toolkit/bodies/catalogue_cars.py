@@ -8,7 +8,7 @@ import numpy as np
 
 from toolkit.bodies.car_body import Bed, Profile, Proportions, loft_parts, spread_stations
 from toolkit.mesh import Mesh, ellipsoid, flip_sides, merge, tube
-from toolkit.runtime.files import read_own_table
+from toolkit.runtime.text_values import read_own_table
 
 CAR_SHAPES = read_own_table(__file__, "cars.toml")
 CAR_PROFILES: dict[str, Profile] = {

@@ -30,7 +30,8 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.bodies.body import Body, make_body
 from toolkit.mesh import Mesh, Span, scale_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
-from toolkit.runtime.files import name_errors, parse_toml, read_plain
+from toolkit.runtime.reading import name_errors, read_plain
+from toolkit.runtime.text_values import parse_toml
 
 _POINTS = 30_000
 _CELLS = 32

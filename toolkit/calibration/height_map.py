@@ -9,19 +9,19 @@ from toolkit.arrays import Bool, Float, Float64, Points
 
 _Cells = Float64[np.ndarray, "m 3"]
 
-GROUND_CELL = 1.0  # m
-STEP_WINDOW = 12.0  # m: a cell is not ground if something within this distance is lower
-_NEIGHBOUR = 8.0  # m: farther apart, cells do not support each other
-_MOST_CELLS = 4_000_000
-_NOTHING = 1e6  # m, the height of a cell without points
-MAP_REACH = 100.0  # m from the middle of the points that a map covers; farther out its edge holds
-_BAND = 2.0  # m above and below the plane where ground is looked for
-# beside the plane's own slope, and m of a kerb
+GROUND_CELL_M = 1.0
+STEP_WINDOW_M = 12.0  # a cell is not ground if something within this distance is lower
+_NEIGHBOUR_M = 8.0  # farther apart, cells do not support each other
+_MAX_CELLS = 4_000_000
+_NO_HEIGHT_M = 1e6  # height of a cell without points
+GROUND_REACH_M = 100.0  # from the middle of a map's points; farther out its edge holds
+_BAND_M = 2.0  # above and below the plane, in which ground is looked for
+# rise of ground in addition to the plane's slope (m per m), and of a kerb (m)
 _SLOPE = 0.08
-_KERB = 0.10
-_WINDOW = 8.0  # m: a cell is not ground if something within this distance is lower
-_SCALES = (12.0, 6.0, 3.0, 1.5)  # m, of the Gaussian means
-_PRIOR = 1.0  # cells' worth of trust in the wider mean
+_KERB_M = 0.10
+_WINDOW_M = 8.0  # m: a cell is not ground if something within this distance is lower
+_SCALES_M = (12.0, 6.0, 3.0, 1.5)  # m, of the Gaussian means
+_PRIOR_CELLS = 1.0  # weight of the wider mean
 # For each drawing: height (m) above the map that a cell of ground may have, and the height at which
 # it counts half.
 _DRAWINGS = (
@@ -36,8 +36,9 @@ _DRAWINGS = (
 
 
 def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
-    """Return one point for each cell of a grid, with a fraction `share` of the cell's points below
-    it."""
+    """Return a low point of each cell of a grid.
+
+    share: share of the cell's points below it."""
     points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if not len(points):
         return np.empty((0, 3))
@@ -53,8 +54,9 @@ def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
 def support_mask(
     cells: _Cells, step: float, slope: float, *, min_supporters: int
 ) -> Bool[np.ndarray, " m"]:
-    """Mark cells with `min_supporters` of the twelve nearest at their height, to within a slope and
-    a step."""
+    """Mark cells with `min_supporters` of the twelve nearest at their height.
+
+    slope, step: rise (m per m, and m) that is still the same height."""
     from scipy.spatial import cKDTree
 
     count = min(13, len(cells))
@@ -62,31 +64,32 @@ def support_mask(
         return np.ones(len(cells), bool)
     distance, neighbours = cKDTree(cells[:, :2]).query(cells[:, :2], count)
     rise = np.abs(cells[neighbours, 2] - cells[:, None, 2])
-    alike = (rise < step + slope * distance) & (distance < _NEIGHBOUR)
+    alike = (rise < step + slope * distance) & (distance < _NEIGHBOUR_M)
     return alike[:, 1:].sum(axis=1) >= min_supporters
 
 
 def lowest_mask(
-    cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW
+    cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW_M
 ) -> Bool[np.ndarray, " m"]:
-    """Mark cells than which none within the window (m) lies lower by more than slope and step.
+    """Mark cells without a lower one within the window (m), beyond slope and step.
+
     Raises ValueError if the cells reach too far for an image."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
         return np.empty(0, bool)
-    index = np.floor(cells[:, :2] / GROUND_CELL).astype(np.int64)
+    index = np.floor(cells[:, :2] / GROUND_CELL_M).astype(np.int64)
     index -= index.min(axis=0)
     rows, columns = (index.max(axis=0) + 1).tolist()
-    if rows * columns > _MOST_CELLS:
-        extent = f"{rows * GROUND_CELL:.0f} by {columns * GROUND_CELL:.0f} m"
+    if rows * columns > _MAX_CELLS:
+        extent = f"{rows * GROUND_CELL_M:.0f} by {columns * GROUND_CELL_M:.0f} m"
         raise ValueError(f"the points cover {extent}: crop them to the place in question")
-    image = np.full((rows, columns), _NOTHING)
+    image = np.full((rows, columns), _NO_HEIGHT_M)
     image[index[:, 0], index[:, 1]] = cells[:, 2]
-    reach = round(window / GROUND_CELL)
-    rise = -slope * GROUND_CELL * np.abs(np.arange(-reach, reach + 1))
-    along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NOTHING)
-    allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NOTHING)
+    reach = round(window / GROUND_CELL_M)
+    rise = -slope * GROUND_CELL_M * np.abs(np.arange(-reach, reach + 1))
+    along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NO_HEIGHT_M)
+    allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NO_HEIGHT_M)
     return cells[:, 2] <= allowed[index[:, 0], index[:, 1]] + step
 
 
@@ -96,7 +99,7 @@ class HeightMap:
 
     origin: Float64[np.ndarray, "2"]
     heights: Float64[np.ndarray, "rows columns"]
-    cell: float = GROUND_CELL
+    cell: float = GROUND_CELL_M
 
     def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         """Height at each place, interpolated bilinearly; outside the grid its edge's."""
@@ -106,35 +109,38 @@ class HeightMap:
         return map_coordinates(self.heights, index.T, order=1, mode="nearest")
 
 
-def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
-    """Fit a map of heights to points with ground near z = 0. reach: distance (m) from the middle of
-    the points that the map covers. Raises ValueError unless it is above 0."""
+def fit_map(points: Points, *, reach: float = GROUND_REACH_M) -> HeightMap:
+    """Fit a map of heights to points with ground near z = 0.
+
+    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless
+    it is above 0."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
-    near = points[np.abs(points[:, 2]) < _BAND]
+    near = points[np.abs(points[:, 2]) < _BAND_M]
     if not len(near):
         return HeightMap(np.zeros(2), np.zeros((1, 1)))
     middle = np.median(near[:, :2], axis=0).astype(np.float64)
     near = near[np.abs(near[:, :2] - middle).max(axis=1) <= reach]
     origin = (
-        np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL) * GROUND_CELL
-        + GROUND_CELL / 2
+        np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL_M) * GROUND_CELL_M
+        + GROUND_CELL_M / 2
     )
-    shape = np.floor((near[:, :2].max(axis=0) - origin) / GROUND_CELL).astype(np.int64) + 2
-    low = low_points(near, GROUND_CELL)
-    low = low[support_mask(low, _KERB, _SLOPE, min_supporters=4)]
-    low = low[lowest_mask(low, _SLOPE, _KERB, window=_WINDOW)]
-    low = low[support_mask(low, _KERB, _SLOPE, min_supporters=6)]
+    shape = np.floor((near[:, :2].max(axis=0) - origin) / GROUND_CELL_M).astype(np.int64) + 2
+    low = low_points(near, GROUND_CELL_M)
+    low = low[support_mask(low, _KERB_M, _SLOPE, min_supporters=4)]
+    low = low[lowest_mask(low, _SLOPE, _KERB_M, window=_WINDOW_M)]
+    low = low[support_mask(low, _KERB_M, _SLOPE, min_supporters=6)]
     surface = HeightMap(origin, np.zeros(tuple(shape)))
     for max_above, kerb in _DRAWINGS:
         surface = redraw_map(surface, low, max_above, kerb)
     on = np.abs(near[:, 2] - surface.at(near[:, :2])) < _DRAWINGS[-1][0]
-    return redraw_map(surface, low_points(near[on], GROUND_CELL, share=0.5), *_DRAWINGS[-1])
+    return redraw_map(surface, low_points(near[on], GROUND_CELL_M, share=0.5), *_DRAWINGS[-1])
 
 
 def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float) -> HeightMap:
-    """Draw the map again through cells at most `max_above` (m) above it, which count little, and
-    twice that below."""
+    """Draw the map again through the cells near it.
+
+    They are at most `max_above` (m) above it and twice that below; higher ones count less."""
     above = cells[:, 2] - surface.at(cells[:, :2])
     near = (above < max_above) & (above > -2 * max_above)
     weight = weigh_ground(above[near], kerb)
@@ -145,23 +151,24 @@ def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float)
     np.add.at(weights, (i, j), weight)
     np.add.at(sums, (i, j), weight * cells[:, 2])
     heights = np.zeros(surface.heights.shape)
-    for scale in _SCALES:
-        count, summed = (sum_around(image, scale / surface.cell) for image in (weights, sums))
-        heights = (summed + _PRIOR * heights) / (count + _PRIOR)
+    for scale in _SCALES_M:
+        weight_around = sum_around(weights, scale / surface.cell)
+        sum_of_heights = sum_around(sums, scale / surface.cell)
+        heights = (sum_of_heights + _PRIOR_CELLS * heights) / (weight_around + _PRIOR_CELLS)
     return HeightMap(surface.origin, heights)
 
 
 def weigh_ground(above: Float64[np.ndarray, " n"], kerb: float) -> Float64[np.ndarray, " n"]:
-    """Weight of cells by their height (m) above a surface, at which ground is not: half at
-    `kerb`."""
+    """Weight of cells by their height (m) above a surface, half at `kerb`."""
     return np.asarray(1 / (1 + (np.clip(above, 0, None) / kerb) ** 4))
 
 
 def sum_around(
     image: Float64[np.ndarray, "rows columns"], wide: float
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Sum an image about each of its cells, with Gaussian weights of width `wide` (cells) that
-    begin at 1."""
+    """Sum an image about each of its cells, with Gaussian weights that begin at 1.
+
+    wide: standard deviation (cells)."""
     from scipy.ndimage import gaussian_filter
 
     return np.asarray(

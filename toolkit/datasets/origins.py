@@ -30,7 +30,7 @@ def translation(position: Float64[np.ndarray, "3"]) -> Pose:
 
 
 def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
-    """Return the median of points to the metre, zeros unless most of them are far from the origin.
+    """Return the median of points to the metre, zeros unless most points are far from the origin.
 
     Points that are not finite or all 0, which some drivers write for no return, do not count."""
     sample = points[:: len(points) // MAX_SAMPLE_POINTS + 1]

@@ -46,7 +46,7 @@ def parse_point_times(
     if not len(ticks):
         return np.zeros(0)
     since = ticks - ticks.min()
-    unit = _stated_unit(name) or _epoch_unit(float(np.median(ticks)))
+    unit = _find_unit(name) or _epoch_unit(float(np.median(ticks)))
     if unit is not None:
         return since * unit
     unit = UNITS_S["ns" if is_whole else "s"]
@@ -62,7 +62,7 @@ def parse_point_times(
     return since * unit
 
 
-def _stated_unit(name: str) -> float | None:
+def _find_unit(name: str) -> float | None:
     """Seconds of the unit at the end of a name."""
     parsed = COLUMN.fullmatch(name)
     return UNITS_S[parsed[1]] if parsed is not None and parsed[1] else None

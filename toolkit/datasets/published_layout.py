@@ -183,12 +183,12 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
 def expand_image(depth: ImageRanges, camera: DepthCamera) -> Float32[np.ndarray, "height width"]:
     """Expand measured pixels to the full published image, 0 between them."""
     image = np.zeros((camera.height, camera.width), np.float32)
-    depth = rounded(depth)
+    depth = round_measurement(depth)
     image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN_M))
     return image
 
 
-def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[ImageRanges]:
+def measure_images(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[ImageRanges]:
     """Measured pixels of published depth images and the steps between them, 0 without a return."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
@@ -196,7 +196,7 @@ def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[Ima
     return [np.where((depth > 0) & (depth < NO_RETURN_M), depth, np.float32(0)) for depth in depths]
 
 
-def rounded(measurement: ImageRanges) -> ImageRanges:
+def round_measurement(measurement: ImageRanges) -> ImageRanges:
     """Round a measurement to `DEPTH_STEP_M`; no return becomes 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP_M)) * np.float32(DEPTH_STEP_M)

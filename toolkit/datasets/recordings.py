@@ -1,40 +1,18 @@
-"""Recordings in any layout: opened, written and cut.
-
-A layout is a module of `toolkit.datasets.layouts`, or plugs in by an entry point of the group
-`coview.layouts`, whose name is the layout's and whose value is a `Layout`.
-
-A frame as real sensors would measure it has errors that are drawn when the frame is read. Sensors
-have their assumed poses, but measure from their true poses. Objects stay the truth."""
+"""Recordings of any layout, opened by name or by their files."""
 
 import inspect
-import itertools
 import warnings
-import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import cast
 
-import numpy as np
-
-from toolkit.arrays import Float64
-from toolkit.datasets.records import BAG_ENDINGS, ENDINGS, Listing, list_bags
-from toolkit.frame import Frame, Frames, Recording, RecordingView
-from toolkit.objects import label_index
-from toolkit.runtime.files import writing_folder
-from toolkit.sensors.error_profiles import (
-    PAPER_ERRORS,
-    ErrorProfile,
-    check_drawn,
-    find_profile,
-    only_own_noise,
-)
-from toolkit.sensors.error_terms import TrueImage, velocities
-from toolkit.sensors.sensor import Sensor
+from toolkit.datasets.folders import BAG_ENDINGS, ENDINGS, list_bags
+from toolkit.datasets.layout import Layout
+from toolkit.datasets.listing import Listing
+from toolkit.frame import Frame, Recording
 
 GROUP = "coview.layouts"
 _BUILT_IN = (
@@ -44,7 +22,7 @@ _BUILT_IN = (
 # modules of layouts that share them
 _MODULES = {"v2xset": "opv2v", "v2xreal": "opv2v"}
 _READERS = {"v2xset": "opv2v"}
-_SIGNS = {  # files that only folders of these layouts have
+_SIGNS = {  # files that only these layouts have in their folders
     ("folder",): ("poses.json", "poses.txt", "poses.csv", "labels.json"),
     ("kitti",): ("training/velodyne", "label_2"),
     ("dair",): (
@@ -61,50 +39,6 @@ _SIGNS = {  # files that only folders of these layouts have
     ("opv2v", "v2xset", "v2xreal"): ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
 }
 _HDF5 = (".hdf5", ".h5")
-
-
-@dataclass(frozen=True)
-class Layout:
-    """File layout of recordings.
-
-    Attributes:
-        name: its name.
-        module: module with its functions.
-        reader: function from a path to a recording.
-        writer: function that writes frames at a path, None for a layout that is only read.
-        file: True if it writes one file instead of a folder.
-    """
-
-    name: str
-    module: str
-    reader: str
-    writer: str | None = None
-    file: bool = False
-
-    @property
-    def open(self) -> Callable[..., Recording]:
-        """The reader."""
-        return getattr(import_module(self.module), self.reader)
-
-    @property
-    def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """The writer, which returns the number of frames; a folder appears whole.
-
-        Raises ValueError for a read-only layout."""
-        if self.writer is None:
-            raise ValueError(f"layout {self.name} is only read: write another, such as folder")
-        writer = getattr(import_module(self.module), self.writer)
-
-        def write_whole(frames: Iterable[Frame], path: Path) -> int:
-            numbers = itertools.count()
-            counted = (frame for frame, _ in zip(frames, numbers, strict=False))
-            with nullcontext(path) if self.file else writing_folder(path) as unfinished:
-                writer(counted, unfinished)
-            return next(numbers)
-
-        return write_whole
-
-
 LAYOUTS = {
     name: Layout(
         *(name, f"toolkit.datasets.layouts.{_MODULES.get(name, name)}", _READERS.get(name, name)),
@@ -246,168 +180,9 @@ class _Loader:
         return self
 
 
-def read(
-    path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None
-) -> Iterator[Frame]:
-    """Yield the frames of a recording with only their objects of `classes`.
-
-    Raises the errors of `open_recording`."""
-    return filter_classes(open_recording(path, layout), classes)
-
-
-def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None) -> Iterator[Frame]:
-    """Yield frames with only their objects of some classes, None for all.
-
-    Raises ValueError for an unknown class."""
-    class_numbers = None if classes is None else [label_index(label) for label in classes]
-    return (
-        frame if class_numbers is None else frame.of(np.isin(frame.objects.labels, class_numbers))
-        for frame in frames
-    )
-
-
 def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
     """Write frames in a layout; return how many.
 
     Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names.
     Raises ValueError for a read-only layout."""
     return find_layout(layout).write(frames, Path(path))
-
-
-@dataclass(frozen=True)
-class Part(RecordingView):
-    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th.
-
-    Raises ValueError for numbers below 1, and for a recording without frames."""
-
-    frames: int | None = None
-    every: int = 1
-
-    def __post_init__(self) -> None:
-        for name, value in (("every", self.every), ("frames", self.frames)):
-            if value is not None and value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}: leave it out for all")
-        if not len(self.recording):
-            raise ValueError("there is no frame in the recording: check the path and the layout")
-
-    def __len__(self) -> int:
-        count = -(-len(self.recording) // self.every)
-        return count if self.frames is None else min(self.frames, count)
-
-    def __getitem__(self, number: int) -> Frame:
-        """Return the chosen frame of this number. Raises IndexError for an unknown one."""
-        if not 0 <= number < len(self):
-            raise IndexError(f"there is no frame {number}: {len(self)} are chosen, counted from 0")
-        return self.recording[number * self.every]
-
-
-@dataclass(frozen=True)
-class Reads:
-    """Options for reading a recording: sensor errors and length.
-
-    errors: a profile or its name, only `paper` for recorded clouds, whose sensors have real errors;
-    noise_seed: seed of the errors, None for no noise; frames: number of frames, None for all."""
-
-    errors: ErrorProfile | str = PAPER_ERRORS
-    noise_seed: int | None = 0
-    frames: int | None = None
-
-    def count(self, recording: Frames) -> int:
-        """Number of frames to read. Raises ValueError if it is 0, and for a `frames` that is not
-        whole."""
-        total = min(len(recording), len(recording) if self.frames is None else self.frames)
-        if total < 1 or isinstance(self.frames, float):
-            raise ValueError(
-                f"need one frame at least, a whole number, got {self.frames} of {len(recording)}"
-            )
-        return total
-
-    def profile(self) -> ErrorProfile:
-        """Return the error profile. Raises ValueError."""
-        errors = find_profile(self.errors)
-        check_drawn(errors, self.noise_seed)
-        return errors
-
-
-@dataclass(frozen=True)
-class ReadRecording(RecordingView):
-    """A recording with its sensors' errors, without limit on frames."""
-
-    reads: Reads = Reads()
-
-    def __getitem__(self, index: int) -> Frame:
-        return read_frame(
-            self.recording, index, errors=self.reads.errors, noise_seed=self.reads.noise_seed
-        )
-
-
-def read_frame(
-    frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
-) -> Frame:
-    """Read frame k with its sensors' errors, drawn from the seed.
-
-    A seed of None means no noise, which only `paper` allows. Raises ValueError for an unknown
-    profile, a negative seed, and a clock's offset if frames are too far apart to know
-    velocities."""
-    errors = find_profile(errors)
-    frame = frames[k]
-    check_drawn(errors, noise_seed)
-    if noise_seed is None or not frame.has_images:
-        if noise_seed is not None and errors.name != PAPER_ERRORS.name:
-            raise ValueError(
-                f"recorded clouds have errors of their own, got errors {errors.name!r}: leave "
-                "them out"
-            )
-        return frame
-    speed = None
-    if errors.needs_velocities:
-        around = [frames[index] for index in (k - 1, k + 1) if 0 <= index < len(frames)]
-        speed = velocities(
-            frame.objects, frame.time, [(neighbour.objects, neighbour.time) for neighbour in around]
-        )
-    return with_errors(frame, errors, noise_seed, velocities=speed)
-
-
-def block_seed(seed: int, block: int) -> int:
-    """Seed of the errors of one block of frames, as if all sensors were mounted again."""
-    return int(np.random.default_rng([seed, block]).integers(2**31))
-
-
-def with_errors(
-    frame: Frame,
-    errors: ErrorProfile | str,
-    seed: int,
-    *,
-    velocities: Float64[np.ndarray, "n 3"] | None = None,
-    numbers: Sequence[int] | None = None,
-) -> Frame:
-    """Add sensor errors to a frame, drawn from the seed, its index and each sensor's name.
-
-    So a sensor measures the same whichever others are used. velocities: velocities of its objects
-    (m/s), needed for a clock's offset; numbers: used instead of the sensors' names when drawing.
-    Raises ValueError for a negative seed."""
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed}")
-    errors = find_profile(errors)
-    if numbers is None:
-        numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors]
-    measured = list(zip(frame.sensors, frame.images, numbers, strict=True))
-    if only_own_noise(errors):  # as `errors.read` draws it
-        drawn = []
-        for sensor, image, number in measured:
-            rng = np.random.default_rng([seed, frame.index, number])
-            drawn.append(sensor.model.noisy(image, rng))
-        return replace(frame, measurements=tuple(drawn))
-    readings = []
-    assumed_sensors = []
-    for sensor, measurement, number in measured:
-        true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
-        reading = errors.read(true, seed=seed, sensor=number, frame=frame.index)
-        readings.append(reading)
-        if reading.pose is not sensor.pose:
-            sensor = Sensor(sensor.name, sensor.model, reading.pose)
-        assumed_sensors.append(sensor)
-    measurements = tuple(reading.measurement for reading in readings)
-    shifts = tuple(reading.shift for reading in readings)
-    shifts = shifts if any(shift is not None for shift in shifts) else ()
-    return replace(frame, sensors=tuple(assumed_sensors), measurements=measurements, shifts=shifts)

@@ -23,7 +23,7 @@ import numpy as np
 from toolkit.arrays import Float32, Rng
 from toolkit.bodies.body import stretch_randomly
 from toolkit.bodies.fleet import Fleet, fleet_named
-from toolkit.datasets.dataset import RECORDING_SCHEMA, Header, Scene, encode, join
+from toolkit.datasets.recording_file import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime.cache import code_digest
@@ -37,7 +37,7 @@ from toolkit.traffic.snapshots import INTERVAL, MOST_OBJECTS, Mix, simulate, sum
 
 DEFAULT_FRAMES = 1000
 FRAMES_PER_BLOCK = 50  # frames drawn with one seed
-_SITE_FRAMES = 20  # of each site, by default
+_SITE_FRAMES = 20  # for each site, by default
 MIN_RANDOM_SENSORS = 3
 MAX_RANDOM_SENSORS = 10
 MIN_PARKED = 4  # lower bound of the maximum number of parked vehicles

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose
-from toolkit.datasets.cloud_files import quaternion_pose
+from toolkit.datasets.pose_files import quaternion_pose
 
 MAX_LINKS = 64  # from a sensor's frame to the root; longer chains run in a circle
 NS_PER_S = 10**9

@@ -219,11 +219,11 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
         & (points >= MIN_TRUTH_POINTS)
     )
     return FrameTruth(
-        frame.objects, counted & ~repeated(frame.objects), points, corners, frame.complete
+        frame.objects, counted & ~mark_repeated(frame.objects), points, corners, frame.complete
     )
 
 
-def repeated(objects: Objects) -> Mask:
+def mark_repeated(objects: Objects) -> Mask:
     """Mark labels of an object that an earlier row labels too."""
     same = (iou_3d(objects.boxes, objects.boxes) >= MIN_REPEATED_IOU) & (
         objects.labels[:, None] == objects.labels

@@ -26,10 +26,10 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64, Points, Rng
 from toolkit.boxes import count_points, nms
-from toolkit.calibration.empty_scene import Scenes
+from toolkit.calibration.place import Corners, Place, Stand, crop_points
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import EMPTY_SWEEPS, Background, empty_sweeps
-from toolkit.detection.place import Corners, Place, Stand, crop_points
 from toolkit.frame import Frame
 from toolkit.geometry import plane_rotation, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
@@ -245,7 +245,7 @@ def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
     """Return a detector of whatever stands out from the empty scenes of lidars.
 
-    frame: shows where the lidars are; place: area and ground of the later detection. Raises
+    frame: has the poses of the lidars; place: area and ground of the later detection. Raises
     ValueError if the empty scenes have no point in the area."""
     rng = np.random.default_rng(0)
     sweeps = []

@@ -18,15 +18,15 @@ from typing import Any, Literal
 import numpy as np
 
 from toolkit.arrays import Float32
+from toolkit.calibration.place import Place, Stand
+from toolkit.datasets.box_files import boxes_record, write_boxes
 from toolkit.datasets.layouts.kitti import kitti_text
 from toolkit.datasets.layouts.openlabel import openlabel_content
-from toolkit.datasets.records import boxes_record, write_boxes
-from toolkit.detection.place import Place, Stand
 from toolkit.detection.standing import StandingScene
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector
 from toolkit.points import detect_on_ground, frame_points
-from toolkit.runtime.files import write_text, writing_folder
+from toolkit.runtime.writing import write_text, writing_folder
 from toolkit.sites.site import Site
 
 Format = Literal["boxes", "openlabel", "kitti"]

@@ -56,7 +56,9 @@ USUAL_IOUS = {
     PEDESTRIAN: (0.25, 0.5, 0.7),
 }
 TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # 3D, of a true detection
-MAX_UNSCORED_SHARE = 0.5  # of a footprint on an unscored object; above, a detection is ignored
+MAX_UNSCORED_SHARE = (
+    0.5  # share of a footprint on an unscored object; above, a detection is ignored
+)
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,8 @@ class Match:
     Attributes:
         truth: row of the truth that a detection hit, -1 without one.
         iou: IoU with that truth, 0 without one.
-        ignored: detections that do not count: of another label, or on an object that is not scored.
+        ignored: detections that do not count: they have another label, or are on an object
+            that is not scored.
         hit: truths that were hit.
         scored: truths that count.
     """
@@ -165,8 +168,46 @@ def evaluate(
     """
     thresholds = list(dict.fromkeys(_check(iou_thresholds, metric, protocol)))
     label = label_index(label)
-    pooled = {threshold: [(np.zeros(0), np.zeros(0, bool))] for threshold in thresholds}
+    scores: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0)] for threshold in thresholds}
+    hits = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
     truth_count = 0
+    frames = _pair_frames(detections, truths, counted, outside)
+    for number, (detected, objects, mask, is_outside) in enumerate(frames):
+        location = f" of frame {number}"
+        overlaps = _overlap(
+            detected, objects, label, mask, metric, protocol, location, outside=is_outside
+        )
+        if protocol == "published" and not len(overlaps.columns):
+            continue
+        truth_count += len(overlaps.columns)
+        for threshold in thresholds:
+            matched, ignored = overlaps.resolve(threshold)
+            scores[threshold].append(overlaps.scores[~ignored])
+            hits[threshold].append(matched[~ignored] >= 0)
+    return {
+        threshold: _score_pooled(
+            np.concatenate(scores[threshold]), np.concatenate(hits[threshold]), truth_count
+        )
+        for threshold in thresholds
+    }
+
+
+class _FramePair(NamedTuple):
+    """Detections and truths of one frame, with masks of counted truths and outside detections."""
+
+    detected: Detections
+    objects: Objects
+    counted: ArrayLike | None
+    outside: ArrayLike | None
+
+
+def _pair_frames(
+    detections: Iterable[Detections],
+    truths: Iterable[Objects],
+    counted: Iterable[ArrayLike] | None,
+    outside: Iterable[ArrayLike] | None,
+) -> Iterator[_FramePair]:
+    """Yield what belongs to each frame. Raises ValueError for unequal numbers of frames."""
     masks = repeat(None) if counted is None else iter(counted)
     outsides = repeat(None) if outside is None else iter(outside)
     for number, (detected, objects) in enumerate(zip_longest(detections, truths)):
@@ -179,37 +220,29 @@ def evaluate(
                 "detections, truths, counted and outside must have as many frames, but one ended "
                 f"after {number}"
             )
-        location = f" of frame {number}"
-        overlaps = _overlap(
-            detected, objects, label, mask, metric, protocol, location, outside=is_outside
-        )
-        if protocol == "published" and not len(overlaps.columns):
-            continue
-        truth_count += len(overlaps.columns)
-        for threshold in thresholds:
-            matched, ignored = overlaps.resolve(threshold)
-            pooled[threshold].append((overlaps.scores[~ignored], matched[~ignored] >= 0))
+        yield _FramePair(detected, objects, mask, is_outside)
     extra_masks = counted is not None and next(masks, None) is not None
     if extra_masks or (outside is not None and next(outsides, None) is not None):
         raise ValueError("counted and outside must have as many frames as the detections, got more")
-    results = {}
-    for threshold, frames in pooled.items():
-        scores = np.concatenate([frame_scores for frame_scores, _ in frames])
-        hits = np.concatenate([frame_hits for _, frame_hits in frames])
-        curve = precision_recall(scores, hits, truth_count)
-        tp = int(hits.sum())
-        results[threshold] = DetectionScore(
-            ap=average_precision(curve) if truth_count else np.nan,
-            precision=tp / len(hits) if len(hits) else np.nan,
-            recall=tp / truth_count if truth_count else np.nan,
-            tp=tp,
-            fp=len(hits) - tp,
-            truths=truth_count,
-            curve=curve,
-            scores=scores,
-            hits=hits,
-        )
-    return results
+
+
+def _score_pooled(
+    scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int
+) -> DetectionScore:
+    """Score of pooled detections. truths: number of objects to find."""
+    curve = precision_recall(scores, hits, truths)
+    tp = int(hits.sum())
+    return DetectionScore(
+        ap=average_precision(curve) if truths else np.nan,
+        precision=tp / len(hits) if len(hits) else np.nan,
+        recall=tp / truths if truths else np.nan,
+        tp=tp,
+        fp=len(hits) - tp,
+        truths=truths,
+        curve=curve,
+        scores=scores,
+        hits=hits,
+    )
 
 
 def matches(

@@ -12,7 +12,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float64, Int64, Mask, Points
 from toolkit.boxes import count_points
-from toolkit.calibration.empty_scene import STANDS_STILL
+from toolkit.calibration.recording_scenes import MAX_STILL_SENSOR_M
 from toolkit.detection.background import MIN_NEW_SHARE
 from toolkit.frame import Frame, Frames
 from toolkit.objects import HEAVY, VEHICLE, Detections
@@ -116,7 +116,7 @@ def _is_still(first: Frame, frame: Frame) -> bool:
         turn = first_pose[:3, :3].T @ pose[:3, :3]
         angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))
         distance = np.linalg.norm(first_pose[:3, 3] - pose[:3, 3])
-        if distance > STANDS_STILL or angle > MAX_STILL_TURN_RAD:
+        if distance > MAX_STILL_SENSOR_M or angle > MAX_STILL_TURN_RAD:
             return False
     return True
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64
 from toolkit.boxes import count_points
-from toolkit.datasets.recordings import ReadRecording, Reads
+from toolkit.datasets.recording_views import ReadRecording, Reads
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import dataset_origin, settings_origin, with_file_digest
 from toolkit.frame import Frame, Recording

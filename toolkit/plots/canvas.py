@@ -3,10 +3,10 @@ and SVG. Pictures are drawn and written inside `house_style()`, so that no setti
 affects them.
 
 Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts. Sensors,
-classes and outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal
+classes and outcomes share no colour, and any two colours differ by at least 18 in CIELAB for normal
 vision and for protanopia, deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE
-TVCG 15(6)); the tests check it. No meaning depends on colour alone: sensors have labels, outcomes
-lines and marks of their own, scales grow darker."""
+TVCG 15(6)); the tests check it. No meaning depends on colour only: sensors have labels, outcomes
+have different lines and marks, scales grow darker."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -14,106 +14,20 @@ from contextlib import contextmanager
 from hashlib import sha256
 from html import escape
 from io import BytesIO
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, filterwarnings, warn
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, Shaped
+from toolkit.arrays import Shaped
 from toolkit.plots.fonts import choose_fonts, list_letters, name_letters, own_font
-from toolkit.runtime.files import write_bytes
+from toolkit.runtime.writing import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.figure import Figure, FigureBase
-
-INK = "#1a1a1a"
-PAPER_WHITE = "#ffffff"
-FAINT = "#6b6b6b"
-SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e21978", "#4463f6")
-BAR = SENSORS[7]  # of charts
-CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
-GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
-# lowest solid first
-SOLID = {"pond": "#cfe4ee", "island": "#d9d9d2", "kerb": "#bdb9b0", "building": "#c9c2b8"}
-SOLID |= dict.fromkeys(("hedge", "tree"), "#cfe0c3")
-OTHER_SOLID = "#9a958c"
-POLE_INK = "#1a1a1a"
-# over solids that coview drew
-DRAWN_INK = "#a05a9c"
-DRAWN_HATCH = "//////"
-# darker where blindness matters more
-BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}
-
-PlotStyle = dict[str, Any]  # keyword arguments of matplotlib
-Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]  # its line styles
-Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
-
-
-class LineStyle(NamedTuple):
-    """Outline style and mark of one outcome."""
-
-    colour: str
-    line: Dashes
-    width: float
-    marker: str = ""
-    size: float = 0.0
-    order: float = 4.0
-
-
-OUTCOME: dict[Outcome, LineStyle] = {
-    "hit": LineStyle("#004a3a", "solid", 1.7, order=4.0),
-    "missed": LineStyle("#f21c09", (0, (3.5, 1.6)), 2.1, "X", 10.0, 4.4),
-    "false alarm": LineStyle("#5600f4", (0, (7, 1.6, 1.2, 1.6)), 1.9, "^", 9.0, 4.2),
-    "not scored": LineStyle(FAINT, (0, (1, 1.4)), 1.3, order=3.8),
-    "detection": LineStyle(INK, (0, (4, 1.5)), 1.4, order=4.0),
-}
-# of curves: neighbours differ in colour and in dashes
-LINES: tuple[tuple[str, Dashes], ...] = tuple(
-    (
-        SENSORS[k % 8],
-        ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (7, 1.5, 1.5, 1.5)))[(k + k // 8) % 4],
-    )
-    for k in (7, 1, 2, 5, 0, 3, 4, 6, 15, 9, 10, 13, 8, 11, 12, 14)
-)
-POINT_STEPS = (1, 2, 5, 10, 20, 50, 100)  # counts of points at which the colour changes
-VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 3 or more sensors
-
-
-def sensor_colour(index: int) -> str:
-    """Colour of a sensor's points in every picture."""
-    return SENSORS[index % len(SENSORS)]
-
-
-def point_scale() -> "tuple[ListedColormap, BoundaryNorm]":
-    """Colour map and norm for counts of points. It has a step for 0, then those of `POINT_STEPS`,
-    ever darker."""
-    from matplotlib import colormaps
-    from matplotlib.colors import BoundaryNorm, ListedColormap
-
-    steps = colormaps["viridis_r"](np.linspace(0.0, 1.0, len(POINT_STEPS)))
-    return ListedColormap(["#ededed", *map(tuple, steps)]), BoundaryNorm(
-        [0, *POINT_STEPS, 1e9], len(POINT_STEPS) + 1
-    )
-
-
-def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"]:
-    """RGBA for counts of points."""
-    colours, norm = point_scale()
-    return np.asarray(colours(norm(points)), np.float64)
-
-
-def point_names() -> list[str]:
-    """Names of the steps of the scale."""
-    ends = [
-        f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)
-    ]
-    return ["0", *ends, f"{POINT_STEPS[-1]}+"]
-
 
 DPI = 150
 CHART_INCHES = 7.0  # width of a chart

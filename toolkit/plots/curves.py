@@ -7,16 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float, Int
-from toolkit.plots.canvas import (
-    LINES,
-    PlotStyle,
-    add_legend,
-    blank_figure,
-    house_style,
-    plain,
-    shorten,
-    write_figure,
-)
+from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
+from toolkit.plots.line_style import PlotStyle
+from toolkit.plots.palette import LINES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

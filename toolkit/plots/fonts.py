@@ -1,7 +1,7 @@
-"""Fonts for letters that the house's own lack: those installed on this computer.
+"""Fonts of this computer, for letters that the house's font lacks.
 
 Pictures are set in DejaVu Sans, which comes with matplotlib and has Latin, Greek, Cyrillic, Hebrew,
-Arabic, Georgian and Armenian letters. For others a font is looked for among those of the system;
+Arabic, Georgian and Armenian letters. For others a font of the system is looked for;
 letters without any font are named, and whoever sets a name writes something else in its place,
 never an empty box."""
 
@@ -166,7 +166,7 @@ def _needs_shaping(letter: str) -> bool:
 
 
 def replace_letters(text: str, letters: frozenset[str]) -> str:
-    """Text with `UNSET` in place of some letters, one for a run of them."""
+    """Text with `UNSET` in place of some letters, one for each run."""
     letters_shown: list[str] = []
     for letter in text:
         if letter not in letters:

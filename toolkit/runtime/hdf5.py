@@ -16,7 +16,7 @@ from typing import Any, Literal
 import h5py
 import numpy as np
 
-from toolkit.runtime.files import plain_file
+from toolkit.runtime.reading import plain_file
 
 _MIN_DEFLATED_SHARE = 1 / 1100  # share of its size to which Deflate can reduce a dataset
 _MANY_BYTES = 1 << 28  # a larger dataset that seems deflated further is damaged: do not read it
@@ -201,7 +201,7 @@ def hdf5_file(
     failed.
 
     That function is called at the end, and may be called before. Not atomic: see
-    `toolkit.runtime.files.writing`."""
+    `toolkit.runtime.writing.writing`."""
     with _Disk(path, "w+" if mode == "w" else "r+") as disk:
         try:
             with h5py.File(disk, mode) as file:

@@ -1,256 +1,18 @@
-"""Error terms of real sensors, each with its law, sources and approximations.
+"""Error terms: what changes the measurements of a sensor and its believed pose."""
 
-**Clocks that differ.** A sensor measures somewhat earlier or later than it says, so moving objects
-are elsewhere. Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills:
-Computer Network Time Synchronization, 2nd edition, 2010; IEEE 1588); delays of fusion come on top
-(Lei et al.: Latency-aware collaborative perception, ECCV 2022). The points on each object move by
-its velocity times the offset; turns and changed occlusion are left out. Velocities come from the
-tracks of neighbouring frames, at most `MOST_APART` from each other.
-
-**Returns that fail**, at random, by range and incidence, or by whole rows of the image. A diffuse
-surface returns the power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar
-Systems, 1992; Lambert's law). It is measured where P exceeds a threshold; surfaces differ in rho,
-here log-logistically, so that
-
-    p(return) = 1 / (1 + (P0 / P)^steepness),   P0: that of a surface at right angles at
-                                                `half_range`.
-
-**Mixed pixels.** A beam, or the window of a stereo match, that meets two surfaces gives a mean of
-both weighed by the light of each (Hebert and Krotkov: 3D measurements from imaging laser radars,
-Image and Vision Computing 10, 1992; Tang, Huber and Akinci: A comparative analysis of
-depth-discontinuity and mixed-pixel detection algorithms, 3DIM 2007).
-
-**Wrong poses**, by calibration or the sway of a pole: the image is right, the cloud is placed with
-a wrong pose. Normal errors, drawn once per sensor, are how robustness to them is measured (V2X-ViT,
-Xu et al., ECCV 2022: 0.2° and 0.2 m of moving vehicles; what stands still is calibrated better). A
-pole is a cantilever: a force at its tip turns the tip by theta and moves it by 2/3 · theta · height
-(Euler and Bernoulli); poles swing at about 1 Hz, and bend with wind and sun.
-
-**Noise**, the model's own and noise that grows with range: sigma(z) = constant + proportional · z +
-quadratic · z². Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise
-sigma_d in pixels and baseline B in metres (Gallup et al.: Variable baseline/resolution stereo, CVPR
-2008). Time of flight: sigma grows with z where the light's own shot noise prevails, with z² where
-ambient light or electronics do (Lange and Seitz: Solid-state time-of-flight range camera, IEEE J.
-Quantum Electronics 37, 2001). Pulsed lidars: a constant of 1 to 3 cm, and a part proportional to
-range (Glennie and Lichti: Static calibration of the Velodyne HDL-64E S2, Remote Sensing 2, 2010).
-
-**Surfaces of vehicles** that return little: window glass, and dark or wet paint. Glass reflects 4 %
-of a ray at each face (Fresnel), away from the sensor; what passes returns from seats, trims or not
-at all (Foster et al.: VisAGGE, ICRA 2013). Black paint returns some tenth of what white does at 905
-nm; a wet surface is darker than a dry one (Lekner and Dorf: Why some things are darker when wet,
-Applied Optics 27, 1988). The windows of a vehicle are taken to be the band of its body between
-`lower` and `upper` of its height, right for saloons, estates and hatchbacks; pillars are a share of
-it, drawn pixel by pixel. Heavy vehicles and two-wheelers are taken to have none.
-
-**Rain, fog and snow** make near returns, and lose returns on their way: the share exp(-2 ·
-extinction · R) of those of surfaces at range R survives (Beer, Lambert). Extinction at 905 nm in dB
-per km:
-
-    rain   1.076 · r^0.67, r in mm/h
-           (Carbonneau and Wisely, 1998; Recommendation ITU-R P.1814)
-    snow   (5.42e-5 · 905 + 5.496) · s^1.38 if dry, (1.02e-4 · 905 + 3.786) · s^0.72 if wet,
-           s in mm/h (ITU-R P.1814)
-    fog    3.912 per metre over the visibility at 2 % contrast (Koschmieder)
-
-Near returns come with a rate that falls with range, per metre `rate · exp(-(r - 0.3 m) / reach)`,
-so that of rays that meet no surface `share` return from the air, and of those that do, as many as
-meet a drop before it. Most false returns lie within some 10 m: in rain (Filgueira et al.,
-Measurement 95, 2017), fog (Bijelic, Gruber and Ritter, IV 2018) and snow (Hahner et al., CVPR
-2022). The shares of `rain`, `fog` and `snow` are assumptions, to be replaced where known.
-
-Readings: what a sensor says it measured and where it is believed to be, and how errors change that.
-
-An error term makes one `Reading` of another. The truth beside it (`TrueImage`), as rendered, never
-changes. A random number depends on the seed, the error term and what it is drawn for, never on how
-many were drawn before, so that a sensor measures the same in any order of sensors, frames and
-processes."""
-
-from collections.abc import Sequence
 from dataclasses import Field, dataclass, fields, replace
-from functools import cached_property
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, ImageMask, ImageRanges, ImageVectors, Int64, Pose, Rng
-from toolkit.boxes import points_in_boxes
-from toolkit.objects import HEAVY, VEHICLE, Objects
-from toolkit.sensors.sensor import NEAR, Measure, Sensor, angle, is_return
+from toolkit.arrays import Float, Float64, ImageMask, Int64
+from toolkit.objects import HEAVY, VEHICLE
+from toolkit.sensors.readings import Draws, Reading, TrueImage
+from toolkit.sensors.sensor import NEAR, Measure, angle
 
-_SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is drawn for
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Random numbers of one error term of one sensor in one frame; all fields are numbers that
-    identify them."""
-
-    seed: int
-    sensor: int
-    frame: int
-    term: int
-
-    def own_noise(self) -> Rng:
-        """Generator of the sensor's own noise, which other errors do not change."""
-        return np.random.default_rng([self.seed, self.frame, self.sensor])
-
-    def of_frame(self) -> Rng:
-        """Generator for this sensor in this frame."""
-        return np.random.default_rng([self.seed, _FRAME, self.frame, self.sensor, self.term])
-
-    def of_sensor(self) -> Rng:
-        """Generator for this sensor, the same in every frame."""
-        return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
-
-    def of_pole(self, position: Float64[np.ndarray, "3"]) -> Rng:
-        """Generator for all sensors over one point of the ground (cm), the same in every frame."""
-        x, y = (int(np.rint(metres * 100)) & 0xFFFFFFFF for metres in position[:2].tolist())
-        return np.random.default_rng([self.seed, _POLE, x, y, self.term])
-
-    def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Number in [0, 1) for each track id."""
-        words = [self.seed, _OBJECT, self.term]
-        drawn = [
-            np.random.default_rng([*words, int(track) & 0xFFFFFFFFFFFFFFFF]).random()
-            for track in ids.tolist()
-        ]
-        return np.array(drawn, np.float64)
-
-
-SKIN = (
-    0.05  # m by which a box is larger than its object, so that points on its surface belong to it
-)
-FOOT_MARGIN = 0.05  # m above the foot of a box where the ground ends
-
-
-@dataclass(frozen=True, eq=False)
-class TrueImage:
-    """Measurement without error at the true pose. velocities: of the objects, m/s, None if
-    unknown."""
-
-    sensor: Sensor
-    measurement: ImageRanges
-    objects: Objects
-    time: float = 0.0
-    velocities: Float64[np.ndarray, "n 3"] | None = None
-
-    @cached_property
-    def valid(self) -> ImageMask:
-        """Mask of pixels that return anything."""
-        return is_return(self.measurement, self.sensor.model.max_range)
-
-    @cached_property
-    def ray_lengths(self) -> ImageRanges:
-        """Range (m) per measured metre: 1 for models that measure ranges."""
-        return np.linalg.norm(self.sensor.model.rays(), axis=2).astype(np.float32)
-
-    @cached_property
-    def ranges(self) -> ImageRanges:
-        """Distance from the sensor to the surface of each pixel (m), 0 for none."""
-        return np.where(self.valid, self.measurement * self.ray_lengths, np.float32(0))
-
-    @cached_property
-    def points(self) -> Float64[np.ndarray, "pixels 3"]:
-        """Point of each pixel, world frame, row after row; the sensor itself for no return."""
-        flat = np.where(self.valid, self.measurement, np.float32(0)).ravel().astype(np.float64)
-        return (self.sensor.world_rays * flat).T.astype(np.float64) + self.sensor.position
-
-    @cached_property
-    def owners(self) -> Int64[np.ndarray, "rows columns"]:
-        """Row of the object whose box holds the point of each pixel, above its foot, -1 for
-        none."""
-        owners = np.full(self.measurement.size, -1, np.int64)
-        if len(self.objects):
-            boxes = self.objects.boxes.copy()
-            boxes[:, 2] += (FOOT_MARGIN + SKIN) / 2
-            boxes[:, 3:5] += 2 * SKIN
-            boxes[:, 5] = np.maximum(boxes[:, 5] + SKIN - FOOT_MARGIN, 1e-3)
-            pixels = np.flatnonzero(self.valid)
-            within = points_in_boxes(self.points[pixels], boxes)
-            owners[pixels] = np.where(within.any(axis=1), within.argmax(axis=1), -1)
-        return owners.reshape(self.measurement.shape)
-
-    @cached_property
-    def cosines(self) -> ImageRanges:
-        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
-        From the differences to the nearer of the neighbours across and along."""
-        rays = self.sensor.model.rays().astype(np.float64)
-        points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
-        normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
-        area = np.linalg.norm(normal, axis=2)
-        is_known = self.valid & (area > 0)
-        along = np.abs(np.einsum("ijk,ijk->ij", normal, rays)) / np.where(
-            is_known, area * self.ray_lengths, 1
-        )
-        return np.where(is_known, np.clip(along, 0, 1), 1).astype(np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """Measurement of a sensor as it reports it. measurement: 0 for no return; pose: believed
-    world_SE3_sensor; shift: displacement of each pixel's point off its ray (m, world frame), None
-    for none."""
-
-    truth: TrueImage
-    measurement: ImageRanges
-    pose: Pose
-    shift: ImageVectors | None = None
-
-    @staticmethod
-    def of(truth: TrueImage) -> "Reading":
-        """Reading without error; NaN and infinity become 0, no return."""
-        image = np.asarray(truth.measurement, np.float32)
-        finite = np.isfinite(image)
-        return Reading(
-            truth,
-            image if finite.all() else np.where(finite, image, np.float32(0)),
-            truth.sensor.pose,
-        )
-
-    @property
-    def valid(self) -> ImageMask:
-        """Mask of pixels that return anything now."""
-        return is_return(self.measurement, self.truth.sensor.model.max_range)
-
-    def without(self, lost: ImageMask) -> "Reading":
-        """Remove the returns of some pixels."""
-        return (
-            self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
-        )
-
-    def measuring(self, measurement: ImageRanges) -> "Reading":
-        """Replace the image."""
-        return replace(self, measurement=measurement)
-
-
-def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
-    """Step from each point to its nearer neighbour."""
-    step = np.diff(points, axis=axis)
-    both = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
-    length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
-    widths = [[side, (0, 0)] if axis == 0 else [(0, 0), side] for side in ((0, 1), (1, 0))]
-    after, before = (np.pad(length, width, constant_values=np.inf) for width in widths)
-    step = np.where(both[..., None], step, 0)
-    ahead, behind = (np.pad(step, [*width, (0, 0)]) for width in widths)
-    return np.where((after <= before)[..., None], ahead, behind)
-
-
-@runtime_checkable
-class ErrorTerm(Protocol):
-    """One kind of error: a frozen dataclass of numbers."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def needs_velocities(self) -> bool:
-        """True if it depends on the speed of objects."""
-
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Apply the error."""
-
-
-MOST_APART = 0.5  # s between frames from which velocities are known
-_SAME = 1.0  # m by which a measurement may differ from the truth and still show the same object
+_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
+MAX_SAME_M = 1.0  # from the true measurement, of one that shows the same object
 
 
 class _Term:
@@ -258,7 +20,7 @@ class _Term:
 
     __dataclass_fields__: ClassVar[dict[str, Field[object]]]
     needs_velocities: ClassVar[bool] = False
-    # fields of which one must be above 0 to change anything
+    # fields that change nothing while all of them are 0
     _strengths: ClassVar[tuple[str, ...]] = ("share",)
     _shares: ClassVar[tuple[str, ...]] = ("share",)  # fields that are at most 1
     _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
@@ -280,24 +42,24 @@ class _Term:
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Apply the error; a term without strength returns the reading itself."""
-        return (
-            self._change(reading, draws)
-            if any(getattr(self, name) for name in self._strengths)
-            else reading
-        )
+        if not any(getattr(self, name) for name in self._strengths):
+            return reading
+        return self._change(reading, draws)
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Return the reading with this error."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class ClockOffset(_Term):
-    """Offset of each sensor's clock, constant over a recording."""
+    """Offset of each sensor's clock, constant over a recording.
+
+    offset: standard deviation (s)."""
 
     needs_velocities: ClassVar[bool] = True
     _strengths = ("offset",)
-
-    offset: float = 0.0  # its standard deviation (s)
+    offset: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         truth = reading.truth
@@ -306,50 +68,24 @@ class ClockOffset(_Term):
                 "a clock's offset needs the objects' velocities: read a recording with tracks "
                 "and times"
             )
-        late = draws.of_sensor().standard_normal() * self.offset
-        moved = np.append(truth.velocities * late, np.zeros((1, 3)), axis=0)[truth.owners]
-        same = reading.valid & (np.abs(reading.measurement - truth.measurement) < _SAME)
-        shift = np.where(same[..., None], moved, 0).astype(np.float32)
+        late_s = draws.of_sensor().standard_normal() * self.offset
+        displacement = np.append(truth.velocities * late_s, np.zeros((1, 3)), axis=0)[truth.owners]
+        is_same = reading.valid & (np.abs(reading.measurement - truth.measurement) < MAX_SAME_M)
+        shift = np.where(is_same[..., None], displacement, 0).astype(np.float32)
         return replace(reading, shift=shift if reading.shift is None else reading.shift + shift)
-
-
-def velocities(
-    objects: Objects, time: float, around: Sequence[tuple[Objects, float]]
-) -> Float64[np.ndarray, "n 3"]:
-    """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before
-    and after.
-
-    It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of
-    its neighbours. Raises ValueError without neighbours and for one farther off than
-    `MOST_APART`."""
-    gaps = [abs(neighbour_time - time) for _, neighbour_time in around]
-    if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
-        intervals = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
-        remedy = "leave the clock's offset out, or record more often"
-        raise ValueError(
-            f"velocities need frames at most {MOST_APART} s apart, got {intervals}: {remedy}"
-        )
-    total = np.zeros((len(objects), 3))
-    count = np.zeros(len(objects))
-    for neighbour, neighbour_time in around:
-        _, rows, neighbour_rows = np.intersect1d(objects.ids, neighbour.ids, return_indices=True)
-        total[rows] += (neighbour.boxes[neighbour_rows, :3] - objects.boxes[rows, :3]) / (
-            neighbour_time - time
-        )
-        count[rows] += 1
-    return total / np.maximum(count, 1)[:, None]
 
 
 @dataclass(frozen=True)
 class DropOut(_Term):
-    """Returns that fail, at random and by range and incidence."""
+    """Returns that fail, at random and by range and incidence.
+
+    share: share of all returns that fail at random; half_range: range (m) from which half of the
+    surfaces at right angles return, 0 for no loss by range; steepness: steepness of this law."""
 
     _strengths = ("share", "half_range")
-    share: float = 0.0  # of all returns
-    half_range: float = (
-        0.0  # m from which half of the surfaces at right angles return; 0: no loss by range
-    )
-    steepness: float = 2.0  # of the law above
+    share: float = 0.0
+    half_range: float = 0.0
+    steepness: float = 2.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         chance = np.full(reading.measurement.shape, 1.0 - self.share)
@@ -361,8 +97,9 @@ class DropOut(_Term):
 
 @dataclass(frozen=True)
 class DeadRows(_Term):
-    """Rows of the image that never return: lasers or lines of a detector that failed. share: of all
-    rows."""
+    """Rows of the image that never return: lasers or lines of a detector that failed.
+
+    share: share of all rows."""
 
     share: float = 0.0
 
@@ -373,8 +110,9 @@ class DeadRows(_Term):
 
 @dataclass(frozen=True)
 class BlindSector(_Term):
-    """Columns of the image that see nothing, as in the glare of a low sun. share: of them, the same
-    in every frame."""
+    """Columns of the image that see nothing, as in the glare of a low sun.
+
+    share: share of all columns, the same ones in every frame."""
 
     share: float = 0.0
 
@@ -387,16 +125,17 @@ class BlindSector(_Term):
 
 @dataclass(frozen=True)
 class RangeBias(_Term):
-    """Ranges of each sensor that are all too long or too short. deviation: of that error (m)."""
+    """Ranges of each sensor that are all too long or too short.
+
+    deviation: standard deviation of the error (m)."""
 
     _strengths = ("deviation",)
     deviation: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         bias = np.float32(draws.of_sensor().standard_normal() * self.deviation)
-        return reading.measuring(
-            np.where(reading.valid, np.maximum(reading.measurement + bias, 0), np.float32(0))
-        )
+        biased = np.maximum(reading.measurement + bias, 0)
+        return reading.measuring(np.where(reading.valid, biased, np.float32(0)))
 
 
 def chance_of_return(
@@ -406,49 +145,55 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative
-    to others."""
+    """Probability that surfaces return.
+
+    ranges: in metres; cosines: cosines of incidence; reflectivity: relative to other surfaces."""
     power = np.asarray(reflectivity) * cosines * half_range**2
     lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
     return 1 / (1 + lacking**steepness)
 
 
-_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
-
-
 @dataclass(frozen=True)
 class MixedPixels(_Term):
-    """Pixels beside an edge that measure something between two surfaces, with even probability. One
-    of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
+    """Pixels next to an edge that measure something between two surfaces.
 
-    share: float = 0.0  # of the pixels beside an edge
-    gap: float = 0.3  # least difference to a neighbour at an edge (m)
-    reach: float = (
-        1000.0  # largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m
-    )
+    All distances between the two are equally likely. The other surface is a neighbour's, drawn from
+    four; a neighbour without return mixes nothing.
+
+    share: share of the pixels next to an edge; gap: smallest difference at an edge (m); reach:
+    largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m."""
+
+    share: float = 0.0
+    gap: float = 0.3
+    reach: float = 1000.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         image = reading.measurement
         rng = draws.of_frame()
         side = rng.integers(len(_NEIGHBOURS), size=image.shape)
-        mixed = rng.random(image.shape) < self.share
+        is_drawn = rng.random(image.shape) < self.share
         weight = rng.random(image.shape, np.float32)
         padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
-        (rows, columns), (down, right) = image.shape, np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
+        rows, columns = image.shape
+        down, right = np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
         neighbour = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
         step = np.abs(neighbour - image)
-        between = reading.valid & (neighbour > 0) & (step > self.gap) & (step < self.reach) & mixed
-        return reading.measuring(np.where(between, image + weight * (neighbour - image), image))
+        is_edge = (neighbour > 0) & (step > self.gap) & (step < self.reach)
+        is_mixed = reading.valid & is_edge & is_drawn
+        mixed = image + weight * (neighbour - image)
+        return reading.measuring(np.where(is_mixed, mixed, image))
 
 
 @dataclass(frozen=True)
 class Calibration(_Term):
-    """Error of calibration, constant over a recording, normal about and along each axis."""
+    """Error of calibration, constant over a recording, normal about and along each axis.
+
+    rotation: root mean square of the angle (rad) about any axis through the sensor; translation:
+    root mean square of the displacement (m) in any direction."""
 
     _strengths = ("rotation", "translation")
-    # root mean square of the angle (rad) about any axis through the sensor
     rotation: float = angle(0.0)
-    translation: float = 0.0  # root mean square of the displacement (m) in any direction
+    translation: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
@@ -462,13 +207,16 @@ class Calibration(_Term):
 class PoleSway(_Term):
     """Slow sway of poles; all sensors of a pole sway together.
 
-    To first order a sensor that moved, placed where it stood, is one that stood, placed where it
-    did not: nothing is rendered anew. A pole's foot is taken to be at z = 0."""
+    To first order, a moved sensor at its believed pose equals an unmoved sensor at a wrong pose, so
+    nothing is rendered again. A pole's foot is at z = 0.
+
+    amplitude: angle by which the tip of a pole turns (rad); period: seconds, up to a third longer
+    or shorter from pole to pole."""
 
     _strengths = ("amplitude",)
     _positive = ("period",)
-    amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)
-    period: float = 3.0  # s, up to a third longer or shorter from pole to pole
+    amplitude: float = angle(0.0)
+    period: float = 3.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         position = reading.truth.sensor.position
@@ -477,9 +225,8 @@ class PoleSway(_Term):
         theta = self.amplitude * np.sin(2 * np.pi * (reading.truth.time / period + phase))
         ahead = np.array([np.cos(2 * np.pi * towards), np.sin(2 * np.pi * towards), 0.0])
         swayed = reading.pose.copy()
-        swayed[:3, :3] = (
-            make_rotation(theta * np.array([-ahead[1], ahead[0], 0.0])) @ reading.pose[:3, :3]
-        )
+        sway_axis = np.array([-ahead[1], ahead[0], 0.0])
+        swayed[:3, :3] = make_rotation(theta * sway_axis) @ reading.pose[:3, :3]
         swayed[:3, 3] += 2 / 3 * theta * max(position[2], 0.0) * ahead
         return replace(reading, pose=swayed)
 
@@ -497,21 +244,22 @@ class OwnNoise(_Term):
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Add the model's noise."""
-        return reading.measuring(
-            reading.truth.sensor.model.noisy(reading.measurement, draws.own_noise())
-        )
+        model = reading.truth.sensor.model
+        return reading.measuring(model.noisy(reading.measurement, draws.own_noise()))
 
 
 @dataclass(frozen=True)
 class RangeNoise(_Term):
-    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m); no return comes from
-    behind a sensor."""
+    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m).
+
+    No return comes from behind a sensor. measures: limits it to sensors that measure "depth" or
+    "range"."""
 
     _strengths = ("constant", "proportional", "quadratic")
     constant: float = 0.0
     proportional: float = 0.0
     quadratic: float = 0.0
-    measures: Measure | None = None  # limits it to sensors that measure "depth" or "range"
+    measures: Measure | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -525,19 +273,16 @@ class RangeNoise(_Term):
             return reading
         z = np.where(reading.valid, reading.measurement, np.float32(0))
         noise = draws.of_frame().standard_normal(z.shape, dtype=np.float32)
-        sigma = (
-            np.float32(self.constant)
-            + np.float32(self.proportional) * z
-            + np.float32(self.quadratic) * z**2
-        )
-        return reading.measuring(
-            np.where(reading.valid, np.maximum(z + noise * sigma, 0), np.float32(0))
-        )
+        sigma = np.float32(self.constant) + np.float32(self.proportional) * z
+        sigma = sigma + np.float32(self.quadratic) * z**2
+        noisy = np.maximum(z + noise * sigma, 0)
+        return reading.measuring(np.where(reading.valid, noisy, np.float32(0)))
 
 
 def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
-    """Noise of a stereo camera. baseline: m; focal: pixels; disparity: its standard deviation
-    (pixels)."""
+    """Noise of a stereo camera.
+
+    baseline: metres; focal: pixels; disparity: standard deviation of the disparity (pixels)."""
     if not (baseline > 0 and focal > 0):
         raise ValueError(
             f"baseline and focal length must be above 0, got {baseline} m and {focal} pixels"
@@ -546,7 +291,9 @@ def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> Ra
 
 
 def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
-    """Noise of a time-of-flight camera: sigma at 10 m (m), and its share due to ambient light and
+    """Noise of a time-of-flight camera.
+
+    at_10_m: standard deviation at 10 m (m); ambient: its share due to ambient light and
     electronics."""
     if not 0 <= ambient <= 1:
         raise ValueError(f"ambient must be a share from 0 to 1, got {ambient}")
@@ -554,19 +301,28 @@ def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> Rang
 
 
 def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> RangeNoise:
-    """Noise of a lidar beside the model's own. constant: m; proportional: per metre of range."""
+    """Noise of a lidar in addition to its model's.
+
+    constant: metres; proportional: per metre of range."""
     return RangeNoise(constant=constant, proportional=proportional, measures="range")
 
 
 @dataclass(frozen=True)
 class Glass(_Term):
-    """Window glass of cars: some rays return from anywhere inside, the others return nothing."""
+    """Window glass of cars: some rays return from anywhere inside, the others return nothing.
+
+    Attributes:
+        share: share of the window band that is glass; the rest is pillars.
+        lower: lower end of the band, as a share of a vehicle's height.
+        upper: its upper end.
+        behind: share of the rays through glass that return from the inside.
+    """
 
     _shares = ("share", "lower", "upper", "behind")
-    share: float = 0.0  # of the window band that is glass, the rest being pillars
-    lower: float = 0.62  # the band, as shares of a vehicle's height
+    share: float = 0.0
+    lower: float = 0.62
     upper: float = 0.93
-    behind: float = 0.3  # share of the rays through glass that return from the inside
+    behind: float = 0.3
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -578,19 +334,17 @@ class Glass(_Term):
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         rng = draws.of_frame()
         shape = reading.measurement.shape
-        pane = rng.random(shape) < self.share
-        inside = rng.random(shape) < self.behind
-        way = rng.random(shape)
-        glass = self.band(reading.truth) & pane & reading.valid
-        pixels = np.flatnonzero(glass & inside)
-        through = np.zeros(glass.size)
-        through[pixels] = way.ravel()[pixels] * _way_through(reading.truth, pixels)
-        deeper = reading.measurement + (through.reshape(shape) / reading.truth.ray_lengths).astype(
-            np.float32
-        )
-        return reading.measuring(np.where(glass & inside, deeper, reading.measurement)).without(
-            glass & ~inside
-        )
+        is_pane = rng.random(shape) < self.share
+        returns = rng.random(shape) < self.behind
+        depth_share = rng.random(shape)
+        is_glass = self.band(reading.truth) & is_pane & reading.valid
+        is_inside = is_glass & returns
+        pixels = np.flatnonzero(is_inside)
+        depth = np.zeros(is_glass.size)
+        depth[pixels] = depth_share.ravel()[pixels] * _way_through(reading.truth, pixels)
+        deeper = (depth.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
+        measurement = np.where(is_inside, reading.measurement + deeper, reading.measurement)
+        return reading.measuring(measurement).without(is_glass & ~returns)
 
     def band(self, truth: TrueImage) -> ImageMask:
         """Mask of pixels on the window band of a vehicle."""
@@ -606,20 +360,30 @@ class Glass(_Term):
 
 @dataclass(frozen=True)
 class Paint(_Term):
-    """Dark or wet paint of vehicles, heavy ones included. Recordings without track ids draw anew in
-    each frame."""
+    """Dark or wet paint of vehicles, heavy ones included.
+
+    Recordings without track ids draw other dark vehicles in each frame.
+
+    Attributes:
+        share: share of dark vehicles, by track id, the same for all sensors and frames.
+        dark: reflectivity of dark vehicles relative to others.
+        wet: reflectivity of every vehicle relative to a dry one.
+        half_range: as for `DropOut`, for a vehicle that is not dark (m).
+        steepness: as for `DropOut`.
+    """
 
     _shares = ("share", "dark", "wet")
     _positive = ("half_range",)
-    share: float = 0.0  # of dark vehicles, by track id, the same for all sensors and frames
-    dark: float = 0.1  # their reflectivity relative to others
-    wet: float = 1.0  # reflectivity of every vehicle relative to a dry one
-    half_range: float = 150.0  # of `DropOut`, for a vehicle that is not dark
+    share: float = 0.0
+    dark: float = 0.1
+    wet: float = 1.0
+    half_range: float = 150.0
     steepness: float = 2.0
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop returns of dark or wet vehicles, with 1 less the ratio of both chances: dry bright
-        ones lose nothing."""
+        """Drop returns of dark or wet vehicles; dry bright ones lose nothing.
+
+        A return stays with the ratio of its chance to the chance of a dry bright vehicle."""
         truth = reading.truth
         shape = reading.measurement.shape
         if not (self.share or self.wet < 1) or not len(truth.objects):
@@ -627,9 +391,9 @@ class Paint(_Term):
         painted = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
         is_dark = (draws.of_objects(truth.objects.ids) < self.share) & painted
         reflectivity = np.where(painted, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
-        of_pixel = np.append(reflectivity, 1.0)[truth.owners]
+        pixel_reflectivity = np.append(reflectivity, 1.0)[truth.owners]
         law = truth.ranges, truth.cosines, self.half_range, self.steepness
-        chance = chance_of_return(*law, of_pixel) / chance_of_return(*law)
+        chance = chance_of_return(*law, pixel_reflectivity) / chance_of_return(*law)
         return reading.without(draws.of_frame().random(shape) >= chance)
 
 
@@ -638,25 +402,35 @@ def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[n
     boxes = truth.objects.boxes[truth.owners.ravel()[pixels]]
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    ways = ((truth.points[pixels] - boxes[:, :3]).T, rays.T)
-    here, ray = (np.column_stack([x * cos + y * sin, x * -sin + y * cos, z]) for x, y, z in ways)
+    start = _turn_into_boxes(truth.points[pixels] - boxes[:, :3], boxes)
+    ray = _turn_into_boxes(rays, boxes)
     ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-    return np.maximum(((np.copysign(boxes[:, 3:6] / 2, ray) - here) / ray).min(axis=1), 0.0)
+    to_faces = (np.copysign(boxes[:, 3:6] / 2, ray) - start) / ray
+    return np.maximum(to_faces.min(axis=1), 0.0)
 
 
-PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
+def _turn_into_boxes(
+    vectors: Float64[np.ndarray, "n 3"], boxes: Float64[np.ndarray, "n 7"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Return vectors along the length, width and height of their boxes."""
+    cos = np.cos(boxes[:, 6])
+    sin = np.sin(boxes[:, 6])
+    x, y, z = vectors.T
+    return np.column_stack([x * cos + y * sin, x * -sin + y * cos, z])
 
 
 @dataclass(frozen=True)
 class Weather(_Term):
-    """Rain, fog or snow."""
+    """Rain, fog or snow.
+
+    extinction: per metre; share: share of rays into the open that return from the air, below 1;
+    reach: distance (m) by which the rate of such returns falls to 1/e."""
 
     _strengths = ("extinction", "share")
     _positive = ("reach",)
-    extinction: float = 0.0  # per metre
-    share: float = 0.0  # of rays into the open that return from the air, below 1
-    reach: float = 8.0  # m by which the rate of such returns falls to 1/e
+    extinction: float = 0.0
+    share: float = 0.0
+    reach: float = 8.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -686,33 +460,35 @@ class Weather(_Term):
 
 
 def rain(rate: float) -> Weather:
-    """Rain of some mm/h: 2.5 light, 10 heavy. 0.3 % of rays into the open per mm/h return from a
-    drop."""
-    return Weather(
-        PER_METRE_OF_DB_PER_KM * 1.076 * _rate(rate) ** 0.67, 1 - np.exp(-0.003 * rate), 8.0
-    )
+    """Rain of some mm/h: 2.5 is light, 10 heavy.
+
+    For each mm/h, 0.3 % of the rays into the open return from a drop."""
+    extinction = PER_METRE_OF_DB_PER_KM * 1.076 * _check_rate(rate) ** 0.67
+    return Weather(extinction, 1 - np.exp(-0.003 * rate), 8.0)
 
 
 def snow(rate: float, *, wet: bool = False) -> Weather:
-    """Snow of some mm/h of water: 1 light, 4 heavy. 4 % of rays into the open per mm/h return from
-    a flake."""
+    """Snow of some mm/h of water: 1 is light, 4 heavy.
+
+    For each mm/h, 4 % of the rays into the open return from a flake."""
     dry_law = (5.42e-5 * 905 + 5.496, 1.38)
     wet_law = (1.02e-4 * 905 + 3.786, 0.72)
     factor, power = wet_law if wet else dry_law
-    return Weather(
-        PER_METRE_OF_DB_PER_KM * factor * _rate(rate) ** power, 1 - np.exp(-0.04 * rate), 6.0
-    )
+    extinction = PER_METRE_OF_DB_PER_KM * factor * _check_rate(rate) ** power
+    return Weather(extinction, 1 - np.exp(-0.04 * rate), 6.0)
 
 
 def fog(visibility: float) -> Weather:
-    """Fog of a visibility (m). 1 - exp(-5 m / visibility) of rays into the open return from it,
-    most near by."""
+    """Fog of a visibility (m).
+
+    A share 1 - exp(-5 m / visibility) of the rays into the open return from it, most near by."""
     if not visibility > 0:
         raise ValueError(f"visibility must be above 0 m, got {visibility}")
     return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)
 
 
-def _rate(rate: float) -> float:
+def _check_rate(rate: float) -> float:
+    """Return a rate, or raise ValueError."""
     if not 0 <= rate < np.inf:
         raise ValueError(f"a rate must be a number of mm/h from 0 on, got {rate}")
     return rate

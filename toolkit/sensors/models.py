@@ -1,6 +1,6 @@
 """Sensor models: a depth camera, three lidars, and the catalogue of all known models by name.
 
-A lidar's rays lie on a grid of elevations and azimuths; its frame has x forward, y left, z up, rows
+A lidar's rays form a grid of elevations and azimuths; its frame has x forward, y left, z up, rows
 from the top down, columns from the right (-y) to the left, centred on +x. A model defined elsewhere
 becomes known to files and to the command line by `@register_sensor_model` above its class."""
 
@@ -36,8 +36,16 @@ from toolkit.sensors.sensor import (
     check_rays,
 )
 
-# of a box's corners, its edges among them
+# pairs of a box's corners, which include its edges
 _PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])
+# elevations of a RowLidar's rows by default (degrees)
+_DEGREES = [15, 10, 7, 5, 3, *np.arange(2.0, -4.5, -1 / 3), -5, -6, -7, -9, -11, -15, -25]
+_ELEVATIONS = tuple(np.deg2rad(_DEGREES).tolist())
+MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"
+# keys of a sensor in files, in addition to the fields of its model
+TAKEN = ("name", "model", "type", "site_SE3_sensor")
+
+Model = TypeVar("Model", bound=type)
 
 
 class _Noisy:
@@ -335,19 +343,15 @@ class SolidStateLidar(_Lidar):
         return AngleGrid(tuple(elevations), self.columns, self.horizontal_fov)
 
 
-_DEGREES = [15, 10, 7, 5, 3, *np.arange(2.0, -4.5, -1 / 3), -5, -6, -7, -9, -11, -15, -25]
-_ELEVATIONS = tuple(np.deg2rad(_DEGREES).tolist())
-
-
 @dataclass(frozen=True)
 class RowLidar(_Lidar):
     """Lidar of rows that need not be evenly spaced; frame: x forward, y left, z up."""
 
     kind: ClassVar[str] = "rowlidar"
 
-    # of its rows (rad above the horizon), top first
+    # elevations of its rows (rad above the horizon), top first
     elevations: tuple[float, ...] = angle(_ELEVATIONS)
-    columns: int = 1800  # of the azimuths it sweeps
+    columns: int = 1800  # steps of the azimuths that it sweeps
     azimuth_fov: float = angle(2 * np.pi)  # rad swept, centred on `heading`
     heading: float = angle(0.0)  # rad from +x to the left
     sigma: float = 0.02  # noise of the range (m)
@@ -381,15 +385,8 @@ class RowLidar(_Lidar):
         return AngleGrid(self.elevations, self.columns, self.azimuth_fov, self.heading)
 
 
-MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"
-# what files say of a sensor beside the fields of its model
-TAKEN = ("name", "model", "type", "site_SE3_sensor")
-
-Model = TypeVar("Model", bound=type)
-
-
 def register_sensor_model(model: Model) -> Model:
-    """Register a model for files and `--model`; returns the class. Raises ValueError where the
+    """Register a model for files and `--model`; returns the class. Raises ValueError if the
     class is no `SensorModel` of fields with defaults, or its name is taken."""
     name = model.__name__
     parameters = getattr(model, "__dataclass_params__", None)

@@ -1,6 +1,6 @@
 """Sensors: the `SensorModel` protocol, what all models share, and `Sensor`, a model at a pose.
 
-`rays()` gives a vector per pixel in the sensor's own frame, scaled so that
+`rays()` gives a vector per pixel in the sensor's frame, scaled so that
 
     point = measurement · ray                                    (paper equation 2 for the camera)
     point in the world = measurement · (R ray) + t               (paper equation 1; R ray is
@@ -34,7 +34,8 @@ from toolkit.arrays import (
 from toolkit.display import Table
 from toolkit.geometry import check_pose, invert
 
-NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see the post it hangs on
+NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see its post
+MAX_RAYS = 1 << 23  # for one sensor; a camera of 3840 x 2160 pixels fits
 
 Measure = Literal["depth", "range"]
 Deviation = np.ndarray | np.float32
@@ -182,19 +183,16 @@ def check_numbers(model: Any) -> None:
             )
 
 
-MOST_RAYS = 1 << 23  # of a sensor; a camera of 3840 x 2160 pixels fits
-
-
 def check_rays(rows: float, columns: float) -> None:
     """Raise ValueError without a row and a column, and for more rays than can be followed."""
     if min(rows, columns) < 1:
         raise ValueError(
             f"rows and columns of a sensor must be at least 1, got {rows!s:.20} and {columns!s:.20}"
         )
-    if max(rows, columns, rows * columns) > MOST_RAYS:
+    if max(rows, columns, rows * columns) > MAX_RAYS:
         got = f"{rows!s:.20} x {columns!s:.20}"
         raise ValueError(
-            f"a sensor has at most {MOST_RAYS} rays, got {got}: take fewer, or wider steps"
+            f"a sensor has at most {MAX_RAYS} rays, got {got}: take fewer, or wider steps"
         )
 
 
@@ -208,8 +206,10 @@ def check_noise(sigma: float, max_range: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Sensor model at a pose, world_SE3_sensor, in a site's own frame: float32 points are good to
-    1 mm within 10 km. Raises ValueError if the pose is no rigid motion."""
+    """Sensor model at a pose, world_SE3_sensor, in a site's frame.
+
+    float32 points are good to 1 mm within 10 km. Raises ValueError if the pose is no rigid
+    motion."""
 
     name: str
     model: SensorModel

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from toolkit.runtime.files import read_own_table
+from toolkit.runtime.text_values import read_own_table
 
 NEAR_BORDER_DEG = 0.05  # some 5 km, within which the outlines may be wrong
 

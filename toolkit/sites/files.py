@@ -21,8 +21,10 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.geometry import LEVEL, check_pose, pose
-from toolkit.runtime.files import name_errors, read_json, write_text
 from toolkit.runtime.json_object import Json, JsonObject
+from toolkit.runtime.reading import name_errors
+from toolkit.runtime.text_values import read_json
+from toolkit.runtime.writing import write_text
 from toolkit.sensors.models import class_names, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, find_angles
 from toolkit.sites import BUILT_IN

@@ -3,33 +3,32 @@ outcomes, sensors."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.boxes import footprints
 from toolkit.frame import Frame, Recording
 from toolkit.objects import Detections, Objects
-from toolkit.plots.canvas import (
-    FAINT,
-    INK,
-    OUTCOME,
-    PAPER_WHITE,
-    Outcome,
-    PlotStyle,
-    blank_figure,
-    house_style,
-    sensor_colour,
-    shorten,
-    write_figure,
-)
-from toolkit.plots.plan_view import Entry, draw_frame, draw_outcome, outcome_entry
+from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
+from toolkit.plots.line_style import Entry, Outcome, PlotStyle
+from toolkit.plots.outcome_marks import draw_outcome, outcome_entry
+from toolkit.plots.palette import FAINT, INK, OUTCOME, PAPER_WHITE, sensor_colour
+from toolkit.plots.plan_view import draw_frame
 from toolkit.viewing import drawn
+from toolkit.viewing.colouring import Colouring, Scales, shades
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.outcomes import MARKED
 from toolkit.viewing.recording_scene import find_view_area
 
-STILL_POINTS = 200_000  # of a cloud
-_INCHES = 9.0  # of the greater side of the map
-_POINT_SIZE = 1.0  # square points of 1/72 inch
-_GRID = 10.0  # m
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+STILL_POINTS = 200_000  # in a cloud
+_INCHES = 9.0  # longer side of the map
+_POINT_AREA = 1.0  # square points of 1/72 inch
+_GRID_M = 10.0
 
 
 def write_still(
@@ -37,105 +36,126 @@ def write_still(
     out: str | Path,
     *,
     title: str = "",
-    colouring: drawn.Colouring = "sensor",
+    colouring: Colouring = "sensor",
     sensors: Sequence[str] = (),
     half: tuple[float, float] | None = None,
 ) -> None:
     """Write a frame as a picture, PNG or SVG by the ending, with the same bytes each time.
-    colouring: of points; sensors: names in the order of their colours, the frame's own when empty;
-    half: half of the sides (m) of what is shown about the origin, where most points are when
-    None."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
-    xmin, ymin, xmax, ymax = find_view_area(sample) if half is None else (-half[0], -half[1], *half)
-    width, height = xmax - xmin, ymax - ymin
-    scale = _INCHES / max(width, height)
-    scales = drawn.Scales.of(sample)
-    newest = drawn.find_newest(sample)
+    colouring: colouring of points; sensors: names in the order of their colours, the frame's when
+    empty; half: half of the sides (m) of the picture about the origin; None for the area with most
+    points."""
     order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
-    entries: list[Entry] = []
+    scales = Scales.of(sample)
+    subtitle = f"{sample.describe()}; points by {scales.describe(colouring)}"
     with house_style():
-        figure = blank_figure(width * scale + 1.2, height * scale + 2.0, constrained=True)
-        axes = figure.add_subplot()
-        axes.set(
-            xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xlabel="x (m)", ylabel="y (m)"
+        figure, axes = _make_sheet(
+            find_view_area(sample) if half is None else (-half[0], -half[1], *half)
         )
-        axes.set_xticks(_GRID * np.arange(np.ceil(xmin / _GRID), xmax // _GRID + 1))
-        axes.set_yticks(_GRID * np.arange(np.ceil(ymin / _GRID), ymax // _GRID + 1))
-        axes.grid(True)
-        for sample_cloud in sample.clouds:
-            cloud = drawn.thinned(sample_cloud, STILL_POINTS)
-            colours = (
-                drawn.shades(cloud, colouring, scales, index=order.index(cloud.name), newest=newest)
-                / 255.0
-            )
-            x, y, _ = cloud.points.T
-            axes.scatter(x, y, s=_POINT_SIZE, c=colours, linewidths=0, rasterized=True, zorder=3)
-        labelled = _all(sample.truth)
-        for corners in footprints(labelled):
-            axes.fill(*corners.T, facecolor="none", edgecolor=FAINT, linewidth=1.0, zorder=3.6)
-        if len(labelled):
-            entries.append(
-                (Patch(facecolor="none", edgecolor=FAINT), f"labelled ({len(labelled)})")
-            )
-        rows: dict[Outcome, np.ndarray] = {
-            drawn.MARKED[name]: _all(boxes) for name, boxes in sample.outcomes.items()
-        }
-        if not rows and sample.detections:
-            rows = {"detection": _all(sample.detections)}
-        for outcome, boxes in rows.items():
-            draw_outcome(axes, boxes, outcome)
-            entries.append(outcome_entry(outcome, f"{outcome} ({len(boxes)})"))
-        for tag in sample.tags:
-            look: PlotStyle = {
-                "color": OUTCOME[tag.outcome].colour,
-                "fontsize": 6.5,
-                "clip_on": True,
-                "zorder": 5.5,
-            }
-            look["bbox"] = {"facecolor": PAPER_WHITE, "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
-            axes.annotate(
-                tag.text, tag.place[:2], (0, 7), textcoords="offset points", ha="center", **look
-            )
-        for cloud in sample.clouds:
-            colour = sensor_colour(order.index(cloud.name))
-            axes.plot(
-                *cloud.place[:2],
-                "s",
-                color=colour,
-                markersize=8,
-                markeredgecolor=INK,
-                zorder=6,
-                clip_on=True,
-            )
-        for k, name in enumerate(order):
-            mark: PlotStyle = {
-                "marker": "s",
-                "markersize": 7,
-                "markeredgecolor": INK,
-                "linestyle": "none",
-            }
-            entries.append((Line2D([], [], color=sensor_colour(k), **mark), shorten(name, 30)))
+        _draw_clouds(axes, sample, order, colouring, scales)
+        entries = [*_draw_labels(axes, sample), *_draw_outcomes(axes, sample)]
+        _draw_tags(axes, sample.tags)
+        entries += _draw_sensors(axes, sample, order)
         figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
-        axes.set_title(
-            shorten(f"{sample.describe()}; points by {scales.describe(colouring)}", 180),
-            fontsize=7.5,
-        )
+        axes.set_title(shorten(subtitle, 180), fontsize=7.5)
         if entries:
             figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=4)
         write_figure(figure, out)
 
 
+def _make_sheet(area: tuple[float, float, float, float]) -> tuple["Figure", "Axes"]:
+    """Figure with axes of an area xmin ymin xmax ymax (m), with a grid of tens of metres."""
+    xmin, ymin, xmax, ymax = area
+    width = xmax - xmin
+    height = ymax - ymin
+    scale = _INCHES / max(width, height)
+    figure = blank_figure(width * scale + 1.2, height * scale + 2.0, constrained=True)
+    axes = figure.add_subplot()
+    axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    axes.set_xticks(_GRID_M * np.arange(np.ceil(xmin / _GRID_M), xmax // _GRID_M + 1))
+    axes.set_yticks(_GRID_M * np.arange(np.ceil(ymin / _GRID_M), ymax // _GRID_M + 1))
+    axes.grid(True)
+    return figure, axes
+
+
+def _draw_clouds(
+    axes: "Axes", sample: drawn.DrawnSample, order: list[str], colouring: Colouring, scales: Scales
+) -> None:
+    """Draw the points of all sensors. order: names of sensors in the order of their colours."""
+    newest = drawn.find_newest(sample)
+    for sample_cloud in sample.clouds:
+        cloud = drawn.limit_points(sample_cloud, STILL_POINTS)
+        index = order.index(cloud.name)
+        colours = shades(cloud, colouring, scales, index=index, newest=newest) / 255.0
+        x, y, _ = cloud.points.T
+        axes.scatter(x, y, s=_POINT_AREA, c=colours, linewidths=0, rasterized=True, zorder=3)
+
+
+def _draw_labels(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
+    """Draw labelled boxes as outlines, and return their legend entries."""
+    from matplotlib.patches import Patch
+
+    labels = _join_kinds(sample.truth)
+    for corners in footprints(labels):
+        axes.fill(*corners.T, facecolor="none", edgecolor=FAINT, linewidth=1.0, zorder=3.6)
+    if not len(labels):
+        return []
+    return [(Patch(facecolor="none", edgecolor=FAINT), f"labelled ({len(labels)})")]
+
+
+def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
+    """Draw outcomes, else detections, and return their legend entries."""
+    rows: dict[Outcome, np.ndarray] = {
+        MARKED[name]: _join_kinds(boxes) for name, boxes in sample.outcomes.items()
+    }
+    if not rows and sample.detections:
+        rows = {"detection": _join_kinds(sample.detections)}
+    entries = []
+    for outcome, boxes in rows.items():
+        draw_outcome(axes, boxes, outcome)
+        entries.append(outcome_entry(outcome, f"{outcome} ({len(boxes)})"))
+    return entries
+
+
+def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
+    """Write tags above their places."""
+    for tag in tags:
+        look: PlotStyle = {
+            "color": OUTCOME[tag.outcome].colour,
+            "fontsize": 6.5,
+            "clip_on": True,
+            "zorder": 5.5,
+        }
+        look["bbox"] = {"facecolor": PAPER_WHITE, "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
+        place = tag.place[:2]
+        axes.annotate(tag.text, place, (0, 7), textcoords="offset points", ha="center", **look)
+
+
+def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, order: list[str]) -> list[Entry]:
+    """Draw sensors as squares, and return their legend entries."""
+    from matplotlib.lines import Line2D
+
+    for cloud in sample.clouds:
+        colour = sensor_colour(order.index(cloud.name))
+        look: PlotStyle = {"markersize": 8, "markeredgecolor": INK, "zorder": 6, "clip_on": True}
+        axes.plot(*cloud.place[:2], "s", color=colour, **look)
+    mark: PlotStyle = {"marker": "s", "markersize": 7, "markeredgecolor": INK, "linestyle": "none"}
+    entries: list[Entry] = []
+    for k, name in enumerate(order):
+        entries.append((Line2D([], [], color=sensor_colour(k), **mark), shorten(name, 30)))
+    return entries
+
+
 def draw_frame_alone(frame: Frame, out: str | Path) -> None:
-    """Draw a frame where its points are."""
-    view = drawn.Drawing()
+    """Draw the area of a frame's points."""
+    view = Drawing()
     write_still(view.draw(frame, view.origin(frame)), out)
 
 
 def draw_recording(recording: Recording, out: str | Path) -> None:
-    """Draw the first frame of a recording, on its site if that is known. Raises IndexError without
-    frames."""
+    """Draw the first frame of a recording, on its site if that is known.
+
+    Raises IndexError without frames."""
     frame = recording[0]
     site = recording.site
     if site is None:
@@ -154,5 +174,6 @@ def draw_boxes(rows: Objects | Detections, out: str | Path) -> None:
     write_still(drawn.DrawnSample("boxes", np.nan, (), truth, detections), out)
 
 
-def _all(boxes: drawn.BoxesByKind) -> np.ndarray:
+def _join_kinds(boxes: drawn.BoxesByKind) -> np.ndarray:
+    """Boxes of all kinds."""
     return np.concatenate([np.zeros((0, 7)), *boxes.values()])

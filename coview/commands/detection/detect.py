@@ -22,11 +22,11 @@ from coview.detectors import (
 from coview.outputs import OK, Writing, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
-from toolkit.detection.place import Place
+from toolkit.calibration.place import Place
 from toolkit.objects import Detector
 
 if TYPE_CHECKING:
-    from toolkit.datasets.recordings import Part
+    from toolkit.datasets.recording_views import Part
     from toolkit.detection.detect import Detected
     from toolkit.detection.standing import StandingScene
     from toolkit.frame import Recording
@@ -62,7 +62,7 @@ def detect_command(
             numbers even if the processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti."""
-    from toolkit.datasets.recordings import Part
+    from toolkit.datasets.recording_views import Part
     from toolkit.detection.detect import describe_summary, summarise, write_detections
     from toolkit.detection.standing import learn_standing_scene
 

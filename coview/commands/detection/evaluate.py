@@ -14,7 +14,7 @@ from coview.detectors import check_detector, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
-from toolkit.detection.place import Place
+from toolkit.calibration.place import Place
 from toolkit.display import describe_count
 from toolkit.frame import Frame, RecordingView
 from toolkit.runtime.run import Run
@@ -111,9 +111,10 @@ def evaluate_command(
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any
             layout.
         out: Folder for table.json and the PR curves."""
-    from toolkit.calibration.empty_scene import Scenes
-    from toolkit.datasets.recordings import ReadRecording, Reads
-    from toolkit.detection.evaluation import evaluate_recording, save_evaluation
+    from toolkit.calibration.recording_scenes import Scenes
+    from toolkit.datasets.recording_views import ReadRecording, Reads
+    from toolkit.detection.evaluation import evaluate_recording
+    from toolkit.detection.evaluation_files import save_evaluation
     from toolkit.objects import check_known, known_labels
 
     _check_options(rules, subject)
@@ -176,7 +177,7 @@ def _check_options(rules: Rules, subject: Subject) -> None:
 def _read_reference(reference: str | None) -> "Surface | None":
     """Read the surface that poses are fitted to, None without one."""
     from toolkit.calibration.poses import TOGETHER
-    from toolkit.calibration.registration import read_surface
+    from toolkit.calibration.reference_surface import read_surface
 
     return None if reference in (None, TOGETHER) else read_surface(reference)
 
@@ -189,7 +190,7 @@ def _check_outputs(
     labels: Sequence[str] | None = None,
 ) -> None:
     """Check that the table and the curves of these classes may be written."""
-    from toolkit.detection.evaluation import curve_files
+    from toolkit.detection.evaluation_files import curve_files
 
     labels = labels or rules.classes or ("vehicle",)
     for name in ("table.json", *curve_files(labels, rules.iou)):
@@ -200,7 +201,7 @@ def _check_recording(
     recording: "Recording", count: int, sets: Sequence[Sequence[int | str] | None]
 ) -> None:
     """Raise ValueError for labels that cannot be scored, and for unknown sensors."""
-    from toolkit.datasets.records import check_labels
+    from toolkit.datasets.listing import check_labels
     from toolkit.frame import select_sensors
 
     check_labels(recording, count)
@@ -213,7 +214,8 @@ def _correct_poses(
     recording: "Recording", reference: str | None, surface: "Surface | None", frames: int | None
 ) -> "tuple[Recording, tuple[FoundPose, ...]]":
     """Return a recording with the poses found by a reference, if any, and these."""
-    from toolkit.calibration.poses import Corrected, find_poses
+    from toolkit.calibration.corrected_recording import Corrected
+    from toolkit.calibration.poses import find_poses
 
     if reference is None:
         return recording, ()
@@ -225,7 +227,7 @@ def _select_frames(
     recording: "Recording", sets: Sequence[Sequence[int | str] | None], count: int | None
 ) -> "Recording":
     """Return the first frames, with the sensors of the sets only."""
-    from toolkit.datasets.recordings import Part
+    from toolkit.datasets.recording_views import Part
 
     if not len(recording):
         return recording

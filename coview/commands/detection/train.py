@@ -8,7 +8,7 @@ from coview.arguments import check_ending
 from coview.outputs import CARD_KIND, OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from models.training.options import TrainingOptions
-from toolkit.detection.place import Corners
+from toolkit.calibration.place import Corners
 
 
 def train_command(

@@ -11,8 +11,8 @@ from coview.options import Output
 from coview.outputs import OK, Writing, check_folder, say
 from coview.recordings import open_recording
 from toolkit.objects import LABELS
-from toolkit.runtime.files import UNFINISHED
 from toolkit.runtime.run import Run
+from toolkit.runtime.writing import UNFINISHED
 
 RECORDING = "tjunction.hdf5"
 PLAN = "plan"  # folder
@@ -40,7 +40,7 @@ def demo_command(
         seed: Seed of the traffic.
         detector: Detector, as in coview evaluate.
         overwrite: Replace existing files; files of another demo are replaced anyway."""
-    from toolkit.detection.evaluation import curve_files, draw_example
+    from toolkit.detection.evaluation_files import curve_files, draw_example
 
     check_least("--frames", frames, 1)
     check_least("--plan-frames", plan_frames, 0)

@@ -42,7 +42,7 @@ def survey_command(
         errors: Error profile, as in coview evaluate.
         seed: Seed of the sensors' noise and errors.
         json: Print as JSON."""
-    from toolkit.datasets.recordings import Reads
+    from toolkit.datasets.recording_views import Reads
     from toolkit.detection.survey import survey
     from toolkit.frame import select_sensors
 
@@ -85,8 +85,8 @@ def doctor_command(
         layout: Layout, as in coview evaluate.
         frames: Number of first frames whose labels are checked; all for hdf5.
         json: Print as JSON."""
-    from toolkit.calibration.poses import check_drift
-    from toolkit.detection.label_doctor import diagnose
+    from toolkit.doctor.diagnosis import diagnose
+    from toolkit.doctor.drift import check_drift
     from toolkit.sites.files import load_site
 
     check_least("--frames", frames, 1)
@@ -160,9 +160,11 @@ def calibrate_command(
         out: Copy of the recording to write with corrected poses; a plain folder for clouds.
         poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions;
             coview fuse reads it."""
-    from toolkit.calibration.poses import TOGETHER, find_poses, save_poses, write_corrected
-    from toolkit.calibration.registration import read_surface
-    from toolkit.datasets.recordings import Part, ReadRecording, Reads
+    from toolkit.calibration.corrected_recording import write_corrected
+    from toolkit.calibration.found_pose import save_poses
+    from toolkit.calibration.poses import TOGETHER, find_poses
+    from toolkit.calibration.reference_surface import read_surface
+    from toolkit.datasets.recording_views import Part, ReadRecording, Reads
 
     find_profile(reading.errors)
     reference = None if fit.reference == TOGETHER else fit.reference

@@ -15,11 +15,14 @@ from coview.outputs import OK, Writing, check_empty_folder, check_file, claim, p
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
 from toolkit.bodies.fleet import fleet_named
-from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
+from toolkit.calibration.level_frames import level_frames
+from toolkit.calibration.place import Place
+from toolkit.datasets.cloud_files import crop_area, fuse_files
 from toolkit.datasets.layouts.argoverse import check_log
-from toolkit.datasets.recordings import Part, ReadRecording, Reads, filter_classes, find_layout
-from toolkit.detection.place import Place, level_frames
-from toolkit.runtime.files import check_links
+from toolkit.datasets.pose_files import load_poses
+from toolkit.datasets.recording_views import Part, ReadRecording, Reads, filter_classes
+from toolkit.datasets.recordings import find_layout
+from toolkit.runtime.reading import check_links
 from toolkit.runtime.run import Simulation
 from toolkit.sensors.error_profiles import find_profile
 

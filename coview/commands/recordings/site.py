@@ -11,7 +11,7 @@ from coview.arguments import check_bearing, check_ending, check_least, check_tur
 from coview.outputs import OK, SITE_KIND, check_file, say
 from coview.progress_bar import progress_bar
 from toolkit.plots.canvas import check_picture
-from toolkit.runtime.files import write_text
+from toolkit.runtime.writing import write_text
 
 if TYPE_CHECKING:
     from toolkit.sites.site import Site

@@ -13,12 +13,13 @@ from coview.detectors import check_detector, place_detector
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
-from toolkit.datasets.recordings import Part
-from toolkit.detection.place import Corners, Level, Place
+from toolkit.calibration.place import Corners, Level, Place
+from toolkit.datasets.recording_views import Part
 from toolkit.frame import Frame, select_sensors
 from toolkit.plots.canvas import check_picture
-from toolkit.viewing.drawn import Drawing
-from toolkit.viewing.recording_scene import PAGE_FRAMES, view_live, write_page
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.live_view import view_live
+from toolkit.viewing.recording_page import PAGE_FRAMES, write_page
 from toolkit.viewing.scene import check_viser
 from toolkit.viewing.still import write_still
 

@@ -12,7 +12,7 @@ import numpy as np
 from examples.studies.paper.comparison import Compared
 from toolkit.arrays import Float64
 from toolkit.plots.canvas import blank_figure
-from toolkit.runtime.files import writing
+from toolkit.runtime.writing import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ from examples.studies.paper.paper_rows import (
     SetRow,
     Statement,
 )
-from toolkit.runtime.files import read_own_table
+from toolkit.runtime.text_values import read_own_table
 
 PAPER_SITES = ("tjunction", "roundabout")
 TEST_FRAMES = 1000  # of each test collection, section III

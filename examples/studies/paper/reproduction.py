@@ -37,9 +37,10 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.provenance import coview_version
 from toolkit.objects import Detector
 from toolkit.runtime.cache import Cache
-from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Processes, Run
 from toolkit.runtime.text_tables import align_columns
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_text, writing_together
 
 GIVEN_DETECTOR = (
     "The detector is not the shipped one: what the causes say about the shipped network does not "

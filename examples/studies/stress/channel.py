@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.recordings import read_frame
+from toolkit.datasets.recording_views import read_frame
 from toolkit.frame import Frame, Frames
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
-from toolkit.sensors.error_terms import MOST_APART
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS
+from toolkit.sensors.track_velocities import MOST_APART
 
 MAX_AGE_S = 1.0  # older messages are not shown
 
@@ -119,7 +120,7 @@ def delay_frames(
     """Yield the centre's frame at the time of each frame.
 
     channels: one for each sensor, or one for all, drawn from `seed`; frames: number of frames, None
-    for all; errors, noise_seed: see `toolkit.datasets.recordings.read_frame`; frozen: sensors
+    for all; errors, noise_seed: see `toolkit.datasets.recording_views.read_frame`; frozen: sensors
     (indices) that keep sending, with current times, their first measurement since traffic started;
     needed: numbers of a sensor's messages that must have arrived to read one, None for only that
     message. Raises ValueError for channels with any effect if frames are more than `MOST_APART`

@@ -32,7 +32,8 @@ from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import STEPS_M, RangeImages
 from toolkit.detection.scheme import Scheme
 from toolkit.objects import label_index
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.error_terms import Calibration, ClockOffset
 
 POSE_LEVELS = (0.0, 0.1, 0.2, 0.4, 0.6, 1.0)  # m and degrees

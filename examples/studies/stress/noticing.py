@@ -17,8 +17,8 @@ from examples.studies.stress.conditions import make_conditions
 from examples.studies.stress.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.arrays import ImageMask
 from toolkit.boxes import count_points
-from toolkit.calibration.empty_scene import Scenes
-from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
+from toolkit.calibration.recording_scenes import Scenes
+from toolkit.datasets.recording_views import ReadRecording, Reads, read_frame
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
 from toolkit.detection.link.range_images import STEPS_M
 from toolkit.detection.view import frame_view

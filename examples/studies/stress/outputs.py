@@ -25,8 +25,9 @@ from placement_env.report.content import CONFIDENCE
 from toolkit.arrays import Float64, Int64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.display import format_share
-from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.text_tables import align_columns
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_text, writing_together
 
 STRESS_FILES = ("stress.json", "stress.svg")
 MIN_LEAD_AP = 0.005  # a scheme must lead by this to count as better

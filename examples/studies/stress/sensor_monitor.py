@@ -22,7 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import BoxRows, ImageMask, ImageRanges
-from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.pixel_clusters import MIN_OPEN_SHARE, SCENE_SIGMAS
 from toolkit.sensors.sensor import Sensor, is_return
 
 DEFAULT_SILENT_AFTER_S = 0.5
@@ -82,7 +83,7 @@ class SensorMonitor:
         self._scene = scene
         self._silent_after = silent_after
         self._newest = start
-        self._returns = (scene.first > 0) & (scene.share >= HALF)
+        self._returns = (scene.first > 0) & (scene.share >= MIN_OPEN_SHARE)
         self._returns &= True if view is None else view
         self._pixels: ImageRanges | None = None
         self._repeats = 0
@@ -159,7 +160,7 @@ def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
     last = np.fmax(scene.first, np.nan_to_num(scene.second))
     spread = np.where(np.nan_to_num(scene.second) > scene.first, scene.second_spread, scene.spread)
     solid = (scene.first > 0) & (np.isnan(scene.second) | (scene.second > 0))
-    return np.asarray(solid & (image > last + SIGMAS * spread))
+    return np.asarray(solid & (image > last + SCENE_SIGMAS * spread))
 
 
 def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageMask:

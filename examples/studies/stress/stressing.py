@@ -26,8 +26,8 @@ from examples.studies.stress.tracks import Tracks
 from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
-from toolkit.calibration.empty_scene import Scenes
-from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame
+from toolkit.calibration.recording_scenes import Scenes
+from toolkit.datasets.recording_views import ReadRecording, Reads, block_seed, read_frame
 from toolkit.detection.metrics import matches
 from toolkit.detection.scheme import Chained
 from toolkit.detection.schemes import find_scheme
@@ -37,8 +37,9 @@ from toolkit.objects import Detections, Detector, check_known, known_labels
 from toolkit.points import has_centre_inside
 from toolkit.runtime.cache import Cache, code_digest, make_key
 from toolkit.runtime.run import Run
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
-from toolkit.sensors.error_terms import MOST_APART
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS
+from toolkit.sensors.track_velocities import MOST_APART
 from toolkit.sites.site import Site
 from toolkit.traffic.spawner import LIFE
 

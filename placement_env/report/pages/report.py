@@ -30,7 +30,7 @@ from placement_env.report.pages.sensors_sections import (
     worth_section,
 )
 from placement_env.report.pages.typesetting import to_html, to_pdf
-from toolkit.runtime.files import writing_together
+from toolkit.runtime.writing import writing_together
 from toolkit.sites.site import Site
 
 REPORT_FILES = ("report.html", "report.pdf")

@@ -16,11 +16,19 @@ from placement_env.handover.mounted import PlannedSensor
 from placement_env.report.content import Plan, SceneMoment
 from toolkit.arrays import ImageRanges
 from toolkit.mesh import Mesh, box, extrude, merge, triangulate, tube
-from toolkit.plots.canvas import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
+from toolkit.plots.palette import (
+    FAINT,
+    GROUND,
+    OTHER_SOLID,
+    OUTCOME,
+    POLE_INK,
+    SOLID,
+    sensor_colour,
+)
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
-from toolkit.viewing import scene
+from toolkit.viewing import box_lines, scene, scene_parts
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -98,19 +106,19 @@ def build_scene(
 
 def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
     """Add ground, streets, solids and poles. used_poles: names of poles drawn thicker."""
-    scene.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
+    scene_parts.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
-        scene.add_mesh(api, f"/site/{layer}", drape(site, polygons, lift=lift), colour)
+        scene_parts.add_mesh(api, f"/site/{layer}", drape(site, polygons, lift=lift), colour)
     solids: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
     for kind, meshes in sorted(solids.items()):
-        scene.add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
+        scene_parts.add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
     free_mounts = [mount for mount in site.mounts if mount.name not in used_poles]
     used_mounts = [mount for mount in site.mounts if mount.name in used_poles]
-    scene.add_mesh(api, "/site/free poles", _pole_tubes(free_mounts, 0.06), _FREE_POLE)
-    scene.add_mesh(api, "/site/poles in use", _pole_tubes(used_mounts, 0.12), POLE_INK)
+    scene_parts.add_mesh(api, "/site/free poles", _pole_tubes(free_mounts, 0.06), _FREE_POLE)
+    scene_parts.add_mesh(api, "/site/poles in use", _pole_tubes(used_mounts, 0.12), POLE_INK)
 
 
 def _pole_tubes(mounts: Sequence[Mount], radius: float) -> Mesh:
@@ -129,9 +137,9 @@ def _add_sensor(
     api.add_frame(node, show_axes=False)
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
     pole = tube(np.array([[sensor.x, sensor.y, foot], [sensor.x, sensor.y, sensor.z + 0.3]]), 0.1)
-    scene.add_mesh(api, f"{node}/pole", pole, POLE_INK)
+    scene_parts.add_mesh(api, f"{node}/pole", pole, POLE_INK)
     housing = box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z))
-    scene.add_mesh(api, f"{node}/housing", housing, colour)
+    scene_parts.add_mesh(api, f"{node}/housing", housing, colour)
     api.add_label(
         f"{node}/label",
         sensor.name,
@@ -140,7 +148,7 @@ def _add_sensor(
         anchor="bottom-center",
     )
     if seen is not None:
-        scene.add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
+        scene_parts.add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
     return Layer(sensor.name, node, colour, "points, field of view and visible ground")
 
 
@@ -156,7 +164,7 @@ def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) ->
     renderer = Renderer(site, (), [sensor for _, sensor in indexed_sensors])
     for (index, sensor), background in zip(indexed_sensors, renderer.background, strict=True):
         edges = view_edges(sensor, background)
-        scene.add_lines(
+        scene_parts.add_lines(
             api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True
         )
 
@@ -167,10 +175,10 @@ def _add_clouds(api: "SceneApi", moments: Sequence[SceneMoment], sensors: int) -
         for index, points in enumerate(moment.clouds[:sensors]):
             name = f"/sensors/{index}/points {frame}"
             colour = scene.rgb(sensor_colour(index))
-            scene.add_points(
+            scene_parts.add_points(
                 api,
                 name,
-                scene.thin_evenly(points, max_points),
+                scene_parts.thin_evenly(points, max_points),
                 colour,
                 size=0.09,
                 visible=frame == 0,
@@ -185,17 +193,17 @@ def _add_boxes(api: "SceneApi", moments: Sequence[SceneMoment]) -> None:
         truth = moment.truth.boxes
         detections = moment.detections.boxes
         missed = truth[~moment.truth_hit & ~moment.truth_ignored]
-        missed_dashes = scene.dashes(scene.box_edges(missed), dash=0.6, gap=0.4)
+        missed_dashes = box_lines.dashes(box_lines.box_edges(missed), dash=0.6, gap=0.4)
         false_alarms = detections[~moment.detection_hit & ~moment.detection_ignored]
-        false_dots = scene.dashes(scene.box_edges(false_alarms), dash=0.15, gap=0.3)
+        false_dots = box_lines.dashes(box_lines.box_edges(false_alarms), dash=0.15, gap=0.3)
         layer_lines = (
-            scene.box_edges(truth),
-            scene.box_edges(detections[moment.detection_hit]),
-            np.concatenate([missed_dashes, scene.roof_crosses(missed)]),
-            np.concatenate([false_dots, scene.spikes(false_alarms)]),
+            box_lines.box_edges(truth),
+            box_lines.box_edges(detections[moment.detection_hit]),
+            np.concatenate([missed_dashes, box_lines.roof_crosses(missed)]),
+            np.concatenate([false_dots, box_lines.spikes(false_alarms)]),
         )
         for layer, lines, width in zip(BOXES, layer_lines, (1.5, 3.0, 3.0, 3.0), strict=True):
-            scene.add_lines(
+            scene_parts.add_lines(
                 api, f"{layer.node}/{frame}", lines, layer.colour, width=width, visible=frame == 0
             )
 
@@ -247,7 +255,7 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
     return _lift(site, flat, 0.08 + 0.03 * index)
 
 
-def view_edges(sensor: Sensor, background: ImageRanges) -> scene.Segments:
+def view_edges(sensor: Sensor, background: ImageRanges) -> box_lines.Segments:
     """Return the outline of a sensor's view of the empty site, and rays that lead to it.
 
     background: distances at the empty site, 0 without a return."""

@@ -18,7 +18,7 @@ from placement_env.report.pages.document import Document, Drawing, TableBlock
 from placement_env.report.pages.printable_names import PAPER_FONT, list_texts
 from placement_env.report.pages.scene import Scene
 from toolkit.plots.fonts import choose_fonts, own_font
-from toolkit.viewing.scene import render_page
+from toolkit.viewing.pages import render_page
 
 _FOLDER = Path(__file__).parent
 LINE_PT = 487.0  # width of a page's text

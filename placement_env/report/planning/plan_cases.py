@@ -8,8 +8,8 @@ from placement_env.cases import MAX_FAILING, MAX_LEVELS, Cases
 from placement_env.classes import Classes
 from toolkit.detection.codec import Codec
 from toolkit.detection.link.range_images import CODECS, find_codec
-from toolkit.runtime.files import name_errors
 from toolkit.runtime.json_object import JsonObject
+from toolkit.runtime.reading import name_errors
 from toolkit.sensors.error_profiles import PROFILES
 
 PLAN_AGAIN = "make the plan again with coview plan"

@@ -28,8 +28,9 @@ from placement_env.report.planning.plan_stock import (
 )
 from placement_env.setting import Setting
 from toolkit.detection.schemes import SCHEMES
-from toolkit.runtime.files import name_errors, read_json
 from toolkit.runtime.json_object import JsonObject
+from toolkit.runtime.reading import name_errors
+from toolkit.runtime.text_values import read_json
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 

@@ -10,8 +10,8 @@ from placement_env.candidates.candidates import Axes, Candidates, aims, pool
 from placement_env.candidates.sensor_catalogue import RATES, PricedModel, SensorCatalogue
 from placement_env.report.planning.question import Question, Stock
 from toolkit.geometry import MAX_COORDINATE_M
-from toolkit.runtime.files import name_errors
 from toolkit.runtime.json_object import Json, JsonObject
+from toolkit.runtime.reading import name_errors
 from toolkit.sensors.models import name_in_words
 from toolkit.sites.files import format_attitude, format_model, read_model, read_sensor
 from toolkit.sites.site import MAX_BUILT_HEIGHT_M, ORIGINS, Mount, Site

@@ -7,7 +7,8 @@ from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning.plan_folder import PLAN_FILE
-from toolkit.runtime.files import replace_infinite, write_text, writing_together
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_text, writing_together
 
 PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, PLAN_FILE)
 

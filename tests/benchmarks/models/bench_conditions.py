@@ -50,8 +50,9 @@ def main() -> None:
 
 
 def conditions(path, dataset, detector, asked) -> None:
-    from toolkit.datasets.recordings import Reads
-    from toolkit.detection.evaluation import Comparison, evaluate_recording
+    from toolkit.datasets.recording_views import Reads
+    from toolkit.detection.comparison import Comparison
+    from toolkit.detection.evaluation import evaluate_recording
 
     print(f"\n{path.stem}, {asked.frames} frames\n")
     print(

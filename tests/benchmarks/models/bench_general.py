@@ -84,7 +84,7 @@ def main() -> None:
 
     from models import load_detector
     from toolkit.boxes import count_points
-    from toolkit.datasets.recordings import with_errors
+    from toolkit.datasets.recording_views import with_errors
     from toolkit.detection.background import KnownBackground, site_background
     from toolkit.detection.metrics import TRUE_IOU, evaluate, matches, reliability
     from toolkit.objects import VEHICLE, label_index

@@ -52,7 +52,7 @@ def main() -> None:
     from models import load_detector
     from toolkit.bodies.drawn_bodies import draw_body
     from toolkit.boxes import count_points, iou_3d
-    from toolkit.datasets.recordings import with_errors
+    from toolkit.datasets.recording_views import with_errors
     from toolkit.detection.metrics import TRUE_IOU
     from toolkit.frame import Frame
     from toolkit.objects import CYCLIST, PEDESTRIAN, Objects

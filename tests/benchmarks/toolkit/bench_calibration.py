@@ -15,9 +15,9 @@ import numpy as np
 from tests.benchmarks.figures import record
 from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.calibration.poses import find_pose
-from toolkit.calibration.registration import scene_points, site_surface
+from toolkit.calibration.reference_surface import scene_points, site_surface
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
+from toolkit.datasets.recording_views import ReadRecording, Reads, read_frame
 from toolkit.sensors.error_profiles import TYPICAL
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.sensor import Sensor

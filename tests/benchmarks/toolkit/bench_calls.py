@@ -16,9 +16,10 @@ import numpy as np
 
 import toolkit
 from coview.recordings import Opening
-from toolkit.datasets.recordings import Reads
+from toolkit.datasets.recording_views import Reads
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.frame import Recording
 from toolkit.objects import Detections
 from toolkit.runtime.run import Run

@@ -24,12 +24,13 @@ import numpy as np
 from written_mistakes import LATE, MISTAKES, TERMS, Mistake, make
 
 from toolkit.calibration.ground import Ground, level
-from toolkit.datasets.doctor import diagnose_file
+from toolkit.datasets.box_frames import move_boxes
+from toolkit.datasets.cloud_records import write_cloud
 from toolkit.datasets.layouts.dair import written_labels
 from toolkit.datasets.recordings import LAYOUTS, open_recording, write_recording
-from toolkit.datasets.records import move_boxes, write_cloud
-from toolkit.detection import label_fits
-from toolkit.detection.label_doctor import diagnose_labels
+from toolkit.doctor import box_fits
+from toolkit.doctor.labels import diagnose_labels
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
@@ -53,7 +54,7 @@ def main() -> None:
     )
     given = parser.parse_args()
     # the clouds stay as they are, and so does their ground
-    vars(label_fits).update(level=remembered(level))
+    vars(box_fits).update(level=remembered(level))
     with tempfile.TemporaryDirectory() as folder:
         for recording in given.recordings or simulated(Path(folder), given.samples):
             print(f"\n{recording.stem}, {given.samples} samples\n")

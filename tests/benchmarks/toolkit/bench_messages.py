@@ -21,14 +21,11 @@ import numpy as np
 
 from examples.differences.messages import DifferenceReader, DifferenceSender
 from tests.benchmarks.figures import record
-from toolkit.calibration.empty_scene import (
-    Scenes,
-    learn_empty_scenes,
-    load_empty_scenes,
-    save_empty_scenes,
-)
+from toolkit.calibration.empty_scene import learn_empty_scenes
+from toolkit.calibration.recording_scenes import Scenes
+from toolkit.calibration.scene_files import load_empty_scenes, save_empty_scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import read_frame
+from toolkit.datasets.recording_views import read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground, standing_out
 from toolkit.detection.link.message import PACKET_BYTES

@@ -36,7 +36,7 @@ from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 SENSOR = Sensor("s", DepthCamera(width=160, height=120), pose(0.0, 0.0, 5.0))
-SCENE = EmptyScene.of(SENSOR, np.full(SENSOR.model.shape, 30, np.float32))
+SCENE = EmptyScene.from_render(SENSOR, np.full(SENSOR.model.shape, 30, np.float32))
 
 ROUGH = np.random.default_rng(9).uniform(12, 13, (30, 60))
 
@@ -412,7 +412,7 @@ def ground(sensor):
     return np.where((down < 0) & (measured < 60), measured, 0).astype(np.float32)
 
 
-SCENES = [EmptyScene.of(sensor, ground(sensor)) for sensor in SENSORS]
+SCENES = [EmptyScene.from_render(sensor, ground(sensor)) for sensor in SENSORS]
 
 ROUGH_GROUND = np.random.default_rng(9).uniform(7, 8, (30, 50))
 

@@ -31,11 +31,12 @@ from models.training.samples import (
     with_errors,
 )
 from toolkit.boxes import count_points, iou_bev, points_in_boxes
-from toolkit.datasets.recordings import with_errors as read_with_errors
+from toolkit.datasets.recording_views import with_errors as read_with_errors
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Objects
-from toolkit.sensors.error_profiles import POOR, ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import POOR
 from toolkit.sensors.error_terms import Calibration, DropOut, MixedPixels
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor

@@ -8,7 +8,7 @@ import pytest
 
 from placement_env.envs.env import summary
 from placement_env.envs.registration import register
-from toolkit.plots.canvas import point_colours
+from toolkit.plots.palette import point_colours
 
 register()
 

@@ -10,9 +10,10 @@ from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected, Measure
 from placement_env.fidelity.renders import Renders
 from placement_env.protocol import Fidelity
 from toolkit.boxes import count_points
-from toolkit.datasets.recordings import Reads, with_errors
+from toolkit.datasets.recording_views import Reads, with_errors
 from toolkit.detection.background import Background, KnownBackground
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose

@@ -9,7 +9,7 @@ from placement_env.fidelity.renders import Recorded, Renders
 from placement_env.fidelity.visibility import Visibility
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import with_errors
+from toolkit.datasets.recording_views import with_errors
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import pose
@@ -17,7 +17,8 @@ from toolkit.points import frame_points, is_beyond
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
-from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL, ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL
 from toolkit.sensors.error_terms import Calibration, ClockOffset, rain
 from toolkit.sites.files import load_site
 

@@ -23,7 +23,7 @@ from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
-from toolkit.runtime.files import read_arrays, write_arrays
+from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.run import Processes
 from toolkit.sensors.error_profiles import TYPICAL
 from toolkit.sensors.models import DepthCamera

@@ -8,12 +8,12 @@ from placement_env.fidelity import seeing
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import with_errors
+from toolkit.datasets.recording_views import with_errors
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.points import frame_points, is_beyond
 from toolkit.rendering.renderer import Renderer
-from toolkit.runtime.files import write_arrays
+from toolkit.runtime.array_files import write_arrays
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 

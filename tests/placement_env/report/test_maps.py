@@ -21,7 +21,7 @@ from placement_env.report.maps import (
     smooth,
 )
 from toolkit.geometry import look
-from toolkit.plots.canvas import BLIND, VIEW_COLOURS, point_colours
+from toolkit.plots.palette import BLIND, VIEW_COLOURS, point_colours
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site

@@ -11,8 +11,8 @@ from placement_env.search.search_run import run_search
 from placement_env.setting import AP_ONLY, Setting, Weights
 from toolkit.display import format_share
 from toolkit.objects import Detections
-from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
+from toolkit.runtime.text_values import replace_infinite
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 

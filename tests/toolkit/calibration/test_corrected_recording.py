@@ -4,9 +4,11 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.calibration.poses import FoundPose, copy_corrected, write_corrected
+from toolkit.calibration.corrected_recording import copy_corrected, write_corrected
+from toolkit.calibration.found_pose import FoundPose
 from toolkit.calibration.registration import Registration
-from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.recording_file import Header, Scene, encode
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -110,7 +112,7 @@ def test_a_recording_of_images_is_copied_with_a_note_of_what_was_found(recording
     write_corrected(recording, found, out)
     with h5py.File(out) as file:
         assert json.loads(file.attrs["calibration"]) == json.loads(
-            json.dumps({"two": found[0].described()})
+            json.dumps({"two": found[0].as_dict()})
         )
         assert (
             h5py.h5g.get_objinfo(file.id, b"coview/site").mtime == 0

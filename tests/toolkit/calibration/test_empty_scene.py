@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene
+from toolkit.calibration import empty_scene, pixel_clusters, scene_files
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
-from toolkit.runtime.files import write_arrays
+from toolkit.runtime.array_files import write_arrays
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor, SensorModel
 
@@ -203,7 +203,9 @@ def test_learners_sample_all_frames_and_known_scenes_have_the_models_spread():
     scene = learnt(nothing, times=1)
     np.testing.assert_allclose(scene.first[2:], 20, atol=0.1)
     np.testing.assert_allclose(scene.spread[2:], 0.015)
-    scene = empty_scene.EmptyScene.of(Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0)), still())
+    scene = empty_scene.EmptyScene.from_render(
+        Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0)), still()
+    )
     np.testing.assert_array_equal(scene.first, still())
     np.testing.assert_allclose(scene.spread[2:], 0.02 + 0.0003 * 20)
     assert (scene.spread[:2] == 0).all()
@@ -223,8 +225,8 @@ def test_of_a_recording_come_back_as_they_were_saved(tmp_path):
     scenes = empty_scene.learn_empty_scenes(frames, sample=10)
     assert [scene.name for scene in scenes] == ["camera", "lidar", "solidstate"]
     assert [scene.frames for scene in scenes] == [10] * 3
-    empty_scene.save_empty_scenes(tmp_path / "scenes.npz", scenes)
-    loaded = empty_scene.load_empty_scenes(tmp_path / "scenes.npz")
+    scene_files.save_empty_scenes(tmp_path / "scenes.npz", scenes)
+    loaded = scene_files.load_empty_scenes(tmp_path / "scenes.npz")
     assert [scene.digest for scene in loaded] == [scene.digest for scene in scenes]
     assert [scene.model for scene in loaded] == MODELS
     assert len({scene.digest for scene in scenes} | {replace(scenes[0], name="other").digest}) == 4
@@ -234,19 +236,19 @@ def test_of_a_recording_come_back_as_they_were_saved(tmp_path):
 
 def test_files_and_scenes_that_are_damaged_or_none_are_refused(tmp_path):
     path = tmp_path / "scenes.npz"
-    empty_scene.save_empty_scenes(path, [learnt(nothing, times=3)])
+    scene_files.save_empty_scenes(path, [learnt(nothing, times=3)])
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
     with pytest.raises(ValueError, match="checksum"):
-        empty_scene.load_empty_scenes(path)
+        scene_files.load_empty_scenes(path)
 
     write_arrays(
         path,
         {"scenes": np.array('[{"name": "a", "model": {"class": "DepthCamera"}, "frames": 3}]')},
     )
     with pytest.raises(ValueError, match="has no empty scenes"):
-        empty_scene.load_empty_scenes(path)
+        scene_files.load_empty_scenes(path)
     scene = learnt(nothing, times=3)
     images = {
         name: getattr(scene, name)
@@ -268,10 +270,10 @@ def test_a_broad_cluster_is_narrowed_to_the_median_and_spread_of_its_densest_str
 
     # from 10.03 the four that lie close are off by 1, 1, 3 and 5 cm
     values = (10.0, 10.02, 10.04, 10.08, 12.0, 15.0)
-    mode = empty_scene._Mode(one(10.06), one(1.0), one(1.0), one(10.0), one(15.0))
-    found = empty_scene._narrow_broad(mode, one(0.01), [one(value) for value in values])
+    mode = pixel_clusters.PixelMode(one(10.06), one(1.0), one(1.0), one(10.0), one(15.0))
+    found = pixel_clusters.narrow_broad(mode, one(0.01), [one(value) for value in values])
     assert found.median.item() == pytest.approx(10.03)
     assert found.spread.item() == pytest.approx(1.4826 * 0.01, abs=1e-5)
     assert found.share.item() == pytest.approx(4 / 6)
-    kept = empty_scene._narrow_broad(mode, one(0.5), [one(value) for value in values])
+    kept = pixel_clusters.narrow_broad(mode, one(0.5), [one(value) for value in values])
     assert kept.spread.item() == 1.0

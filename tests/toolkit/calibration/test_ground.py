@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from toolkit.calibration import ground as module, height_map
-from toolkit.calibration.ground import (
-    Ground,
-    fit_plane,
-    heights_above_plane,
-    level,
-    level_warning,
-    plain_points,
+from toolkit.calibration import (
+    ground,
+    ground_plane,
+    height_map,
+    level_warning as level_warning_room,
 )
+from toolkit.calibration.ground import Ground, level, plain_points
+from toolkit.calibration.ground_plane import fit_plane, heights_above_plane
 from toolkit.calibration.height_map import HeightMap, fit_map, low_points, lowest_mask, support_mask
+from toolkit.calibration.level_warning import level_warning
 from toolkit.clouds import from_points
 from toolkit.datasets.layouts.argoverse import argoverse, read_labels
 from toolkit.geometry import invert, pose, transform
@@ -214,7 +214,7 @@ def test_a_cloud_in_a_crooked_sensors_frame_is_put_on_its_ground(method, height,
     assert np.abs(ground.points(transform(invert(world_SE3_sensor), flat))[:, 2]).max() < 0.06
 
 
-def test_heights_motions_and_boxes_of_a_tilted_ground():
+def test_points_and_boxes_return_from_a_tilted_ground():
     rng = np.random.default_rng(1)
     points = rng.uniform(-12, 12, (500, 3))
     np.testing.assert_allclose(TILTED.points_back(TILTED.points(points)), points, atol=1e-12)
@@ -222,6 +222,9 @@ def test_heights_motions_and_boxes_of_a_tilted_ground():
     boxes = np.column_stack([points, rng.uniform(1, 4, (500, 3)), rng.uniform(-3.1, 3.1, 500)])
     np.testing.assert_allclose(TILTED.boxes_back(TILTED.boxes(boxes)), boxes, atol=1e-9)
     assert TILTED.boxes(np.zeros((0, 7))).shape == (0, 7)
+
+
+def test_boxes_turn_with_a_tilted_ground():
     # A car along the fall line of a plane that leans about the diagonal keeps to that line.
     ground = Ground(np.array([0.3, 0.3, 0.0]))
     turned = ground.boxes(np.array([[0, 0, 1, 4, 2, 1, np.pi / 4], [0, 0, 1, 4, 2, 1, 0.0]]))
@@ -229,10 +232,16 @@ def test_heights_motions_and_boxes_of_a_tilted_ground():
     along = np.array([1.0, 0.0, 0.3]) @ ground.level_SE3_frame[:3, :3].T
     assert turned[1, 6] == pytest.approx(np.arctan2(along[1], along[0]))
     assert turned[:, 3:6].tolist() == [[4, 2, 1], [4, 2, 1]]
+
+
+def test_clouds_and_arrays_have_the_same_ground():
     points = street(np.random.default_rng(3)).astype(np.float32) - np.float32([0, 0, 1.7])
     one, other = level(points), level(from_points(points))
     assert one.plane.tobytes() == other.plane.tobytes()
     assert one.deviation.heights.tobytes() == other.deviation.heights.tobytes()
+
+
+def test_a_tilted_ground_has_a_rigid_motion_to_level():
     motion = TILTED.level_SE3_frame
     np.testing.assert_allclose(motion[:3, :3] @ motion[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.linalg.det(motion) == pytest.approx(1.0)
@@ -241,6 +250,9 @@ def test_heights_motions_and_boxes_of_a_tilted_ground():
     on_plane = np.column_stack([xy, xy @ [0.1, -0.2] - 6.0])
     np.testing.assert_allclose(transform(motion, on_plane)[:, 2], 0.0, atol=1e-12)
     assert TILTED.tilt == pytest.approx(np.arctan(np.hypot(0.1, 0.2)))
+
+
+def test_heights_are_on_the_ground():
     xy = np.random.default_rng(2).uniform(-5, 5, (50, 2))
     level_plane = Ground(np.array([0.0, 0.0, -1.7]), TILTED.deviation)
     on_ground = np.column_stack([xy, level_plane.height(xy)])
@@ -368,7 +380,8 @@ def test_the_steepest_slope_is_handed_on(monkeypatch):
         asked.append(given)
         return np.array([0.0, 0.0, -1.7])
 
-    monkeypatch.setattr(module, "fit_plane", noted)
+    monkeypatch.setattr(ground, "fit_plane", noted)
+    monkeypatch.setattr(level_warning_room, "fit_plane", noted)
     street = np.column_stack(
         [np.random.default_rng(0).uniform(-20, 20, (400, 2)), np.full(400, -1.7)]
     )
@@ -406,18 +419,18 @@ def test_lowest_cells_are_an_oracles(monkeypatch):
         narrow = np.argwhere(rng.random(shape) < 0.8)
         strip = np.column_stack([narrow + 0.5, rng.normal(0, 1, len(narrow))])
         assert lowest_mask(strip, 0.2, 0.1).tolist() == slowly_lowest(strip, 0.2, 0.1, 12.0)
-    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25)
+    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25)
     assert lowest_mask(cells, 0.1, 0.25).tolist() == slowly_lowest(cells, 0.1, 0.25, 12.0)
-    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25 - 1)
+    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25 - 1)
     with pytest.raises(ValueError, match="the points cover 30 by 25 m"):
         lowest_mask(cells, 0.1, 0.25)
     small = cells * [0.5, 0.5, 1.0]
-    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25)
-    monkeypatch.setattr(height_map, "GROUND_CELL", 0.5)
+    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25)
+    monkeypatch.setattr(height_map, "GROUND_CELL_M", 0.5)
     for window in (6.0, 2.0):
         found = lowest_mask(small, 0.1, 0.1, window=window)
         assert found.tolist() == slowly_lowest(small, 0.1, 0.1, window, edge=0.5)
-    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25 - 1)
+    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25 - 1)
     with pytest.raises(ValueError, match="the points cover 15 by 12 m"):
         lowest_mask(small, 0.1, 0.25)
 
@@ -448,7 +461,7 @@ def test_cells_that_others_support_are_an_oracles():
 
 def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
     """The turn takes the plane's normal to z by the least angle, as SciPy has it."""
-    tilted = module.Ground(
+    tilted = ground.Ground(
         np.array([0.1, -0.2, 1.5]), HeightMap(np.zeros(2), np.full((3, 3), 0.25))
     )
     normal = np.array([-0.1, 0.2, 1.0]) / np.sqrt(1.05)
@@ -475,11 +488,11 @@ def test_planes_and_maps_look_for_low_cells_as_far_about_as_said(monkeypatch):
         asked.append((step, slope, min_supporters))
         return support(cells, step, slope, min_supporters=min_supporters)
 
-    def low(cells, slope, step, *, window=height_map.STEP_WINDOW):
+    def low(cells, slope, step, *, window=height_map.STEP_WINDOW_M):
         asked.append((slope, step, window))
         return lowest(cells, slope, step, window=window)
 
-    for room in (module, height_map):
+    for room in (ground_plane, height_map):
         monkeypatch.setattr(room, "support_mask", supported)
         monkeypatch.setattr(room, "lowest_mask", low)
     street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (4000, 2)), np.zeros(4000)])
@@ -519,7 +532,7 @@ def test_maps_of_smaller_cells_and_elsewhere_are_as_good(monkeypatch):
 
     rng = np.random.default_rng(5)
     street, middle = hilly(rng, 40000, reach=20.0), rng.uniform(-18, 18, (200, 2))
-    monkeypatch.setattr(height_map, "GROUND_CELL", 0.5)
+    monkeypatch.setattr(height_map, "GROUND_CELL_M", 0.5)
     monkeypatch.setattr(height_map, "HeightMap", half)
     found = fit_map(street - [10.0, -30.0, 0.0])
     assert np.abs(found.at(middle - [10.0, -30.0]) - height_at(middle)).max() < 0.05
@@ -637,7 +650,9 @@ def test_warnings_are_of_clouds_that_reach_beyond_the_slice_and_have_enough_poin
     assert "2% of 500 points lie between 0 and 4 m, and no ground is found" in warned(column)
     column[10, 2] = 1.0
     assert level_warning(column) is None  # more than hardly any
-    monkeypatch.setattr(module, "fit_plane", lambda points, **_: np.array([0.0, 0.0, 0.12]))
+    monkeypatch.setattr(
+        level_warning_room, "fit_plane", lambda points, **_: np.array([0.0, 0.0, 0.12])
+    )
     halves = np.column_stack([np.zeros((400, 2)), np.repeat([0.1, 0.2], 200)])
     halves[0, 2] = 9.0
     assert level_warning(halves[1:]) is None  # all lie in the slice

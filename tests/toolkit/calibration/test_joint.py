@@ -3,16 +3,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from toolkit.calibration import poses as joint, registration
-from toolkit.calibration.poses import (
-    Pairs,
-    SeenBoxes,
-    align,
-    face_sensor,
-    object_pairs,
-    seen_objects,
-)
-from toolkit.calibration.registration import LEVER, Surface, apply_motion
+from toolkit.calibration import alignment, joint_system, motions
+from toolkit.calibration.alignment import align, face_sensor
+from toolkit.calibration.joint_system import Pairs
+from toolkit.calibration.motions import LEVER_M, apply_motion
+from toolkit.calibration.object_pairs import SensorBoxes, detect_boxes, object_pairs
+from toolkit.calibration.reference_surface import Surface
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, transform
 from toolkit.objects import Detections, Objects
@@ -68,7 +64,7 @@ def apart(found, true):
     )
 
 
-def test_sensors_are_fitted_to_the_one_held_or_left():
+def test_sensors_are_fitted_to_the_one_held():
     rng = np.random.default_rng(0)
     surfaces = [seen_by(pose, rng) for pose in TRUE]
     found = align(surfaces, [TRUE[0], off(TRUE[1], rng), off(TRUE[2], rng)], held=[0])
@@ -83,6 +79,9 @@ def test_sensors_are_fitted_to_the_one_held_or_left():
     assert found.shared[0, 1] > 100
     assert (found.shared == found.shared.T).all()
     assert (found.scatter < 0.03).all()
+
+
+def test_motions_along_bare_ground_are_hidden():
     rng = np.random.default_rng(2)
     surfaces = [seen_by(pose, rng, walls=False) for pose in TRUE]
     found = align(surfaces, [TRUE[0], off(TRUE[1], rng, 0.3, 0.03), TRUE[2]], held=[0])
@@ -91,6 +90,9 @@ def test_sensors_are_fitted_to_the_one_held_or_left():
     assert len(hidden) == 3
     assert np.abs(hidden[:, [0, 1, 5]]).max() < 0.1
     assert len(found.hidden_motions(0)) == 0
+
+
+def test_a_sensor_out_of_reach_stays():
     rng = np.random.default_rng(3)
     far = TRUE[2].copy()
     far[0, 3] += 500.0
@@ -170,7 +172,7 @@ def test_more_pairs_say_what_the_scene_does_not():
         for axis in np.eye(3):
             normals = np.tile(axis, (80, 1))
             turn = [
-                np.cross(at - pose[:3, 3], normals) / LEVER
+                np.cross(at - pose[:3, 3], normals) / LEVER_M
                 for at, pose in zip((here, there), poses, strict=True)
             ]
             rows.append(
@@ -196,11 +198,11 @@ def test_pairs_as_sure_as_the_usual_errors_move_a_sensor_half_the_way():
     rng, far = np.random.default_rng(7), np.eye(4)
     far[0, 3] = 500.0
     surface = seen_by(TRUE[0], rng)
-    usual = np.repeat([LEVER * joint.USUAL_TURN, joint.USUAL_MOVE], 3)
+    usual = np.repeat([LEVER_M * joint_system.USUAL_TURN_RAD, joint_system.USUAL_MOVE_M], 3)
     target = 0.2 * usual * [1, -1, 1, 1, 1, -1]
 
     def more(poses, radius):
-        residual = registration.motion_between(far, poses[1]) - target
+        residual = motions.motion_between(far, poses[1]) - target
         rows, ten = np.repeat(np.eye(6), 10, axis=0), np.repeat(usual, 10) * np.sqrt(10)
         return [
             Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), ten, np.full(60, 1e6))
@@ -208,10 +210,10 @@ def test_pairs_as_sure_as_the_usual_errors_move_a_sensor_half_the_way():
 
     found = align([surface, surface], [np.eye(4), far], held=[0], more=more)
     assert found.shared[0, 1] == 60
-    assert registration.motion_between(far, found.poses[1]) == pytest.approx(
+    assert motions.motion_between(far, found.poses[1]) == pytest.approx(
         target / 2, abs=1e-3 * usual.max()
     )
-    variance = np.repeat([joint.USUAL_TURN**2, joint.USUAL_MOVE**2], 3) / 2
+    variance = np.repeat([joint_system.USUAL_TURN_RAD**2, joint_system.USUAL_MOVE_M**2], 3) / 2
     assert np.diag(found.covariance)[6:] == pytest.approx(variance, rel=1e-3)
 
 
@@ -240,7 +242,7 @@ def seen_frames(rng, frames=30, noise=0.05):
     spread = noise * np.array([1, 1, 1, 0, 0, 0, 0.2])
     truths = (cars(rng) for _ in range(frames))
     return [
-        [SeenBoxes.of(each + spread * rng.standard_normal(each.shape), at) for at in TWO]
+        [SensorBoxes.from_boxes(each + spread * rng.standard_normal(each.shape), at) for at in TWO]
         for each in truths
     ]
 
@@ -248,7 +250,7 @@ def seen_frames(rng, frames=30, noise=0.05):
 def test_road_users_say_what_a_bare_plane_does_not_by_their_derivatives():
     rng = np.random.default_rng(0)
     surfaces = [seen_by(at, rng, walls=False) for at in TWO]
-    motion = np.array([0.0, 0.0, LEVER * np.deg2rad(1.0), 0.2, -0.15, 0.0])
+    motion = np.array([0.0, 0.0, LEVER_M * np.deg2rad(1.0), 0.2, -0.15, 0.0])
     believed = [TWO[0], apply_motion(TWO[1], motion)]
     alone = align(surfaces, believed, held=[0])
     assert len(alone.hidden_motions(1)) == 3
@@ -287,7 +289,9 @@ def test_road_users_pair_by_nearest_and_heading():
     others = np.concatenate([others, [[0.9, 0, 1, 4, 2, 1.5, 0.0]]])
     here = np.eye(4)
     pairs = object_pairs(
-        [[SeenBoxes.of(boxes, here), SeenBoxes.of(others, here)]], [here, here], 1.5
+        [[SensorBoxes.from_boxes(boxes, here), SensorBoxes.from_boxes(others, here)]],
+        [here, here],
+        1.5,
     )
     assert len(pairs) == 1
     assert pairs[0].residual.tolist() == pytest.approx([-0.5, -0.2, 0.0, 0.0])
@@ -295,11 +299,13 @@ def test_road_users_pair_by_nearest_and_heading():
     box = np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]])
     round_about = box + np.array([[0, 0, 0, 0, 0, 0, np.pi - 0.05]])
     pairs = object_pairs(
-        [[SeenBoxes.of(box, np.eye(4)), SeenBoxes.of(round_about, np.eye(4))]], [np.eye(4)] * 2, 1.5
+        [[SensorBoxes.from_boxes(box, np.eye(4)), SensorBoxes.from_boxes(round_about, np.eye(4))]],
+        [np.eye(4)] * 2,
+        1.5,
     )
     assert pairs[0].residual[3] == pytest.approx(0.05)
-    nothing = SeenBoxes(np.zeros((0, 3)), np.zeros((0, 3)))
-    one = SeenBoxes.of(np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]]), np.eye(4))
+    nothing = SensorBoxes(np.zeros((0, 3)), np.zeros((0, 3)))
+    one = SensorBoxes.from_boxes(np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]]), np.eye(4))
     assert object_pairs([[one, nothing]], [np.eye(4)] * 2, 1.5) == []
     assert object_pairs([], [np.eye(4)] * 2, 1.5) == []
     sensor = Sensor(
@@ -314,7 +320,7 @@ def test_road_users_pair_by_nearest_and_heading():
         assert np.allclose(points[:, 2], 1.0 - 0.05 * points[:, 0], atol=1e-5)
         return Detections(box, np.ones(1))
 
-    seen = seen_objects([frame], detector, site)[0][0]
+    seen = detect_boxes([frame], detector, site)[0][0]
     np.testing.assert_allclose(transform(sensor.pose, seen.centres), [[2.0, 1.0, 1.1]], atol=1e-9)
     np.testing.assert_allclose(
         seen.ahead @ sensor.pose[:3, :3].T, [[np.cos(0.3), np.sin(0.3), 0.0]], atol=1e-9
@@ -322,7 +328,9 @@ def test_road_users_pair_by_nearest_and_heading():
 
 
 def joint_of(*pairs, free=None):
-    return joint._Joint(pairs, np.ones(12, bool) if free is None else free, np.zeros(12))
+    return joint_system.JointSystem(
+        pairs, np.ones(12, bool) if free is None else free, np.zeros(12)
+    )
 
 
 def rows_along(number, residuals, one=0, other=1):
@@ -337,7 +345,7 @@ def test_a_motion_of_two_sensors_is_observed_if_rows_that_count_resist_it():
     enough for 5. One row is not, with any number of others beyond their limit."""
     common = np.concatenate([np.eye(6), np.eye(6)], axis=1) / np.sqrt(2)
     system = joint_of(rows_along(0, [0.0, 0.0]), rows_along(4, [0.0] + [1.0] * 20))
-    values, vectors, observed = system._modes
+    values, vectors, observed = system.modes
     assert observed.sum() == 1
     assert np.abs(vectors[:, observed][:, 0]) == pytest.approx(
         np.abs(np.eye(12)[0] + np.eye(12)[6]) / np.sqrt(2)
@@ -349,10 +357,10 @@ def test_a_motion_of_two_sensors_is_observed_if_rows_that_count_resist_it():
     assert np.abs(hidden @ common.T).max() < 1e-9  # without those of all sensors together
     # held, the other resists alone
     one = joint_of(rows_along(0, [0.0] * 4), free=np.arange(12) >= 6)
-    assert one._modes[2].sum() == 0
+    assert one.modes[2].sum() == 0
     for free in (np.arange(12) >= 6, np.arange(12) < 6):  # whichever is held
         six = joint_of(rows_along(0, [0.0] * 6), free=free)
-        values, vectors, observed = six._modes
+        values, vectors, observed = six.modes
         assert observed.sum() == 1
         assert values == pytest.approx([0.0] * 11 + [6.0])
         assert np.abs(vectors[:, observed][:, 0]) == pytest.approx(np.eye(12)[0 if free[0] else 6])
@@ -369,7 +377,7 @@ def test_rows_that_resist_little_count_by_their_square_and_those_that_hardly_do_
     for deviation in (1.0, 10.0):  # however unsure they are
         rows = strength * np.tile(np.eye(6)[3], (count, 1))
         pairs = Pairs(0, 1, rows, -rows, np.zeros(count), np.full(count, deviation), np.ones(count))
-        assert joint_of(pairs, free=np.arange(12) >= 6)._modes[2].sum() == seen
+        assert joint_of(pairs, free=np.arange(12) >= 6).modes[2].sum() == seen
 
 
 @pytest.mark.parametrize(("metres", "steps"), [(1e-4, 4), (1e-3, 5)])
@@ -381,7 +389,7 @@ def test_levels_end_with_a_step_below_a_ten_thousandth_of_their_radius(metres, s
 
     def more(poses, radius):
         asked.append(radius)
-        residual = registration.motion_between(far, poses[1]) - [0, 0, 0, metres, 0, 0]
+        residual = motions.motion_between(far, poses[1]) - [0, 0, 0, metres, 0, 0]
         rows, sure = np.repeat(np.eye(6), 10, axis=0), np.full(60, 1e-3)
         return [
             Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), sure, np.full(60, 1e6))
@@ -406,30 +414,30 @@ def test_surfaces_pair_by_hand(monkeypatch):
         ),
     ]
     rows = [np.array([0])] * 2
-    first, second = joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))
+    first, second = alignment.pair_surfaces(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))
     assert [(pair.one, pair.other) for pair in (first, second)] == [(0, 1), (1, 0)]
     assert first.residual == pytest.approx([-0.03])
     assert second.residual == pytest.approx([0.03])
     deviation = np.sqrt(0.03**2 + 0.04**2 + 0.01**2)
     assert first.deviation == pytest.approx([3 * deviation])
     assert first.limit == pytest.approx([4.685 * deviation])
-    assert joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[
+    assert alignment.pair_surfaces(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[
         0
     ].limit == pytest.approx([0.9])
-    assert first.one_row == pytest.approx(registration.resistance(place, np.zeros(3), up))
+    assert first.one_row == pytest.approx(motions.resistance(place, np.zeros(3), up))
     assert first.other_row == pytest.approx(
-        -registration.resistance(place, np.array([1.0, 2.0, 0.0]), up)
+        -motions.resistance(place, np.array([1.0, 2.0, 0.0]), up)
     )
     weight = (1 - (0.03 / (4.685 * deviation)) ** 2) ** 2 / (9 * deviation**2)
     assert first.weight == pytest.approx([weight])
     down = [surfaces[0], Surface(surfaces[1].points, -up, surfaces[1].roughness)]
     assert [
         len(pair.residual)
-        for pair in joint._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))
+        for pair in alignment.pair_surfaces(down, rows, [np.eye(4), turned], (0.5, 0.1))
     ] == [0, 0]
-    monkeypatch.setattr(joint, "_SAME_SIDE", 1.0)  # the cosine must be greater
+    monkeypatch.setattr(alignment, "_MIN_SIDE_COSINE", 1.0)  # the cosine must be greater
     assert not len(
-        joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual
+        alignment.pair_surfaces(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual
     )
 
 
@@ -437,19 +445,21 @@ def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about
     own = np.array([[0.9, 0, 1, 4, 2, 1.5, 0.0], [-0.2, 0, 1, 4, 2, 1.5, 0.1]])
     theirs = np.array([[0.0, 0.0, 1, 4, 2, 1.5, 0.0]])
     (pair,) = object_pairs(
-        [[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5
+        [[SensorBoxes.from_boxes(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5
     )
     assert pair.residual == pytest.approx([-0.2, 0.0, 0.0, 0.1])
-    assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER, 0, 0, 0]
+    assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER_M, 0, 0, 0]
     assert pair.deviation == pytest.approx([0.25 * np.sqrt(2)] * 3 + [np.deg2rad(4.0) * np.sqrt(2)])
     assert pair.limit == pytest.approx([1.5] * 3 + [np.deg2rad(20.0)])
-    away = SeenBoxes.of(theirs + np.eye(7)[1], np.eye(4))
-    alone = SeenBoxes.of(theirs, np.eye(4))
+    away = SensorBoxes.from_boxes(theirs + np.eye(7)[1], np.eye(4))
+    alone = SensorBoxes.from_boxes(theirs, np.eye(4))
     assert object_pairs([[alone, away]], [np.eye(4)] * 2, 1.0) == []  # as far off as the gate
     assert len(object_pairs([[alone, away]], [np.eye(4)] * 2, 1.001)) == 1
     for radius, gate in ((0.1, 0.8), (1.0, 1.0), (9.0, 1.5)):
         (pair,) = object_pairs(
-            [[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, radius
+            [[SensorBoxes.from_boxes(each, np.eye(4)) for each in (own, theirs)]],
+            [np.eye(4)] * 2,
+            radius,
         )
         assert pair.limit[0] == gate
 
@@ -477,9 +487,11 @@ def test_scatter_is_the_robust_spread_of_a_sensors_own_rows():
 
 def test_what_nothing_determines_stays_as_unsure_as_usual_errors():
     system = joint_of(rows_along(0, [0.0]))
-    variance = np.tile(np.repeat([joint.USUAL_TURN**2, joint.USUAL_MOVE**2], 3), 2)
+    variance = np.tile(
+        np.repeat([joint_system.USUAL_TURN_RAD**2, joint_system.USUAL_MOVE_M**2], 3), 2
+    )
     assert np.diag(system.covariance()) == pytest.approx(variance)
-    moved = joint._Joint([rows_along(0, [0.0])], np.ones(12, bool), np.arange(12.0))
+    moved = joint_system.JointSystem([rows_along(0, [0.0])], np.ones(12, bool), np.arange(12.0))
     assert moved.step() == pytest.approx(-np.arange(12.0))  # back to where it was believed
-    held = joint._Joint([rows_along(0, [0.0])], np.arange(12) >= 6, np.arange(12.0))
+    held = joint_system.JointSystem([rows_along(0, [0.0])], np.arange(12) >= 6, np.arange(12.0))
     assert held.step() == pytest.approx(np.where(np.arange(12) >= 6, -np.arange(12.0), 0.0))

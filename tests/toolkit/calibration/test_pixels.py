@@ -7,7 +7,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene
+from toolkit.calibration import empty_scene, pixel_clusters, recording_scenes
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera, SolidStateLidar
@@ -98,7 +98,7 @@ def pixel_modes(series, model):
 )
 def test_clusters_of_every_pixel_are_an_oracles(n, model):
     stack = images(n, n, model)
-    far, near, flickers = empty_scene._clusters(stack, model)
+    far, near, flickers = pixel_clusters.find_clusters(stack, model)
     for at in np.ndindex(model.shape):
         wanted_far, wanted_near, wanted = pixel_modes(stack[(slice(None), *at)], model)
         assert [each[at] for each in far] == pytest.approx(wanted_far, rel=1e-4, abs=1e-5), at
@@ -115,7 +115,7 @@ def random_mode(seed, shape=MODEL.shape):
     )
     spread = np.where(median > 0, rng.uniform(0.01, 0.2, shape), 0).astype(np.float32)
     share = rng.choice([0.3, 0.5, 0.9], shape).astype(np.float32)
-    return empty_scene._Mode(median, spread, share, median - 1, median + 1)
+    return pixel_clusters.PixelMode(median, spread, share, median - 1, median + 1)
 
 
 def test_the_usual_spread_is_the_median_of_pixels_as_far_that_mostly_see_the_scene():
@@ -137,15 +137,15 @@ def test_the_usual_spread_is_the_median_of_pixels_as_far_that_mostly_see_the_sce
         max(np.interp(at, middles, usual), deviation(d))
         for at, d in zip(logs, np.nan_to_num(asked[0]), strict=True)
     ]
-    found = empty_scene._usual_spread(far, MODEL)(asked)
+    found = pixel_clusters.usual_spread(far, MODEL)(asked)
     assert found[0] == pytest.approx(wanted, rel=1e-5)
     nothing = far._replace(share=np.zeros_like(far.share))
-    assert empty_scene._usual_spread(nothing, MODEL)(asked)[0] == pytest.approx(
+    assert pixel_clusters.usual_spread(nothing, MODEL)(asked)[0] == pytest.approx(
         [deviation(d) for d in np.nan_to_num(asked[0])]
     )
-    sky = empty_scene._Mode(*(np.zeros((2, 2), np.float32) for _ in range(5)))
+    sky = pixel_clusters.PixelMode(*(np.zeros((2, 2), np.float32) for _ in range(5)))
     sky = sky._replace(share=np.ones((2, 2), np.float32))
-    assert empty_scene._usual_spread(sky, MODEL)(
+    assert pixel_clusters.usual_spread(sky, MODEL)(
         np.full((1, 1), 9.0, np.float32)
     ).item() == pytest.approx(deviation(9.0))
 
@@ -166,13 +166,13 @@ def narrowed(values, least, greatest, usual):
 
 @pytest.mark.parametrize("at_once", [256, 7])
 def test_broad_clusters_are_narrowed_as_an_oracle_does(monkeypatch, at_once):
-    monkeypatch.setattr(empty_scene, "_AT_ONCE", at_once)
+    monkeypatch.setattr(pixel_clusters, "_BATCH_PX", at_once)
     rng = np.random.default_rng(5)
     stack = rng.choice(np.linspace(9.0, 12.0, 61), (23, *MODEL.shape)).astype(np.float32)
     stack[:, rng.random(MODEL.shape) < 0.5] *= 1.5
     usual = rng.uniform(0.011, 0.05, MODEL.shape).astype(np.float32)
     least = np.sort(stack, axis=0)[3]
-    mode = empty_scene._Mode(
+    mode = pixel_clusters.PixelMode(
         np.median(stack, axis=0),
         usual * rng.choice([1.0, 2.0, 2.1, 9.0], MODEL.shape).astype(np.float32),
         np.ones(MODEL.shape, np.float32),
@@ -180,7 +180,7 @@ def test_broad_clusters_are_narrowed_as_an_oracle_does(monkeypatch, at_once):
         np.sort(stack, axis=0)[-2],
     )
     before = [each.copy() for each in mode]
-    found = empty_scene._narrow_broad(mode, usual, list(stack))
+    found = pixel_clusters.narrow_broad(mode, usual, list(stack))
     for at in np.ndindex(MODEL.shape):
         if mode.spread[at] <= 2 * usual[at]:
             assert [each[at] for each in found] == [each[at] for each in mode]
@@ -227,10 +227,10 @@ def test_nearer_surfaces_that_continue_a_neighbours_are_an_oracles(seed):
         rng.choice([10.0, 10.03, 11.95, 5.0, 0.5], MODEL.shape),
     )
     spread = rng.choice([0.001, 0.02], MODEL.shape).astype(np.float32)
-    near = empty_scene._Mode(
+    near = pixel_clusters.PixelMode(
         median.astype(np.float32), spread, *(np.zeros(MODEL.shape, np.float32),) * 3
     )
-    found = empty_scene._continuation_mask(near, far)
+    found = pixel_clusters.mark_continuation(near, far)
     wanted = [
         [continues(near, far, i, j) for j in range(MODEL.shape[1])] for i in range(MODEL.shape[0])
     ]
@@ -247,11 +247,12 @@ def test_surfaces_within_a_metre_and_beside_nothing_returned(depth, elsewhere, a
     far = np.full(MODEL.shape, elsewhere, np.float32)
     far[2, 2] = depth
     spread, none = np.full(MODEL.shape, 0.001, np.float32), np.zeros(MODEL.shape, np.float32)
-    found = empty_scene._continuation_mask(
-        empty_scene._Mode(np.full(MODEL.shape, depth, np.float32), spread, none, none, none), far
+    found = pixel_clusters.mark_continuation(
+        pixel_clusters.PixelMode(np.full(MODEL.shape, depth, np.float32), spread, none, none, none),
+        far,
     )
     assert found[2, 3] == continues(
-        empty_scene._Mode(np.full(MODEL.shape, depth), spread, none, none, none), far, 2, 3
+        pixel_clusters.PixelMode(np.full(MODEL.shape, depth), spread, none, none, none), far, 2, 3
     )
     assert found[2, 3] == another
 
@@ -265,19 +266,19 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
             learner.add(image)
         return learner.scene()
 
-    clusters, heights = empty_scene._clusters, []
+    clusters, heights = pixel_clusters.find_clusters, []
 
     def noted(stack, model):
         heights.append(stack.shape[1])
         return clusters(stack, model)
 
-    monkeypatch.setattr(empty_scene, "_clusters", noted)
+    monkeypatch.setattr(empty_scene, "find_clusters", noted)
     whole = learnt()
     assert np.isfinite(whole.second).any()
     assert heights == [6]  # all at once, usually
     heights.clear()
     for block, wanted in ((1, [1] * 6), (400, [2] * 3), (639, [3] * 2), (640, [4, 2]), (960, [6])):
-        monkeypatch.setattr(empty_scene, "_BLOCK", block)
+        monkeypatch.setattr(empty_scene, "_BLOCK_VALUES", block)
         assert learnt().digest == whole.digest
         assert heights == wanted  # rows of 8 columns in 20 images, as many as fit
         heights.clear()
@@ -308,17 +309,17 @@ def test_scenes_are_of_images_spread_over_the_first_frames():
     asked.clear()
     assert empty_scene.learn_empty_scenes(frames, sample=1)[0].frames == 1
     assert empty_scene.learn_empty_scenes(frames, frames=99)[0].frames == 9
-    assert empty_scene.Scenes(frames, sample=3)(1).name == "b"
-    assert empty_scene.Scenes(frames[:1])(1).first[0, 0] == 20.0
+    assert recording_scenes.Scenes(frames, sample=3)(1).name == "b"
+    assert recording_scenes.Scenes(frames[:1])(1).first[0, 0] == 20.0
     assert empty_scene.learn_empty_scenes(frames, frames=1)[0].frames == 1
     with pytest.raises(ValueError, match="no cloud has a point"):
-        empty_scene.Scenes([])["a"]
+        recording_scenes.Scenes([])["a"]
 
 
 def test_known_scenes_have_the_models_spread_near_by_too_and_are_seen_to_their_edge():
     image = np.full(MODEL.shape, 0.5, np.float32)
     image[0, 0] = 0.0
-    scene = empty_scene.EmptyScene.of(Sensor("s", MODEL, np.eye(4)), image)
+    scene = empty_scene.EmptyScene.from_render(Sensor("s", MODEL, np.eye(4)), image)
     assert scene.spread[0, :2].tolist() == pytest.approx([0.0, deviation(0.5)])
     assert (scene.share == 1).all()
     edges = np.full(MODEL.shape, 20.0, np.float32)
@@ -380,9 +381,9 @@ def test_a_tenth_of_the_images_and_before_nothing_half_of_them_are_enough():
 
 def test_measurements_just_a_gap_apart_are_one_cluster(monkeypatch):
     """The gap at 8 m is 2 m, and at 10 m 2.5: 8 and 10 are one surface, 13 another."""
-    monkeypatch.setattr(empty_scene, "GAP_SIGMAS", 0.0)
-    monkeypatch.setattr(empty_scene, "GAP_SHARE", 0.25)
-    far, near, _ = empty_scene._clusters(
+    monkeypatch.setattr(pixel_clusters, "GAP_SIGMAS", 0.0)
+    monkeypatch.setattr(pixel_clusters, "GAP_SHARE", 0.25)
+    far, near, _ = pixel_clusters.find_clusters(
         np.stack([uniform(each) for each in (8.0, 10.0, 13.0, 13.0)]), MODEL
     )
     assert (far.median[0, 0], far.share[0, 0]) == (13.0, 0.5)
@@ -401,8 +402,8 @@ def test_the_densest_stretch_has_both_its_ends_and_may_be_a_single_measurement()
     def narrow(values, least, greatest, usual):
         one = [np.full((1, 1), each, np.float32) for each in (11.0, 9.0, 1.0, least, greatest)]
         images = [np.full((1, 1), each, np.float32) for each in values]
-        found = empty_scene._narrow_broad(
-            empty_scene._Mode(*one), np.full((1, 1), usual, np.float32), images
+        found = pixel_clusters.narrow_broad(
+            pixel_clusters.PixelMode(*one), np.full((1, 1), usual, np.float32), images
         )
         return found.median.item(), found.share.item()
 
@@ -413,8 +414,8 @@ def test_the_densest_stretch_has_both_its_ends_and_may_be_a_single_measurement()
 def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkeypatch):
     def mask(far, near, spread):
         none = np.zeros(MODEL.shape, np.float32)
-        return empty_scene._continuation_mask(
-            empty_scene._Mode(near, uniform(spread), none, none, none), far
+        return pixel_clusters.mark_continuation(
+            pixel_clusters.PixelMode(near, uniform(spread), none, none, none), far
         )
 
     far, near = uniform(30.0), uniform(np.nan)
@@ -422,7 +423,7 @@ def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkey
     assert np.argwhere(mask(far, near, 0.25)).tolist() == [[2, 4]]  # four spreads off, and no more
     close = uniform(0.05)  # beyond the edge is no surface at no distance
     assert not mask(uniform(10.0), close, 0.02).any()
-    monkeypatch.setattr(empty_scene, "OTHER_SURFACE", 0.5)
+    monkeypatch.setattr(pixel_clusters, "MIN_SURFACE_GAP_SHARE", 0.5)
     far, near = uniform(4.0), uniform(np.nan)
     # just half as far again as the plane through the pixel and the one before
     far[2, 3], near[2, 2] = (6.0, 6.0)

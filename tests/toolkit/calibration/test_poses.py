@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene, poses, poses as sample_poses
-from toolkit.calibration.poses import Alignment
-from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
-from toolkit.datasets.recordings import ReadRecording, Reads
+from toolkit.calibration import corrected_recording, empty_scene, found_pose, object_pairs, poses
+from toolkit.calibration.alignment import Alignment
+from toolkit.calibration.reference_surface import Surface, scene_points, site_surface
+from toolkit.calibration.registration import Registration
+from toolkit.datasets.recording_views import ReadRecording, Reads
+from toolkit.doctor import drift
 from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Objects
@@ -78,13 +80,13 @@ def test_every_sensor_of_a_recording_is_put_right():
         assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.01
         assert each.distance == pytest.approx(0.1, abs=0.01)
         assert np.rad2deg(each.turn) == pytest.approx(1.0, abs=0.03)
-        assert each.drifted
+        assert each.has_drifted
         assert each.refusal == ""
 
 
 def test_sensors_where_they_should_be_have_not_drifted_and_errors_of_a_profile_turn_them():
     for each in poses.find_poses(recording(TRUE), surface()):
-        assert not each.drifted
+        assert not each.has_drifted
         assert each.distance < 0.01
     for each, true in zip(
         poses.find_poses(ReadRecording(recording(TRUE), Reads("typical", 3)), surface()),
@@ -103,8 +105,8 @@ def test_too_few_frames_and_other_places_are_refused():
     assert refused.registration is None
     assert "points lie within 3 m of the reference" in refused.refusal
     assert refused.pose is TRUE[0].pose
-    assert (refused.turn, refused.distance, refused.drifted) == (0.0, 0.0, False)
-    assert refused.described()["found"] is False
+    assert (refused.turn, refused.distance, refused.has_drifted) == (0.0, 0.0, False)
+    assert refused.as_dict()["found"] is False
     learner = empty_scene.SceneLearner(TRUE[0])
     for _ in range(5):
         learner.add(images()[0])
@@ -133,31 +135,42 @@ def test_too_few_frames_and_other_places_are_refused():
 def found_at(pose, deviation=1e-4, unobserved=()):
     sensor = Sensor("c", MODEL, np.eye(4))
     rows = np.array(unobserved, float).reshape(-1, 6)
-    return poses.FoundPose(sensor, Registration(pose, np.eye(6) * deviation**2, rows, 0.8, 0.01))
+    return found_pose.FoundPose(
+        sensor, Registration(pose, np.eye(6) * deviation**2, rows, 0.8, 0.01)
+    )
 
 
-def test_drifts_are_clear_and_said_in_degrees():
+def test_a_drift_is_larger_than_its_deviation():
     little, much = np.eye(4), np.eye(4)
     little[0, 3], much[0, 3] = 0.015, 0.05
-    assert not found_at(little).drifted
-    assert found_at(much).drifted
-    assert not found_at(much, deviation=0.05).drifted
+    assert not found_at(little).has_drifted
+    assert found_at(much).has_drifted
+    assert not found_at(much, deviation=0.05).has_drifted
+
+
+def test_turns_drift_too():
     turned = np.eye(4)
     turned[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(0.2)]))
-    assert found_at(turned).drifted
+    assert found_at(turned).has_drifted
     assert np.rad2deg(found_at(turned).turn) == pytest.approx(0.2)
+
+
+def test_found_poses_have_figures_in_degrees_and_metres():
     moved = np.eye(4)
     moved[:3, 3] = [0.0, 0.3, 0.4]
-    said = found_at(moved, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
+    said = found_at(moved, 0.01, [[0, 0, 0, -1.0, 0, 0]]).as_dict()
     assert said["moved_m"] == pytest.approx(0.5)
     assert said["unobserved"] == ["move along x 1.00"]
     assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
     assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
     assert (
-        poses.describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0]))
+        found_pose.describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0]))
         == "turn about z 0.70, move along y -0.70"
     )
-    findings = poses.drift_findings(
+
+
+def test_drifts_are_findings_in_degrees_and_centimetres():
+    findings = drift.drift_findings(
         [found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction"
     )
     assert [(each.severity, each.where) for each in findings] == [("warning", "sensor north")]
@@ -165,8 +178,8 @@ def test_drifts_are_clear_and_said_in_degrees():
         "turned by 1.50° and moved by 50.0 cm against tjunction, to within 0.10° and 0.2 cm"
         in findings[0].evidence
     )
-    findings = poses.drift_findings(
-        [poses.FoundPose(SENSOR, None, "only 4% of its points")], "tjunction"
+    findings = drift.drift_findings(
+        [found_pose.FoundPose(SENSOR, None, "only 4% of its points")], "tjunction"
     )
     assert findings[0].suspected == "its pose cannot be checked against tjunction"
     assert findings[0].evidence == "only 4% of its points"
@@ -205,7 +218,7 @@ def test_sensors_are_put_right_by_each_other():
     assert [each.sensor.name for each in found] == ["a", "b", "away"]
     assert found[0].pose.tobytes() == TRUE_TOGETHER[0].pose.tobytes()
     assert np.linalg.norm(found[1].pose[:3, 3] - TRUE_TOGETHER[1].position) < 0.02
-    assert [each.drifted for each in found[:2]] == [False, True]
+    assert [each.has_drifted for each in found[:2]] == [False, True]
     assert "it shares 0 points with the other sensors, 50 are needed" in found[2].refusal
     # with none held both move half way
     a, b = poses.find_poses(recording_together([TRUE_TOGETHER[0], crooked]))
@@ -287,8 +300,8 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(
         fitted.append((points, sensors))
         return ()
 
-    monkeypatch.setattr(sample_poses, "learn_sample_scenes", learn)
-    monkeypatch.setattr(sample_poses, "align_clouds", together)
+    monkeypatch.setattr(poses, "learn_sample_scenes", learn)
+    monkeypatch.setattr(poses, "align_clouds", together)
     samples = recording_sample_poses(count, driving=driving)
     moved = tuple(
         replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor)
@@ -314,7 +327,7 @@ def test_poses_found_are_of_the_first_sample_in_the_sensors_frame():
     np.testing.assert_array_equal(found[1].sensor.pose, ERROR @ TRUE_CLOUDS[1].pose)
     samples = recording_sample_poses(5)
     found = poses.find_poses(samples, held=["a"])
-    made = poses.Corrected.of(samples, found).corrections
+    made = corrected_recording.Corrected.from_poses(samples, found).corrections
     np.testing.assert_allclose(made["a"], np.eye(4), atol=1e-12)
     np.testing.assert_allclose(ERROR @ TRUE_CLOUDS[1].pose @ made["b"], found[1].pose, atol=1e-9)
     samples = recording_sample_poses(5)
@@ -329,7 +342,7 @@ def test_poses_found_are_of_the_first_sample_in_the_sensors_frame():
 def test_samples_are_put_where_their_sensors_are(frame):
     samples = recording_sample_poses(1, frame=frame)
     corrected = {"b": invert(ERROR @ TRUE_CLOUDS[1].pose) @ TRUE_CLOUDS[1].pose}
-    (after,) = poses.Corrected(samples, corrected)
+    (after,) = corrected_recording.Corrected(samples, corrected)
     assert after.clouds[0] is samples[0].clouds[0]
     np.testing.assert_allclose(after.clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9)
     np.testing.assert_allclose(
@@ -341,7 +354,7 @@ SENSOR = Sensor("north", DepthCamera(width=40, height=30), np.eye(4))
 
 
 def found(moved, deviation=0.001):
-    return poses.FoundPose(
+    return found_pose.FoundPose(
         SENSOR, Registration(moved, np.eye(6) * deviation**2, np.zeros((0, 6)), 0.8, 0.01)
     )
 
@@ -351,9 +364,9 @@ def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an
     save_site(Site("place", np.array([-4.0, -4, 4, 4])), place)
     broken = tmp_path / "broken.hdf5"
     broken.write_bytes(b"nothing")
-    assert poses.check_drift(broken, place)[0].suspected == "its sensors' poses cannot be checked"
+    assert drift.check_drift(broken, place)[0].suspected == "its sensors' poses cannot be checked"
     with pytest.raises(FileNotFoundError, match="no site"):
-        poses.check_drift(broken, tmp_path / "missing.json")
+        drift.check_drift(broken, tmp_path / "missing.json")
 
 
 def test_sensors_have_their_share_of_what_an_alignment_found(monkeypatch):
@@ -416,7 +429,7 @@ def test_drifts_are_above_what_is_worth_it_and_three_deviations(
     moved[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))
     moved[0, 3] = metres
     each = found_at(moved, deviation)
-    assert each.drifted is drifted
+    assert each.has_drifted is drifted
     assert each.deviation == pytest.approx((deviation * np.sqrt(3),) * 2)
 
 
@@ -440,19 +453,19 @@ def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_la
         return ()
 
     monkeypatch.setattr(poses, "OBJECT_FRAMES", 4)
-    monkeypatch.setattr(poses, "seen_objects", seen)
+    monkeypatch.setattr(poses, "detect_boxes", seen)
     monkeypatch.setattr(poses, "align_clouds", align)
     frames, detector = Known(recording(TRUE, 12)), lambda points: None
     assert poses.find_poses(frames, None, held=["b"], detector=detector, frames=count) == ()
-    assert asked == [(searched, detector, PLACE), (2, [1], poses.object_pairs, ("seen",))]
+    assert asked == [(searched, detector, PLACE), (2, [1], object_pairs.object_pairs, ("seen",))]
     with pytest.raises(ValueError, match="a detector is for a recording of a known site"):
         poses.find_poses(recording(TRUE), None, detector=detector)
 
 
 def test_a_pose_has_not_drifted_by_nothing(monkeypatch):
-    monkeypatch.setattr(poses, "WORTH_TURN", 0.0)
-    monkeypatch.setattr(poses, "WORTH_MOVE", 0.0)
-    assert not found_at(np.eye(4), deviation=0.0).drifted
+    monkeypatch.setattr(found_pose, "MIN_DRIFT_RAD", 0.0)
+    monkeypatch.setattr(found_pose, "MIN_DRIFT_M", 0.0)
+    assert not found_at(np.eye(4), deviation=0.0).has_drifted
 
 
 def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(monkeypatch):
@@ -462,7 +475,7 @@ def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(m
         asked.append((points, surface, believed, deviation))
         return Registration(believed, np.eye(6), np.zeros((0, 6)), overlaps.pop(), 0.01)
 
-    monkeypatch.setattr("toolkit.calibration.registration.register", register)
+    monkeypatch.setattr("toolkit.calibration.poses.register", register)
     points, deviations = np.zeros((2, 3)), np.ones(2)
     surface = Surface(np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1))
     for is_found in (True, False):
@@ -506,7 +519,9 @@ def test_scenes_are_learnt_of_the_frames_that_are_asked_and_sensors_are_the_firs
 
 
 def test_poses_are_written_by_name_with_null_for_what_is_not_observed(tmp_path):
-    poses.save_poses(tmp_path / "poses.json", [found_at(pose(0.3), 0.01, [[0, 0, 0, 1.0, 0, 0]])])
+    found_pose.save_poses(
+        tmp_path / "poses.json", [found_at(pose(0.3), 0.01, [[0, 0, 0, 1.0, 0, 0]])]
+    )
     text = (tmp_path / "poses.json").read_text()
     assert text.splitlines()[:2] == ["{", ' "c": {']  # a person may read it
     assert json.loads(text)["c"]["standard_deviation"]["move_m"] == [None, 0.01, 0.01]
@@ -514,13 +529,15 @@ def test_poses_are_written_by_name_with_null_for_what_is_not_observed(tmp_path):
 
 def test_clouds_are_written_as_a_folder(monkeypatch, tmp_path):
     written = []
-    monkeypatch.setattr(poses, "write_recording", lambda *given: written.append(given))
+    monkeypatch.setattr(
+        corrected_recording, "write_recording", lambda *given: written.append(given)
+    )
     samples = recording_sample_poses(1)
     crooked = Sensor("b", MODEL_CLOUDS, ERROR @ TRUE_CLOUDS[1].pose)
-    each = poses.FoundPose(
+    each = found_pose.FoundPose(
         crooked, Registration(TRUE_CLOUDS[1].pose, np.eye(6), np.zeros((0, 6)), 1.0, 0.01)
     )
-    poses.write_corrected(samples, [each], tmp_path)
+    corrected_recording.write_corrected(samples, [each], tmp_path)
     ((corrected, out, layout),) = written
     assert (out, layout) == (tmp_path, "folder")
     np.testing.assert_allclose(

@@ -10,7 +10,7 @@ import pytest
 
 from toolkit.calibration.ground import level
 from toolkit.calibration.levels import GroundLevel, describe_levels
-from toolkit.detection.place import DETECTION_REACH_M, Place
+from toolkit.calibration.place import DETECTION_REACH_M, Place
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 

@@ -3,22 +3,18 @@
 import numpy as np
 import pytest
 
-from toolkit.calibration import registration
+from toolkit.calibration import reference_surface, registration
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.registration import (
-    LEVER,
-    SURFACE_SPACING,
+from toolkit.calibration.motions import LEVER_M, apply_motion, motion_between, resistance
+from toolkit.calibration.reference_surface import (
+    SURFACE_SPACING_M,
     Surface,
-    apply_motion,
     cloud_surface,
-    motion_between,
-    register,
-    resistance,
     scene_points,
     site_surface,
     thin_rows,
-    tukey_weight,
 )
+from toolkit.calibration.registration import register, tukey_weight
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera
@@ -158,7 +154,7 @@ def test_what_is_found_moves_with_the_world_by_the_derivative():
         along = ((transform(apply_motion(TRUE, motion), local) - points) * normals).sum(axis=1)
         np.testing.assert_allclose(along / 1e-6, rows[:, k], atol=1e-4)
     after = apply_motion(np.eye(4), np.array([0, 0, 0.1, 1, 2, 3.0]))
-    assert np.arctan2(after[1, 0], after[0, 0]) == pytest.approx(0.1 / LEVER)
+    assert np.arctan2(after[1, 0], after[0, 0]) == pytest.approx(0.1 / LEVER_M)
     assert after[:3, 3].tolist() == [1, 2, 3]
     motion = np.array([0.3, -1.2, 0.7, 1.0, 2.0, -3.0])
     np.testing.assert_allclose(motion_between(TRUE, apply_motion(TRUE, motion)), motion, atol=1e-12)
@@ -187,7 +183,7 @@ def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
         invert(TRUE),
         reference.points[::3] + 0.005 * rng.standard_normal(reference.points[::3].shape),
     )
-    turned_off = apply_motion(TRUE, np.array([0, 0, LEVER * np.deg2rad(5.0), 0.2, 0.1, 0.0]))
+    turned_off = apply_motion(TRUE, np.array([0, 0, LEVER_M * np.deg2rad(5.0), 0.2, 0.1, 0.0]))
     found = register(points, reference, turned_off)
     assert turned(found.pose, TRUE) < 0.05
     assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
@@ -209,17 +205,20 @@ def scene(depth, share=1.0, spread=0.02, frames=16):
     return EmptyScene("c", model, frames=frames, **images)
 
 
-def test_points_and_normals_are_where_surfaces_are_flat():
+def test_surfaces_of_sites_have_even_points():
     surface = site_surface(PLACE)
     assert np.allclose(np.linalg.norm(surface.normals, axis=1), 1.0)
     roof = np.isclose(surface.points[:, 2], 5.0)
-    assert roof.sum() == pytest.approx(24 / SURFACE_SPACING**2, rel=0.1)
+    assert roof.sum() == pytest.approx(24 / SURFACE_SPACING_M**2, rel=0.1)
     assert np.allclose(np.abs(surface.normals[roof]), [0, 0, 1])
     wall = np.isclose(surface.points[:, 1], 4.0) & (surface.points[:, 2] > 0.01)
-    assert wall.sum() == pytest.approx(30 / SURFACE_SPACING**2, rel=0.1)
+    assert wall.sum() == pytest.approx(30 / SURFACE_SPACING_M**2, rel=0.1)
     assert surface.points[:, 2].max() <= 5.0 + 1e-9
     assert np.abs(surface.points[:, :2]).max() < 60.0
     assert site_surface(PLACE).points.tobytes() == surface.points.tobytes()
+
+
+def test_surfaces_of_clouds_are_flat():
     rng = np.random.default_rng(0)
     ground = np.column_stack([rng.uniform(-5, 5, (20000, 2)), 0.005 * rng.standard_normal(20000)])
     bush = rng.uniform([6, 6, 0.5], [8, 8, 2.5], (3000, 3))
@@ -236,6 +235,9 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     alone[0, 0], alone[1, 2] = np.nan, np.inf
     with pytest.raises(ValueError, match="has 49 points"):
         cloud_surface(alone[:51])
+
+
+def test_points_of_scenes_are_shown_in_most_frames():
     points, deviation = scene_points(scene(8.0))
     assert points.shape == scene_points(scene(0.5))[0].shape == (300, 3)
     assert np.allclose(points[:, 2], 8.0)
@@ -245,6 +247,9 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     assert len(scene_points(scene(8.0, share=0.4))[0]) == 0
     assert len(scene_points(scene(8.0, share=0.4), least_share=0.3)[0]) == 300
     assert len(scene_points(scene(8.0, share=0.5))[0]) == 300  # half of the frames are enough
+
+
+def test_surfaces_of_several_scenes_are_one():
     poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
     wide = [scene(8.0), scene(8.0)]
     surface = cloud_surface(
@@ -260,17 +265,17 @@ def test_points_and_normals_are_where_surfaces_are_flat():
 
 
 def test_it_starts_where_it_is_believed_turned_about_the_vertical(monkeypatch):
-    starts, align = [], registration._align_levels
+    starts, align = [], registration.align_levels
 
     def noted(points, noise, surface, start, levels):
         if levels is registration._COARSE:
             starts.append(start)
         return align(points, noise, surface, start, levels)
 
-    monkeypatch.setattr(registration, "_align_levels", noted)
+    monkeypatch.setattr(registration, "align_levels", noted)
     surface = corner(np.random.default_rng(0), 500)
     register(transform(invert(TRUE), surface.points), surface, TRUE)
-    turns = [LEVER * np.deg2rad(turn) for turn in (0, -2.5, 2.5, -5, 5)]
+    turns = [LEVER_M * np.deg2rad(turn) for turn in (0, -2.5, 2.5, -5, 5)]
     motions = [motion_between(TRUE, start) for start in starts]
     np.testing.assert_allclose(motions, [[0, 0, turn, 0, 0, 0] for turn in turns], atol=1e-9)
 
@@ -297,7 +302,7 @@ def test_agreement_steps_and_covariances_are_those_by_hand():
     assert len(up.hidden_motions) == 5
     assert np.diag(up.covariance()) == pytest.approx([0, 0, 0, 0, 0, 9 / 10])
     turning = system_of(EYE[[0] * 4], 0.0, weight)
-    assert np.diag(turning.covariance()) == pytest.approx([9 / 10 / LEVER**2, 0, 0, 0, 0, 0])
+    assert np.diag(turning.covariance()) == pytest.approx([9 / 10 / LEVER_M**2, 0, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize(
@@ -338,7 +343,7 @@ def test_pairs_weigh_by_their_noise_roughness_and_scatter(monkeypatch):
     above, noise = rng.normal(0, 0.05, 80), rng.uniform(0.01, 0.1, 80)
     above[:10], above[10] = 0.9, 0.25
     start = pose(0.0, 0.0, 0.0)
-    moved, system = registration._align_levels(
+    moved, system = registration.align_levels(
         places + above[:, None] * [0, 0, 1], noise, surface, start, ((0.8, 0.01, 0.2),)
     )
     near = above[10:]
@@ -354,7 +359,7 @@ def test_pairs_weigh_by_their_noise_roughness_and_scatter(monkeypatch):
     world = places[10:] + near[:, None] * [0, 0, 1]
     assert system.rows == pytest.approx(resistance(world, np.zeros(3), surface.normals[10:]))
     assert moved == pytest.approx(apply_motion(start, system.step()))
-    _, wide = registration._align_levels(
+    _, wide = registration.align_levels(
         places, np.full(80, 0.001), surface, start, ((0.8, 0.01, 5.0),)
     )
     assert wide.scatter == 0.01  # no less
@@ -386,7 +391,7 @@ def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken
         fine.append(motion_between(np.eye(4), start).round(6).tolist())
         return start, System(float(start[0, 3]))
 
-    monkeypatch.setattr(registration, "_align_levels", align)
+    monkeypatch.setattr(registration, "align_levels", align)
     surface = corner(np.random.default_rng(0), 50)
     found = register(np.zeros((9, 3)), surface, np.eye(4))
     starts = [[0, 0, 0, x, 0.1, 0] for x in (0.0, 0.06, 0.2)]
@@ -395,7 +400,9 @@ def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken
     assert (found.overlap, found.scatter) == (0.7, 0.02)
     ends, agreements[0.0] = iter([0.0, 0.04, 0.06, 0.06, 0.2]), 0.25
     agreements[0.06] = agreements[0.2] = 0.5
-    monkeypatch.setattr(registration, "_AS_GOOD", 0.25)  # the believed pose is just as good
+    monkeypatch.setattr(
+        registration, "_MAX_AGREEMENT_LOSS", 0.25
+    )  # the believed pose is just as good
     assert register(np.zeros((9, 3)), surface, np.eye(4)).pose[0, 3] == 0.0
 
 
@@ -407,9 +414,9 @@ def test_noise_that_few_frames_show_is_no_less_than_one_frames():
 
 
 def test_fifty_points_are_enough_and_small_things_have_points():
-    registration._check_flat(50)
+    reference_surface.check_flat(50)
     with pytest.raises(ValueError, match="the reference has 49 points on flat ground"):
-        registration._check_flat(49)
+        reference_surface.check_flat(49)
     post = np.array([[0.0, 0], [0.6, 0], [0.6, 0.6], [0, 0.6]])
     surface = site_surface(
         Site("s", np.array([-3.0, -3, 3, 3]), solids=(Solid(post, 0.0, 0.9, "container"),))
@@ -454,16 +461,16 @@ def test_a_reference_is_read_by_its_ending(monkeypatch):
         asked.append(frames)
         return scene(8.0), scene(8.0)
 
-    monkeypatch.setattr(registration, "CoopDataset", Opened)
-    monkeypatch.setattr(registration, "learn_empty_scenes", learn)
-    surface = registration.read_surface("a.HDF5", frames=7)
+    monkeypatch.setattr(reference_surface, "CoopDataset", Opened)
+    monkeypatch.setattr(reference_surface, "learn_empty_scenes", learn)
+    surface = reference_surface.read_surface("a.HDF5", frames=7)
     assert asked == ["a.HDF5", 7, "closed"]
     assert np.abs(surface.points[:, 2]).max() < 1e-4
     assert (surface.points[:, 0] < 10).sum() == (surface.points[:, 0] > 10).sum() > 100
-    monkeypatch.setattr(registration, "load_site", lambda name: f"site {name}")
-    monkeypatch.setattr(registration, "site_surface", lambda site: f"surface of {site}")
-    monkeypatch.setattr(registration, "read_points", lambda path: f"points of {path}")
-    monkeypatch.setattr(registration, "cloud_surface", lambda points: f"surface of {points}")
+    monkeypatch.setattr(reference_surface, "load_site", lambda name: f"site {name}")
+    monkeypatch.setattr(reference_surface, "site_surface", lambda site: f"surface of {site}")
+    monkeypatch.setattr(reference_surface, "read_points", lambda path: f"points of {path}")
+    monkeypatch.setattr(reference_surface, "cloud_surface", lambda points: f"surface of {points}")
     for reference, wanted in (
         *(
             ("tjunction", "site tjunction"),
@@ -472,7 +479,7 @@ def test_a_reference_is_read_by_its_ending(monkeypatch):
         ),
         *(("a.ply", "points of a.ply"), ("a.h5x", "points of a.h5x")),
     ):
-        found: object = registration.read_surface(reference)
+        found: object = reference_surface.read_surface(reference)
         assert found == f"surface of {wanted}"
 
 
@@ -480,7 +487,7 @@ def grid_of(rows, columns, noise=0.0, at=(0.0, 0.0, 0.0)):
     """Points as far apart as a surface keeps them, each off its plane."""
     places = (
         np.stack(np.meshgrid(np.arange(rows), np.arange(columns)), axis=-1).reshape(-1, 2)
-        * SURFACE_SPACING
+        * SURFACE_SPACING_M
     )
     above = noise * np.random.default_rng(0).standard_normal(len(places))
     return np.column_stack([places, above]) + np.array(at)
@@ -523,13 +530,13 @@ def test_fifty_pairs_are_enough():
         places, surface = grid_surface(count)
         given = (places, np.full(count, 0.01), surface, np.eye(4), ((0.5, 0.1, 0.2),))
         if enough:
-            assert registration._align_levels(*given)[1].overlap == 1.0
+            assert registration.align_levels(*given)[1].overlap == 1.0
         else:
             with pytest.raises(
                 ValueError,
                 match=r"49 of 49 points lie within 0\.5 m of the reference, 50 are needed",
             ):
-                registration._align_levels(*given)
+                registration.align_levels(*given)
 
 
 @pytest.mark.parametrize(("above", "steps"), [(4e-5, 1), (1e-4, 2), (0.1, 2)])
@@ -545,7 +552,7 @@ def test_a_level_ends_with_a_step_below_a_ten_thousandth_of_its_radius(monkeypat
     monkeypatch.setattr(registration, "resistance", noted)
     places, surface = grid_surface()
     start = pose(0.0, 0.0, above)
-    moved, _ = registration._align_levels(
+    moved, _ = registration.align_levels(
         places, np.full(80, 0.01), surface, start, ((0.5, 0.1, 0.9),)
     )
     assert len(asked) == steps

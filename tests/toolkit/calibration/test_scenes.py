@@ -7,18 +7,12 @@ import jaxtyping._decorator as jaxtyping_decorator
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene as sample_scenes
-from toolkit.calibration.empty_scene import (
-    OUTSIDE_GRID,
-    SHARED_CELL,
-    EmptyScene,
-    LidarGrid,
-    Scenes,
-    learn_empty_scenes,
-    learn_sample_scenes,
-    load_empty_scenes,
-    save_empty_scenes,
-)
+from toolkit.calibration import recording_scenes
+from toolkit.calibration.cloud_image import OUTSIDE_GRID, SHARED_CELL
+from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
+from toolkit.calibration.lidar_grid import LidarGrid
+from toolkit.calibration.recording_scenes import Scenes, learn_sample_scenes
+from toolkit.calibration.scene_files import load_empty_scenes, save_empty_scenes
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
@@ -100,7 +94,7 @@ def images(count=10):
         yield image
 
 
-def test_who_passes_is_not_in_the_scene_learnt_when_asked_for():
+def test_who_passes_is_not_in_the_scene():
     learnt = learn_sample_scenes(sample(k, image, twice=5) for k, image in enumerate(images()))[
         "north"
     ]
@@ -116,6 +110,9 @@ def test_who_passes_is_not_in_the_scene_learnt_when_asked_for():
     stands_out = ~learnt.scene.shows(present)
     assert stands_out[SOMEBODY].all()
     assert stands_out.sum() == 8
+
+
+def test_scenes_are_learnt_when_asked_for():
     frames = Recording(sample(k, image) for k, image in enumerate(images()))
     scenes = Scenes(frames)
     assert (frames.reads, scenes.used) == (0, False)
@@ -135,7 +132,7 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
     given = Scenes([], [loaded])
     assert given["north"].scene is loaded
     assert given.image(sample(0, WALL).clouds[0]).measurement.shape == MODEL.shape
-    camera = EmptyScene.of(
+    camera = EmptyScene.from_render(
         Sensor("c", DepthCamera(), np.eye(4)), np.ones(DepthCamera().shape, np.float32)
     )
     with pytest.raises(ValueError, match=r"learnt from images of DepthCamera.*, not from clouds"):
@@ -166,7 +163,7 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
 )
 def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
     grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
-    assert sample_scenes._Learner("north", grid, asked).learner.sample == kept
+    assert recording_scenes._CloudSceneLearner("north", grid, asked).learner.sample == kept
 
 
 def test_only_sensors_of_the_first_samples_and_so_many_of_their_images_are_kept():

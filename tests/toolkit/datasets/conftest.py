@@ -4,8 +4,9 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.dataset import Header, Scene, encode
-from toolkit.datasets.doctor import Finding, diagnose_file
+from toolkit.datasets.recording_file import Header, Scene, encode
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects

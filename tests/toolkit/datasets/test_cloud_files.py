@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from toolkit.clouds import attributes, from_attributes, from_points, positions, save, sensor_numbers
-from toolkit.datasets import cloud_files
+from toolkit.datasets import cloud_files, feather_files, pose_files
 from toolkit.geometry import invert, pose, transform
 
 POINTS = np.random.default_rng(0).uniform(-50, 50, (40, 3)).astype(np.float32).astype(np.float64)
@@ -81,7 +81,7 @@ def test_pose_files_in_json(tmp_path, form):
         (one, ["0"]),
     ):
         (tmp_path / "poses.json").write_text(json.dumps(content))
-        poses = cloud_files.read_poses(tmp_path / "poses.json")
+        poses = pose_files.read_poses(tmp_path / "poses.json")
         assert list(poses) == names
         for found, expected in zip(poses.values(), POSES, strict=False):
             np.testing.assert_allclose(found, expected)
@@ -105,20 +105,20 @@ def test_pose_files_in_text(tmp_path):
         ),
     ):
         file.write_text(content)
-        poses = cloud_files.read_poses(file)
+        poses = pose_files.read_poses(file)
         assert list(poses) == names
         np.testing.assert_allclose(poses[names[0]], POSES[0])
     file.write_text("up 1 0 0 0 7 8 9")
-    np.testing.assert_allclose(cloud_files.read_poses(file)["up"], pose(7.0, 8.0, 9.0))
+    np.testing.assert_allclose(pose_files.read_poses(file)["up"], pose(7.0, 8.0, 9.0))
     np.testing.assert_allclose(
-        cloud_files.read_poses(file, inverted=True)["up"], pose(-7.0, -8.0, -9.0)
+        pose_files.read_poses(file, inverted=True)["up"], pose(-7.0, -8.0, -9.0)
     )
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
 def test_quaternions_turn_as_the_quaternion_product_does(quaternion):
     w, *vector = np.array(quaternion) / np.linalg.norm(quaternion)
-    matrix = cloud_files.quaternion_pose(np.array([w, *vector]), np.zeros(3))[:3, :3]
+    matrix = pose_files.quaternion_pose(np.array([w, *vector]), np.zeros(3))[:3, :3]
     for axis in np.eye(3):
         turned = axis + 2 * np.cross(vector, np.cross(vector, axis) + w * axis)
         np.testing.assert_allclose(matrix @ axis, turned, atol=1e-12)
@@ -128,17 +128,15 @@ def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
     poses = {"b": POSES[1], "a": POSES[0]}
     assert [
         p is q
-        for p, q in zip(
-            cloud_files.match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True
-        )
+        for p, q in zip(pose_files.match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True)
     ] == [True, True]
-    assert cloud_files.match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
+    assert pose_files.match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
     with pytest.raises(ValueError, match="files a, c, poses b, a"):
-        cloud_files.match_poses(["a.ply", "c.ply"], poses)
+        pose_files.match_poses(["a.ply", "c.ply"], poses)
     with pytest.raises(ValueError, match="cannot tell which pose"):
-        cloud_files.match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
+        pose_files.match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
     assert (
-        cloud_files.match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0]
+        pose_files.match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0]
         is POSES[0]
     )
     clouds = [tmp_path / "a.ply", tmp_path / "b.ply"]
@@ -146,10 +144,10 @@ def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
         (tmp_path / f"{name}.json").write_text(json.dumps([p.tolist() for p in content]))
     for files in (["a.json", "b.json"], ["all.json"]):
         np.testing.assert_allclose(
-            cloud_files.load_poses(clouds, [tmp_path / file for file in files]), POSES
+            pose_files.load_poses(clouds, [tmp_path / file for file in files]), POSES
         )
     with pytest.raises(ValueError, match="2 files of one pose each"):
-        cloud_files.load_poses(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
+        pose_files.load_poses(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
 
 
 @pytest.mark.parametrize(
@@ -170,16 +168,16 @@ def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
 def test_bad_pose_files_say_what_is_wrong(tmp_path, content, message):
     (tmp_path / "poses.txt").write_text(content)
     with pytest.raises(ValueError, match=message):
-        cloud_files.read_poses(tmp_path / "poses.txt")
+        pose_files.read_poses(tmp_path / "poses.txt")
     with pytest.raises(ValueError, match=r"must be numbers, got .10{57}"):
-        cloud_files.parse_pose([10**400, 0, 0, 0, 0, 0, 0])
+        pose_files.parse_pose([10**400, 0, 0, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("content", ["{", "3", "[]", '{"a": "b"}', '[{"x": 1}]', "[[1, 2], [3]]"])
 def test_bad_json_says_what_is_wrong(tmp_path, content):
     (tmp_path / "poses.json").write_text(content)
     with pytest.raises(ValueError, match=r"poses\.json"):
-        cloud_files.read_poses(tmp_path / "poses.json")
+        pose_files.read_poses(tmp_path / "poses.json")
 
 
 def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
@@ -235,7 +233,7 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
         cloud_files.read_points(tmp_path / "b.npy")
     with pytest.raises(ValueError, match="2 poses"):
         cloud_files.fuse_files([tmp_path / "a.ply"], POSES)
-    assert cloud_files.parse_pose(np.eye(4)).shape == (4, 4)
+    assert pose_files.parse_pose(np.eye(4)).shape == (4, 4)
 
 
 @pytest.mark.parametrize(
@@ -301,7 +299,7 @@ def test_deep_and_endless_json_is_refused_in_one_line(tmp_path, content):
     with pytest.raises(
         ValueError, match=r"poses\.json holds no poses: (its lists|it has a number)"
     ) as error:
-        cloud_files.read_poses(tmp_path / "poses.json")
+        pose_files.read_poses(tmp_path / "poses.json")
     assert "\n" not in str(error.value)
 
 
@@ -314,11 +312,11 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
         feather.write_feather(
             pyarrow.table(dict(columns)), tmp_path / "a.feather", compression=compression
         )
-        assert len(cloud_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
+        assert len(feather_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("toolkit.runtime.files.MAX_CLOUD_BYTES", 20 << 20)
+            patch.setattr("toolkit.runtime.array_files.MAX_CLOUD_BYTES", 20 << 20)
             with pytest.raises(ValueError, match=r"a\.feather .* unpacks to"):
-                cloud_files.read_table(tmp_path / "a.feather")
+                feather_files.read_table(tmp_path / "a.feather")
     nothing = pyarrow.nulls(1 << 30)
     feather.write_feather(
         pyarrow.table({"x": nothing}),
@@ -332,7 +330,7 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
     ):
         (tmp_path / "a.feather").write_bytes(content)
         with pytest.raises(ValueError, match=r"unpacks to 8\.0 GiB|cut off"):
-            cloud_files.read_table(tmp_path / "a.feather")
+            feather_files.read_table(tmp_path / "a.feather")
 
 
 def test_points_of_no_return_are_not_fused(tmp_path):

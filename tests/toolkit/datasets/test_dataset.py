@@ -6,10 +6,11 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode, join
-from toolkit.datasets.doctor import diagnose_file
-from toolkit.datasets.recordings import with_errors
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.recording_file import Header, Scene, encode, join
+from toolkit.datasets.recording_views import with_errors
 from toolkit.detection.survey import survey
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.doctor import (
-    SensorImages,
-    blind_frames,
-    diagnose_file,
-    failing_sensors,
-    frozen_frames,
-)
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.image_failures import blind_frames, failing_sensors, frozen_frames
+from toolkit.doctor.sensor_images import SensorImages
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera
@@ -51,13 +48,16 @@ def views(shown=CENTRES):
     return [SensorImages(each, rays, np.stack([image(each, x) for x in shown])) for each in SENSORS]
 
 
-def test_images_frozen_or_blind_are_named():
+def test_healthy_images_are_not_accused():
     assert not any(
         frozen_frames(each, rows(CENTRES), SITE).any() for each in views()
     )  # 9 twice: parked
     assert not blind_frames(views()).any()
     assert list(failing_sensors(views(), rows(CENTRES), SITE, range(6))) == []
     assert list(failing_sensors([], [], SITE, [])) == []
+
+
+def test_frozen_images_are_named():
     frozen = views([-4.0, -3.0, -3.0, -3.0, 9.0, 2.0])[0]
     assert frozen_frames(frozen, rows(CENTRES), SITE).tolist() == [
         False,
@@ -69,7 +69,8 @@ def test_images_frozen_or_blind_are_named():
     ]
     both = [frozen, views()[1]]
     assert list(failing_sensors(both, rows(CENTRES), SITE, [0, 7, 14, 21, 28, 35])) == [
-        (
+        Finding(
+            "warning",
             "sensor a",
             "it is frozen",
             (
@@ -81,6 +82,9 @@ def test_images_frozen_or_blind_are_named():
     ]
     nearby = rows([-4.0, -3.0, -1.0, 9.0, 9.0, 2.0])  # has moved, but stands still where it was
     assert not frozen_frames(frozen, nearby, SITE)[2]
+
+
+def test_blind_images_are_named():
     images = views()
     dark = images[0].depth.copy()
     there = np.flatnonzero(dark[3] > 0)
@@ -98,8 +102,8 @@ def test_images_frozen_or_blind_are_named():
         [False] * 6,
     ]
     (found,) = failing_sensors(changed, rows(CENTRES), SITE, range(6))
-    assert found[:2] == ("sensor a", "it goes blind")
-    assert found[2].startswith(
+    assert (found.where, found.suspected) == ("sensor a", "it goes blind")
+    assert found.evidence.startswith(
         "1 of 6 frames that were looked at, the first is 4, return less than half"
     )
 

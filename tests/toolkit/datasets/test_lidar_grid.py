@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene
-from toolkit.calibration.empty_scene import (
-    OUTSIDE_GRID,
-    SHARED_CELL,
-    LidarGrid,
-    compute_angles,
-    find_grid,
-    nearest_row,
-    rasterize_cloud,
-)
+from toolkit.calibration import lidar_grid
+from toolkit.calibration.cloud_image import OUTSIDE_GRID, SHARED_CELL, rasterize_cloud
+from toolkit.calibration.lidar_grid import LidarGrid, compute_angles, find_grid, nearest_row
 from toolkit.frame import SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.sensors.models import RowLidar
@@ -159,7 +152,7 @@ def test_what_is_no_image_is_refused(monkeypatch):
         find_grid([])
     with pytest.raises(ValueError, match="3 points of l say nothing"):
         find_grid([SensorCloud("l", np.full((3, 3), 9.0, np.float32), np.eye(4))])
-    monkeypatch.setattr(empty_scene, "MOST_PIXELS", 2519)
+    monkeypatch.setattr(lidar_grid, "MAX_GRID_PX", 2519)
     with pytest.raises(
         ValueError, match="would have 7 x 360 pixels: are its points in its own frame"
     ):

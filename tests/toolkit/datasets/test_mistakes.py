@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.datasets.doctor import suspect_frames
+from toolkit.doctor.frame_shifts import suspect_frames
 
 
 def columns(**changes):

@@ -58,7 +58,7 @@ def test_cameras_boxes_and_empty_pixels_in_carla_coordinates():
     image = published.expand_image(depth, camera)
     assert image.shape == (6, 8)
     assert image[0].tolist() == [1.5, 0, 999, 0, 1000, 0, 1000, 0]
-    first, nothing = published.measured([(image, 2), (np.full((6, 8), np.nan), 2)])
+    first, nothing = published.measure_images([(image, 2), (np.full((6, 8), np.nan), 2)])
     assert first[0].tolist() == [1.5, 999, 0, 0]
     assert nothing.tolist() == np.zeros((3, 4)).tolist()
 

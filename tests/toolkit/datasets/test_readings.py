@@ -4,12 +4,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from toolkit.datasets.recordings import read_frame, with_errors
+from toolkit.datasets.recording_views import read_frame, with_errors
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL, ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL
 from toolkit.sensors.error_terms import Calibration, ClockOffset
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor

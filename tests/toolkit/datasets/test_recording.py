@@ -4,7 +4,8 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.dataset import OWN_IMAGES, RECORDING_SCHEMA, Header, Scene, encode, join
+from toolkit.datasets.recording_file import RECORDING_SCHEMA, Header, Scene, encode, join
+from toolkit.datasets.stored_channels import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects

@@ -11,17 +11,16 @@ import pytest
 
 import toolkit.datasets
 from toolkit.datasets import recordings
+from toolkit.datasets.layout import Layout
+from toolkit.datasets.problem_kinds import add_problem
+from toolkit.datasets.recording_views import Part, read
 from toolkit.datasets.recordings import (
     LAYOUTS,
-    Layout,
-    Part,
     find_layout,
     load_plugins,
     open_recording,
-    read,
     write_recording,
 )
-from toolkit.datasets.records import add_problem
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Objects
@@ -303,7 +302,7 @@ OWN_FILES = {
 def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(
     tmp_path, layout, monkeypatch
 ):
-    monkeypatch.setattr("toolkit.runtime.files._MAX_SILENCE_S", 0.01)
+    monkeypatch.setattr("toolkit.runtime.reading._MAX_SILENCE_S", 0.01)
     write_recording(scene(), tmp_path, layout)
     for name in OWN_FILES[layout]:
         file = tmp_path / name

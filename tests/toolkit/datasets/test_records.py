@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 from toolkit.class_names import CATEGORIES
-from toolkit.datasets import records
-from toolkit.datasets.recordings import Part
+from toolkit.datasets import (
+    box_files,
+    box_frames,
+    cloud_records,
+    frame_labels,
+    problem_kinds,
+    record_values,
+)
+from toolkit.datasets.listing import Listing, check_labels
+from toolkit.datasets.recording_views import Part
 from toolkit.frame import AWAY, Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects
@@ -18,14 +26,14 @@ def test_listings_read_when_asked_with_rotations_and_poses():
         read.append(name)
         return Frame.of_clouds(name, (), Objects.empty())
 
-    listing = records.Listing(("a", "b", "c"), load)
+    listing = Listing(("a", "b", "c"), load)
     assert len(listing) == 3
     assert listing[1].name == "b"
     assert read == ["b"]
     assert [sample.name for sample in listing] == ["a", "b", "c"]
     assert listing[-1].name == "c"
     off = pose(yaw=0.3)[:3, :3] + 0.004
-    matrix = records.rigid(off, [1, 2, 3])
+    matrix = record_values.rigid(off, [1, 2, 3])
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.abs(matrix[:3, :3] - off).max() < 0.01
     for wrong in (
@@ -35,24 +43,24 @@ def test_listings_read_when_asked_with_rotations_and_poses():
         np.full((3, 3), np.nan),
     ):
         with pytest.raises(ValueError, match="must turn by a rotation"):
-            records.rigid(wrong, [0, 0, 0])
+            record_values.rigid(wrong, [0, 0, 0])
     with pytest.raises(ValueError, match="NaN"):
-        records.rigid(np.eye(3), [np.nan, 0, 0])
+        record_values.rigid(np.eye(3), [np.nan, 0, 0])
     placed = pose(1.0, 2.0, 3.0, yaw=0.5)
-    np.testing.assert_allclose(records.rigid_matrix(placed.tolist()), placed)
-    np.testing.assert_allclose(records.rigid_matrix(placed[:3].ravel().astype(str)), placed)
-    np.testing.assert_allclose(records.heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
-    assert records.heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
+    np.testing.assert_allclose(record_values.rigid_matrix(placed.tolist()), placed)
+    np.testing.assert_allclose(record_values.rigid_matrix(placed[:3].ravel().astype(str)), placed)
+    np.testing.assert_allclose(box_frames.heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
+    assert box_frames.heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
 
 
 @pytest.mark.parametrize(
     ("damage", "names"),
     [
-        (lambda: records.entry({"a": 1}, "a", "b"), "it has no entry a.b"),
-        (lambda: records.as_number("x", "size"), "size must be a number, got 'x'"),
-        (lambda: records.as_number(None, "size"), "size must be a number, got 'None'"),
-        (lambda: records.numbers([1, [2]], 3, "size"), "size must be 3 numbers"),
-        (lambda: records.numbers([1, "b", 2], 3, "size"), "size must be 3 numbers"),
+        (lambda: record_values.entry({"a": 1}, "a", "b"), "it has no entry a.b"),
+        (lambda: record_values.as_number("x", "size"), "size must be a number, got 'x'"),
+        (lambda: record_values.as_number(None, "size"), "size must be a number, got 'None'"),
+        (lambda: record_values.numbers([1, [2]], 3, "size"), "size must be 3 numbers"),
+        (lambda: record_values.numbers([1, "b", 2], 3, "size"), "size must be 3 numbers"),
         *(
             (lambda: json.loads("{}")["key"], "'key'"),
             (lambda: b"\xff".decode(), "byte 0 is not UTF-8"),
@@ -62,7 +70,7 @@ def test_listings_read_when_asked_with_rotations_and_poses():
 def test_damage_is_one_line_with_the_file(damage, names):
     with (
         pytest.raises(ValueError, match=f"f.json .*{names}"),
-        records.named_damage("f.json", "list"),
+        record_values.name_damage("f.json", "list"),
     ):
         damage()
 
@@ -72,7 +80,7 @@ BOX = [1.0, 2, 3, 4, 2, 1.5, 0.5]
 
 def made(*rows, names=None, **more):
     problems = {}
-    found = records.labelled(
+    found = frame_labels.make_labels(
         np.array(rows, np.float64), names or ["car"] * len(rows), None, problems, **more
     )
     return found, problems
@@ -105,7 +113,7 @@ def test_labels_doubled_impossible_or_without_counts():
     assert found.others.counts.tolist() == [3]
     assert problems == {"labels of other kinds than ours": 1}
     assert made(BOX, [0, *BOX[1:]], counts=[3, -1])[0].counts is None
-    assert records.no_labels().counts is None
+    assert frame_labels.no_labels().counts is None
     found, problems = made([*BOX[:6], 7.0], [0.0, *BOX[1:6], 6.28])
     assert found.objects.boxes[0, 6] == pytest.approx(7 - 2 * np.pi)
     assert problems == {"yaws beyond a full turn": 1}
@@ -119,21 +127,21 @@ def test_kinds_points_and_times_are_the_same_everywhere():
         1,
         2,
     ]
-    assert [records.track_number(" 17 "), records.track_number("-3")] == [17, -3]
+    assert [frame_labels.track_number(" 17 "), frame_labels.track_number("-3")] == [17, -3]
     assert (
-        records.track_number("b1d0-44")
-        == records.track_number("b1d0-44")
-        != records.track_number("b1d0-45")
+        frame_labels.track_number("b1d0-44")
+        == frame_labels.track_number("b1d0-44")
+        != frame_labels.track_number("b1d0-45")
     )
-    assert records.track_number("9" * 30) >= 0
-    assert records.track_number("²") > 3
+    assert frame_labels.track_number("9" * 30) >= 0
+    assert frame_labels.track_number("²") > 3
     made, problems = cloud(
         [[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None]
     )
     assert (made.points.tolist(), made.intensity.tolist()) == ([[1, 2, 3]], [0])
     assert problems == {"points with NaN or infinite numbers": 2, "points of no return": 1}
     problems = {}
-    made = records.build_cloud(
+    made = cloud_records.build_cloud(
         {"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world"
     )
     assert (len(made.points), problems) == (1, {})
@@ -150,7 +158,7 @@ def test_kinds_points_and_times_are_the_same_everywhere():
 
 def cloud(points, **columns):
     problems = {}
-    return records.build_cloud(
+    return cloud_records.build_cloud(
         {"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems
     ), problems
 
@@ -160,20 +168,20 @@ def test_clouds_there_and_back_as_one_with_rings(tmp_path):
     sensor = SensorCloud(
         "s", np.array([[4.0, 5, 6]], np.float32), placed, intensity=np.array([0.5], np.float32)
     )
-    records.write_cloud(tmp_path / "a.pcd", sensor)
+    cloud_records.write_cloud(tmp_path / "a.pcd", sensor)
     problems = {}
-    back = records.read_cloud(tmp_path / "a.pcd", "s", placed, problems)
+    back = cloud_records.read_cloud(tmp_path / "a.pcd", "s", placed, problems)
     assert back.points.tolist() == sensor.points.tolist()
     assert back.intensity.tolist() == [0.5]
     placed = pose(10.0)
     some = SensorCloud("a", np.ones((1, 3), np.float32), placed, intensity=np.ones(1, np.float32))
     other = SensorCloud("b", np.ones((2, 3), np.float32), np.eye(4))
-    together = records.one_cloud(Frame.of_clouds("0", (some, other), Objects.empty()))
+    together = cloud_records.one_cloud(Frame.of_clouds("0", (some, other), Objects.empty()))
     assert together.points[:, 0].tolist() == [11, 1, 1]
     assert together.intensity is None
-    assert records.one_cloud(Frame.of_clouds("0", (some,), Objects.empty())).intensity.tolist() == [
-        1
-    ]
+    assert cloud_records.one_cloud(
+        Frame.of_clouds("0", (some,), Objects.empty())
+    ).intensity.tolist() == [1]
     assert cloud([[1, 0, 0]])[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([2.5]))[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([np.nan]))[0].ring is None
@@ -183,8 +191,8 @@ def test_clouds_there_and_back_as_one_with_rings(tmp_path):
         [[1, 0, 0], [0, 0, 0], [2, 0, 0]], laser_number=np.array([[31], [4], [7]], np.uint8)
     )
     assert made.ring.tolist() == [31, 7]
-    records.write_cloud(tmp_path / "a.pcd", made)
-    assert records.read_cloud(tmp_path / "a.pcd", "s", np.eye(4), {}).ring.tolist() == [31, 7]
+    cloud_records.write_cloud(tmp_path / "a.pcd", made)
+    assert cloud_records.read_cloud(tmp_path / "a.pcd", "s", np.eye(4), {}).ring.tolist() == [31, 7]
 
 
 BOX_BOXES_FILE = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
@@ -192,23 +200,25 @@ BOX_BOXES_FILE = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
 
 def test_boxes_there_and_back(tmp_path):
     objects = Objects(BOX_BOXES_FILE, np.array([2]), np.array([7]))
-    records.write_boxes(tmp_path / "a.json", [records.boxes_record("x", 0.5, objects, counts=[9])])
-    (each,) = records.read_entries(tmp_path / "a.json").values()
+    box_files.write_boxes(
+        tmp_path / "a.json", [box_files.boxes_record("x", 0.5, objects, counts=[9])]
+    )
+    (each,) = box_files.read_entries(tmp_path / "a.json").values()
     assert each["time"] == 0.5
     assert each["objects"][0]["yaw_deg"] == pytest.approx(28.6478898)
-    found = records.parse_objects(tmp_path / "a.json", each, {})
+    found = box_files.parse_objects(tmp_path / "a.json", each, {})
     np.testing.assert_allclose(found.objects.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert found.objects.ids.tolist() == [7]
     assert found.counts.tolist() == [9]
     sure = Detections(BOX_BOXES_FILE, np.array([0.75]), np.array([3]))
-    records.write_boxes(
-        tmp_path / "a.json", [records.boxes_record("x", float("nan"), sure)], detector="general"
+    box_files.write_boxes(
+        tmp_path / "a.json", [box_files.boxes_record("x", float("nan"), sure)], detector="general"
     )
     content = json.loads((tmp_path / "a.json").read_text())
     assert content["detector"] == "general"
     assert content["samples"][0]["time"] is None
-    each = records.read_entries(tmp_path / "a.json")["x"]
-    back = records.parse_objects(tmp_path / "a.json", each, {}).objects
+    each = box_files.read_entries(tmp_path / "a.json")["x"]
+    back = box_files.parse_objects(tmp_path / "a.json", each, {}).objects
     np.testing.assert_allclose(back.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert (each["objects"][0]["score"], back.labels.tolist()) == (0.75, [3])
 
@@ -227,7 +237,7 @@ def test_boxes_there_and_back(tmp_path):
 def test_damage_names_the_file(tmp_path, content, names):
     (tmp_path / "a.json").write_text(content)
     with pytest.raises(ValueError, match=f"a.json .*{names}"):
-        records.read_entries(tmp_path / "a.json")
+        box_files.read_entries(tmp_path / "a.json")
 
 
 def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
@@ -235,28 +245,25 @@ def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
         return Frame.of_clouds(name, (), car, problems={"doubled labels": 2})
 
     car = Objects(np.array([[0.0, 0.0, 0.75, 4.2, 1.8, 1.5, 0.0]]))
-    some = records.Listing(("a", "b"), load, labelled=("a", "c", "c", "d"))
+    some = Listing(("a", "b"), load, labelled=("a", "c", "c", "d"))
     assert [frame.problems for frame in some] == [
-        {"doubled labels": 2, records.STRAY: 2},
+        {"doubled labels": 2, problem_kinds.STRAY: 2},
         {"doubled labels": 2},
     ]
-    assert some[-2].problems[records.STRAY] == 2
+    assert some[-2].problems[problem_kinds.STRAY] == 2
     assert some.describe_strays().startswith("2 of the 3 names")
     assert "'c', where clouds have 'a'" in some.describe_strays()
-    records.check_labels(some)
-    for sound in (
-        records.Listing(("a",), load),
-        records.Listing(("a",), load, labelled=["7"], known=["7"]),
-    ):
+    check_labels(some)
+    for sound in (Listing(("a",), load), Listing(("a",), load, labelled=["7"], known=["7"])):
         assert not sound.describe_strays()
-        records.check_labels(sound)
+        check_labels(sound)
     with pytest.raises(
         ValueError, match=r"no label can be used: 1 of the 1 names.*'1646667310044', where .* 'a'"
     ):
-        records.check_labels(Part(records.Listing(("a",), load, labelled=["1646667310044"])))
+        check_labels(Part(Listing(("a",), load, labelled=["1646667310044"])))
     car = Objects.empty()
     with pytest.raises(ValueError, match="no label, so nothing can be scored: take coview detect"):
-        records.check_labels(records.Listing(("a",), load))
+        check_labels(Listing(("a",), load))
 
 
 def test_labels_are_looked_for_in_the_frames_that_a_view_shows():
@@ -267,13 +274,13 @@ def test_labels_are_looked_for_in_the_frames_that_a_view_shows():
     def load(name):
         return Frame.of_clouds(name, (), car if int(name) % 3 == 0 else Objects.empty())
 
-    listing = records.Listing(tuple(map(str, range(3, 9))), load)
-    records.check_labels(Part(listing, every=3), 1)
-    records.check_labels(Part(listing, frames=2, every=3))
-    unlabelled = records.Listing(("1", "2", "3", "4", "5", "6"), load)
-    records.check_labels(Part(unlabelled, every=2), 2)  # frames 1 and 3
+    listing = Listing(tuple(map(str, range(3, 9))), load)
+    check_labels(Part(listing, every=3), 1)
+    check_labels(Part(listing, frames=2, every=3))
+    unlabelled = Listing(("1", "2", "3", "4", "5", "6"), load)
+    check_labels(Part(unlabelled, every=2), 2)  # frames 1 and 3
     with pytest.raises(ValueError, match="no label, so nothing can be scored"):
-        records.check_labels(Part(unlabelled, every=3), 2)  # frames 1 and 4
+        check_labels(Part(unlabelled, every=3), 2)  # frames 1 and 4
 
 
 @pytest.mark.parametrize(
@@ -300,16 +307,16 @@ def test_points_that_are_no_metres_none_or_at_the_sensor_are_counted_or_refused(
 
     def problems(points):
         met: dict[str, int] = {}
-        records.build_cloud({"positions": points}, "a", np.eye(4), met)
+        cloud_records.build_cloud({"positions": points}, "a", np.eye(4), met)
         return met
 
     in_map = points + np.array([5e5, 5e6, 0])
     assert problems(points) == problems(np.concatenate([points, [[500, 0, 0]]])) == {}
-    assert problems(in_map) == problems(in_map / 100) == {records.UNPLACED: 1}
+    assert problems(in_map) == problems(in_map / 100) == {problem_kinds.UNPLACED: 1}
     deep = points * [1, 1, 200.0]
     away = np.linalg.norm(deep - np.median(deep, axis=0), axis=1)
-    assert problems(deep) == {records.FAR_POINTS: (away > 1000).sum()}
-    assert problems(0 * points) == {records.NO_RETURN_POINTS: 500, records.EMPTY: 1}
+    assert problems(deep) == {problem_kinds.FAR_POINTS: (away > 1000).sum()}
+    assert problems(0 * points) == {problem_kinds.NO_RETURN_POINTS: 500, problem_kinds.EMPTY: 1}
     for axis in range(3):
         with pytest.raises(
             ValueError,

@@ -86,12 +86,15 @@ def seen(new, old=200):
     return np.concatenate([on(WALL, 500, 1), inside, on(CAR, new, 2)]).astype(np.float32)
 
 
-def test_newcomers_stay_and_it_says_what_it_knows(background):
+def test_newcomers_stay(background):
     assert detector_origin(KnownBackground(Fixed(), background))["detector"] == "Fixed+background"
     found = KnownBackground(Fixed(), background)(seen(100))
     assert found.labels.tolist() == [VEHICLE]
     np.testing.assert_array_equal(found.boxes, [CAR])
     assert found.scores.tolist() == [0.8]
+
+
+def test_clouds_without_finite_points_have_no_detections(background):
     known = KnownBackground(Fixed(), background)
     np.testing.assert_array_equal(known(np.array([[0.0, 0, 1.0]])).boxes, [CAR])
     assert len(known(np.zeros((0, 3)))) == 0
@@ -102,6 +105,9 @@ def test_newcomers_stay_and_it_says_what_it_knows(background):
         return Detections.empty()
 
     assert len(KnownBackground(nobody, background)(seen(10))) == 0
+
+
+def test_known_background_has_the_detectors_labels_and_a_digest(background):
     known = KnownBackground(Fixed(), background)
     assert known_labels(known) == tuple(label for label in LABELS if label in Fixed.labels)
     other = Background.learn(ground())

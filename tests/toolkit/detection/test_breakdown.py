@@ -14,23 +14,32 @@ def curve(hits, truths):
     )
 
 
-def test_ap_of_kitti_and_of_nuscenes_by_range():
+def test_ap_of_kitti_at_forty_recalls():
     """Hit, miss, hit of 4: precision 1 up to recall 1/4, then 2/3 up to 1/2, nothing beyond."""
     assert breakdown.kitti_ap(curve([1, 0, 1], 4)) == pytest.approx((10 * 1 + 10 * 2 / 3) / 40)
     assert breakdown.kitti_ap(curve([1], 1)) == 1
     assert breakdown.kitti_ap(curve([0], 1)) == 0
     assert breakdown.kitti_ap(curve([], 3)) == 0
     assert np.isnan(breakdown.kitti_ap(curve([0], 0)))
+
+
+def test_ap_of_nuscenes_begins_at_a_tenth():
     # Precision 1 to recall 1/2, nothing beyond: recalls 0.11 to 0.50 of 0.11 to 1.00.
     assert breakdown.nuscenes_ap(curve([1, 1], 4)) == pytest.approx(40 * 0.9 / 90 / 0.9)
     assert breakdown.nuscenes_ap(curve([1, 1], 2)) == pytest.approx(1)
     assert breakdown.nuscenes_ap(curve([], 2)) == 0
     assert np.isnan(breakdown.nuscenes_ap(curve([0], 0)))
+
+
+def test_truths_outside_the_area_do_not_count():
     found = Detections(boxes((70.0,)), np.array([0.9]))
     each = breakdown.select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
     assert each.counted.tolist() == [False, False, False, False, True]
     assert each.truth_range[-1] == 2
     assert len(each.detections) == 1
+
+
+def test_rows_are_formatted_by_class_and_protocol():
     three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
     text = breakdown.format_rows(
         [*breakdown.group_rows(three, "vehicle"), *breakdown.group_rows(three, "cyclist")]
@@ -56,7 +65,7 @@ def match_centres(found, truths, counted, within, label=0):
     return breakdown.by_centre([one], within, label)
 
 
-def test_centres_are_matched_by_range_and_points():
+def test_centres_are_matched_within_a_distance():
     found, truths = found_at([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), found_at([0.0, 20.0])
     matched = match_centres(found, truths, [True, True], 1.0)
     assert matched.hits.tolist() == [
@@ -80,6 +89,9 @@ def test_centres_are_matched_by_range_and_points():
     assert (len(empty.scores), empty.truths) == (0, 0)
     alarm = match_centres(found_at([0.0], [0.5]), Objects.empty(), [], 1.0)
     assert alarm.hits.tolist() == [False]
+
+
+def test_ap_is_broken_down_by_range():
     # Two of three cars found, surest first, then a false alarm at 12 m, then nothing.
     rows = breakdown.group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 3
@@ -88,6 +100,10 @@ def test_centres_are_matched_by_range_and_points():
     assert row(rows, "ours", "BEV 0.5", "20-35 m").ap == 1
     assert row(rows, "ours", "BEV 0.5", "35-50 m").ap == 0
     assert np.isnan(row(rows, "ours", "BEV 0.5", "50 and more m").ap)
+
+
+def test_ap_is_broken_down_by_points_and_protocol():
+    rows = breakdown.group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")
     assert row(rows, "ours", "BEV 0.5", "1-4 points").ap == 1
     assert row(rows, "ours", "BEV 0.5", "5-19 points").ap == pytest.approx(
         1 / 2
@@ -126,23 +142,29 @@ def row(rows, protocol, measure, among="all"):
     return one
 
 
-def test_rows_count_once_what_overlaps_where_labels_are_complete():
+def test_truths_without_points_or_outside_do_not_count():
     each = judged(frame(), PLACES, [0.9] * 5)
     assert each.counted.tolist() == [True, True, True, False, False]
     assert each.points.tolist() == list(POINTS)
     assert len(each.detections) == 4  # that out of the area is left out
+
+
+def test_overlapping_labels_count_once():
     # As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is
     # somebody else.
     again = boxes((5.002, 25.0))
     again[0, 3] -= 0.003
     objects = Objects(np.concatenate([boxes((5.0, 25.0)), again]), np.array([0, 0, 0, 2]))
-    assert breakdown.repeated(objects).tolist() == [False, False, True, False]
+    assert breakdown.mark_repeated(objects).tolist() == [False, False, True, False]
     each = judged(replace(frame(), objects=objects), (5.0,), [0.9])
     assert each.counted.tolist() == [True, True, False, True]
     assert row(breakdown.group_rows([each], "vehicle"), "ours", "BEV 0.5").truths == 2
     near = boxes((5.0, 5.25))  # IoU 0.88: two labels that differ by more than an annotator's hand
-    assert not breakdown.repeated(Objects(near)).any()
-    assert breakdown.repeated(Objects(np.zeros((0, 7)))).shape == (0,)
+    assert not breakdown.mark_repeated(Objects(near)).any()
+    assert breakdown.mark_repeated(Objects(np.zeros((0, 7)))).shape == (0,)
+
+
+def test_ranges_are_of_the_matched_truth():
     # Found 1.2 m short of a car at 20.5 m, which lies in the next ring.
     sample = Frame.of_clouds(
         "0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5]))
@@ -150,6 +172,9 @@ def test_rows_count_once_what_overlaps_where_labels_are_complete():
     rows = breakdown.group_rows([judged(sample, [19.3], [0.9])], "vehicle", [0.3])
     assert row(rows, "ours", "BEV 0.3", "20-35 m").ap == 1
     assert np.isnan(row(rows, "ours", "BEV 0.3", "0-20 m").ap)
+
+
+def test_rows_count_where_labels_are_complete():
     seen = frame(complete=Rectangle((0.0, -5.0, 8.0, 5.0)))
     rows = breakdown.group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 1

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.datasets.records import parse_objects, read_entries
+from toolkit.calibration.level_frames import level_frames
+from toolkit.calibration.place import Place, Stand
+from toolkit.datasets.box_files import parse_objects, read_entries
 from toolkit.detection.detect import (
     Detected,
     describe_summary,
@@ -15,7 +17,6 @@ from toolkit.detection.detect import (
     summarise,
     write_detections,
 )
-from toolkit.detection.place import Place, Stand, level_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.geometry import pose, tilt_rows, transform
 from toolkit.objects import Detections, Objects
@@ -97,10 +98,13 @@ def test_a_street_that_leans_far_from_the_origin_is_detected_in(levelling):
     assert found.detect_ms > 0
 
 
-def test_clouds_are_counted_warned_of_or_empty():
+def test_raw_clouds_are_warned_of():
     (found,) = detect_frames(samples(pose(0.0, 0.0, -1.7)), Blocks(), Place("none"))
     assert "ground seems to lie at z = -1.70 m" in str(found.stand.warning)
     assert found.stand.ground is None
+
+
+def test_points_are_counted_from_the_middle():
     detector = Blocks()
     (found,) = detect_frames(
         samples(pose(5000.0)), detector, Place("none", area=(4995.0, -8.0, 5015.0, 12.0))
@@ -108,12 +112,18 @@ def test_clouds_are_counted_warned_of_or_empty():
     assert detector.seen[0].dtype == np.float32
     assert detector.seen[0][:, 0].min() == pytest.approx(-35, abs=0.1)
     np.testing.assert_allclose(found.detections.boxes[0, :2], [5010, 5], atol=0.1)
+
+
+def test_still_sensors_have_one_ground():
     still = list(detect_frames(samples(np.eye(4), 2), Blocks(), Place(still=True)))
     assert still[0].stand.ground is still[1].stand.ground
     other = list(detect_frames(samples(np.eye(4), 2), Blocks()))
     assert other[0].stand.ground is not other[1].stand.ground
     with pytest.raises((ValueError, TypeError), match=r"one of map, plane, none|Type-check"):
         Place("flat")
+
+
+def test_clouds_without_ground_are_not_levelled():
     nothing = Frame.of_clouds(
         "0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty()
     )

@@ -11,15 +11,14 @@ from examples.differences.scheme import ForegroundDifferences
 from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
-from toolkit.calibration.empty_scene import Scenes, learn_empty_scenes
-from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
+from toolkit.calibration.empty_scene import learn_empty_scenes
+from toolkit.calibration.recording_scenes import Scenes
+from toolkit.datasets.recording_views import ReadRecording, Reads, read_frame
 from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.evaluation import (
-    Comparison,
-    evaluate_recording,
-    format_table,
-    save_evaluation,
-)
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
+from toolkit.detection.evaluation_files import save_evaluation
+from toolkit.detection.evaluation_tables import format_table
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate
 from toolkit.detection.schemes import fuse_frame
@@ -30,7 +29,8 @@ from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.points import frame_points, has_centre_inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.run import Processes
-from toolkit.sensors.error_profiles import TYPICAL, ErrorProfile
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import TYPICAL
 from toolkit.sensors.error_terms import Calibration
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor

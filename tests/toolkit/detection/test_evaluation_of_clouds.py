@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from examples.differences.scheme import ForegroundDifferences
-from toolkit.calibration.empty_scene import Scenes, learn_sample_scenes
-from toolkit.detection.evaluation import Comparison, evaluate_recording, save_evaluation
+from toolkit.calibration.place import Place, Stand
+from toolkit.calibration.recording_scenes import Scenes, learn_sample_scenes
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
+from toolkit.detection.evaluation_files import save_evaluation
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.detection.place import Place, Stand
 from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES
 from toolkit.detection.view import LinkMemory, stand_view
 from toolkit.frame import Frame, SensorCloud

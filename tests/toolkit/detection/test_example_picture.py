@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
-from toolkit.detection.evaluation import draw_example
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.recording_file import Header, Scene, encode
+from toolkit.detection.evaluation_files import draw_example
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects

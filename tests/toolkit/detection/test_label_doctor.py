@@ -11,27 +11,17 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.ground import level
-from toolkit.datasets import records
+from toolkit.datasets import problem_kinds
+from toolkit.datasets.box_frames import move_boxes
 from toolkit.datasets.recordings import LAYOUTS, open_recording
-from toolkit.datasets.records import move_boxes
-from toolkit.detection import label_doctor, label_fits
-from toolkit.detection.label_doctor import (
-    LABEL_MISTAKES,
-    YAW_SIGN,
-    against_their_way,
-    degrees_of_turns,
-    diagnose_labels,
-    find_shift,
-    undo_mistake,
-)
-from toolkit.detection.label_fits import (
-    MIN_BOX_POINTS,
-    Seen,
-    better,
-    find_movers,
-    fits,
-    measure_fits,
-)
+from toolkit.doctor import box_fits, diagnosis
+from toolkit.doctor.box_fits import MIN_BOX_POINTS, GroundView, fits, fits_better, measure_fits
+from toolkit.doctor.label_headings import count_turned
+from toolkit.doctor.label_mistake import possible_headings, undo_mistake
+from toolkit.doctor.label_mistakes import LABEL_MISTAKES, YAW_SIGN
+from toolkit.doctor.label_shifts import find_shift
+from toolkit.doctor.labels import diagnose_labels
+from toolkit.doctor.moving_boxes import find_moving
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
@@ -69,20 +59,22 @@ def test_points_fit_faces_better_than_chance():
         (np.full(9, 0.5), np.full(9, 0.53), True),
         (np.full(10, 0.5), 0.5 + np.array([0.5, -0.4] * 5), False),  # chance
     ):
-        assert better(before, after) is said
-    assert not better(np.full(9, 0.5), np.full(9, 0.6), 0.15)
+        assert fits_better(before, after) is said
+    assert not fits_better(np.full(9, 0.5), np.full(9, 0.6), 0.15)
     ground = np.column_stack(
         [np.random.default_rng(0).uniform(-20, 20, (3000, 2)), np.full(3000, 2.0)]
     )
     points = np.concatenate([ground, face(8.0, z=(2.5, 3.5))]).astype(np.float32)
     cloud = SensorCloud("s", points, np.eye(4))
-    seen = Seen.of(Frame.of_clouds("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]))))
+    seen = GroundView.from_frame(
+        Frame.of_clouds("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0])))
+    )
     assert len(seen.points) == 40
     np.testing.assert_allclose(seen.ground.height(BOX[:, :2]), [2.0], atol=0.02)
     assert fits(
         [seen, seen], [BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]), np.zeros((0, 7))]
     ).tolist() == [1.0]
-    nothing = Seen.of(
+    nothing = GroundView.from_frame(
         Frame.of_clouds("0", (SensorCloud("s", points[:2], np.eye(4)),), Objects(BOX))
     )
     assert (len(nothing.points), nothing.ground) == (2, None)
@@ -142,7 +134,7 @@ def test_mistakes_are_undone_also_in_a_map_and_of_degrees():
         undo_mistake(YAW_SIGN, BOX_LABEL_MISTAKES, np.eye(4)), YAW_SIGN.undo(BOX_LABEL_MISTAKES)
     )
     for yaw in np.linspace(-1.5, 1.5, 7):
-        headings = degrees_of_turns(np.array([np.angle(np.exp(1j * np.rad2deg(yaw)))]))
+        headings = possible_headings(np.array([np.angle(np.exp(1j * np.rad2deg(yaw)))]))
         assert np.abs(headings - yaw).min() < 1e-9
         assert len(headings) == 31
 
@@ -194,43 +186,40 @@ def driving(count=4, late=0, *, seconds=0.1, ids=True, place=None):
 
 
 def seen(samples):
-    return [Seen(sample, sample.points()) for sample in samples]
+    return [GroundView(sample, sample.points()) for sample in samples]
 
 
 def test_velocities_and_fronts_that_point_backwards():
-    boxes, velocities, ids = find_movers(driving(), 1)
+    boxes, velocities, ids = find_moving(driving(), 1)
     assert ids.tolist() == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose(
         velocities, SPEED * np.column_stack([np.cos(HEADINGS), np.sin(HEADINGS)]), atol=1e-9
     )
     assert len(boxes) == 6
-    assert len(find_movers(driving(ids=False), 1).boxes) == 0
-    assert len(find_movers(driving(1), 0).boxes) == 0
-    assert len(find_movers(driving(seconds=1e-6), 0).boxes) == 6
+    assert len(find_moving(driving(ids=False), 1).boxes) == 0
+    assert len(find_moving(driving(1), 0).boxes) == 0
+    assert len(find_moving(driving(seconds=1e-6), 0).boxes) == 6
     still = [replace(each, time=time) for each, time in zip(driving(2), (0.0, 100.0), strict=True)]
-    assert len(find_movers(still, 0).boxes) == 0
+    assert len(find_moving(still, 0).boxes) == 0
     # A vehicle that drives as fast as what it looks at: in its frame nothing moves, in the map
     # everything does.
     one, two = driving(2)
     moved = replace(two, objects=one.objects, map_SE3_world=pose(1.0, 0.0, 0.0))
     np.testing.assert_allclose(
-        find_movers([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9
+        find_moving([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9
     )
 
     def undo(sample, boxes):
         return YAW_SIGN.undo(boxes)
 
-    assert against_their_way(wrong(driving()), undo) == (4, 16, 24)
-    assert against_their_way(driving(), undo) is None
-    assert against_their_way(wrong(driving(ids=False)), undo) is None
+    assert count_turned(wrong(driving()), undo) == (4, 16, 24)
+    assert count_turned(driving(), undo) is None
+    assert count_turned(wrong(driving(ids=False)), undo) is None
     alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
-    assert (
-        against_their_way(alone, undo) is None
-    )  # one car that drives backwards is no mistake of all
+    assert count_turned(alone, undo) is None  # one car that drives backwards is no mistake of all
     # a mistake that spoils as many is none
     assert (
-        against_their_way(wrong(driving()), lambda sample, boxes: boxes + np.eye(7)[6] * np.pi)
-        is None
+        count_turned(wrong(driving()), lambda sample, boxes: boxes + np.eye(7)[6] * np.pi) is None
     )
 
 
@@ -492,7 +481,7 @@ def samples():
 def ground_found_once():
     """Files of labels change here, clouds and their ground do not."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(label_fits, "level", bench.remembered(level))
+        patch.setattr(box_fits, "level", bench.remembered(level))
         yield
 
 
@@ -581,17 +570,17 @@ def test_what_cannot_be_is_named_with_its_number():
         ]
 
     empty = [
-        *label_doctor.find_impossible(
-            listed([0.0, 0.1], **{records.EMPTY: 1, records.FAR_POINTS: 9})
+        *diagnosis.find_impossible(
+            listed([0.0, 0.1], **{problem_kinds.EMPTY: 1, problem_kinds.FAR_POINTS: 9})
         )
     ]
     assert [each.evidence for each in empty if each.where == "clouds"] == [
         "2, in 2 frames",
         "18, in 2 frames",
     ]
-    counted = {records.STRAY: 2, records.TOO_LARGE: 1, "doubled labels": 3}
-    found = [*label_doctor.find_impossible(listed([0.0], **counted))]
-    assert [each.suspected for each in found] == [records.STRAY, records.TOO_LARGE]
+    counted = {problem_kinds.STRAY: 2, problem_kinds.TOO_LARGE: 1, "doubled labels": 3}
+    found = [*diagnosis.find_impossible(listed([0.0], **counted))]
+    assert [each.suspected for each in found] == [problem_kinds.STRAY, problem_kinds.TOO_LARGE]
     assert found[0].evidence == "2, beside 0 labels that are read"
     for times, says in (
         *(
@@ -600,6 +589,6 @@ def test_what_cannot_be_is_named_with_its_number():
         ),
         *(([0.0, 0.1, 0.2, 0.0, 0.1, 0.2], None), ([np.nan, np.nan], None)),
     ):
-        assert [each.suspected for each in label_doctor.find_impossible(listed(times))] == [
+        assert [each.suspected for each in diagnosis.find_impossible(listed(times))] == [
             says
         ] * bool(says)

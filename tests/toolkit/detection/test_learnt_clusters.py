@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.calibration.empty_scene import EmptyScene, Scenes
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.place import Place
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.detection import cluster as clusters
 from toolkit.detection.cluster import learn_cluster_detector
 from toolkit.detection.detect import detect_frames
-from toolkit.detection.place import Place
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import LABELS, Objects

@@ -95,7 +95,7 @@ def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius)
     )
 
 
-def test_schemes_by_name_send_points_and_boxes():
+def test_early_fusion_sends_points():
     fused = Early().fuse(view(), [0, 1])
     np.testing.assert_allclose(fused.detections.boxes[:, :3], [[0.0, 6.0, 1.0]])
     assert fused.detections.scores.tolist() == [0.6]
@@ -106,6 +106,9 @@ def test_schemes_by_name_send_points_and_boxes():
     assert (Early().sends_points, Early().sends_boxes) == (True, False)
     scheme: Scheme = Early()
     assert scheme.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
+
+
+def test_late_fusion_sends_boxes():
     fused = Late().fuse(view(), [0, 1])
     np.testing.assert_allclose(np.sort(fused.detections.boxes[:, 0]), [-9.0, 9.0])
     assert fused.bits.tolist() == [256, 256]
@@ -117,6 +120,9 @@ def test_schemes_by_name_send_points_and_boxes():
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
     late: Scheme = Late()
     assert late.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
+
+
+def test_schemes_go_by_name_and_in_steps():
     assert schemes_in_steps(0.08)["foreground"] == Foreground(0.08)
     assert PAPER_SCHEMES == tuple(SCHEMES)[:3] == ("early", "late", "hybrid")
     assert (

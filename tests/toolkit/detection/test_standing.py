@@ -4,8 +4,8 @@ not."""
 import numpy as np
 import pytest
 
+from toolkit.calibration.place import Place
 from toolkit.detection.detect import detect_frames
-from toolkit.detection.place import Place
 from toolkit.detection.standing import learn_standing_scene
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toolkit.datasets.recordings import Reads
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.datasets.recording_views import Reads
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.geometry import look
@@ -44,7 +45,7 @@ class Recording:
         return Frame(SENSORS, depths, Objects(boxes, np.array([VEHICLE] * 5 + [HEAVY])), index=k)
 
 
-def test_surveys_count_what_stands_in_the_area_if_anything():
+def test_surveys_count_objects_points_and_bits():
     found = survey(Recording(), reads=Reads(noise_seed=3))
     assert found.frames == 5
     assert found.objects_per_frame == {"vehicle": 4, "cyclist": 0, "pedestrian": 0, "heavy": 1}
@@ -61,10 +62,16 @@ def test_surveys_count_what_stands_in_the_area_if_anything():
     assert {"dataset", "frames", "noise_seed", "codec", "coview", "site"} <= found.as_dict([[0]])[
         "provenance"
     ].keys()
+
+
+def test_surveys_without_vehicles_are_undefined():
     empty = survey(Recording(), reads=Reads(frames=1))
     nobody = replace(empty, counts=empty.counts[:0])
     assert np.isnan(nobody.unseen([0]))
     assert len(nobody.points_on_vehicles([0, 1])) == 0
+
+
+def test_surveys_have_the_errors_of_a_profile():
     clean, rough = survey(Recording()), survey(Recording(), reads=Reads(errors="poor"))
     assert rough.kbit_per_sensor.sum() < clean.kbit_per_sensor.sum()
     for each, profile in ((rough, "poor"), (clean, "paper")):
@@ -83,7 +90,7 @@ def test_bad_requests_are_refused(options, message):
         survey(Recording(), **options)
 
 
-def test_points_are_counted_by_class_and_without_a_site():
+def test_points_are_counted_by_class():
     found = survey(Recording(), reads=Reads(noise_seed=3))
     assert list(found.by_class) == ["vehicle", "cyclist", "pedestrian", "heavy"]
     assert [len(found.by_class[label]) for label in found.by_class] == [20, 0, 0, 5]
@@ -106,6 +113,9 @@ def test_points_are_counted_by_class_and_without_a_site():
     }
     assert np.isnan(found.unseen([0], "pedestrian"))
     assert found.unseen([0], "vehicle") == found.unseen([0])
+
+
+def test_only_some_classes_are_counted():
     found = survey(Recording(), reads=Reads(frames=2), classes=["heavy"])
     assert list(found.by_class) == ["heavy"]
     assert found.counts.shape == (8, 3)
@@ -113,6 +123,9 @@ def test_points_are_counted_by_class_and_without_a_site():
         found.points_on_objects("vehicle", [0])
     with pytest.raises(ValueError, match="label must be one of"):
         survey(Recording(), classes=["tram"])
+
+
+def test_points_are_counted_without_a_site():
     found = survey(
         Labelled([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))]), classes=["vehicle"]
     )

@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from toolkit.calibration.empty_scene import EmptyScene, Scenes
+from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.ground import Ground
+from toolkit.calibration.place import Stand
+from toolkit.calibration.recording_scenes import Scenes
 from toolkit.detection.codec import Message
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.detection.place import Stand
 from toolkit.detection.schemes import SCHEMES, Hybrid
 from toolkit.detection.view import View, frame_view, stand_view, suppress, together
 from toolkit.frame import Frame, SensorCloud, unproject
@@ -101,7 +102,7 @@ def test_a_cloud_that_lost_points_on_the_way_is_another_and_else_the_same(watche
     assert calls.run[2:] == [[(0, ())]]
 
 
-def test_points_share_pixels_and_are_counted_from_the_middle():
+def test_surer_boxes_suppress_others_of_their_label():
     boxes = np.array(
         [[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]]
     )
@@ -114,6 +115,9 @@ def test_points_share_pixels_and_are_counted_from_the_middle():
     for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
         found = Detections(boxes[[0] * 3], np.full(3, 0.5), np.array([2, 0, 3]))[order]
         assert suppress(found).labels.tolist() == [0, 2, 3]
+
+
+def test_points_of_one_cell_share_a_pixel():
     behind = sample()
     cloud = behind.clouds[0]
     doubled = np.concatenate([cloud.points, 1.01 * cloud.points[:7]]).astype(np.float32)
@@ -133,6 +137,9 @@ def test_points_share_pixels_and_are_counted_from_the_middle():
         points[np.argsort(captured.pixels)],
         atol=1e-4,
     )
+
+
+def test_views_are_counted_from_the_middle():
     made = view(Counts())
     assert made.cloud(0).points.tolist() == [[1, 0, 1]] * 30
     assert made.cloud(1).points.tolist() == [[10, 40, 1]] * 20
@@ -245,7 +252,7 @@ def occupied(sensor):
 FRAME = Frame(
     SENSORS_IMAGED, tuple(occupied(sensor) for sensor in SENSORS_IMAGED), Objects.empty(), 2.5, 3
 )
-SCENES = tuple(EmptyScene.of(sensor, empty(sensor)) for sensor in SENSORS_IMAGED)
+SCENES = tuple(EmptyScene.from_render(sensor, empty(sensor)) for sensor in SENSORS_IMAGED)
 
 
 class Seen:

@@ -28,7 +28,7 @@ def test_the_same_figure_is_the_same_file(tmp_path, ending):
     assert one.read_bytes().startswith(b"\x89PNG" if ending == "png" else b"<?xml")
 
 
-def test_pictures_heed_no_user_and_stand_in_pages():
+def test_pictures_heed_no_settings_of_the_user():
     with canvas.house_style():
         usual = canvas.svg_text(figure())
     with mpl.rc_context(
@@ -39,6 +39,9 @@ def test_pictures_heed_no_user_and_stand_in_pages():
         assert mpl.rcParams["font.size"] == 30
     with canvas.house_style():
         assert canvas.svg_text(figure("$x$")) != canvas.svg_text(figure("x"))
+
+
+def test_pictures_on_one_page_share_no_names():
     with canvas.house_style():
         one, other = canvas.svg_text(figure(value=1.0)), canvas.svg_text(figure(value=2.0))
     names = [
@@ -51,6 +54,9 @@ def test_pictures_heed_no_user_and_stand_in_pages():
         used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
         assert used
         assert used <= known
+
+
+def test_paths_are_rounded():
     with canvas.house_style():
         assert "1.234567" not in canvas.svg_text(figure())
         path = (
@@ -62,6 +68,9 @@ def test_pictures_heed_no_user_and_stand_in_pages():
         len(number.partition(".")[2]) <= 2
         for number in path.replace("M", " ").replace("L", " ").split()
     )
+
+
+def test_pictures_are_rendered_as_pixels():
     with canvas.house_style():
         pixels = canvas.render_pixels(figure())
     assert pixels.shape == (100, 200, 3)

@@ -6,19 +6,17 @@ import shapely
 
 from toolkit.geometry import look, pose
 from toolkit.objects import LABELS, Objects
-from toolkit.plots import plan_view
-from toolkit.plots.canvas import (
-    CLASS,
-    GROUND,
-    INK,
-    OUTCOME,
-    PAPER_WHITE,
-    SOLID,
-    blank_figure,
-    house_style,
-    render_pixels,
+from toolkit.plots import (
+    ground_map,
+    map_sheet,
+    north_arrow,
+    outcome_marks,
+    pole_marks,
+    sensor_marks,
 )
-from toolkit.plots.plan_view import ground_entries
+from toolkit.plots.canvas import blank_figure, house_style, render_pixels
+from toolkit.plots.ground_map import ground_entries
+from toolkit.plots.palette import CLASS, GROUND, INK, OUTCOME, PAPER_WHITE, SOLID
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, Solid
@@ -41,7 +39,7 @@ TALL, WIDE = Site("tall", np.array([0.0, 0, 10, 80])), Site("wide", np.array([0.
 @pytest.mark.parametrize("site", [SITE, TALL, WIDE])
 def test_the_map_is_to_scale(site):
     with house_style():
-        sheet = plan_view.map_sheet(site, "a title", legend=ground_entries(site))
+        sheet = map_sheet.map_sheet(site, "a title", legend=ground_entries(site))
     box = sheet.axes.get_window_extent()
     metres = np.array([np.ptp(sheet.axes.get_xlim()), np.ptp(sheet.axes.get_ylim())])
     assert np.array([box.width, box.height]) / 100 * 72 / metres == pytest.approx(
@@ -59,9 +57,9 @@ def test_the_map_is_to_scale(site):
     )  # its unit is the inch
 
 
-def test_maps_show_streets_texts_and_north():
+def test_maps_show_streets_and_texts():
     with house_style():
-        sheet = plan_view.map_sheet(SITE, "a title")
+        sheet = map_sheet.map_sheet(SITE, "a title")
         pixels = render_pixels(sheet.figure)
     assert colour_at(sheet, pixels, -10, 0) == GROUND["lanes"]
     assert colour_at(sheet, pixels, 10, 6) == SOLID["building"]
@@ -72,7 +70,7 @@ def test_maps_show_streets_texts_and_north():
         for handle, _ in ground_entries(SITE)[:1]
     ]
     with house_style():
-        sheet = plan_view.map_sheet(SITE, "a $title$", "below", legend=entries)
+        sheet = map_sheet.map_sheet(SITE, "a $title$", "below", legend=entries)
         render_pixels(sheet.figure)
     shown = sheet.figure.axes[1].get_legend()
     assert [text.get_text() for text in shown.get_texts()] == ["_hidden", "$5", "x" * 60]
@@ -80,20 +78,23 @@ def test_maps_show_streets_texts_and_north():
     box, whole = shown.get_window_extent(), sheet.figure.bbox
     assert whole.x0 <= box.x0 < box.x1 <= whole.x1
     assert whole.y0 - 1 <= box.y0 < box.y1 <= sheet.axes.get_window_extent().y0
+
+
+def test_maps_point_north_and_have_a_scale():
     for yaw in (0.0, 0.5, np.pi / 2, -3.0):
         site = Site("turned", AREA, map_SE3_site=pose(100.0, -5.0, yaw=yaw))
-        assert pose(yaw=yaw)[:2, :2] @ plan_view.north(site) == pytest.approx([0, 1])
+        assert pose(yaw=yaw)[:2, :2] @ north_arrow.north(site) == pytest.approx([0, 1])
     for metres, length in ((0.09, 0.05), (1, 1), (1.99, 1), (2, 2), (49, 20), (50, 50), (4e3, 2e3)):
-        assert plan_view.scale_length(float(metres)) == length
-    assert np.ravel(plan_view.extent(SITE)).tolist() == [
+        assert map_sheet.scale_length(float(metres)) == length
+    assert np.ravel(map_sheet.extent(SITE)).tolist() == [
         *(
-            -20 - plan_view.AROUND,
-            -10 - plan_view.AROUND,
-            20 + plan_view.AROUND,
-            10 + plan_view.AROUND,
+            -20 - map_sheet.AROUND,
+            -10 - map_sheet.AROUND,
+            20 + map_sheet.AROUND,
+            10 + map_sheet.AROUND,
         )
     ]
-    assert np.ravel(plan_view.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [
+    assert np.ravel(map_sheet.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [
         -30,
         -36,
         55,
@@ -105,7 +106,7 @@ def test_maps_show_streets_texts_and_north():
 def test_a_long_legend_lies_below_the_map(count):
     handle, _ = ground_entries(SITE)[0]
     with house_style():
-        sheet = plan_view.map_sheet(
+        sheet = map_sheet.map_sheet(
             SITE, "a title", legend=[(handle, f"north-east pole, camera {k}") for k in range(count)]
         )
         render_pixels(sheet.figure)
@@ -119,7 +120,7 @@ def test_arrows_point_north_and_holes_stay_open():
         figure = blank_figure(2.0, 2.0)
         axes = figure.add_axes((0, 0, 1, 1))
         axes.set_axis_off()
-        plan_view.draw_north(axes, (0.5, 0.5), np.array([1.0, 0.0]))
+        north_arrow.draw_north(axes, (0.5, 0.5), np.array([1.0, 0.0]))
         dark = render_pixels(figure).max(axis=2) < 128
     rows, columns = np.nonzero(dark)
     assert abs(rows.mean() - 100) < 3
@@ -131,8 +132,8 @@ def test_arrows_point_north_and_holes_stay_open():
         axes = figure.add_axes((0, 0, 1, 1))
         axes.set_axis_off()
         axes.set(xlim=(0, 10), ylim=(0, 10))
-        plan_view.fill_polygons(axes, [shape], "#000000", order=1.0)
-        plan_view.fill_polygons(axes, [], "#000000", order=1.0)
+        ground_map.fill_polygons(axes, [shape], "#000000", order=1.0)
+        ground_map.fill_polygons(axes, [], "#000000", order=1.0)
         pixels = render_pixels(figure)
     assert pixels[50, 50].tolist() == [255, 255, 255]
     assert pixels[50, 10].tolist() == [0, 0, 0]
@@ -157,10 +158,10 @@ def sensor(name="d0", at=(0.0, 0.0, 5.0), heading=0.0, fov=1.0):
 
 def test_poles_sensors_and_objects_are_told_apart(axes):
     many = [sensor(f"north-east pole {k}", (3.0 * k, 0.0, 5.0)) for k in range(30)]
-    plan_view.draw_sensors(axes, many, 40.0)
+    sensor_marks.draw_sensors(axes, many, 40.0)
     assert [text.get_text() for text in axes.texts] == [str(k + 1) for k in range(30)]
-    plan_view.draw_poles(axes, np.array([[0.0, 0], [3, 3]]))
-    plan_view.draw_poles(axes, np.array([[5.0, 5]]), carries_sensor=True)
+    pole_marks.draw_poles(axes, np.array([[0.0, 0], [3, 3]]))
+    pole_marks.draw_poles(axes, np.array([[5.0, 5]]), carries_sensor=True)
     hollow, filled = axes.get_lines()[-2:]
     assert hollow.get_markersize() == filled.get_markersize() >= 6
     assert (hollow.get_markerfacecolor(), filled.get_markerfacecolor()) == (PAPER_WHITE, INK)
@@ -171,40 +172,47 @@ def test_discs_have_room_and_short_names():
         *(([], []), (["d0", "d11"], ["d0", "d11"])),
         *((["d0", "post"], ["1", "2"]), (["_a", "$"], ["_a", "$"])),
     ):
-        assert plan_view.sensor_labels(names) == labels
-    assert plan_view.text_colour("#ffffff") == plan_view.text_colour("#f500c7") == INK
-    assert plan_view.text_colour("#000000") == plan_view.text_colour("#4463f6") == PAPER_WHITE
+        assert sensor_marks.sensor_labels(names) == labels
+    assert outcome_marks.text_colour("#ffffff") == outcome_marks.text_colour("#f500c7") == INK
+    assert (
+        outcome_marks.text_colour("#000000") == outcome_marks.text_colour("#4463f6") == PAPER_WHITE
+    )
     places, headings = np.zeros((6, 2)), np.arange(6.0)
-    discs = plan_view.spread_discs(places, headings, 10.0)
+    discs = sensor_marks.spread_discs(places, headings, 10.0)
     apart = np.linalg.norm(discs[:, None] - discs[None], axis=2)[np.triu_indices(6, 1)]
     assert apart.min() >= 10 * (1 - 1e-9)
     assert discs[0].tolist() == [0, 0]
     assert np.linalg.norm(discs, axis=1).max() < 25
     places = np.array([[0.0, 0], [20, 0], [0, 20]])
-    assert np.array_equal(plan_view.spread_discs(places, np.zeros(3), 10.0), places)
-    assert plan_view.spread_discs(np.zeros((0, 2)), np.zeros(0), 10.0).shape == (0, 2)
-    discs = plan_view.spread_discs(np.zeros((2, 2)), np.array([0.0, np.pi / 2]), 10.0)
+    assert np.array_equal(sensor_marks.spread_discs(places, np.zeros(3), 10.0), places)
+    assert sensor_marks.spread_discs(np.zeros((0, 2)), np.zeros(0), 10.0).shape == (0, 2)
+    discs = sensor_marks.spread_discs(np.zeros((2, 2)), np.array([0.0, np.pi / 2]), 10.0)
     assert discs[1] == pytest.approx([0, 11])
 
 
 @pytest.mark.parametrize("model", [DepthCamera(), SpinningLidar()], ids=["camera", "lidar"])
 def test_the_heading_is_that_of_the_optical_axis(model):
     placed = pose(1.0, 2.0, 5.0, yaw=0.7, pitch=0.3) @ model.body_SE3_sensor
-    assert plan_view.sensor_heading(Sensor("s", model, placed)) == pytest.approx(0.7)
+    assert sensor_marks.sensor_heading(Sensor("s", model, placed)) == pytest.approx(0.7)
 
 
 def test_a_field_of_view_ends_at_a_building_but_its_own_and_may_be_a_full_turn():
-    free, cut = plan_view.wedge(sensor(), []), plan_view.wedge(sensor(), [shapely.Polygon(TOWER)])
-    assert np.linalg.norm(free[1:], axis=1) == pytest.approx(plan_view.VIEW_RANGE)
+    free, cut = (
+        sensor_marks.wedge(sensor(), []),
+        sensor_marks.wedge(sensor(), [shapely.Polygon(TOWER)]),
+    )
+    assert np.linalg.norm(free[1:], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE)
     assert free[0].tolist() == [0, 0]
     ahead = np.abs(np.arctan2(*free[1:].T[::-1])) < np.arctan2(5, 10)
     assert cut[1:][ahead][:, 0] == pytest.approx(10)
-    assert np.linalg.norm(cut[1:][~ahead], axis=1) == pytest.approx(plan_view.VIEW_RANGE)
-    assert shapely.Polygon(free).area == pytest.approx(plan_view.VIEW_RANGE**2 * 1.0 / 2, rel=0.01)
-    west = plan_view.wedge(sensor(at=(10.0, 0.0, 5.0), heading=np.pi), [shapely.Polygon(TOWER)])
+    assert np.linalg.norm(cut[1:][~ahead], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE)
+    assert shapely.Polygon(free).area == pytest.approx(
+        sensor_marks.VIEW_RANGE**2 * 1.0 / 2, rel=0.01
+    )
+    west = sensor_marks.wedge(sensor(at=(10.0, 0.0, 5.0), heading=np.pi), [shapely.Polygon(TOWER)])
     assert west[1:, 0].min() == pytest.approx(-15, abs=0.01)
-    ring = plan_view.wedge(Sensor("l", SpinningLidar(), pose(1.0, 2.0, 3.0)), [])
-    assert np.linalg.norm(ring - [1, 2], axis=1) == pytest.approx(plan_view.VIEW_RANGE)
+    ring = sensor_marks.wedge(Sensor("l", SpinningLidar(), pose(1.0, 2.0, 3.0)), [])
+    assert np.linalg.norm(ring - [1, 2], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE)
 
 
 KINDS = [("building", 6.0, True), ("building", 1.0, False), ("pond", 6.0, False)]
@@ -212,13 +220,13 @@ KINDS = [("building", 6.0, True), ("building", 1.0, False), ("pond", 6.0, False)
 
 @pytest.mark.parametrize(("kind", "top", "cut"), KINDS)
 def test_only_tall_buildings_cut_fields_of_view(axes, kind, top, cut):
-    plan_view.draw_wedges(axes, [sensor()], [Solid(TOWER, 0.0, top, kind)])
+    sensor_marks.draw_wedges(axes, [sensor()], [Solid(TOWER, 0.0, top, kind)])
     assert (axes.patches[0].get_xy()[:, 0].max() < 24) == cut
 
 
 def test_names_of_poles_keep_clear_of_each_other_and_of_sensors(axes):
     places = np.array([[0.0, 0], [0.5, 0], [1.0, 0.2], [9, 9]])
-    plan_view.name_poles(
+    pole_marks.name_poles(
         axes, places, ["pole1", "pole2", "pole3", "pole4"], 10.0, np.array([[10.0, 9.0]])
     )
     boxes = [(t.get_position()[0] * 10, t.get_position()[1] * 10, 3.9 * 5 + 1) for t in axes.texts]
@@ -226,13 +234,13 @@ def test_names_of_poles_keep_clear_of_each_other_and_of_sensors(axes):
     for k, (x, y, width) in enumerate(boxes):
         for u, v, _ in boxes[:k]:
             assert abs(x - u) >= width - 1e-6 or abs(y - v) >= 7.5 - 1e-6
-        assert np.abs([100 - x - width / 2, 90 - y - 3.75]).max() > plan_view.DISC / 2
+        assert np.abs([100 - x - width / 2, 90 - y - 3.75]).max() > sensor_marks.DISC / 2
 
 
 def test_objects_are_filled_by_class(axes):
     boxes = np.repeat(BOX, 4, axis=0)
     boxes[:, 0] += 9.0 * np.arange(4)
-    plan_view.draw_objects(axes, Objects(boxes, np.arange(4)))
+    outcome_marks.draw_objects(axes, Objects(boxes, np.arange(4)))
     faces = [patch.get_facecolor()[:3] for patch in axes.patches]
     assert [f"#{''.join(f'{round(255 * c):02x}' for c in face)}" for face in faces] == [
         CLASS[name] for name in LABELS
@@ -242,7 +250,7 @@ def test_objects_are_filled_by_class(axes):
 
 @pytest.mark.parametrize("outcome", list(OUTCOME))
 def test_outcomes_have_their_lines_and_marks(axes, outcome):
-    plan_view.draw_outcome(axes, BOX, outcome)
+    outcome_marks.draw_outcome(axes, BOX, outcome)
     ring, nose, *marks = axes.get_lines()
     assert ring.get_color() == OUTCOME[outcome].colour
     assert ring.get_xydata()[:4].mean(axis=0) == pytest.approx(BOX[0, :2])

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from toolkit.objects import LABELS
-from toolkit.plots import canvas as palette
+from toolkit.plots import palette
 
 # Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.
 VISION = {
@@ -61,20 +61,29 @@ def distances(one, other, vision):
     return np.linalg.norm(cielab(one, vision)[:, None] - cielab(other, vision)[None], axis=2)
 
 
-def test_outcomes_lines_and_counts_differ_by_more_than_colour():
+def test_outcomes_differ_by_more_than_colour():
     assert cielab(["#ffffff", "#000000", "#ff0000"]) == pytest.approx(
         np.array([[100, 0, 0], [0, 0, 0], [53.24, 80.09, 67.20]]), abs=0.02
     )
     shown = [palette.OUTCOME[name] for name in ("hit", "missed", "false alarm", "not scored")]
     assert len({str(style.line) for style in shown}) == len({style.colour for style in shown}) == 4
     assert [style.marker for style in shown] == ["", "X", "^", ""]
+
+
+def test_classes_and_sensors_have_their_colours():
     assert tuple(palette.CLASS) == LABELS
     assert not set(palette.CLASS.values()) & set(palette.SENSORS)
     assert [palette.sensor_colour(k) for k in range(8)] == list(palette.SENSORS)
     assert len(set(palette.SENSORS)) == 8
     assert palette.sensor_colour(11) == palette.SENSORS[3]
+
+
+def test_lines_differ_in_dashes():
     assert len({(colour, str(dashes)) for colour, dashes in palette.LINES}) == 16
     assert len({str(dashes) for _, dashes in palette.LINES[:4]}) >= 3
+
+
+def test_counts_grow_darker():
     steps = palette.point_colours(np.array([0.0, *palette.POINT_STEPS]))
     lightness = cielab([tuple(colour) for colour in steps])[:, 0]
     assert (np.diff(lightness) <= -1.5).all()

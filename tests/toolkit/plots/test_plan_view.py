@@ -8,14 +8,10 @@ from matplotlib.image import imread
 
 from toolkit.geometry import look
 from toolkit.objects import CYCLIST, VEHICLE, Detections, Objects
-from toolkit.plots.canvas import OUTCOME
-from toolkit.plots.plan_view import (
-    FrameOutcome,
-    draw_frame,
-    draw_site,
-    pole_entries,
-    sensor_entries,
-)
+from toolkit.plots.palette import OUTCOME
+from toolkit.plots.plan_view import FrameOutcome, draw_frame, draw_site
+from toolkit.plots.pole_marks import pole_entries
+from toolkit.plots.sensor_marks import sensor_entries
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
@@ -45,7 +41,7 @@ def bare(tmp_path_factory):
     return picture(path)
 
 
-def test_sites_and_frames_are_drawn_the_same_again(tmp_path):
+def test_sites_are_drawn_the_same_again(tmp_path):
     bare = Site("square", SITE.area, lanes=SITE.lanes)
     poles = Site("square", SITE.area, lanes=SITE.lanes, mounts=(Mount("p", np.array([3.0, 3, 0])),))
     for name, site in (("with", SITE), ("without", bare), ("poles", poles)):
@@ -54,6 +50,9 @@ def test_sites_and_frames_are_drawn_the_same_again(tmp_path):
     more = picture(tmp_path / "poles.png").min(axis=2) < 0.2
     ink = picture(tmp_path / "without.png").min(axis=2) < 0.2
     assert (more & ~ink)[: len(ink) // 2].sum() > 20  # the edge of a square in the map
+
+
+def test_legends_name_sensors_and_poles():
     far = Sensor("north-east pole", DepthCamera(), CAMERA.pose)
     assert [name for _, name in sensor_entries([CAMERA])] == []
     assert [name for _, name in sensor_entries([CAMERA, far])] == ["1  d0", "2  north-east pole"]
@@ -61,6 +60,9 @@ def test_sites_and_frames_are_drawn_the_same_again(tmp_path):
     assert names == ["pole with a sensor (2)", "pole without a sensor (3)"]
     assert [name for _, name in pole_entries(unused=1)] == ["pole (1)"]
     assert pole_entries() == []
+
+
+def test_frames_are_drawn_the_same_again(tmp_path):
     cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
     for name in ("a.png", "b.png"):
         draw_frame(

@@ -14,25 +14,25 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
-from toolkit.datasets.cloud_files import read_poses
-from toolkit.datasets.records import load_json
-from toolkit.runtime import files
+from toolkit.datasets.pose_files import read_poses
+from toolkit.datasets.record_values import load_json
+from toolkit.runtime import array_files, output_checks, reading, text_values, writing
 from toolkit.runtime.hdf5 import open_hdf5
 
 
 def test_files_replace_what_was_there_with_links_and_permissions(tmp_path):
     path = tmp_path / "new" / "file.txt"
-    files.write_text(path, "one")
-    files.write_bytes(path, b"two")
+    writing.write_text(path, "one")
+    writing.write_bytes(path, b"two")
     assert path.read_bytes() == b"two"
     assert [each.name for each in path.parent.iterdir()] == ["file.txt"]
     path = tmp_path / "file"
-    files.write_text(path, "a")
+    writing.write_text(path, "a")
     mask = os.umask(0)
     os.umask(mask)
     assert path.stat().st_mode & 0o777 == 0o666 & ~mask
     path.chmod(0o640)
-    files.write_text(path, "b")
+    writing.write_text(path, "b")
     assert path.stat().st_mode & 0o777 == 0o640
 
 
@@ -41,7 +41,7 @@ def test_a_link_stays_a_link_and_what_it_points_to_is_replaced(tmp_path):
     real, link = tmp_path / "real" / "file", tmp_path / "link"
     real.write_text("old")
     link.symlink_to(real)
-    files.write_text(link, "new")
+    writing.write_text(link, "new")
     assert link.is_symlink()
     assert real.read_text() == "new"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["link", "real"]
@@ -52,7 +52,7 @@ def test_a_full_disk_is_one_line_that_names_the_file_and_what_was_there_stays(tm
     path.write_text("good")
 
     def fill() -> None:
-        with files.writing(path) as unfinished:
+        with writing.writing(path) as unfinished:
             assert unfinished.suffix == ".h5"
             unfinished.write_text("torn")
             raise OSError(errno.ENOSPC, "full")
@@ -67,7 +67,7 @@ def test_a_full_disk_is_one_line_that_names_the_file_and_what_was_there_stays(tm
 
 def test_errors_leave_nothing_and_pass_as_they_are(tmp_path):
     def fail() -> None:
-        with files.writing(tmp_path / "file"):
+        with writing.writing(tmp_path / "file"):
             raise ValueError("mine")
 
     with pytest.raises(ValueError, match="mine"):
@@ -75,12 +75,12 @@ def test_errors_leave_nothing_and_pass_as_they_are(tmp_path):
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="cannot write"):
-        files.write_text(tmp_path / "file" / "below", "x")
+        writing.write_text(tmp_path / "file" / "below", "x")
     path = tmp_path / "file"
-    files.reserve(path, 100_000)
+    writing.reserve(path, 100_000)
     assert path.read_bytes() == b""
     with pytest.raises(OSError, match=r"."):
-        files.reserve(path, 1 << 62)
+        writing.reserve(path, 1 << 62)
     assert path.read_bytes() == b""
 
 
@@ -90,26 +90,26 @@ def test_outputs_are_no_inputs_and_replaced_when_told(tmp_path):
     os.link(tmp_path / "in", tmp_path / "hard")
     for name in ("in", "link", "hard", "./in"):
         with pytest.raises(ValueError, match="is what is read"):
-            files.check_output(
+            output_checks.check_output(
                 tmp_path / name, inputs=[tmp_path / "other", tmp_path / "in"], overwrite=True
             )
     with pytest.raises(ValueError, match="is what is read"):
-        files.check_output(Path("not-there"), inputs=["./not-there"])
+        output_checks.check_output(Path("not-there"), inputs=["./not-there"])
     (tmp_path / "there").write_text("")
     (tmp_path / "empty").mkdir()
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "a").write_text("")
-    files.check_output(tmp_path / "new")
-    files.check_output(tmp_path / "empty")
+    output_checks.check_output(tmp_path / "new")
+    output_checks.check_output(tmp_path / "empty")
     for name in ("there", "full"):
         with pytest.raises(FileExistsError, match="--overwrite"):
-            files.check_output(tmp_path / name)
-        files.check_output(tmp_path / name, overwrite=True)
+            output_checks.check_output(tmp_path / name)
+        output_checks.check_output(tmp_path / name, overwrite=True)
 
 
 def test_a_place_of_the_caller_s_own_for_what_is_unfinished(tmp_path):
     own, path = tmp_path / "own.unfinished", tmp_path / "new" / "file"
-    with files.writing(path, own) as unfinished:
+    with writing.writing(path, own) as unfinished:
         assert unfinished == own
         assert not own.exists()
         own.write_text("whole")
@@ -119,9 +119,9 @@ def test_a_place_of_the_caller_s_own_for_what_is_unfinished(tmp_path):
 
 def test_files_written_together_are_all_there_or_none(tmp_path):
     def write(folder, error=None):
-        with files.writing_together(folder) as unfinished:
+        with writing.writing_together(folder) as unfinished:
             for name in ("a", "b"):
-                files.write_text(unfinished / name, "new")
+                writing.write_text(unfinished / name, "new")
             if error:
                 raise error
 
@@ -143,11 +143,11 @@ def test_files_written_together_are_all_there_or_none(tmp_path):
 def test_what_a_killed_process_left_is_taken_over_but_not_what_is_being_written(tmp_path):
     (tmp_path / ".file.0.unfinished").write_text("torn")
     (tmp_path / ".mine").write_text("")
-    with files.writing(tmp_path / "file") as one, files.writing(tmp_path / "file") as other:
+    with writing.writing(tmp_path / "file") as one, writing.writing(tmp_path / "file") as other:
         assert one.name == ".file.0.unfinished"
         assert one.read_text() == ""
         assert other != one
-        files.write_text(tmp_path / "file", "third")
+        writing.write_text(tmp_path / "file", "third")
         assert one.exists()
         assert other.exists()
     assert sorted(each.name for each in tmp_path.iterdir()) == [".mine", "file"]
@@ -159,14 +159,14 @@ def test_a_folder_appears_whole_or_stays_as_it_was(tmp_path, before):
     if before != "missing":
         out.mkdir(parents=True)
     if before in ("ours", "killed while moving"):
-        (out / files.WRITTEN).write_text("" if before == "ours" else files.UNFINISHED)
+        (out / writing.WRITTEN).write_text("" if before == "ours" else writing.UNFINISHED)
         (out / "old").mkdir()
     names = sorted(each.name for each in out.iterdir()) if out.exists() else None
 
     def write(error=None):
-        files.check_new_folder(out, overwrite=before == "ours")
-        with files.writing_folder(out) as folder:
-            files.write_text(folder / "deep" / "a", "new")
+        output_checks.check_new_folder(out, overwrite=before == "ours")
+        with writing.writing_folder(out) as folder:
+            writing.write_text(folder / "deep" / "a", "new")
             assert not (out / "deep").exists()
             if error:
                 raise error
@@ -181,8 +181,8 @@ def test_a_folder_appears_whole_or_stays_as_it_was(tmp_path, before):
     (left / "torn").write_text("")
     with pytest.warns(UserWarning, match="which a killed run left, is removed and begun anew"):
         write()
-    assert sorted(each.name for each in out.iterdir()) == [files.WRITTEN, "deep"]
-    assert (out / files.WRITTEN).read_text() == ""
+    assert sorted(each.name for each in out.iterdir()) == [writing.WRITTEN, "deep"]
+    assert (out / writing.WRITTEN).read_text() == ""
     assert [each.name for each in out.parent.iterdir()] == ["out"]
 
 
@@ -191,22 +191,26 @@ def test_outputs_below_an_input_above_one_or_among_files_of_others_are_refused(t
     (tmp_path / "link").symlink_to(tmp_path / "rec")
     for out in ("rec/labels.json", "rec/lidar/new/file", "link/x"):
         with pytest.raises(ValueError, match=r"is inside .*rec, which is read"):
-            files.check_output(tmp_path / out, inputs=[tmp_path / "rec"], overwrite=True)
+            output_checks.check_output(tmp_path / out, inputs=[tmp_path / "rec"], overwrite=True)
     with pytest.raises(ValueError, match="files that coview did not write there"):
-        files.check_new_folder(tmp_path, overwrite=True)
-    (tmp_path / files.WRITTEN).touch()
-    files.check_new_folder(tmp_path, overwrite=True)
+        output_checks.check_new_folder(tmp_path, overwrite=True)
+    (tmp_path / writing.WRITTEN).touch()
+    output_checks.check_new_folder(tmp_path, overwrite=True)
     with pytest.raises(FileExistsError, match="--overwrite"):
-        files.check_new_folder(tmp_path)
+        output_checks.check_new_folder(tmp_path)
     with pytest.raises(ValueError, match="rec/lidar, which is read"):
-        files.check_new_folder(tmp_path, inputs=[tmp_path / "rec" / "lidar"], overwrite=True)
+        output_checks.check_new_folder(
+            tmp_path, inputs=[tmp_path / "rec" / "lidar"], overwrite=True
+        )
 
 
 def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('\ufeff{"a": [1, 2.5, null]}', encoding="utf-8")
     assert (
-        files.read_json(path) == files.parse_json('{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
+        text_values.read_json(path)
+        == text_values.parse_json('{"a": [1, 2.5, null]}')
+        == {"a": [1, 2.5, None]}
     )
     for content, says in (
         (b'{"a": 1,\n', r"a\.json: not JSON from line 2 on"),
@@ -219,7 +223,7 @@ def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
     ):
         path.write_bytes(content)
         with pytest.raises(ValueError, match=says) as error:
-            files.read_json(path)
+            text_values.read_json(path)
         assert "\n" not in str(error.value)
 
 
@@ -227,13 +231,13 @@ ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty"
 
 
 def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_MAX_SILENCE_S", 0.01)
+    monkeypatch.setattr(reading, "_MAX_SILENCE_S", 0.01)
     os.mkfifo(tmp_path / "pipe")
     readers = (
-        files.read_json,
+        text_values.read_json,
         load_sensor_catalogue,
-        files.read_arrays,
-        files.load_arrays,
+        array_files.read_arrays,
+        array_files.load_arrays,
         open_hdf5,
         load_json,
         read_poses,
@@ -241,17 +245,17 @@ def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, monkeypatch):
     for path, read in product((tmp_path / "pipe", Path("/dev/zero")), readers):
         with pytest.raises(ValueError, match=r"is a pipe.* save its content to a file"):
             read(path)
-    monkeypatch.setattr(files, "_MAX_PIPE_BYTES", 10)
+    monkeypatch.setattr(reading, "_MAX_PIPE_BYTES", 10)
     writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=("x" * 100,))
     writer.start()
     with pytest.raises(ValueError, match="does not end"):
-        files.read_bytes(tmp_path / "pipe")
+        reading.read_bytes(tmp_path / "pipe")
     writer.join()
 
 
 def test_arrays_written_are_read_here_and_by_numpy(tmp_path):
-    files.write_arrays(tmp_path / "new" / "x.npz", ARRAYS)
-    found = files.read_arrays(tmp_path / "new" / "x.npz")
+    array_files.write_arrays(tmp_path / "new" / "x.npz", ARRAYS)
+    found = array_files.read_arrays(tmp_path / "new" / "x.npz")
     assert found.keys() == ARRAYS.keys()
     assert all(
         found[name].dtype == ARRAYS[name].dtype and (found[name] == ARRAYS[name]).all()
@@ -262,12 +266,12 @@ def test_arrays_written_are_read_here_and_by_numpy(tmp_path):
         assert (file["a"] == ARRAYS["a"]).all()
     np.save(tmp_path / "a.npy", np.arange(3))
     np.savez(tmp_path / "b.npz", x=np.arange(3), y=np.eye(2))
-    assert files.load_arrays(tmp_path / "a.npy")[""].tolist() == [0, 1, 2]
-    assert set(files.load_arrays(tmp_path / "b.npz")) == {"x", "y"}
+    assert array_files.load_arrays(tmp_path / "a.npy")[""].tolist() == [0, 1, 2]
+    assert set(array_files.load_arrays(tmp_path / "b.npz")) == {"x", "y"}
 
 
 def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
-    files.write_arrays(tmp_path / "x.npz", ARRAYS)
+    array_files.write_arrays(tmp_path / "x.npz", ARRAYS)
     content = (tmp_path / "x.npz").read_bytes()
     damaged = [content[:length] for length in (0, 1, 40, -30, -1)]
     damaged += [
@@ -276,18 +280,18 @@ def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
     for each in damaged:
         (tmp_path / "y.npz").write_bytes(each)
         with pytest.raises(ValueError, match="checksum"):
-            files.read_arrays(tmp_path / "y.npz")
+            array_files.read_arrays(tmp_path / "y.npz")
     with pytest.raises(FileNotFoundError):
-        files.read_arrays(tmp_path / "none.npz")
+        array_files.read_arrays(tmp_path / "none.npz")
     content = BytesIO()
     np.savez(content, a=np.array([{}], object))
     (tmp_path / "x.npz").write_bytes(content.getvalue())
     with pytest.raises(ValueError, match="checksum"):
-        files.read_arrays(tmp_path / "x.npz")
+        array_files.read_arrays(tmp_path / "x.npz")
     for value in (content.getvalue(), b"no archive"):
         (tmp_path / "x.npz").write_bytes(value + sha256(value).digest())
         with pytest.raises(ValueError, match="cannot be read as"):
-            files.read_arrays(tmp_path / "x.npz")
+            array_files.read_arrays(tmp_path / "x.npz")
     whole = npy(np.arange(9.0))
     for content in (
         *(b"", b"junk", b"PK\x03\x04junk", b"\x80\x04N.", whole[:100]),
@@ -299,7 +303,7 @@ def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
     ):
         (tmp_path / "a.npy").write_bytes(content)
         with pytest.raises(ValueError, match=r"a\.npy cannot be read as \.npy array") as error:
-            files.load_arrays(tmp_path / "a.npy")
+            array_files.load_arrays(tmp_path / "a.npy")
         assert "\n" not in str(error.value)
 
 
@@ -318,10 +322,10 @@ def test_arrays_that_unpack_to_gigabytes_or_are_none_are_refused(tmp_path):
             whole = whole[:place] + (1 << 31).to_bytes(4, "little") + whole[place + 4 :]
         (tmp_path / "a.npz").write_bytes(whole)
         with pytest.raises(ValueError, match=says):
-            files.load_arrays(tmp_path / "a.npz")
+            array_files.load_arrays(tmp_path / "a.npz")
     (tmp_path / "a.npy").write_bytes(declared)
     with pytest.raises(ValueError, match=r"a\.npy cannot be read as .*unpacks to 7.5 GiB"):
-        files.load_arrays(tmp_path / "a.npy")
+        array_files.load_arrays(tmp_path / "a.npy")
 
 
 def npy(array):
@@ -351,26 +355,26 @@ BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
 )
 def test_yaml_that_would_fill_the_memory_or_says_two_things_is_refused(text, says):
     with pytest.raises(ValueError, match=says) as error:
-        files.parse_yaml(text)
+        text_values.parse_yaml(text)
     assert "\n" not in str(error.value)
 
 
 def test_yaml_with_few_aliases_is_read_and_json_has_no_key_twice():
-    assert files.parse_yaml("a: &a [1, 2]\nb: *a\n7: {<<: {x: 1}, y: 2}") == {
+    assert text_values.parse_yaml("a: &a [1, 2]\nb: *a\n7: {<<: {x: 1}, y: 2}") == {
         "a": [1, 2],
         "b": [1, 2],
         7: {"x": 1, "y": 2},
     }
-    assert files.parse_yaml("") is None
+    assert text_values.parse_yaml("") is None
     with pytest.raises(ValueError, match="the key 'b' twice: restore"):
-        files.parse_json('{"a": {"b": 1, "b": 2}}')
+        text_values.parse_json('{"a": {"b": 1, "b": 2}}')
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "a/../../b", "..", "a\0b"])
 def test_file_names_in_files_stay_below_their_data_set(name):
     with pytest.raises(ValueError, match="leads out of"):
-        files.resolve_below("set", name)
-    assert files.resolve_below("set", "samples/a.bin") == Path("set/samples/a.bin")
+        reading.resolve_below("set", name)
+    assert reading.resolve_below("set", "samples/a.bin") == Path("set/samples/a.bin")
 
 
 def test_links_may_lead_anywhere_within_their_folder(tmp_path):
@@ -380,11 +384,11 @@ def test_links_may_lead_anywhere_within_their_folder(tmp_path):
     (root / "b").symlink_to(root / "a")
     (root / "a" / "loop").symlink_to(root)
     (tmp_path / "link").symlink_to(root)
-    files.check_links(root)
-    files.check_links(tmp_path / "link")
+    reading.check_links(root)
+    reading.check_links(tmp_path / "link")
     for target in ("/etc/passwd", other, "../../set2", "/no/where"):
         (root / "a" / "out").symlink_to(target)
         for place in (root, tmp_path / "link"):
             with pytest.raises(ValueError, match=r"a/out leads out of .*: put a copy in its place"):
-                files.check_links(place)
+                reading.check_links(place)
         (root / "a" / "out").unlink()

@@ -124,7 +124,7 @@ import gc, resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 limit = int(sys.argv[1])
 from tests.toolkit.runtime.test_hdf5 import hdf5_file, write
-from toolkit.runtime.files import writing
+from toolkit.runtime.writing import writing
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 try:
     with writing("a.hdf5") as unfinished, hdf5_file(unfinished) as (file, check):

@@ -6,8 +6,8 @@ import pytest
 
 from toolkit.geometry import look, pose
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Objects
-from toolkit.sensors.error_terms import Draws, Reading, TrueImage
 from toolkit.sensors.models import DepthCamera, SpinningLidar
+from toolkit.sensors.readings import Draws, Reading, TrueImage
 from toolkit.sensors.sensor import Sensor
 
 CAMERA = Sensor(

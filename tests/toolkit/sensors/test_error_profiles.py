@@ -4,13 +4,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from toolkit.sensors.error_profile import ErrorProfile
 from toolkit.sensors.error_profiles import (
     PAPER_ERRORS,
     POOR,
     PROFILES,
     SURVEYED,
     TYPICAL,
-    ErrorProfile,
     check_drawn,
     find_profile,
     only_own_noise,
@@ -19,15 +19,13 @@ from toolkit.sensors.error_terms import (
     BlindSector,
     Calibration,
     ClockOffset,
-    Draws,
     DropOut,
-    ErrorTerm,
     OwnNoise,
     RangeBias,
     RangeNoise,
-    Reading,
     rain,
 )
+from toolkit.sensors.readings import Draws, ErrorTerm, Reading
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from toolkit.sensors.error_terms import (
     Calibration,
     ClockOffset,
     DeadRows,
-    Draws,
     DropOut,
     Glass,
     MixedPixels,
@@ -18,7 +17,6 @@ from toolkit.sensors.error_terms import (
     Paint,
     PoleSway,
     RangeNoise,
-    Reading,
     Weather,
     chance_of_return,
     fog,
@@ -28,8 +26,9 @@ from toolkit.sensors.error_terms import (
     snow,
     stereo_noise,
     time_of_flight_noise,
-    velocities,
 )
+from toolkit.sensors.readings import Draws, Reading
+from toolkit.sensors.track_velocities import velocities
 
 
 def moved(objects, by):
@@ -89,7 +88,7 @@ def test_it_needs_velocities_unless_it_has_no_strength(read, harmless, street):
         ClockOffset(-1.0)
 
 
-def test_laws_of_range_rain_and_rotation():
+def test_returns_fail_by_range_and_power():
     """p = 1/2 where rho · cos · (half / R)² = 1; twice the range or a quarter of the power is the
     same."""
     one = np.ones(1)
@@ -102,6 +101,9 @@ def test_laws_of_range_rain_and_rotation():
     assert falling[0] > 0.9999
     assert falling[-1] < 0.02
     assert chance_of_return(one, 0 * one, 80.0, 2.0)[0] < 1e-6
+
+
+def test_stereo_and_time_of_flight_noise_follow_their_laws():
     # f = 800 pixels and B = 0.5 m: at 20 m one tenth of a pixel is 10 cm.
     assert stereo_noise(baseline=0.5, focal=800.0).quadratic * 20**2 == pytest.approx(0.1)
     with pytest.raises(ValueError, match="above 0"):
@@ -112,6 +114,9 @@ def test_laws_of_range_rain_and_rotation():
         assert term.quadratic * 100 == pytest.approx(0.05 * ambient)
     with pytest.raises(ValueError, match="share"):
         time_of_flight_noise(ambient=1.5)
+
+
+def test_rotations_turn_about_their_vector():
     rng = np.random.default_rng(0)
     for _ in range(50):
         vector = rng.normal(size=3)
@@ -122,6 +127,9 @@ def test_laws_of_range_rain_and_rotation():
         assert np.trace(turned) == pytest.approx(1 + 2 * np.cos(np.linalg.norm(vector)))
         assert np.allclose(turned @ make_rotation(-vector), np.eye(3))
     assert np.array_equal(make_rotation(np.zeros(3)), np.eye(3))
+
+
+def test_rain_snow_and_fog_have_published_extinctions():
     # dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility
     # 0.039 per
     # metre.

@@ -26,7 +26,7 @@ from toolkit.sites.site import Site
 CAMERA = DepthCamera(width=120, height=90, stride=2)
 
 
-def test_strides_and_right_angles_fill_the_view():
+def test_strides_fill_the_view():
     for width, height, stride, shape in (
         (400, 300, 2, (150, 200)),
         (41, 30, 3, (10, 14)),
@@ -35,6 +35,9 @@ def test_strides_and_right_angles_fill_the_view():
         camera = DepthCamera(width=width, height=height, stride=stride)
         assert camera.shape == shape
         assert camera.rays().shape == (*shape, 3)
+
+
+def test_right_angles_fill_the_view():
     camera = DepthCamera(width=200, height=200, fov=np.pi / 2)
     assert camera.intrinsic[0, 0] == pytest.approx(100)
     assert camera.horizontal_fov == pytest.approx(camera.vertical_fov) == pytest.approx(np.pi / 2)
@@ -44,6 +47,9 @@ def test_strides_and_right_angles_fill_the_view():
     # its principal point is off the middle
     aside = DepthCamera(width=120, height=90, centre=(90.0, 45.0))
     assert aside.in_view(np.array([[-14.0, 0, 10], [14.0, 0, 10]])).tolist() == [True, False]
+
+
+def test_lidars_view_their_sector():
     inside, outside = (
         [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (119, 0, 0)],
         [(0, 0, 10), (10, 0, 3), (121, 0, 0)],
@@ -167,7 +173,7 @@ LIDAR = SpinningLidar(channels=16, azimuth_step=0.05)
 SOLID_STATE = SolidStateLidar(rows=25, columns=120)
 
 
-def test_solid_state_and_row_lidars_measure_in_their_field():
+def test_solid_state_lidars_measure_in_their_field():
     assert np.allclose(
         np.rad2deg([SolidStateLidar().horizontal_fov, SolidStateLidar().vertical_fov]), [120, 25]
     )
@@ -176,12 +182,18 @@ def test_solid_state_and_row_lidars_measure_in_their_field():
     assert np.allclose(elevation[[0, 12, 24]], [[12.5], [0.0], [-12.5]], atol=1e-4)
     assert np.allclose(azimuth[:, [0, -1]], [-59.5, 59.5], atol=1e-4)
     assert np.allclose(x**2 + y**2 + z**2, 1, atol=1e-6)
+
+
+def test_windows_hold_boxes_in_view():
     sensor = Sensor("s", SOLID_STATE, pose(0.0, 0.0, 1.0))
     boxes = np.array([[20.0, 0, 1, 2, 2, 2, 0], [-20, 0, 1, 2, 2, 2, 0], [-5, 40, 1, 2, 2, 2, 0]])
     found = SOLID_STATE.windows(transform(invert(sensor.pose), corners(boxes)))
     assert found[:, 0].tolist() == [0]
     _, top, bottom, left, right = found[0]
     assert (bottom - top) * (right - left) < 250
+
+
+def test_solid_state_lidars_see_the_ground():
     sensor = Sensor("s", SOLID_STATE, pose(0.0, 0.0, 4.0, yaw=1.0))
     found = Renderer(
         Site("flat", np.array([-30.0, -20, 30, 20])), catalogue(), (sensor,)
@@ -190,6 +202,9 @@ def test_solid_state_and_row_lidars_measure_in_their_field():
     near = slope < -0.1
     assert np.allclose(found[near], -4.0 / slope[near], rtol=1e-3)
     assert not found[slope > 0].any()
+
+
+def test_noise_of_lidars_grows_with_range():
     model = SolidStateLidar(rows=100, columns=100, sigma=0.01, sigma_per_metre=0.001)
     close, far = (np.full(model.shape, metres, np.float32) for metres in (10.0, 90.0))
     assert (model.noisy(close, np.random.default_rng(0)) - close).std() == pytest.approx(
@@ -200,9 +215,15 @@ def test_solid_state_and_row_lidars_measure_in_their_field():
     wide, clean = replace(ROWS, columns=4000, sigma=0.03), np.full((4, 4000), 20.0, np.float32)
     assert (wide.noisy(clean, np.random.default_rng(0)) - 20).std() == pytest.approx(0.03, rel=0.05)
     assert not wide.noisy(np.zeros_like(clean), np.random.default_rng(0)).any()
+
+
+def test_row_lidars_look_along_their_heading():
     ahead = SIDEWAYS.body_SE3_sensor[:3, :3] @ [np.cos(1.5), np.sin(1.5), 0.0]
     np.testing.assert_allclose(ahead, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(ROWS.body_SE3_sensor, np.eye(4))
+
+
+def test_row_lidars_return_from_a_file_of_a_site():
     content = document(
         replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),))
     )
@@ -216,6 +237,9 @@ def test_solid_state_and_row_lidars_measure_in_their_field():
     np.testing.assert_allclose(back.model.rays(), SIDEWAYS.rays(), atol=1e-6)
     assert back.model.deviation(np.ones(1)) == SIDEWAYS.deviation(np.ones(1))
     assert back.model.max_range == SIDEWAYS.max_range
+
+
+def test_models_are_made_and_found_by_name():
     assert make_model("RowLidar", {"elevations": [0.2, 0.05, 0.0, -0.4], "columns": 90}) == ROWS
     assert find_model("row-lidar") == RowLidar()
     assert RowLidar().shape == (32, 1800)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.objects import Objects
-from toolkit.sensors.error_terms import Draws, Reading, TrueImage
+from toolkit.sensors.readings import Draws, Reading, TrueImage
 from toolkit.sensors.sensor import is_return
 
 BASE = Draws(seed=3, sensor=5, frame=7, term=11)
@@ -83,12 +83,15 @@ def test_cosines_on_even_ground_and_on_a_wall(street, wall, sensor):
     assert np.allclose(facing.cosines, expected, atol=0.01)
 
 
-def test_a_reading_without_error_is_what_is_there_in_ranges(street):
+def test_ranges_are_distances_of_points(street):
     apart = np.linalg.norm(street.points - street.sensor.position, axis=1).reshape(
         street.ranges.shape
     )
     assert np.allclose(street.ranges, apart, atol=1e-3)
     assert not street.ranges[~street.valid].any()
+
+
+def test_a_reading_without_error_is_the_truth(street):
     reading = Reading.of(street)
     assert reading.measurement is street.measurement
     assert reading.pose is street.sensor.pose
@@ -100,6 +103,9 @@ def test_a_reading_without_error_is_what_is_there_in_ranges(street):
     assert half.valid.sum() == pytest.approx(street.valid.sum() / 2, abs=1)
     assert half.truth is street
     assert street.valid.sum() == is_return(street.measurement).sum()
+
+
+def test_measurements_that_are_not_finite_are_no_returns(street):
     image = street.measurement.copy()
     image[0, :4] = np.nan, np.inf, -np.inf, -3.0
     reading = Reading.of(replace(street, measurement=image))

@@ -25,8 +25,8 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.doctor import diagnose_file
 from toolkit.datasets.simulation import simulate_dataset
+from toolkit.doctor.stored_file import diagnose_file
 from toolkit.frame import Frame, unproject
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform
 from toolkit.objects import Objects
@@ -190,7 +190,7 @@ def cast_together(traffic: Traffic, k: int, sensor: Sensor) -> np.ndarray:
 
 
 @models
-def test_a_model_is_one_with_its_noise_and_field_of_view(model):
+def test_a_model_has_rays_in_its_field_of_view(model):
     assert isinstance(model, SensorModel)
     rays = model.rays().astype(np.float64)
     assert rays.shape == (*model.shape, 3)
@@ -206,6 +206,10 @@ def test_a_model_is_one_with_its_noise_and_field_of_view(model):
     )
     width = abs(heading[-1] - heading[0]) * (1 + 1 / model.shape[1])
     assert width == pytest.approx(model.horizontal_fov, abs=0.06)
+
+
+@models
+def test_a_model_has_its_noise(model):
     clean = np.full(model.shape, 0.6 * min(model.max_range, 50.0), np.float32)
     clean[0, :3] = [0.0, np.nan, np.inf]
     noisy = model.noisy(clean, np.random.default_rng(1))
@@ -213,6 +217,10 @@ def test_a_model_is_one_with_its_noise_and_field_of_view(model):
     assert not noisy[0, :3].any()
     expected = np.broadcast_to(model.deviation(clean[1:]), clean[1:].shape).mean()
     assert (noisy - clean)[1:].std() == pytest.approx(expected, rel=0.1)
+
+
+@models
+def test_a_models_bound_is_below_its_measurements(model):
     rng = np.random.default_rng(0)
     corners = rng.uniform(-20, 20, (50, 1, 3)) + rng.uniform(-2, 2, (50, 8, 3))
     points = rng.dirichlet(np.ones(8), (50, 200)) @ corners
@@ -247,7 +255,7 @@ def test_rendering_and_silhouettes_agree_with_all_rays_cast_at_once(model):
 
 
 @models
-def test_aims_candidates_and_files_know_it(model):
+def test_sensors_of_a_model_are_aimed(model):
     sensor = hung(model, "s", (1.0, 2.0, 5.0), 1.0, 0.5)
     assert np.allclose(aims([sensor]), [[1.0], [0.5]])
     turned = aim_sensor(sensor, np.array([3.0, 2.0, 6.0]), -2.0, 0.1)
@@ -257,6 +265,10 @@ def test_aims_candidates_and_files_know_it(model):
         pose(1.0, 2.0, 5.0, yaw=1.0, pitch=0.5), np.array([[9.0, 0.5, 0.0], [3.0, 0.0, 9.0]])
     )
     assert is_beyond(ahead, sensor, 5.0, "published").tolist() == [True, False]
+
+
+@models
+def test_candidates_have_the_model(model):
     site = square(model)
     some = pool(
         site,
@@ -275,6 +287,10 @@ def test_aims_candidates_and_files_know_it(model):
     _, _, _, width, lidar = poses(paper_candidates(site))
     assert np.allclose(width, model.horizontal_fov)
     assert (lidar == (model.measures == "range")).all()
+
+
+@models
+def test_files_keep_the_model(model):
     site = square(model)
     again = parse(document(site))
     for before, after in zip(site.sensors, again.sensors, strict=True):
@@ -398,24 +414,36 @@ def test_objectives_and_environments_take_it(model):
     assert np.isfinite(reward)
 
 
-def test_sensors_compare_by_value_and_models_go_by_name():
+def test_registered_models_go_by_name():
     assert find_model("fisheye-camera") == FisheyeCamera() == find_model("FisheyeCamera")
     assert make_model("FisheyeCamera", {"offset": [1.0, 2.0]}) == FisheyeCamera(offset=(1.0, 2.0))
     assert register_sensor_model(FisheyeCamera) is FisheyeCamera
     assert list(MODELS.values()).count(FisheyeCamera) == 1
+
+
+def test_sensors_compare_by_value():
     one, other = (Sensor("s", DepthCamera(), pose(1.0, 2.0, 3.0)) for _ in range(2))
     assert one == other
     assert hash(one) == hash(other)
     assert one != Sensor("s", DepthCamera(), pose(1.0, 2.0, 4.0)) != "s"
+
+
+def test_poses_of_sensors_are_copied():
     mine = pose(1.0, 2.0, 3.0)
     sensor = Sensor("s", CAMERA, mine)
     mine[0, 3] = 99
     assert sensor.position[0] == 1
     with pytest.raises(ValueError, match="read-only"):
         sensor.pose[0, 3] = 5
+
+
+def test_bodies_of_sensors_look_along_x():
     sensor = Sensor("s", DepthCamera(), look((1.0, 2.0, 3.0), 0.4, 0.2))
     assert np.allclose(sensor.world_SE3_body, pose(1.0, 2.0, 3.0, yaw=0.4, pitch=0.2))
     assert np.allclose(invert(sensor.world_SE3_body) @ sensor.pose, BODY_SE3_CAMERA)
+
+
+def test_digests_of_sensors_leave_out_their_name():
     lidar, place = SpinningLidar(), pose(1.0, 2.0, 3.0)
     sensor = Sensor("a", lidar, place)
     assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest

@@ -3,24 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from toolkit.calibration.place import Place
 from toolkit.detection.detect import detect_frames
-from toolkit.detection.place import Place
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
-from toolkit.plots.canvas import sensor_colour
-from toolkit.viewing.drawn import (
-    MARKED,
-    UNKNOWN_SHADE,
-    Drawing,
-    DrawnCloud,
-    DrawnSample,
-    Scales,
-    find_newest,
-    list_colourings,
-    shades,
-    sort_outcomes,
-    thinned,
-)
+from toolkit.plots.palette import sensor_colour
+from toolkit.viewing.colouring import UNKNOWN_SHADE, Scales, list_colourings, shades
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.drawn import DrawnCloud, DrawnSample, find_newest, limit_points
+from toolkit.viewing.outcomes import MARKED, sort_outcomes
 
 BOXES = np.array([[x, 0.0, 1.0, 4.0, 2.0, 2.0, 0.0] for x in (0.0, 10.0, 20.0, 30.0, 80.0)])
 
@@ -134,7 +125,7 @@ def moved(sample, shift):
     )
 
 
-def test_points_boxes_and_classes_are_drawn_as_asked(samples, finds_the_car):
+def test_points_and_boxes_are_drawn(samples, finds_the_car):
     first, second = Drawing(finds_the_car).draw_all(samples)
     np.testing.assert_allclose(first.clouds[0].points, samples[0].clouds[0].in_world(), atol=1e-5)
     np.testing.assert_allclose(second.clouds[1].place, [20, 10, 5])
@@ -151,6 +142,9 @@ def test_points_boxes_and_classes_are_drawn_as_asked(samples, finds_the_car):
         "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 "
         "false alarm, 0 ignored)"
     )
+
+
+def test_classes_sensors_and_scores_are_selected(samples, finds_the_car):
     assert Drawing().draw_all(samples)[0].describe() == "first: 400 points, 3 labelled, 0 detected"
     (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).draw_all(
         samples[1:] * 2
@@ -166,6 +160,9 @@ def test_points_boxes_and_classes_are_drawn_as_asked(samples, finds_the_car):
     assert len(Drawing(finds_the_car, least_score=0.9).draw_all(samples)[0].detections) == 1
     with pytest.raises(ValueError, match="no sensor 'west'"):
         Drawing(sensors=["west"]).draw_all(samples)
+
+
+def test_drawings_count_from_the_middle_of_the_area(samples, finds_the_car):
     # The detector is shown points counted from the middle, and its boxes are brought back.
     drawing = Drawing(finds_the_car, Place("none", area=(-40.0, -52.0, 60.0, 48.0)))
     assert drawing.origin(samples[0]).tolist() == [10, -2, 0]
@@ -205,11 +202,11 @@ def test_samples_are_coloured_and_counted_from_an_origin_near_by(samples):
     np.testing.assert_allclose(there.truth["others"], here.truth["others"], atol=1e-6)
     np.testing.assert_allclose(there.clouds[0].place, here.clouds[0].place, atol=1e-6)
     (cloud,) = Drawing().draw_all(samples[:1])[0].clouds
-    few = thinned(cloud, 4)
+    few = limit_points(cloud, 4)
     assert few.intensity.tolist() == [0, 100, 200, 300]
     np.testing.assert_array_equal(few.points, cloud.points[::100])
     np.testing.assert_array_equal(few.time, np.asarray(cloud.time)[::100])
-    assert thinned(cloud, 400) is cloud
+    assert limit_points(cloud, 400) is cloud
     first, second = Drawing().draw_all(samples)
     assert list_colourings([first]) == ("sensor", "height", "intensity", "age")
     bare = replace(second, clouds=second.clouds[1:])
@@ -235,11 +232,14 @@ def test_ground_far_below_is_put_on_zero_or_warned_of(samples, finds_the_car):
     assert "level the points first" in str(drawn.warning)
 
 
-def test_colours_scales_and_empty_samples():
+def test_empty_samples_are_drawn():
     empty = Frame.of_clouds("nothing", (), Objects.empty())
     for levelling in ("none", "map"):
         (drawn,) = Drawing(place=Place(levelling)).draw_all([empty])
         assert (drawn.clouds, drawn.truth, drawn.detections) == ((), {}, {})
+
+
+def test_points_are_coloured_by_each_colouring():
     assert {bytes(row).hex() for row in shades(CLOUD, "sensor", SCALES, index=2, newest=0.1)} == {
         sensor_colour(2)[1:]
     }
@@ -248,6 +248,9 @@ def test_colours_scales_and_empty_samples():
     assert (np.diff(brightness(CLOUD, "intensity")) < 0).all()
     assert np.argsort(brightness(CLOUD, "age")).tolist() == [1, 2, 3, 0]
     assert shades(CLOUD, "height", SCALES, index=0, newest=0.0)[0].tolist() == [68, 1, 84]
+
+
+def test_scales_span_most_points():
     sample = DrawnSample("s", 0.0, (CLOUD, BARE), {}, {})
     assert find_newest(sample) == 0.1
     scales = Scales.of(sample)
@@ -256,6 +259,9 @@ def test_colours_scales_and_empty_samples():
     assert scales.age == pytest.approx(tuple(np.percentile([0.1, 0, 0.05, 0.08], (2, 98))))
     assert Scales.of(DrawnSample("none", 0.0, (), {}, {})) == Scales()
     assert find_newest(DrawnSample("bare", 0.0, (BARE,), {}, {})) == 0.0
+
+
+def test_scales_describe_their_range():
     flat = Scales(height=(1.0, 1.0))
     assert shades(CLOUD, "height", flat, index=0, newest=0.0).shape == (4, 3)
     said = [SCALES.describe(colouring) for colouring in ("sensor", "height", "intensity", "age")]

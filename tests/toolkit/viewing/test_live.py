@@ -7,10 +7,10 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from toolkit.datasets.recordings import Part
-from toolkit.datasets.records import Listing
-from toolkit.viewing import drawn, recording_scene, scene
-from toolkit.viewing.recording_scene import LiveView, view_live
+from toolkit.datasets.listing import Listing
+from toolkit.datasets.recording_views import Part
+from toolkit.viewing import drawing, live_view, scene
+from toolkit.viewing.live_view import LiveView, view_live
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def recording(samples):
 @pytest.fixture
 def view(recording, finds_the_car):
     with scene.viser_server() as server:
-        yield LiveView(server, recording, drawn.Drawing(finds_the_car))
+        yield LiveView(server, recording, drawing.Drawing(finds_the_car))
 
 
 def shown(view):
@@ -107,20 +107,20 @@ def test_switches_hide_and_the_slider_goes_to_a_frame(view):
 @pytest.mark.parametrize("port", [0, -1, 65536])
 def test_a_port_that_is_none_is_refused(recording, port):
     with pytest.raises(ValueError, match=r"port must lie in 1\.\.65535"):
-        view_live(recording, drawn.Drawing(), port=port)
+        view_live(recording, drawing.Drawing(), port=port)
 
 
 def test_a_first_sample_that_is_damaged_is_an_error(recording):
     damaged = Part(Listing(("2",), recording.recording.load))
     with scene.viser_server() as server, pytest.raises(ValueError, match="damaged"):
-        LiveView(server, damaged, drawn.Drawing())
+        LiveView(server, damaged, drawing.Drawing())
     with scene.viser_server() as server:
-        switches = LiveView(server, recording, drawn.Drawing()).switches
+        switches = LiveView(server, recording, drawing.Drawing()).switches
     assert not [name for name in switches if name.startswith(("hits", "missed", "false"))]
 
 
 def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):
-    monkeypatch.setattr(recording_scene, "LIVE_POINTS", 300)
+    monkeypatch.setattr(live_view, "LIVE_POINTS", 300)
     view.show(0)
     assert view.said.endswith("of larger clouds 300 points are drawn")
 
@@ -148,6 +148,6 @@ def test_it_is_served_until_it_is_interrupted(recording, monkeypatch):
 
     monkeypatch.setattr("viser.ViserServer.sleep_forever", interrupted)
     addresses = []
-    view_live(recording, drawn.Drawing(), port=18765, ready=addresses.append)
+    view_live(recording, drawing.Drawing(), port=18765, ready=addresses.append)
     (address,) = addresses
     assert address.startswith("http://127.0.0.1:187")

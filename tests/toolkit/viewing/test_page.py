@@ -5,15 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from toolkit.viewing.drawn import Drawing
-from toolkit.viewing.recording_scene import (
-    PageContent,
-    Switch,
-    nodes_of_kind,
-    page_content,
-    page_html,
-    write_page,
-)
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.recording_page import PageContent, Switch, page_content, page_html, write_page
+from toolkit.viewing.recording_scene import nodes_of_kind
 
 SECOND = (
     "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 "

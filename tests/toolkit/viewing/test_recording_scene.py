@@ -3,9 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.plots.canvas import OUTCOME
+from toolkit.plots.palette import OUTCOME
 from toolkit.viewing import recording_scene, scene
-from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample, Scales
+from toolkit.viewing.colouring import COLOURINGS, Scales
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.drawn import DrawnSample
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +43,7 @@ def test_sensors_keep_numbers_and_the_first_view_has_most_points(drawn):
     )
 
 
-def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, drawn):
+def test_scenes_have_groups_for_all_kinds(api, drawn):
     made = {handle.name: handle.visible for handle in recording_scene.add_groups(api, style(drawn))}
     assert [name for name in made if name.count("/") == 1] == [
         *(
@@ -61,6 +63,9 @@ def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, dr
     assert [
         made[f"/sensors/1/{each}"] for each in ("sensor", "height", "intensity", "age", "place")
     ] == [*(True, False, False, False, True)]
+
+
+def test_samples_have_nodes_for_all_in_them(api, drawn):
     made = {
         handle.name: handle
         for handle in recording_scene.add_sample(
@@ -76,6 +81,9 @@ def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, dr
     np.testing.assert_array_equal(made["/sensors/0/sensor/7"].points, drawn[1].clouds[0].points)
     assert made["/truth/vehicle/7"].points.shape == (13, 2, 3)  # twelve edges and a heading
     assert made["/tags/vehicle/7-0"].text == "vehicle 0.90 false"
+
+
+def test_points_are_thinned_in_one_colouring(api, drawn):
     made = {
         h.name: h
         for h in recording_scene.add_sample(

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from toolkit.plots import canvas
-from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample
+from toolkit.plots import canvas, palette
+from toolkit.viewing.colouring import COLOURINGS
+from toolkit.viewing.drawing import Drawing
+from toolkit.viewing.drawn import DrawnSample
 from toolkit.viewing.still import write_still
 
 
@@ -34,7 +36,7 @@ def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
     picture = image.imread(tmp_path / "a.png")
     assert min(picture.shape[:2]) > 300
     for outcome in ("hit", "missed"):
-        assert has(picture, canvas.OUTCOME[outcome].colour)
+        assert has(picture, palette.OUTCOME[outcome].colour)
     write_still(judged, tmp_path / "b.png", title="lidars")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
@@ -42,9 +44,9 @@ def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
 def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
     write_still(replace(drawn, outcomes={}, truth={}, tags=()), tmp_path / "a.png")
     picture = image.imread(tmp_path / "a.png")
-    assert [has(picture, canvas.sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
+    assert [has(picture, palette.sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
     assert not any(
-        has(picture, canvas.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm")
+        has(picture, palette.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm")
     )
     pictures = set()
     for colouring in COLOURINGS:

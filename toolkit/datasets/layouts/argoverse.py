@@ -17,15 +17,25 @@ import numpy as np
 
 from toolkit.arrays import BoxRows, Float64, Int32, Int64, Pose
 from toolkit.boxes import count_points
-from toolkit.datasets import records
-from toolkit.datasets.cloud_files import quaternion_pose, read_table
+from toolkit.datasets import (
+    box_frames,
+    cloud_records,
+    folders,
+    frame_labels,
+    frame_times,
+    listing,
+    problem_kinds,
+)
+from toolkit.datasets.feather_files import read_table
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
 from toolkit.datasets.origins import near_frames
-from toolkit.datasets.records import add_problem, named_damage
+from toolkit.datasets.pose_files import quaternion_pose
+from toolkit.datasets.problem_kinds import add_problem
+from toolkit.datasets.record_values import name_damage
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import LABELS
 from toolkit.point_columns import name_attributes
-from toolkit.runtime.files import writing
+from toolkit.runtime.writing import writing
 
 LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
 _CALIBRATION = Path("calibration", "egovehicle_SE3_sensor.feather")
@@ -65,19 +75,21 @@ class Checked(NamedTuple):
 def sweep_times(log: str | Path) -> list[int]:
     """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is no
     log."""
-    files = records.list_files(Path(log, "sensors", "lidar"), "*.feather")
+    files = folders.list_files(Path(log, "sensors", "lidar"), "*.feather")
     times = sorted(int(file.stem) for file in files if file.stem.isdecimal())
     if not times:
         raise FileNotFoundError(f"{log} is no Argoverse 2 log: it has no sensors/lidar/*.feather")
     return times
 
 
-def read_labels(log: str | Path, time: int, problems: records.Problems | None = None) -> Labels:
+def read_labels(
+    log: str | Path, time: int, problems: problem_kinds.Problems | None = None
+) -> Labels:
     """Cuboids labelled at one sweep's time. problems: counts boxes with more tilt than any road."""
     table = read_table(Path(log, "annotations.feather"))
     table = {name: column[_stamps(table) == time] for name, column in table.items()}
     poses = _poses(table)
-    yaw = records.find_headings(poses[:, :3, :3], {} if problems is None else problems)
+    yaw = box_frames.find_headings(poses[:, :3, :3], {} if problems is None else problems)
     size = [table[name] for name in ("length_m", "width_m", "height_m")]
     categories = tuple(map(str, table["category"]))
     tracks = tuple(map(str, table["track_uuid"]))
@@ -104,15 +116,15 @@ def _poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:
     return np.array([quaternion_pose(row[:4], row[4:]) for row in rows]).reshape(-1, 4, 4)
 
 
-def argoverse(path: Path) -> records.Listing:
+def argoverse(path: Path) -> listing.Listing:
     """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
     names = tuple(map(str, sweep_times(path)))
     annotations = path / "annotations.feather"
     labelled: list[str] = []
     if lexists(annotations):
-        with named_damage(annotations, "table of labels"):
+        with name_damage(annotations, "table of labels"):
             labelled = np.unique(_stamps(read_table(annotations))).astype(str).tolist()
-    return records.Listing(names, partial(_sample, path), labelled=labelled)
+    return listing.Listing(names, partial(_sample, path), labelled=labelled)
 
 
 def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -129,19 +141,19 @@ def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _sample(log: Path, name: str) -> Frame:
-    problems: records.Problems = {}
+    problems: problem_kinds.Problems = {}
     # ego_SE3_sensor
     time = int(name)
     calibration = dict[str, Pose]()
     if lexists(log / _CALIBRATION):
-        with named_damage(log / _CALIBRATION, "calibration"):
+        with name_damage(log / _CALIBRATION, "calibration"):
             table = read_table(log / _CALIBRATION)
             calibration = dict(zip(map(str, table["sensor_name"]), _poses(table), strict=True))
     else:  # the points are in the vehicle's frame anyway
         add_problem(problems, NO_CALIBRATION, 1)
     file = log / "sensors" / "lidar" / f"{name}.feather"
     clouds = []
-    with named_damage(file, "sweep"):
+    with name_damage(file, "sweep"):
         table = read_table(file)
         recorded = name_attributes(table)
         strange = ~np.isin(table["laser_number"], [*chain(*LASERS.values())])
@@ -153,21 +165,21 @@ def _sample(log: Path, name: str) -> Frame:
                 pose = calibration[lidar] if calibration else np.eye(4)
                 stamp = (time + _first_offset_ns(lidar_columns)) * 1e-9
                 clouds.append(
-                    records.build_cloud(
+                    cloud_records.build_cloud(
                         lidar_columns, lidar, pose, problems, frame="world", stamp_s=stamp
                     )
                 )
     annotations = log / "annotations.feather"
-    labels_in_frame = records.no_labels()
+    labels_in_frame = frame_labels.no_labels()
     if lexists(annotations):
-        with named_damage(annotations, "table of labels"):
+        with name_damage(annotations, "table of labels"):
             labels = read_labels(log, time, problems)
             columns = labels.boxes, labels.categories, labels.tracks
-            labels_in_frame = records.labelled(*columns, problems, labels.interior_points)
+            labels_in_frame = frame_labels.make_labels(*columns, problems, labels.interior_points)
     city = log / "city_SE3_egovehicle.feather"
     map_SE3_ego = np.eye(4)
     if lexists(city):
-        with named_damage(city, "table of poses"):
+        with name_damage(city, "table of poses"):
             table = read_table(city)
             rows = np.flatnonzero(_stamps(table) == time)[:1]
             add_problem(problems, NO_PLACE, int(not len(rows)))
@@ -204,7 +216,7 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
             raise ValueError(
                 f"an Argoverse log has two lidars, but {sample.name!r} has {count}: {remedy}"
             )
-        stamps.append(round(records.clock_time(sample, k) * 1e9))
+        stamps.append(round(frame_times.clock_time(sample, k) * 1e9))
         if stamps[-1] in stamps[:-1]:
             raise ValueError(
                 "sweeps of an Argoverse log are named by their times, but two are of "
@@ -234,7 +246,7 @@ def _offsets_s(cloud: SensorCloud, start_s: float) -> np.ndarray:
     """Time of each point after its sweep's."""
     within = np.zeros(len(cloud.points)) if cloud.time is None else cloud.time
     # float64 holds no finer clock
-    return within + round(records.cloud_time(cloud, start_s) - start_s, 6)
+    return within + round(frame_times.cloud_time(cloud, start_s) - start_s, 6)
 
 
 def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
@@ -245,7 +257,7 @@ def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
     return {
         **dict(zip("xyz", sample.points().T.astype(np.float32), strict=True)),
         "intensity": np.concatenate(
-            [np.zeros(0, np.float32), *map(records.get_intensity, sample.clouds)]
+            [np.zeros(0, np.float32), *map(cloud_records.get_intensity, sample.clouds)]
         ),
         "laser_number": np.repeat(lasers, sizes).astype(np.uint8),
         "offset_ns": _fit_offsets(np.concatenate([np.zeros(0), *times])),

@@ -30,13 +30,22 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from toolkit.arrays import Pose
-from toolkit.datasets import records
+from toolkit.datasets import (
+    box_frames,
+    cloud_records,
+    folders,
+    frame_labels,
+    frame_times,
+    listing,
+    problem_kinds,
+    record_values,
+)
 from toolkit.datasets.clock_times import parse_microseconds
 from toolkit.datasets.origins import Middles, near_frames
-from toolkit.datasets.records import as_number, entry, named_damage
+from toolkit.datasets.record_values import as_number, entry, name_damage
 from toolkit.frame import Everywhere, Frame, ImageWedge, Region
 from toolkit.geometry import invert
-from toolkit.runtime.files import write_text
+from toolkit.runtime.writing import write_text
 
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
 _IMAGE_PX = 1920, 1080  # width and height
@@ -48,52 +57,52 @@ _COOPERATIVE = f"cooperative/{WORLD_LABELS}", "cooperative/label"
 _MAX_OFFSET_M = 1000.0  # correction of the position of the infrastructure
 
 
-def dair(path: Path) -> records.Listing:
+def dair(path: Path) -> listing.Listing:
     """Frames of one side's folder or of the cooperative part.
 
     Raises FileNotFoundError for any other folder."""
     for root in (path, path / "cooperative-vehicle-infrastructure"):
         if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
             return _pairs(root)
-    names = tuple(file.stem for file in records.list_files(path / "velodyne", "*.pcd"))
+    names = tuple(file.stem for file in folders.list_files(path / "velodyne", "*.pcd"))
     if not names:
         raise FileNotFoundError(
             f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/"
         )
 
-    labelled = _labelled(path, _LABELS)
+    labelled = _list_labels(path, _LABELS)
     stamps = _read_stamps(path)
     middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
 
     load = partial(_load_side, path, stamps, middles, bool(labelled))
-    return records.Listing(names, load, labelled=labelled)
+    return listing.Listing(names, load, labelled=labelled)
 
 
 def _load_side(
     path: Path, stamps: Mapping[str, float], middles: Middles, is_labelled: bool, name: str
 ) -> Frame:
     """Frame of one side."""
-    problems: records.Problems = {}
+    problems: problem_kinds.Problems = {}
     recorded = path / "velodyne" / f"{name}.pcd"
-    cloud = records.read_cloud(
+    cloud = cloud_records.read_cloud(
         recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles
     )
-    file = _first(path, _LABELS, name)
-    records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
+    file = _find_labels(path, _LABELS, name)
+    problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_labelled and file is None))
     labels = read_annotations(file, np.eye(4), problems)
     complete: Region = Everywhere()
     # nobody labelled what the camera does not show
     if file is not None and file.parent.name == "camera":
         complete = _read_camera(path / "calib", name, problems)
     map_SE3_world = _read_place(path / "calib", name, problems)
-    time = records.frame_time([cloud])
+    time = frame_times.frame_time([cloud])
     measured = name, (cloud,), *labels
     return Frame.of_clouds(
         *measured, time=time, complete=complete, map_SE3_world=map_SE3_world, problems=problems
     )
 
 
-def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
+def _read_place(folder: Path, name: str, problems: problem_kinds.Problems) -> Pose:
     """Pose of a side's lidar in the map, from calib/virtuallidar_to_world or the vehicle's
     novatel."""
     map_SE3_lidar = np.eye(4)
@@ -105,7 +114,7 @@ def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
             for file in files:
                 map_SE3_lidar = map_SE3_lidar @ read_transform(file)
         except (ValueError, OSError):
-            records.add_problem(problems, UNPLACED_LIDAR, 1)
+            problem_kinds.add_problem(problems, UNPLACED_LIDAR, 1)
             return np.eye(4)
         return map_SE3_lidar
     return map_SE3_lidar
@@ -117,66 +126,71 @@ def _read_stamps(side: Path) -> dict[str, float]:
     if not lexists(index):
         return {}
     stamps = {}
-    with named_damage(index, "list of clouds"):
-        for row in records.as_list(records.load_json(index)):
+    with name_damage(index, "list of clouds"):
+        for row in record_values.as_list(record_values.load_json(index)):
             name = PureWindowsPath(
                 str(row.get("pointcloud_path") or row.get("frame_id") or "")
             ).stem
-            ticks = records.finite_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
+            ticks = frame_times.finite_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
             if ticks is not None:
                 stamps[name] = parse_microseconds(ticks)
     return stamps
 
 
-def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
+def _read_camera(folder: Path, name: str, problems: problem_kinds.Problems) -> Region:
     """Region that the camera shows, from its calibration and its pose in the lidar's frame.
 
     Without these it is everywhere."""
     intrinsic = folder / "camera_intrinsic" / f"{name}.json"
     extrinsic = folder / "virtuallidar_to_camera" / f"{name}.json"
     if not (lexists(intrinsic) and lexists(extrinsic)):
-        records.add_problem(problems, NO_CAMERA, 1)
+        problem_kinds.add_problem(problems, NO_CAMERA, 1)
         return Everywhere()
-    with named_damage(intrinsic, "calibration"):
-        values = entry(records.load_json(intrinsic), "cam_K")
-        matrix = records.numbers(values, 9, "cam_K").reshape(3, 3)
+    with name_damage(intrinsic, "calibration"):
+        values = entry(record_values.load_json(intrinsic), "cam_K")
+        matrix = record_values.numbers(values, 9, "cam_K").reshape(3, 3)
     return ImageWedge(matrix @ read_transform(extrinsic)[:3], *_IMAGE_PX)
 
 
-def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:
-    return [file.stem for folder in folders for file in records.list_files(root / folder, "*.json")]
+def _list_labels(root: Path, label_folders: tuple[str, ...]) -> list[str]:
+    """Names of all label files of some folders, without their ending."""
+    files: list[Path] = []
+    for folder in label_folders:
+        files += folders.list_files(root / folder, "*.json")
+    return [file.stem for file in files]
 
 
-def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
-    files = (root / folder / f"{name}.json" for folder in folders)
+def _find_labels(root: Path, label_folders: tuple[str, ...], name: str) -> Path | None:
+    """First label file of a name, None without one."""
+    files = (root / folder / f"{name}.json" for folder in label_folders)
     return next((file for file in files if lexists(file)), None)
 
 
-def _pairs(root: Path) -> records.Listing:
+def _pairs(root: Path) -> listing.Listing:
     index = root / "cooperative" / "data_info.json"
-    with named_damage(index, "list of pairs"):
-        all_rows = records.as_list(records.load_json(index))
+    with name_damage(index, "list of pairs"):
+        all_rows = record_values.as_list(record_values.load_json(index))
         road = root / "infrastructure-side"
         car = root / "vehicle-side"
         complete_rows = [row for row in all_rows if _has_clouds(row, road, car)] or all_rows
         pairs = _name_pairs(complete_rows)
         vehicles = [_stem(row, "vehicle") for row in all_rows]
-    labelled = _labelled(root, _COOPERATIVE)
+    labelled = _list_labels(root, _COOPERATIVE)
     noted = {NO_PARTNER: len(all_rows) - len(complete_rows)}
     load = partial(_load_pair, root, pairs, (_read_stamps(road), _read_stamps(car)), bool(labelled))
-    return records.Listing(tuple(pairs), load, labelled=labelled, known=vehicles, noted=noted)
+    return listing.Listing(tuple(pairs), load, labelled=labelled, known=vehicles, noted=noted)
 
 
 def _load_pair(
     root: Path,
-    pairs: Mapping[str, records.Unchecked],
+    pairs: Mapping[str, record_values.Unchecked],
     stamps: tuple[Mapping[str, float], Mapping[str, float]],
     is_labelled: bool,
     name: str,
 ) -> Frame:
     """Frame of both sides. stamps: times of the infrastructure's and the vehicle's clouds."""
-    problems: records.Problems = {}
-    with named_damage(root / "cooperative" / "data_info.json", "list of pairs"):
+    problems: problem_kinds.Problems = {}
+    with name_damage(root / "cooperative" / "data_info.json", "list of pairs"):
         pair = pairs[name]
         vehicle = _stem(pair, "vehicle")
         offset = _offset(pair.get("system_error_offset"))
@@ -190,23 +204,23 @@ def _load_pair(
     road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
     pole_file = road / "velodyne" / f"{pole}.pcd"
     vehicle_file = car / "velodyne" / f"{vehicle}.pcd"
-    near = records.read_cloud(
+    near = cloud_records.read_cloud(
         pole_file, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(pole)
     )
-    far = records.read_cloud(
+    far = cloud_records.read_cloud(
         vehicle_file, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle)
     )
-    file = _first(root, _COOPERATIVE, vehicle)
-    records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
+    file = _find_labels(root, _COOPERATIVE, vehicle)
+    problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_labelled and file is None))
     in_world = file is None or file.parent.name == WORLD_LABELS
     labels = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
-    time = records.frame_time([near])
+    time = frame_times.frame_time([near])
     return Frame.of_clouds(
         name, (near, far), *labels, time=time, map_SE3_world=map_SE3_road, problems=problems
     )
 
 
-def _name_pairs(rows: list[records.Unchecked]) -> dict[str, records.Unchecked]:
+def _name_pairs(rows: list[record_values.Unchecked]) -> dict[str, record_values.Unchecked]:
     """Pairs by the infrastructure's frame, and the vehicle's too if it has several vehicles."""
     count = Counter(_stem(row, "infrastructure") for row in rows)
     pairs = {}
@@ -216,13 +230,13 @@ def _name_pairs(rows: list[records.Unchecked]) -> dict[str, records.Unchecked]:
     return pairs
 
 
-def _has_clouds(pair: records.Unchecked, road: Path, car: Path) -> bool:
+def _has_clouds(pair: record_values.Unchecked, road: Path, car: Path) -> bool:
     """True if the clouds of both sides of a pair are there."""
     sides = ((road, "infrastructure"), (car, "vehicle"))
     return all(lexists(folder / "velodyne" / f"{_stem(pair, side)}.pcd") for folder, side in sides)
 
 
-def _stem(pair: records.Unchecked, side: str) -> str:
+def _stem(pair: record_values.Unchecked, side: str) -> str:
     path = f"{side}_pointcloud_path"
     return PureWindowsPath(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
 
@@ -231,15 +245,15 @@ def read_transform(path: str | Path, offset: tuple[float, float] | None = None) 
     """Pose of a calibration file, made rigid.
 
     offset: added to x and y, the file's relative_error if None."""
-    with named_damage(path, "calibration"):
-        content = records.load_json(path)
+    with name_damage(path, "calibration"):
+        content = record_values.load_json(path)
         inner = content.get("transform", content)
-        matrix = records.rigid(entry(inner, "rotation"), entry(inner, "translation"))
+        matrix = record_values.rigid(entry(inner, "rotation"), entry(inner, "translation"))
         matrix[:2, 3] += offset or _offset(content.get("relative_error")) or (0.0, 0.0)
     return matrix
 
 
-def _offset(value: records.Unchecked) -> tuple[float, float] | None:
+def _offset(value: record_values.Unchecked) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
     delta = (
@@ -254,13 +268,16 @@ def _offset(value: records.Unchecked) -> tuple[float, float] | None:
 
 
 def read_annotations(
-    path: Path | None, world_SE3_labels: Pose, problems: records.Problems
-) -> records.Labelled:
+    path: Path | None, world_SE3_labels: Pose, problems: problem_kinds.Problems
+) -> frame_labels.FrameLabels:
     """Objects of a label file, in the world frame. Empty without a file."""
-    with named_damage(path or "", "list of labels"):
-        labels = [] if path is None else records.as_list(records.load_json(path))
+    with name_damage(path or "", "list of labels"):
+        labels = [] if path is None else record_values.as_list(record_values.load_json(path))
         parts = [
-            (records.xyz(label, "3d_location"), records.xyz(label, "3d_dimensions", "lwh"))
+            (
+                record_values.xyz(label, "3d_location"),
+                record_values.xyz(label, "3d_dimensions", "lwh"),
+            )
             for label in labels
         ]
         yaws = [as_number(entry(label, "rotation"), "rotation") for label in labels]
@@ -269,15 +286,17 @@ def read_annotations(
     rows = np.array(
         [[*centre, *size, yaw] for (centre, size), yaw in zip(parts, yaws, strict=True)]
     ).reshape(-1, 7)
-    records.count_full_turns(rows[:, 6], problems)
-    return records.labelled(records.move_boxes(world_SE3_labels, rows), names, ids, problems)
+    frame_labels.count_full_turns(rows[:, 6], problems)
+    return frame_labels.make_labels(
+        box_frames.move_boxes(world_SE3_labels, rows), names, ids, problems
+    )
 
 
 def written_labels(sample: Frame) -> list[dict[str, object]]:
     """Format a frame's objects for a label file, world frame."""
     labels: list[dict[str, object]] = []
-    for (x, y, z, length, width, height, yaw), name, track in records.list_rows(
-        sample.objects, records.COMMON_NAMES
+    for (x, y, z, length, width, height, yaw), name, track in frame_labels.list_rows(
+        sample.objects, frame_labels.COMMON_NAMES
     ):
         box = {
             "3d_dimensions": {"l": length, "w": width, "h": height},
@@ -294,9 +313,9 @@ def write_dair(samples: Iterable[Frame], folder: Path) -> None:
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
         placed = sample.map_SE3_world
-        cloud = records.one_cloud(sample)
-        records.write_cloud(folder / "velodyne" / f"{name}.pcd", cloud)
-        seconds = records.cloud_time(cloud, sample.time)
+        cloud = cloud_records.one_cloud(sample)
+        cloud_records.write_cloud(folder / "velodyne" / f"{name}.pcd", cloud)
+        seconds = frame_times.cloud_time(cloud, sample.time)
         if np.isfinite(seconds):
             microseconds = str(round(seconds * 1e6))
             index.append(

@@ -9,7 +9,7 @@ without a pose file the clouds are assumed to be in it already.
   files, the k-th files of each are one frame, in the order of their names, 2 before 10. A frame
   that lacks a sensor, or goes by order, is counted in its problems.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
-- labels.json is `toolkit.datasets.records`, by the names of the frames' first clouds, or other
+- labels.json is of `toolkit.datasets.box_files`, by the names of the frames' first clouds, or other
   clouds.
 - A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
   Otherwise labels.json has it, whose `clouds` has the times of the sensors' clouds."""
@@ -25,7 +25,15 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Pose
-from toolkit.datasets import records
+from toolkit.datasets import (
+    box_files,
+    cloud_records,
+    folders,
+    frame_labels,
+    listing,
+    problem_kinds,
+    record_values,
+)
 from toolkit.datasets.clock_times import (
     BY_ORDER,
     UNPAIRED,
@@ -34,10 +42,10 @@ from toolkit.datasets.clock_times import (
     parse_epoch,
     parse_time,
 )
-from toolkit.datasets.cloud_files import read_poses
 from toolkit.datasets.origins import Middles
+from toolkit.datasets.pose_files import read_poses
 from toolkit.frame import Frame
-from toolkit.runtime.files import write_text
+from toolkit.runtime.writing import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
@@ -55,30 +63,17 @@ ALONE = "lidar"  # sensor of clouds directly in the folder
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 
 
-def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> records.Listing:
+def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> listing.Listing:
     """Frames of a folder, or of one cloud file.
 
     poses: a file of poses, None for the one in the folder; inverted: it gives world → sensor.
     Raises FileNotFoundError if there are no clouds."""
-    if path.is_file():
-        clouds = {ALONE: [path]}
-    elif path.is_dir():
-        below = {
-            subfolder.name: _files(subfolder)
-            for subfolder in records.list_files(path)
-            if subfolder.is_dir()
-        }
-        clouds = {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
-    else:
-        raise FileNotFoundError(f"no such folder or cloud file: {path}")
-    single = {
+    all_clouds = _find_clouds(path)
+    clouds = {
         sensor: _drop_doubled(files) if len(files) > 1 else files
-        for sensor, files in clouds.items()
+        for sensor, files in all_clouds.items()
     }
-    doubled = sum(len(files) for files in clouds.values()) - sum(
-        len(files) for files in single.values()
-    )
-    clouds = single
+    doubled = sum(len(files) - len(clouds[sensor]) for sensor, files in all_clouds.items())
     names, by_order = _match(clouds)
     if not names:
         raise FileNotFoundError(
@@ -87,33 +82,54 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     base = path.parent if path.is_file() else path
     pose_file = poses or next((base / name for name in POSES if lexists(base / name)), None)
     poses_by_name = {} if pose_file is None else read_poses(pose_file, inverted=inverted)
-    sensors = set()
-    pose_names = set()
-    for by_sensor in names.values():
-        for sensor, file in by_sensor.items():
-            sensors.add(sensor)
-            pose_names |= {sensor, file.stem, f"{sensor}/{file.stem}"}
-    if poses and not poses_by_name.keys() & pose_names:
-        raise ValueError(
-            f"{poses} has poses {', '.join(poses_by_name)}, but the sensors are "
-            f"{', '.join(sorted(sensors))}"
-        )
+    if poses:
+        _check_names(poses, poses_by_name, names)
     middles = Middles({sensor: files[0] for sensor, files in clouds.items()})
     labels = base / LABELS_FILE
-    entries = records.read_entries(labels) if lexists(labels) else {}
-    with records.named_damage(labels, "file of boxes"):
+    entries = box_files.read_entries(labels) if lexists(labels) else {}
+    with record_values.name_damage(labels, "file of boxes"):
         times = _written_times(entries)
 
     load = _Loader(names, len(clouds), by_order, poses_by_name, labels, entries, times, middles)
     cloud_names = [_stem(file) for files in names.values() for file in files.values()]
     of_folder = entries if path.is_dir() else ()
-    return records.Listing(
+    return listing.Listing(
         tuple(names),
         load,
         labelled=of_folder,
         known=cloud_names,
-        noted={records.DOUBLED_CLOUDS: doubled},
+        noted={problem_kinds.DOUBLED_CLOUDS: doubled},
     )
+
+
+def _find_clouds(path: Path) -> dict[str, list[Path]]:
+    """Cloud files of each sensor of a folder; a single file is of one sensor."""
+    if path.is_file():
+        return {ALONE: [path]}
+    if not path.is_dir():
+        raise FileNotFoundError(f"no such folder or cloud file: {path}")
+    clouds = {ALONE: _files(path)}
+    for subfolder in folders.list_files(path):
+        if subfolder.is_dir():
+            clouds[subfolder.name] = _files(subfolder)
+    return {sensor: files for sensor, files in clouds.items() if files}
+
+
+def _check_names(
+    poses: Path, poses_by_name: Mapping[str, Pose], names: Mapping[str, Mapping[str, Path]]
+) -> None:
+    """Raise ValueError if no pose of a file has the name of a sensor or cloud."""
+    sensors = set()
+    pose_names = set()
+    for files in names.values():
+        for sensor, file in files.items():
+            sensors.add(sensor)
+            pose_names |= {sensor, file.stem, f"{sensor}/{file.stem}"}
+    if not poses_by_name.keys() & pose_names:
+        raise ValueError(
+            f"{poses} has poses {', '.join(poses_by_name)}, but the sensors are "
+            f"{', '.join(sorted(sensors))}"
+        )
 
 
 @dataclass(frozen=True)
@@ -136,38 +152,39 @@ class _Loader:
     by_order: bool
     poses: Mapping[str, Pose]
     labels: Path
-    entries: Mapping[str, records.Unchecked]
+    entries: Mapping[str, record_values.Unchecked]
     times: Mapping[str, tuple[float | None, dict[str, float]]]
     middles: Middles
 
     def __call__(self, name: str) -> Frame:
         files = self.names[name]
-        problems = records.Problems()
+        problems = problem_kinds.Problems()
         labelled = [stem for stem in map(_stem, files.values()) if stem in self.entries]
-        records.add_problem(problems, UNPAIRED, int(len(files) < self.sensors))
-        records.add_problem(problems, BY_ORDER, int(self.by_order))
-        records.add_problem(problems, OTHER_NAME, max(0, len(set(labelled)) - 1))
-        records.add_problem(problems, records.UNLABELLED, int(bool(self.entries) and not labelled))
+        problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < self.sensors))
+        problem_kinds.add_problem(problems, BY_ORDER, int(self.by_order))
+        problem_kinds.add_problem(problems, OTHER_NAME, max(0, len(set(labelled)) - 1))
+        problem_kinds.add_problem(
+            problems, problem_kinds.UNLABELLED, int(bool(self.entries) and not labelled)
+        )
         title = next(iter(labelled), name)
         seconds, stamps = self.times.get(title, (None, {}))
         clouds = []
         for sensor, file in files.items():
             stem = _stem(file)
-            stamp = next(
-                (time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None
-            )
+            epoch = find_epoch(stem)
+            stamp = stamps.get(sensor) if epoch is None else epoch
             pose = _pose(self.poses, sensor, stem)
-            clouds.append(
-                records.read_cloud(
-                    file, sensor, pose, problems, stamp_s=stamp, middles=self.middles
-                )
+            cloud = cloud_records.read_cloud(
+                file, sensor, pose, problems, stamp_s=stamp, middles=self.middles
             )
-        labels = records.no_labels()
+            clouds.append(cloud)
+        labels = frame_labels.no_labels()
         if title in self.entries:
-            labels = records.parse_objects(self.labels, self.entries[title], problems)
-        frame_time = next(
-            (time for time in (find_epoch(name), seconds) if time is not None), float("nan")
-        )
+            labels = box_files.parse_objects(self.labels, self.entries[title], problems)
+        epoch = find_epoch(name)
+        if epoch is None:
+            epoch = seconds
+        frame_time = float("nan") if epoch is None else epoch
         return Frame.of_clouds(name, clouds, *labels, time=frame_time, problems=problems)
 
 
@@ -204,18 +221,18 @@ def _holds_rows(file: Path) -> bool:
 
 
 def _files(path: Path) -> list[Path]:
-    files = records.list_files(path)
+    files = folders.list_files(path)
     return [
-        file for file in files if file.suffix.lower() in records.ENDINGS and file.name not in POSES
+        file for file in files if file.suffix.lower() in folders.ENDINGS and file.name not in POSES
     ]
 
 
 def _drop_doubled(files: list[Path]) -> list[Path]:
     """Keep one file of each name, of the first of the endings."""
     by_stem: dict[str, Path] = {}
-    for file in sorted(files, key=lambda file: records.ENDINGS.index(file.suffix.lower())):
+    for file in sorted(files, key=lambda file: folders.ENDINGS.index(file.suffix.lower())):
         by_stem.setdefault(_stem(file), file)
-    return [by_stem[stem] for stem in sorted(by_stem, key=records.natural_order)]
+    return [by_stem[stem] for stem in sorted(by_stem, key=folders.natural_order)]
 
 
 def _stem(file: Path) -> str:
@@ -244,7 +261,7 @@ def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]]
 
 def _sort_frames(by_stem: Mapping[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:
     """Files of each frame in the order of the frames' names."""
-    return {stem: by_stem[stem] for stem in sorted(by_stem, key=records.natural_order)}
+    return {stem: by_stem[stem] for stem in sorted(by_stem, key=folders.natural_order)}
 
 
 def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
@@ -264,7 +281,7 @@ def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]
 
 
 def _written_times(
-    entries: Mapping[str, records.Unchecked],
+    entries: Mapping[str, record_values.Unchecked],
 ) -> dict[str, tuple[float | None, dict[str, float]]]:
     """Time of each frame of labels.json and of its clouds by sensor.
 
@@ -307,15 +324,15 @@ def write_folder(samples: Iterable[Frame], path: Path) -> None:
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
         for cloud in sample.clouds:
-            records.write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
+            cloud_records.write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
             poses[f"{cloud.name}/{name}"] = cloud.world_SE3_sensor[:3].ravel().tolist()
         stamps = {cloud.name: cloud.stamp_s for cloud in sample.clouds if cloud.stamp_s is not None}
-        entry = records.boxes_record(
+        entry = box_files.boxes_record(
             name, sample.time, sample.objects, counts=sample.counts, stamps_s=stamps
         )
         entries.append(entry)
     if entries:
-        records.write_boxes(path / LABELS_FILE, entries)
+        box_files.write_boxes(path / LABELS_FILE, entries)
         if all(map(_ONE_WORD.fullmatch, poses)):
             lines = []
             for name, pose in poses.items():

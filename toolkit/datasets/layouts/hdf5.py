@@ -26,21 +26,23 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from toolkit.datasets.dataset import CLOUDS_KIND, CoopDataset
-from toolkit.datasets.records import (
-    Listing,
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.frame_times import finite_time
+from toolkit.datasets.image_file import CLOUDS_KIND
+from toolkit.datasets.listing import Listing
+from toolkit.datasets.record_values import (
     Unchecked,
     as_list,
     as_number,
     entry,
-    finite_time,
-    named_damage,
+    name_damage,
     rigid_matrix,
 )
 from toolkit.frame import Frame, OtherObjects, Recording, SensorCloud, parse_region
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5 as reader
-from toolkit.runtime.files import parse_json, replace_infinite, writing
+from toolkit.runtime.text_values import parse_json, replace_infinite
+from toolkit.runtime.writing import writing
 from toolkit.sites.site import Site
 
 _VERSION = 1
@@ -56,7 +58,7 @@ def holds_clouds(path: str | Path) -> bool:
 @contextmanager
 def _open(path: str | Path) -> Iterator[h5py.File]:
     """Open a file to read. Any damage is reported in one line, which names the file."""
-    with reader.open_hdf5(path) as file, named_damage(path, "recording of clouds"):
+    with reader.open_hdf5(path) as file, name_damage(path, "recording of clouds"):
         try:
             yield file
         except OSError as error:

@@ -24,12 +24,20 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import BoxRows, Pose
-from toolkit.datasets import records
+from toolkit.datasets import (
+    cloud_records,
+    folders,
+    frame_labels,
+    listing,
+    problem_kinds,
+    record_values,
+)
 from toolkit.datasets.origins import Middles, near_frames
 from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
-from toolkit.runtime.files import read_bytes, write_bytes, write_text
+from toolkit.runtime.reading import read_bytes
+from toolkit.runtime.writing import write_bytes, write_text
 
 SENSOR = "velodyne"
 _PLACE = "Tr_velo_to_world"
@@ -41,7 +49,7 @@ _FOCAL_PX = 721.5377  # camera that is written if a recording has no camera
 _KITTI_KINDS = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc"}
 
 
-def kitti(path: Path) -> records.Listing:
+def kitti(path: Path) -> listing.Listing:
     """Frames of a folder. Raises FileNotFoundError if it is not one of KITTI's."""
     folder = next(
         (
@@ -55,32 +63,32 @@ def kitti(path: Path) -> records.Listing:
         raise FileNotFoundError(
             f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/"
         )
-    names = tuple(file.stem for file in records.list_files(folder / "velodyne", "*.bin"))
+    names = tuple(file.stem for file in folders.list_files(folder / "velodyne", "*.bin"))
     if not names:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
-    labelled = [file.stem for file in records.list_files(folder / "label_2", "*.txt")]
+    labelled = [file.stem for file in folders.list_files(folder / "label_2", "*.txt")]
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
-    return records.Listing(
+    return listing.Listing(
         names, partial(_sample, folder, middles, bool(labelled)), labelled=labelled
     )
 
 
 def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
-    problems: records.Problems = {}
+    problems: problem_kinds.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
-    cloud = records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
+    cloud = cloud_records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
     labels = folder / "label_2" / f"{name}.txt"
     calib = folder / "calib" / f"{name}.txt"
     if not lexists(labels):
-        records.add_problem(problems, records.UNLABELLED, int(is_labelled))
-        return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
+        problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_labelled))
+        return Frame.of_clouds(name, (cloud,), *frame_labels.no_labels(), problems=problems)
     if not lexists(calib):
         raise FileNotFoundError(
             f"no calibration {calib}: the boxes of {labels.name} are in a camera's frame, add it"
         )
-    with records.named_damage(calib, "calibration"):
+    with record_values.name_damage(calib, "calibration"):
         calibration = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
-    with records.named_damage(labels, "list of labels"):
+    with record_values.name_damage(labels, "list of labels"):
         rows = [
             line.split()
             for line in read_bytes(labels).decode("utf-8-sig").splitlines()
@@ -98,8 +106,8 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
         values = np.array([_parse_values(row) for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
         boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
-        records.count_full_turns(values[real, 13], problems)
-    labels_in_frame = records.labelled(
+        frame_labels.count_full_turns(values[real, 13], problems)
+    labels_in_frame = frame_labels.make_labels(
         boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems
     )
     width, height = _image_size(folder / "image_2" / f"{name}.png")
@@ -107,7 +115,7 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
     projection = calibration.projection @ calibration.camera_SE3_lidar
     wedge = ImageWedge(projection, width, height, ignored)
     if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
-        records.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
+        problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
     return Frame.of_clouds(
         name,
         (cloud,),
@@ -119,7 +127,7 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
 
 
 def _parse_values(row: list[str]) -> list[float]:
-    return [records.as_number(cell) for cell in row[1:15]]
+    return [record_values.as_number(cell) for cell in row[1:15]]
 
 
 def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
@@ -147,15 +155,17 @@ def _parse_calibration(text: str) -> _Calibration:
     lines = [line.split() for line in text.splitlines() if line.strip()]
     named_words = ((words[0].removesuffix(":"), words[1:]) for words in lines)
     entries = {_OTHER_NAMES.get(name, name): cells for name, cells in named_words}
-    rectification = records.rigid(records.entry(entries, "R0_rect"), np.zeros(3), "R0_rect")
-    unrectified_SE3_lidar = records.rigid_matrix(
-        records.entry(entries, "Tr_velo_to_cam"), "Tr_velo_to_cam"
+    rectification = record_values.rigid(
+        record_values.entry(entries, "R0_rect"), np.zeros(3), "R0_rect"
     )
-    projection = records.numbers(records.entry(entries, "P2"), 12, "P2").reshape(3, 4)
+    unrectified_SE3_lidar = record_values.rigid_matrix(
+        record_values.entry(entries, "Tr_velo_to_cam"), "Tr_velo_to_cam"
+    )
+    projection = record_values.numbers(record_values.entry(entries, "P2"), 12, "P2").reshape(3, 4)
     if not np.isfinite(projection).all():
         raise ValueError("P2 holds NaN or infinite numbers")
     map_SE3_lidar = (
-        records.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
+        record_values.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
     )
     camera_SE3_lidar = rectification @ unrectified_SE3_lidar
     return _Calibration(camera_SE3_lidar, projection, map_SE3_lidar)
@@ -179,7 +189,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
         points = [
-            np.column_stack([cloud.in_world(), records.get_intensity(cloud)])
+            np.column_stack([cloud.in_world(), cloud_records.get_intensity(cloud)])
             for cloud in sample.clouds
         ]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
@@ -206,7 +216,7 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
     wedge, _ = _camera(sample.complete)
     objects = sample.objects if found is None else found
     categories = sample.categories if found is None else ()
-    names = [records.COMMON_NAMES[LABELS[label]] for label in objects.labels]
+    names = [frame_labels.COMMON_NAMES[LABELS[label]] for label in objects.labels]
     names = [
         category if category in _KITTI_KINDS else name
         for category, name in zip(categories or names, names, strict=True)

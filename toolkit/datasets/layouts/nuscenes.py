@@ -24,15 +24,24 @@ import numpy as np
 
 from toolkit.arrays import Float64, Pose
 from toolkit.boxes import count_points
-from toolkit.datasets import records
+from toolkit.datasets import (
+    box_frames,
+    cloud_records,
+    frame_labels,
+    frame_times,
+    listing,
+    problem_kinds,
+    record_values,
+)
 from toolkit.datasets.clock_times import parse_microseconds
-from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.origins import near_frames
-from toolkit.datasets.records import as_number, entry, named_damage, numbers
+from toolkit.datasets.pose_files import quaternion_pose
+from toolkit.datasets.record_values import as_number, entry, name_damage, numbers
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
-from toolkit.runtime.files import resolve_below, write_bytes, write_text
+from toolkit.runtime.reading import resolve_below
+from toolkit.runtime.writing import write_bytes, write_text
 
 _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.truck"  # of `LABELS`
 SCENE = "scene"  # token of the one scene that is written, of its log and its map
@@ -46,16 +55,16 @@ NO_SENSOR = "rows of sample_data whose sensor the tables lack"
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
 _LISTS = ("sample_data", "sample_annotation")
-_Row = dict[str, records.Unchecked]
+_Row = dict[str, record_values.Unchecked]
 
 
-def nuscenes(path: Path) -> records.Listing:
+def nuscenes(path: Path) -> listing.Listing:
     """Frames, by time, of a data root or its folder of tables.
 
     Raises FileNotFoundError for any other folder."""
     folder = _find_folder(path)
     tables = {name: _read_rows(folder / f"{name}.json", name in _LISTS) for name in _TABLES}
-    with named_damage(folder / "sample_data.json", "table"):
+    with name_damage(folder / "sample_data.json", "table"):
         lidars, unknown = _group_lidars(tables)
         between = 0
         for token, rows in lidars.items():
@@ -63,10 +72,10 @@ def nuscenes(path: Path) -> records.Listing:
             lidars[token] = _drop_sweeps(tables, rows, timestamp)
             between += len(rows) - len(lidars[token])
     labels: dict[str, list[_Row]] = {}
-    with named_damage(folder / "sample_annotation.json", "table"):
+    with name_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
-    with named_damage(folder / "sample.json", "table"):
+    with name_damage(folder / "sample.json", "table"):
         order = sorted(
             lidars,
             key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"),
@@ -77,7 +86,7 @@ def nuscenes(path: Path) -> records.Listing:
 
     load = partial(_load, folder, tables, lidars, labels, is_clock)
     noted = {NO_SENSOR: unknown, SWEEPS_BETWEEN: between, NO_CLOCK: 0 if is_clock else len(order)}
-    return records.Listing(tuple(order), load, labelled=labels, noted=noted)
+    return listing.Listing(tuple(order), load, labelled=labels, noted=noted)
 
 
 def _find_folder(path: Path) -> Path:
@@ -132,8 +141,8 @@ def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
     """Rows of a table by token, or every row of a list, to whose tokens no row refers.
 
     Raises ValueError for rows of one token that differ."""
-    with named_damage(path, "table"):
-        rows = records.as_list(records.load_json(path))
+    with name_damage(path, "table"):
+        rows = record_values.as_list(record_values.load_json(path))
         by_token: dict[str, _Row] = {}
         for row in rows:
             token = str(entry(row, "token"))
@@ -147,7 +156,9 @@ def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
     return by_token
 
 
-def _drop_sweeps(tables: dict[str, _Row], rows: list[_Row], stamp: records.Unchecked) -> list[_Row]:
+def _drop_sweeps(
+    tables: dict[str, _Row], rows: list[_Row], stamp: record_values.Unchecked
+) -> list[_Row]:
     """Keep of each channel the row nearest to the sample's stamp, in the table's order."""
     channels = [_sensor(tables, row, "channel") for row in rows]
     if len(set(channels)) == len(rows):
@@ -189,50 +200,50 @@ def _sample(
     labels: list[_Row],
     is_clock: bool,
 ) -> Frame:
-    problems: records.Problems = {}
-    ego_poses = [_placed(folder, tables, "ego_pose", row) for row in data]
-    sensor_poses = [_placed(folder, tables, "calibrated_sensor", row) for row in data]
-    with named_damage(folder / "sample_data.json", "table"):
+    problems: problem_kinds.Problems = {}
+    ego_poses = [_read_pose(folder, tables, "ego_pose", row) for row in data]
+    sensor_poses = [_read_pose(folder, tables, "calibrated_sensor", row) for row in data]
+    with name_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
         stamps = [_parse_time(entry(row, "timestamp")) if is_clock else None for row in data]
-    map_SE3_ego = records.level_frame(ego_poses[0])
+    map_SE3_ego = box_frames.level_frame(ego_poses[0])
     poses = [
         invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(ego_poses, sensor_poses, strict=True)
     ]
     clouds = []
     for file, name, pose, stamp in zip(files, names, poses, stamps, strict=True):
-        clouds.append(records.read_cloud(file, name, pose, problems, stamp_s=stamp))
-    with named_damage(folder / "sample_annotation.json", "table"):
+        clouds.append(cloud_records.read_cloud(file, name, pose, problems, stamp_s=stamp))
+    with name_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
-        boxes[:, 6] = records.find_headings(
+        boxes[:, 6] = box_frames.find_headings(
             np.array([_turn(row) for row in labels]).reshape(-1, 3, 3), problems
         )
         counts = np.array(
             [int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64
         )
         instances = [str(entry(row, "instance_token")) for row in labels]
-    with named_damage(folder / "instance.json", "table"):
+    with name_damage(folder / "instance.json", "table"):
         kinds = [
             _kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)
         ]
-    labelled_objects = records.labelled(
-        records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts
+    labelled_objects = frame_labels.make_labels(
+        box_frames.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts
     )
-    time = records.frame_time(clouds)
+    time = frame_times.frame_time(clouds)
     return Frame.of_clouds(
         token, clouds, *labelled_objects, time=time, map_SE3_world=map_SE3_ego, problems=problems
     )
 
 
-def _parse_time(value: records.Unchecked) -> float:
+def _parse_time(value: record_values.Unchecked) -> float:
     """Time (s) of a row in microseconds, or in another unit since 1970, judging by its size."""
     return parse_microseconds(as_number(value, "timestamp"))
 
 
-def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
+def _read_pose(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
     """Pose in a table that a row of sample_data names."""
-    with named_damage(folder / f"{name}.json", "table"):
+    with name_damage(folder / f"{name}.json", "table"):
         pose_row = entry(tables[name], str(entry(row, f"{name}_token")))
         quaternion = numbers(entry(pose_row, "rotation"), 4, "rotation")
         translation = numbers(entry(pose_row, "translation"), 3, "translation")
@@ -283,7 +294,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
     instances: dict[str, str] = {}  # category by token
     for number, sample in enumerate(near_frames(samples), 1):
         token = f"{number - 1:06d}"
-        seconds = records.clock_time(sample, number)
+        seconds = frame_times.clock_time(sample, number)
         stamp = round(seconds * 1e6)
         tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": SCENE})
         tables["ego_pose"].append(
@@ -291,7 +302,9 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
         )
         for cloud in sample.clouds:
             channel = channels.setdefault(cloud.name, _name_channel(cloud.name))
-            _write_cloud(folder, tables, channel, token, cloud, records.cloud_time(cloud, seconds))
+            _write_cloud(
+                folder, tables, channel, token, cloud, frame_times.cloud_time(cloud, seconds)
+            )
         tables["sample_annotation"] += _format_labels(sample, token, number, instances)
     for channel in channels.values():
         tables["sensor"].append({"token": channel, "channel": channel, "modality": "lidar"})
@@ -336,7 +349,7 @@ def _write_cloud(
     key = f"{token}_{channel}"
     file = f"samples/{channel}/{token}.pcd.bin"
     ring = np.zeros(len(cloud.points)) if cloud.ring is None else cloud.ring
-    columns = cloud.in_sensor(), records.get_intensity(cloud), ring
+    columns = cloud.in_sensor(), cloud_records.get_intensity(cloud), ring
     write_bytes(folder / file, np.column_stack(columns).astype("<f4").tobytes())
     calibration = {"token": key, "sensor_token": channel, "camera_intrinsic": []}
     tables["calibrated_sensor"].append({**calibration, **_format_pose(cloud.world_SE3_sensor)})
@@ -360,7 +373,7 @@ def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, 
     map_SE3_world = sample.map_SE3_world
     formatted = []
     for k, (box, label, track) in enumerate(
-        records.list_rows(sample.objects, {name: name for name in LABELS})
+        frame_labels.list_rows(sample.objects, {name: name for name in LABELS})
     ):
         # objects of recordings without tracks are counted again in each frame: a number may have
         # several classes
@@ -369,7 +382,7 @@ def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, 
         )
         instances.setdefault(instance, label)
         row = np.array(box)
-        yaw = float(records.heading(map_SE3_world, row[6]))
+        yaw = float(box_frames.heading(map_SE3_world, row[6]))
         tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
         geometry = {
             "translation": transform(map_SE3_world, row[None, :3])[0].tolist(),

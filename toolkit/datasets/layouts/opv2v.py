@@ -1,7 +1,7 @@
 """OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd.
 
 There is a folder per vehicle or roadside unit. World frame: level, its origin at the first agent's
-lidar, x in the direction of that lidar; `map_SE3_world` is its pose in the map.
+lidar, x in the lidar's direction; `map_SE3_world` is its pose in the map.
 
 - OPV2V and V2XSet come from CARLA, whose world is **left-handed** (y right), and so are the points
   of their .pcd: here y is negated in both. V2X-Real is measured: its points and poses are
@@ -24,12 +24,22 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Pose
-from toolkit.datasets import records
+from toolkit.datasets import (
+    box_frames,
+    cloud_records,
+    folders,
+    frame_labels,
+    listing,
+    problem_kinds,
+    record_values,
+)
 from toolkit.datasets.clock_times import UNPAIRED
-from toolkit.datasets.records import entry, named_damage, numbers
+from toolkit.datasets.record_values import entry, name_damage, numbers
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose
-from toolkit.runtime.files import parse_yaml, read_text, write_text
+from toolkit.runtime.reading import read_text
+from toolkit.runtime.text_values import parse_yaml
+from toolkit.runtime.writing import write_text
 
 NO_YAML = "clouds of agents without their YAML file, left out"
 SAME_NUMBER = "objects that two agents give one number and places far apart: the first is taken"
@@ -37,7 +47,7 @@ MAX_APART_M = 5.0  # between positions of one object at one tick, as two agents 
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
-def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
+def opv2v(path: Path, *, left_handed: bool = True) -> listing.Listing:
     """Frames of all scenarios below a folder, all agents together.
 
     Raises FileNotFoundError without any."""
@@ -47,12 +57,12 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
     labelled = list[str]()
     cloud_names = list[str]()
     described: dict[Path, set[str]] = {}
-    for file in records.list_files(path, "*.yaml", recursive=True):
+    for file in folders.list_files(path, "*.yaml", recursive=True):
         if file.parent not in clouds:
             clouds[file.parent] = {
                 cloud_file.stem
-                for cloud_file in records.list_files(file.parent)
-                if cloud_file.suffix in records.ENDINGS
+                for cloud_file in folders.list_files(file.parent)
+                if cloud_file.suffix in folders.ENDINGS
             }
         file_name = file.with_suffix("").relative_to(path.parent).as_posix()
         labelled += [file_name] * bool(clouds[file.parent])
@@ -66,7 +76,7 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
         raise FileNotFoundError(
             f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names"
         )
-    in_order = sorted(names.items(), key=lambda frame: records.natural_order(frame[0]))
+    in_order = sorted(names.items(), key=lambda frame: folders.natural_order(frame[0]))
     agents = {name: sorted(files, key=_agent) for name, files in in_order}
     mirror = MIRROR if left_handed else np.eye(4)
     of_scenario: dict[Path, set[str]] = {}
@@ -81,7 +91,7 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
     counts = {scenario: len(members) for scenario, members in of_scenario.items()}
     load = partial(_load, agents, counts, mirror)
     noted = {NO_YAML: undescribed}
-    return records.Listing(tuple(agents), load, labelled=labelled, known=cloud_names, noted=noted)
+    return listing.Listing(tuple(agents), load, labelled=labelled, known=cloud_names, noted=noted)
 
 
 v2xreal = partial(opv2v, left_handed=False)
@@ -100,22 +110,24 @@ def _load(
 ) -> Frame:
     """Frame of all agents. counts: number of agents of each scenario."""
     files = agents[name]
-    problems: records.Problems = {}
-    records.add_problem(problems, UNPAIRED, int(len(files) < counts[files[0].parent.parent]))
+    problems: problem_kinds.Problems = {}
+    problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < counts[files[0].parent.parent]))
     return _sample(name, files, mirror, problems)
 
 
-def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.Problems) -> Frame:
+def _sample(
+    name: str, files: list[Path], mirror: np.ndarray, problems: problem_kinds.Problems
+) -> Frame:
     contents = []
     poses = []
     for file in files:
-        with named_damage(file, "YAML file of an agent"):
+        with name_damage(file, "YAML file of an agent"):
             content = parse_yaml(read_text(file))
             if not isinstance(content, dict):
                 raise ValueError(f"it must hold names and values, got {str(content)[:40]!r}")
             contents.append(content)
             poses.append(_pose(entry(content, "lidar_pose"), mirror))
-    map_SE3_world = pose(*poses[0][:3, 3], yaw=float(records.heading(poses[0], 0.0)))
+    map_SE3_world = pose(*poses[0][:3, 3], yaw=float(box_frames.heading(poses[0], 0.0)))
     clouds: list[SensorCloud] = []
     rows: dict[object, np.ndarray] = {}
     turns: dict[object, np.ndarray] = {}
@@ -123,13 +135,13 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.
     kinds: dict[object, str] = {}
     for file, content, map_SE3_lidar in zip(files, contents, poses, strict=True):
         recorded = next(
-            file.with_suffix(end) for end in records.ENDINGS if lexists(file.with_suffix(end))
+            file.with_suffix(end) for end in folders.ENDINGS if lexists(file.with_suffix(end))
         )
-        cloud = records.read_cloud(
+        cloud = cloud_records.read_cloud(
             recorded, file.parent.name, invert(map_SE3_world) @ map_SE3_lidar, problems
         )
         clouds.append(_mirror(cloud, mirror))
-        with named_damage(file, "YAML file of an agent"):
+        with name_damage(file, "YAML file of an agent"):
             vehicles = content.get("vehicles") or {}
             if not isinstance(vehicles, dict):
                 raise ValueError(
@@ -143,22 +155,26 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.
                 kinds.setdefault(
                     track, str(vehicle.get("obj_type", vehicle.get("object_type", "Car")))
                 )
-    records.add_problem(problems, SAME_NUMBER, apart_count)
+    problem_kinds.add_problem(problems, SAME_NUMBER, apart_count)
     boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
-    boxes[:, 6] = records.find_headings(np.array(list(turns.values())).reshape(-1, 3, 3), problems)
-    boxes = records.move_boxes(invert(map_SE3_world), boxes)
-    labels = records.labelled(boxes, list(kinds.values()), list(rows), problems)
+    boxes[:, 6] = box_frames.find_headings(
+        np.array(list(turns.values())).reshape(-1, 3, 3), problems
+    )
+    boxes = box_frames.move_boxes(invert(map_SE3_world), boxes)
+    labels = frame_labels.make_labels(boxes, list(kinds.values()), list(rows), problems)
     return Frame.of_clouds(
         name, tuple(clouds), *labels, map_SE3_world=map_SE3_world, problems=problems
     )
 
 
-def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
+def _pose(value: record_values.Unchecked, mirror: np.ndarray) -> np.ndarray:
     if np.array(value, dtype=object).size == 16:
-        lidar_pose = records.rigid_matrix(value, "lidar_pose")
+        lidar_pose = record_values.rigid_matrix(value, "lidar_pose")
     else:
         x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
-        lidar_pose = records.rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
+        lidar_pose = record_values.rigid(
+            unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose"
+        )
     return mirror @ lidar_pose @ mirror
 
 
@@ -169,7 +185,7 @@ def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
-def _box(vehicle: records.Unchecked, mirror: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _box(vehicle: record_values.Unchecked, mirror: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Box of a vehicle without its yaw, and its rotation."""
     centre = numbers(entry(vehicle, "location"), 3, "location") + numbers(
         entry(vehicle, "center"), 3, "center"
@@ -193,8 +209,8 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
         name = f"{number:05d}"
         flat = mirror @ sample.map_SE3_world
         vehicles = {}
-        for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
-            angle = [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0]
+        for box, kind, track in frame_labels.list_rows(sample.objects, frame_labels.COMMON_NAMES):
+            angle = [0.0, float(np.rad2deg(box_frames.heading(flat, box[6]))), 0.0]
             placement = {
                 "angle": angle,
                 "center": [0.0] * 3,
@@ -212,7 +228,7 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
             # as Unreal has them
             angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(lidar_pose[2, 0], -1, 1))]).tolist()
             content = {"lidar_pose": [*lidar_pose[:3, 3].tolist(), *angles], "vehicles": vehicles}
-            records.write_cloud(
+            cloud_records.write_cloud(
                 folder / "scenario" / str(agent) / f"{name}.pcd",
                 _mirror(cloud.in_own_frame(), mirror),
             )

@@ -22,18 +22,12 @@ import numpy as np
 from toolkit.arrays import Float64, Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time
+from toolkit.datasets.cloud_records import read_cloud
+from toolkit.datasets.folders import ENDINGS, list_files, natural_order
+from toolkit.datasets.frame_times import frame_time
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
-from toolkit.datasets.records import (
-    ENDINGS,
-    UNLABELLED,
-    Listing,
-    Problems,
-    add_problem,
-    frame_time,
-    list_files,
-    natural_order,
-    read_cloud,
-)
+from toolkit.datasets.listing import Listing
+from toolkit.datasets.problem_kinds import UNLABELLED, Problems, add_problem
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -133,14 +127,14 @@ def _sample(
         labels_of_agent = read_annotations(labels if is_there else None, pose, problems)
         parts.append(labels_of_agent.objects)
         categories += labels_of_agent.categories
-    objects, rows = merged(parts)
+    objects, rows = merge_copies(parts)
     object_categories = tuple(categories[k] for k in rows)
     return Frame.of_clouds(
         name, clouds, objects, object_categories, time=frame_time(clouds), problems=problems
     )
 
 
-def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
+def merge_copies(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
     """Merge several agents' objects into one list, and return it with its rows among all of
     them."""
     boxes = np.concatenate([np.zeros((0, 7)), *(objects.boxes for objects in parts)])

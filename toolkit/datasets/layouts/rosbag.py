@@ -16,44 +16,46 @@ frame, and is counted.
 - Several files of a folder without metadata.yaml are read as one recording.
 - There are no labels in a bag. Reading needs the package rosbags."""
 
-import struct
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
-from heapq import merge
 from itertools import islice
 from os.path import lexists
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from toolkit.datasets.clock_times import UNPAIRED, group_by_time
-from toolkit.datasets.layouts.nuscenes import compute_quaternion
-from toolkit.datasets.origins import Middles
-from toolkit.datasets.records import (
-    BAG_ENDINGS,
-    Problems,
-    add_problem,
-    build_cloud,
-    clock_time,
-    cloud_time,
-    get_intensity,
-    list_bags,
-    named_damage,
+from toolkit.datasets.cloud_records import build_cloud, get_intensity
+from toolkit.datasets.folders import list_bags
+from toolkit.datasets.frame_times import clock_time, cloud_time
+from toolkit.datasets.layouts.bag_index import (
+    find_other_clocks,
+    index_messages,
+    moving_times,
+    refuse_bag,
 )
-from toolkit.datasets.transform_tree import NS_PER_S, TransformLink, TransformTree, parse_link_pose
+from toolkit.datasets.layouts.bag_messages import (
+    CLOUD,
+    TF,
+    BagMessage,
+    RosObject,
+    clean_frame,
+    enter_bag_folder,
+    name_bag_damage,
+    read_messages,
+    stamp_ns,
+)
+from toolkit.datasets.layouts.nuscenes import compute_quaternion
+from toolkit.datasets.layouts.point_cloud2 import parse_columns
+from toolkit.datasets.origins import Middles
+from toolkit.datasets.problem_kinds import Problems, add_problem
+from toolkit.datasets.transform_tree import NS_PER_S, TransformTree
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 from toolkit.point_columns import name_attributes
-from toolkit.runtime.files import parse_yaml, plain_file, read_text, resolve_below
 from toolkit.sites.site import Site
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
-TF = "tf2_msgs/msg/TFMessage"
-OLD_TF = "tf/msg/tfMessage"
 NO_TF = "clouds in a frame that no tf mentions"
 OTHER_TREE = "clouds whose frames have another root in tf than the first cloud's"
 FAR_TF = "clouds a second or more from the nearest transform of a moving frame"
@@ -62,48 +64,7 @@ NO_XYZ = "topics of PointCloud2 without x, y and z"
 NO_STAMP = "clouds without a stamp, of the time of their recording"
 SAME_SENSOR = "clouds of one frame and stamp on another topic too: one sensor's, counted twice"
 REPLAYED = "clouds with a stamp that their topic has already, as of a bag played twice"
-OTHER_CLOCKS = (
-    "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
-)
-RosObject = Any  # object of rosbags, which has no types
 MAX_TF_GAP_S = 1.0
-MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
-OTHER_PROFILE = "Profile is not ros2."  # rosbags' words for an .mcap of ROS 1
-FIRST_ENDING = ".bag"  # of ROS 1
-_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-
-
-class _Message(NamedTuple):
-    """A message of a bag, not parsed.
-
-    Attributes:
-        topic: its topic.
-        kind: its message type.
-        recorded_ns: time of its recording.
-        data: its bytes.
-        has_seq: ROS 1, whose headers begin with a number.
-        parser: parses the bytes.
-    """
-
-    topic: str
-    kind: str
-    recorded_ns: int
-    data: bytes
-    has_seq: bool
-    parser: Callable[[bytes], RosObject]
-
-    def parse(self) -> RosObject:
-        """Return the message's object. Raises errors of any kind for a damaged one."""
-        return self.parser(self.data)
-
-    def read_stamp(self) -> int:
-        """Stamp (ns) of the header that the message begins with."""
-        if self.has_seq:
-            seconds, nanoseconds = struct.unpack_from("<II", self.data, 4)
-        else:
-            order = "<" if self.data[1] & 1 else ">"
-            seconds, nanoseconds = struct.unpack_from(f"{order}iI", self.data, 4)
-        return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 @dataclass(frozen=True)
@@ -160,9 +121,9 @@ class Bag:
             for topic, k in group.items()
         }
         counts = dict.fromkeys(self.topics, 0)
-        waiting: dict[int, dict[str, _Message]] = {}
+        waiting: dict[int, dict[str, BagMessage]] = {}
         number = 0
-        for message in _messages(self.path, CLOUD):
+        for message in read_messages(self.path, CLOUD):
             if message.topic not in counts:
                 continue
             group = group_of.get((message.topic, counts[message.topic]))
@@ -176,7 +137,7 @@ class Bag:
                 yield self._frame(number, waiting.pop(number))
                 number += 1
 
-    def _frame(self, number: int, messages: Mapping[str, _Message]) -> Frame:
+    def _frame(self, number: int, messages: Mapping[str, BagMessage]) -> Frame:
         problems: Problems = dict(self.problems) if number == 0 else {}
         add_problem(problems, UNPAIRED, int(len(messages) < len(self.topics)))
         clouds: list[SensorCloud] = []
@@ -189,24 +150,24 @@ class Bag:
             except Exception:  # rosbags and its parsers raise errors of any kind
                 add_problem(problems, UNREADABLE, 1)
                 continue
-            source = clean_frame(cloud.header.frame_id), _stamp(cloud.header)
+            source = clean_frame(cloud.header.frame_id), stamp_ns(cloud.header)
             add_problem(problems, SAME_SENSOR, int(source in sources and source[1] != 0))
             sources.add(source)
-            with _damage(self.path):
+            with name_bag_damage(self.path):
                 clouds.append(self._cloud(message, cloud, attributes, roots, problems))
         time = min(self._time(message) for message in messages.values())
         return Frame.of_clouds(
             f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems
         )
 
-    def _time(self, message: _Message) -> float:
+    def _time(self, message: BagMessage) -> float:
         """Time of a cloud (s): its stamp, or the time of its recording."""
         stamp = 0 if message.topic in self.recorded else message.read_stamp()
         return (stamp or message.recorded_ns) / NS_PER_S
 
     def _cloud(
         self,
-        message: _Message,
+        message: BagMessage,
         cloud: RosObject,
         attributes: Mapping[str, np.ndarray],
         roots: list[str],
@@ -216,7 +177,7 @@ class Bag:
 
         roots: roots of the frame's clouds before it, and afterwards of this one too."""
         frame = clean_frame(cloud.header.frame_id)
-        stamp = _stamp(cloud.header)
+        stamp = stamp_ns(cloud.header)
         measured = (
             message.recorded_ns if message.topic in self.recorded else stamp or message.recorded_ns
         )
@@ -245,16 +206,11 @@ class Bag:
         )
 
 
-def clean_frame(name: object) -> str:
-    """Name of a coordinate frame without the slash that tf of ROS 1 puts before it."""
-    return str(name).strip("/")
-
-
 def rosbag(path: Path) -> Bag:
     """Frames of a bag.
 
     Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
-    path = _enter_bag_folder(path)
+    path = enter_bag_folder(path)
     is_bare = path.is_dir() and not lexists(path / "metadata.yaml")
     files = list_bags(path) if is_bare else []
     if len(files) > 1:
@@ -263,16 +219,16 @@ def rosbag(path: Path) -> Bag:
             f"{path}: {names} are read as one recording: give one of them to read no other",
             stacklevel=2,
         )
-    index = _index_messages(path)
+    index = index_messages(path)
     topics = tuple(topic for topic in index.stamps_ns if index.with_points.get(topic, True))
     if not any(index.with_points.values()):
-        _refuse(path, bool(index.with_points), index.reason)
+        refuse_bag(path, bool(index.with_points), index.reason)
     stamps = {topic: np.array(index.stamps_ns[topic], np.int64) for topic in topics}
     recorded = {topic: np.array(index.recorded_ns[topic], np.int64) for topic in topics}
     tree = TransformTree.from_links(index.links)
-    instead = _find_other_clocks(
+    instead = find_other_clocks(
         {topic: (stamps[topic], recorded[topic]) for topic in topics},
-        _moving_times(index.links, tree),
+        moving_times(index.links, tree),
     )
     times = {}
     for topic in topics:
@@ -291,292 +247,6 @@ def rosbag(path: Path) -> Bag:
         add_problem(problems, REPLAYED, replayed)
     add_problem(problems, NO_XYZ, len(index.stamps_ns) - len(topics))
     return Bag(path, tuple(groups), tree, topics, instead, problems)
-
-
-@dataclass
-class _Index:
-    """Contents of a bag, without the points.
-
-    Attributes:
-        stamps_ns: stamps of each topic's clouds.
-        recorded_ns: times of recording of each topic's clouds.
-        with_points: whether a topic's first readable cloud has x, y and z.
-        links: transforms of tf.
-        reason: error of the last cloud that cannot be read.
-    """
-
-    stamps_ns: dict[str, list[int]] = field(default_factory=dict)
-    recorded_ns: dict[str, list[int]] = field(default_factory=dict)
-    with_points: dict[str, bool] = field(default_factory=dict)
-    links: list[TransformLink] = field(default_factory=list)
-    reason: Exception | None = None
-
-
-def _index_messages(path: Path) -> _Index:
-    """Read stamps and transforms of a bag."""
-    index = _Index()
-    for message in _messages(path, CLOUD, TF, OLD_TF):
-        topic = message.topic
-        if message.kind != CLOUD:
-            index.links += _parse_links(path, message)
-            continue
-        if topic not in index.with_points:
-            try:
-                names = {str(column.name) for column in message.parse().fields}
-                index.with_points[topic] = {"x", "y", "z"} <= names
-            except Exception as error:  # rosbags and its parsers raise errors of any kind
-                index.reason = error
-        with _damage(path):
-            index.stamps_ns.setdefault(topic, []).append(message.read_stamp())
-        index.recorded_ns.setdefault(topic, []).append(message.recorded_ns)
-    return index
-
-
-def _moving_times(
-    links: Sequence[TransformLink], tree: TransformTree
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Stamps and times of recording (ns) of moving transforms, under the topic of tf."""
-    moving = [
-        link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving
-    ]
-    if not moving:
-        return {}
-    stamps = np.array([link.stamp_ns for link in moving])
-    recorded = np.array([link.recorded_ns for link in moving])
-    return {TF: (stamps, recorded)}
-
-
-def _find_other_clocks(
-    clouds: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    moving: Mapping[str, tuple[np.ndarray, np.ndarray]],
-) -> dict[str, str]:
-    """Topics whose clouds have the time of their recording, and why.
-
-    These are all topics if stamps are of different clocks. clouds: stamps and times of recording
-    (ns) by topic; moving: the same of moving transforms."""
-    offsets_s = []
-    for stamps, recorded in (*clouds.values(), *moving.values()):
-        is_stamped = stamps != 0
-        late = recorded[is_stamped] - stamps[is_stamped]
-        offsets_s.append(float(np.median(late)) / NS_PER_S if len(late) else 0.0)
-    if max(offsets_s) - min(offsets_s) <= MAX_CLOCK_OFFSET_S:
-        return {}
-    return dict.fromkeys(clouds, OTHER_CLOCKS)
-
-
-def _refuse(path: Path, has_clouds: bool, reason: Exception | None) -> None:
-    """Raise ValueError with the reason that a bag has no clouds of points."""
-    if reason is not None:
-        with _damage(path):
-            raise reason
-    if has_clouds:
-        raise ValueError(
-            f"{path} holds {CLOUD} without fields x, y and z only: convert them to points first"
-        )
-    kinds: dict[str, str] = {}
-    with _open(path) as readers:
-        for connection in (
-            connection_info for reader in readers for connection_info in reader.connections
-        ):
-            kinds[str(connection.topic)] = str(connection.msgtype)
-    content = (
-        ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "no topics"
-    )
-    raise ValueError(
-        f"{path} holds no messages of {CLOUD}, but {content}: convert its lidar's messages to "
-        "PointCloud2"
-    )
-
-
-def _parse_links(path: Path, message: _Message) -> list[TransformLink]:
-    with _damage(path):
-        content = message.parse()
-        links = []
-        for link in content.transforms:
-            translation = link.transform.translation
-            rotation = link.transform.rotation
-            wxyz = np.array([rotation.w, rotation.x, rotation.y, rotation.z])
-            pose = parse_link_pose(wxyz, np.array([translation.x, translation.y, translation.z]))
-            names = clean_frame(link.child_frame_id), clean_frame(link.header.frame_id)
-            is_static = message.topic.rstrip("/").endswith("tf_static")
-            links.append(
-                TransformLink(*names, pose, _stamp(link.header), message.recorded_ns, is_static)
-            )
-    return links
-
-
-def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
-    """Parse the fields of a PointCloud2, a row per point.
-
-    Raises ValueError if they do not fit its bytes."""
-    order = ">" if message.is_bigendian else "<"
-    width = int(message.width)
-    height = int(message.height)
-    step = int(message.point_step)
-    row_step = int(message.row_step)
-    data = np.asarray(message.data, np.uint8)
-    names = []
-    formats = []
-    offsets = []
-    for point_field in message.fields:
-        if (
-            point_field.datatype not in _TYPES
-            or point_field.name in names
-            or point_field.count not in (0, 1)
-        ):
-            continue  # padding, or several numbers
-        kind = np.dtype(order + _TYPES[point_field.datatype])
-        if not 0 <= point_field.offset <= step - kind.itemsize:
-            raise ValueError(f"field {point_field.name} does not fit a point of {step} bytes")
-        names.append(str(point_field.name))
-        formats.append(kind)
-        offsets.append(int(point_field.offset))
-    packed_step = width * step
-    if row_step < packed_step <= len(data) // max(height, 1) or (
-        height * row_step > len(data) == height * packed_step
-    ):
-        # some drivers leave it 0, or do not change it with the width: rows follow one another
-        row_step = packed_step
-    if step < 1 or row_step < width * step or len(data) < height * row_step:
-        raise ValueError(f"a cloud of {height} rows of {width} points has {len(data)} bytes only")
-    packed = np.ascontiguousarray(
-        data[: height * row_step].reshape(height, row_step)[:, : width * step]
-    )
-    point = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
-    table = np.frombuffer(packed.tobytes(), point, width * height)
-    columns = {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name in names}
-    if not {"x", "y", "z"} <= columns.keys():
-        raise ValueError(f"a cloud has no x, y and z, but {', '.join(names)}")
-    return columns
-
-
-def _stamp(header: RosObject) -> int:
-    return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
-
-
-# rosbags and its parsers raise errors of any kind
-_damage = partial(named_damage, what="bag", kinds=(Exception,))
-
-
-@contextmanager
-def _open(path: Path) -> Iterator[list[RosObject]]:
-    """Open the readers of a bag's files."""
-    try:
-        from rosbags import rosbag1, rosbag2
-    except ImportError:
-        raise ImportError("reading bags needs rosbags: pip install rosbags") from None
-    with ExitStack() as stack:
-        readers = []
-        with _damage(path):
-            for file in _list_files(path):
-                kind = rosbag1.Reader if _is_first_ros(file) else rosbag2.Reader
-                try:
-                    readers.append(stack.enter_context(kind(file)))
-                except rosbag2.ReaderError as error:
-                    if str(error) != OTHER_PROFILE:
-                        raise
-                    remedy = "give the .bag it was made of, or convert that with rosbags-convert"
-                    raise ValueError(
-                        f"its messages are not of ROS 2 (its profile tells): {remedy}"
-                    ) from None
-        yield readers
-
-
-def _enter_bag_folder(path: Path) -> Path:
-    """Folder of the only bag in a folder without bag files, as writing makes it, else `path`."""
-    if not path.is_dir() or lexists(path / "metadata.yaml") or list_bags(path):
-        return path
-    folders = [folder for folder in sorted(path.iterdir()) if lexists(folder / "metadata.yaml")]
-    return folders[0] if len(folders) == 1 else path
-
-
-def _is_first_ros(path: Path) -> bool:
-    """Return whether a bag is of ROS 1: a file, since a folder named *.bag is of ROS 2."""
-    return path.suffix.lower() == FIRST_ENDING and not path.is_dir()
-
-
-def _list_files(path: Path) -> list[Path]:
-    """Files of a bag, or its folder if that has metadata."""
-    if lexists(described := path / "metadata.yaml"):
-        content = parse_yaml(read_text(plain_file(described)))
-        for name in content["rosbag2_bagfile_information"]["relative_file_paths"]:
-            plain_file(resolve_below(path, str(name)))
-        return [path]
-    if not path.is_dir():
-        return [plain_file(path)]
-    files = list_bags(path)
-    if not files:
-        raise ValueError(f"it holds no file of {', '.join(BAG_ENDINGS)}")
-    if len({file.suffix.lower() for file in files}) > 1:
-        raise ValueError(
-            f"it holds bags of several kinds, {', '.join(file.name for file in files[:6])}: give "
-            "one file"
-        )
-    return [plain_file(file) for file in files]
-
-
-def _make_parser(
-    kind: str, readers: Iterable[RosObject], has_seq: bool
-) -> Callable[[bytes], RosObject]:
-    """Parser of one message type, by its definition in the bag, else by ROS 2 Humble's."""
-    from rosbags.interfaces import MessageDefinitionFormat
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-    connections = [
-        connection
-        for reader in readers
-        for connection in reader.connections
-        if connection.msgtype == kind
-    ]
-    definitions = [
-        connection.msgdef
-        for connection in connections
-        if connection.msgdef.format != MessageDefinitionFormat.NONE
-    ]
-    store = get_typestore(Stores.EMPTY if definitions else Stores.ROS2_HUMBLE)
-    if definitions and definitions[0].format == MessageDefinitionFormat.MSG:
-        store.register(get_types_from_msg(definitions[0].data, kind))
-    elif definitions:
-        for text in definitions[0].data.split(f"{'=' * 80}\n"):
-            store.register(
-                get_types_from_idl(text.split("\n", 1)[1] if text.startswith("IDL: ") else text)
-            )
-    parse = store.deserialize_ros1 if has_seq else store.deserialize_cdr
-    return partial(_call, parse, kind)
-
-
-def _call(parse: Callable[[bytes, str], RosObject], kind: str, data: bytes) -> RosObject:
-    return parse(data, kind)
-
-
-def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
-    """Yield the messages of some kinds, of all files together, by the time of their recording."""
-    with _open(path) as readers:
-        has_seq = any(map(_is_first_ros, _list_files(path)))
-        with _damage(path):
-            message_types = {
-                connection_info.msgtype
-                for reader in readers
-                for connection_info in reader.connections
-            } & set(kinds)
-            parsers = {kind: _make_parser(kind, readers, has_seq) for kind in message_types}
-            streams = []
-            for reader in readers:
-                connections = [
-                    connection_info
-                    for connection_info in reader.connections
-                    if connection_info.msgtype in message_types
-                ]
-                streams += [reader.messages(connections=connections)] if connections else []
-            messages = merge(*streams, key=lambda connection_info: connection_info[1])
-        while True:
-            with _damage(path):
-                following = next(messages, None)
-                if following is None:
-                    return
-                connection, recorded_ns, data = following
-            kind = connection.msgtype
-            yield _Message(str(connection.topic), kind, recorded_ns, data, has_seq, parsers[kind])
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:

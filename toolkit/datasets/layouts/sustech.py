@@ -18,55 +18,67 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets import records
+from toolkit.datasets import (
+    box_frames,
+    cloud_records,
+    folders,
+    frame_labels,
+    frame_times,
+    problem_kinds,
+    record_values,
+)
 from toolkit.datasets.clock_times import find_epoch
+from toolkit.datasets.folders import ENDINGS
+from toolkit.datasets.listing import Listing
 from toolkit.datasets.origins import Middles, near_frames, warn_of_origin
-from toolkit.datasets.records import ENDINGS, Listing, entry, xyz
+from toolkit.datasets.record_values import entry, xyz
 from toolkit.frame import Frame
-from toolkit.runtime.files import write_text
+from toolkit.runtime.writing import write_text
 
-_NAMES = records.COMMON_NAMES | {"cyclist": "Bicycle"}
+_NAMES = frame_labels.COMMON_NAMES | {"cyclist": "Bicycle"}
 
 
 def sustech(path: Path) -> Listing:
     """Frames of a scene's folder. Raises FileNotFoundError if it is not a scene."""
-    clouds = [file for file in records.list_files(path / "lidar") if file.suffix.lower() in ENDINGS]
+    clouds = [file for file in folders.list_files(path / "lidar") if file.suffix.lower() in ENDINGS]
     files: dict[str, Path] = {}
     for file in sorted(clouds, key=lambda file: ENDINGS.index(file.suffix.lower())):
         files.setdefault(file.stem, file)
-    files = {name: files[name] for name in sorted(files, key=records.natural_order)}
+    files = {name: files[name] for name in sorted(files, key=folders.natural_order)}
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
-    labelled = [file.stem for file in records.list_files(path / "label", "*.json")]
+    labelled = [file.stem for file in folders.list_files(path / "label", "*.json")]
     middles = Middles({"lidar": next(iter(files.values()))})
     load = partial(_sample, path, files, middles, bool(labelled))
-    noted = {records.DOUBLED_CLOUDS: len(clouds) - len(files)}
+    noted = {problem_kinds.DOUBLED_CLOUDS: len(clouds) - len(files)}
     return Listing(tuple(files), load, labelled=labelled, noted=noted)
 
 
 def _sample(
     folder: Path, files: dict[str, Path], middles: Middles, is_labelled: bool, name: str
 ) -> Frame:
-    problems: records.Problems = {}
-    cloud = records.read_cloud(
+    problems: problem_kinds.Problems = {}
+    cloud = cloud_records.read_cloud(
         files[name], "lidar", np.eye(4), problems, stamp_s=find_epoch(name), middles=middles
     )
     path = folder / "label" / f"{name}.json"
-    records.add_problem(problems, records.UNLABELLED, int(is_labelled and not lexists(path)))
-    with records.named_damage(path, "list of labels"):
-        labels = records.as_list(records.load_json(path)) if lexists(path) else []
+    problem_kinds.add_problem(
+        problems, problem_kinds.UNLABELLED, int(is_labelled and not lexists(path))
+    )
+    with record_values.name_damage(path, "list of labels"):
+        labels = record_values.as_list(record_values.load_json(path)) if lexists(path) else []
         poses = [entry(label, "psr") for label in labels]
         turns = np.array([xyz(psr, "rotation") for psr in poses]).reshape(-1, 3)
         places = [[*xyz(psr, "position"), *xyz(psr, "scale")] for psr in poses]
         names = [str(entry(label, "obj_type")) for label in labels]
         ids = [label.get("obj_id", k) for k, label in enumerate(labels)]
-    records.count_full_turns(turns[:, 2], problems)
+    frame_labels.count_full_turns(turns[:, 2], problems)
     boxes = np.column_stack(
-        [np.array(places).reshape(-1, 6), records.find_headings(_rotate(turns), problems)]
+        [np.array(places).reshape(-1, 6), box_frames.find_headings(_rotate(turns), problems)]
     )
-    objects = records.labelled(boxes, names, ids, problems)
+    objects = frame_labels.make_labels(boxes, names, ids, problems)
     return Frame.of_clouds(
-        name, (cloud,), *objects, time=records.frame_time([cloud]), problems=problems
+        name, (cloud,), *objects, time=frame_times.frame_time([cloud]), problems=problems
     )
 
 
@@ -92,9 +104,9 @@ def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
         name = f"{number:06d}"
         if not number:
             warn_of_origin(sample, "SUSTechPOINTS")
-        records.write_cloud(folder / "lidar" / f"{name}.pcd", records.one_cloud(sample))
+        cloud_records.write_cloud(folder / "lidar" / f"{name}.pcd", cloud_records.one_cloud(sample))
         content = []
-        for box, kind, track in records.list_rows(sample.objects, _NAMES):
+        for box, kind, track in frame_labels.list_rows(sample.objects, _NAMES):
             psr = {
                 "position": dict(zip("xyz", box[:3], strict=True)),
                 "rotation": {"x": 0.0, "y": 0.0, "z": box[6]},

@@ -17,7 +17,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
-from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
@@ -86,7 +87,7 @@ class Foreground(SendsForeground):
     0, within which a measurement shows it."""
 
     step: float = 0.02
-    sigmas: float = SIGMAS
+    sigmas: float = SCENE_SIGMAS
     name: str = "foreground"
 
     def __post_init__(self) -> None:
@@ -223,7 +224,7 @@ class StandsOut(NamedTuple):
     missing: ImageMask
 
 
-def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) -> StandsOut:
+def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SCENE_SIGMAS) -> StandsOut:
     """Find the pixels that a sensor sends of an image."""
     measured = captured.measurement
     shows_scene = scene.shows(captured.measurement, sigmas)
@@ -233,7 +234,7 @@ def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) 
     is_measured = np.zeros(measured.shape, bool)
     is_measured.ravel()[captured.pixels] = True
     is_gone = is_drawn & ~is_measured & (~shows_scene | ~is_return(measured, scene.model.max_range))
-    return StandsOut(pixels, _keep_company(is_gone, is_drawn & ~(is_gone & shows_scene)))
+    return StandsOut(pixels, keep_neighbours(is_gone, is_drawn & ~(is_gone & shows_scene)))
 
 
 def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
@@ -250,7 +251,7 @@ def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> D
     return DrawnScene(points[is_kept], np.flatnonzero(valid)[is_kept])
 
 
-def _keep_company(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
+def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
     """Mask of missing pixels with enough missing neighbours."""
     is_certain = is_gone & is_expected
     if not is_certain.any():

@@ -35,7 +35,9 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
     )
     content = symbols.astype(np.uint8).tobytes()
     deflated = min((_deflate(content, strategy) for strategy in _STRATEGIES), key=len)
-    return _variable(len(values)) + _variable(len(deflated)) + deflated + write_bits(values, low)
+    return (
+        write_varint(len(values)) + write_varint(len(deflated)) + deflated + write_bits(values, low)
+    )
 
 
 def _deflate(content: bytes, strategy: int) -> bytes:
@@ -48,10 +50,10 @@ def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.n
 
     Raises ValueError for more than `max_count` numbers, or bytes that `pack_integers` does not
     write."""
-    count, start = _read_variable(data, start)
+    count, start = read_varint(data, start)
     if count > max_count:
         raise ValueError(f"at most {max_count} packed numbers are possible, got {count}")
-    length, start = _read_variable(data, start)
+    length, start = read_varint(data, start)
     opener = zlib.decompressobj(-15)
     try:
         content = opener.decompress(data[start : start + length], count + 1)
@@ -101,7 +103,7 @@ def _places(width: np.ndarray) -> np.ndarray:
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
 
 
-def _variable(number: int) -> bytes:
+def write_varint(number: int) -> bytes:
     """Write a number as 7 bits a byte, lowest first."""
     out = bytearray()
     while number > 127:
@@ -110,7 +112,8 @@ def _variable(number: int) -> bytes:
     return bytes([*out, number])
 
 
-def _read_variable(data: bytes, start: int) -> tuple[int, int]:
+def read_varint(data: bytes, start: int) -> tuple[int, int]:
+    """Read a number of `write_varint`; return it and the index after it."""
     number = 0
     for byte_index in range(5):
         if start + byte_index >= len(data):
@@ -188,7 +191,7 @@ def encode_values(steps: ImageSteps, mask: ImageMask, known_mask: ImageMask | No
             f"measurements must be 0 to {MAX_RANGE_STEPS - 1} steps, got {values.min()} to "
             f"{values.max()}"
         )
-    return pack_integers(fold(values - _predict(steps, mask, known_mask)))
+    return pack_integers(fold(values - predict_residuals(steps, mask, known_mask)))
 
 
 def decode_values(
@@ -204,7 +207,7 @@ def decode_values(
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
         raise ValueError(f"{mask.sum()} pixels are marked, got {len(residuals)} residuals")
-    return _add_up(mask, unfold(residuals), known_pixels), end
+    return add_residuals(mask, unfold(residuals), known_pixels), end
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
@@ -217,10 +220,10 @@ def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
 
 
-def _predict(
+def predict_residuals(
     steps: np.ndarray, mask: np.ndarray, known_mask: np.ndarray | None = None
 ) -> np.ndarray:
-    """Predict all of the mask's pixels together, as `_add_up` does one by one."""
+    """Predict all of the mask's pixels together, as `add_residuals` does one by one."""
     positions, stride = _pad_places(mask)
     padded = np.full((mask.shape[0] + 1) * stride, -1, np.int64)
     if known_mask is not None:
@@ -240,11 +243,12 @@ def _predict(
     return np.where(lower >= 0, both, np.where(higher >= 0, single, corner))
 
 
-def _add_up(
+def add_residuals(
     mask: np.ndarray,
     residuals: np.ndarray,
     known_pixels: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
+    """Undo `predict_residuals`, pixel by pixel."""
     positions, stride = _pad_places(mask)
     padded = [-1] * ((mask.shape[0] + 1) * stride)
     if known_pixels is not None:

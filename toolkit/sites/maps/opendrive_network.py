@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from toolkit.runtime.files import name_errors
+from toolkit.runtime.reading import name_errors
 from toolkit.sites import network as nets
 from toolkit.sites.maps.piece import MapPiece
 from toolkit.sites.netconvert_warnings import describe_warnings

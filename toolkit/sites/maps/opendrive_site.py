@@ -10,7 +10,7 @@ import shapely
 
 from toolkit.arrays import Pose
 from toolkit.geometry import STEEPEST, pose
-from toolkit.runtime.files import name_errors
+from toolkit.runtime.reading import name_errors
 from toolkit.sites import network as nets
 from toolkit.sites.maps.finish import finish_site
 from toolkit.sites.maps.map_bays import find_free_bays, lay_bays

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import cast
 
 from toolkit.geometry import pose
-from toolkit.runtime.files import name_errors
+from toolkit.runtime.reading import name_errors
 from toolkit.sites import network as nets
 from toolkit.sites.georeference import projection
 from toolkit.sites.maps.network_frame import move_network_to_site

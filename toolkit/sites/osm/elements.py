@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 from xml.etree import ElementTree
 
-from toolkit.runtime.files import parse_json
+from toolkit.runtime.text_values import parse_json
 
 MAX_MAP_BYTES = 1 << 26
 MAX_ELEMENT_TAGS = 200_000

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
-from toolkit.runtime.files import read_own_table
+from toolkit.runtime.text_values import read_own_table
 from toolkit.sites import network as nets
 
 Tags = Mapping[str, str]

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.recordings import read, write_recording
-from toolkit.datasets.records import read_entries
+from toolkit.datasets.box_files import read_entries
+from toolkit.datasets.recording_views import read
+from toolkit.datasets.recordings import write_recording
 
 
 @pytest.fixture(scope="session")

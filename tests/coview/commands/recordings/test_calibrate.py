@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from coview.outputs import SUSPECTED
-from toolkit.calibration.poses import copy_corrected
+from toolkit.calibration.corrected_recording import copy_corrected
 from toolkit.clouds import from_points, save
-from toolkit.datasets.cloud_files import read_poses
-from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.pose_files import read_poses
+from toolkit.datasets.recording_file import Header, Scene, encode
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
@@ -89,7 +90,7 @@ def test_the_doctor_warns_of_drift_but_not_against_another_place(folder, run, tm
 
 
 def test_an_earlier_recording_and_a_survey_are_references_too(folder, tmp_path, run):
-    from toolkit.calibration.registration import site_surface
+    from toolkit.calibration.reference_surface import site_surface
 
     survey = tmp_path / "survey.ply"
     points = site_surface(PLACE).points

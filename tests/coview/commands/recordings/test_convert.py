@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.recordings import read
-from toolkit.datasets.records import move_boxes
+from toolkit.datasets.box_frames import move_boxes
+from toolkit.datasets.recording_views import read
 
 
 def test_our_recording_as_kitti_and_back(recording, tmp_path, run):

@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from toolkit.datasets.recordings import read, write_recording
-from toolkit.viewing import scene as viser_scene
+from toolkit.datasets.recording_views import read
+from toolkit.datasets.recordings import write_recording
+from toolkit.viewing import scene
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ def test_clouds_with_what_is_detected(clouds, tmp_path, run):
 
 def test_one_frame_as_a_picture(clouds, tmp_path, run, refused, monkeypatch):
     """Without viser, of some sensors and classes; the frame is one of those that are chosen."""
-    monkeypatch.setattr(viser_scene, "find_spec", lambda name: None)
+    monkeypatch.setattr(scene, "find_spec", lambda name: None)
     (tmp_path / "finds.py").write_text(
         "import toolkit.objects as o\ndef none(points): return o.Detections.empty()\n"
     )
@@ -91,7 +92,7 @@ def test_what_is_refused(recording, clouds, tmp_path, refused):
 
 
 def test_without_viser_it_says_what_to_install(recording, run, monkeypatch):
-    monkeypatch.setattr(viser_scene, "find_spec", lambda name: None)
+    monkeypatch.setattr(scene, "find_spec", lambda name: None)
     code, _, err = run("view", recording)
     assert code == 3
     assert "pip install coview[report]" in err

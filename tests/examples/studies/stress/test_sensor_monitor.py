@@ -18,7 +18,7 @@ from toolkit.sensors.sensor import Sensor
 SENSOR = Sensor("a", DepthCamera(width=80, height=60, stride=1), look((-8.0, 0.0, 6.0), 0.0, 0.5))
 EMPTY = np.full(SENSOR.model.shape, 20.0, np.float32)
 EMPTY[:10] = 0  # sky
-SCENE = EmptyScene.of(SENSOR, EMPTY)
+SCENE = EmptyScene.from_render(SENSOR, EMPTY)
 NOTHING = np.zeros_like(EMPTY)
 
 
@@ -183,7 +183,7 @@ def test_where_an_object_must_be_seen():
     rays = SENSOR.world_rays
     ground = (0.0 - SENSOR.position[2]) / np.minimum(rays[2], -1e-3)
     depth = np.where(ground < 100, ground, 0).reshape(EMPTY.shape).astype(np.float32)
-    scene = EmptyScene.of(SENSOR, depth)
+    scene = EmptyScene.from_render(SENSOR, depth)
     box = np.array([[4.0, 1.0, 0.75, 4.0, 2.0, 1.5, 0.3]])
     covered = standing_before(scene, SENSOR, box)
     assert 20 < covered.sum() < 80
@@ -198,6 +198,6 @@ def test_where_an_object_must_be_seen():
         scene, SENSOR, box - np.array([20.0, 0, 0, 0, 0, 0, 0])
     ).any()  # behind the sensor
     assert not standing_before(
-        EmptyScene.of(SENSOR, np.minimum(depth, np.float32(9))), SENSOR, box
+        EmptyScene.from_render(SENSOR, np.minimum(depth, np.float32(9))), SENSOR, box
     ).any()
     assert not standing_before(scene, SENSOR, np.zeros((0, 7))).any()

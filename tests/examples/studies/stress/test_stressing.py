@@ -9,8 +9,9 @@ import pytest
 from examples.differences.scheme import ForegroundDifferences
 from examples.studies.stress.conditions import Condition, StressQuestion, make_systems
 from examples.studies.stress.stressing import KeptDetections, Trial, choose_kinds, run_stress
-from toolkit.datasets.recordings import Reads
-from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.datasets.recording_views import Reads
+from toolkit.detection.comparison import Comparison
+from toolkit.detection.evaluation import evaluate_recording
 from toolkit.detection.schemes import Early
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects

@@ -26,7 +26,7 @@ from placement_env.report.pages.document import (
 from placement_env.report.pages.report import build_document
 from placement_env.report.pages.scene import Layer, Scene
 from placement_env.report.pages.typesetting import to_html, to_pdf
-from toolkit.viewing.scene import POLICY, script_data
+from toolkit.viewing.pages import POLICY, script_data
 
 
 def test_headings_and_names_are_text_with_units():

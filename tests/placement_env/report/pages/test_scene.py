@@ -22,7 +22,7 @@ from placement_env.report.pages.scene import (
     seen_cells,
     view_edges,
 )
-from toolkit.plots.canvas import OUTCOME, sensor_colour
+from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sites.site import Relief, Site, Solid
 

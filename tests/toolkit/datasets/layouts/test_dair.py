@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.datasets.layouts.dair import NO_CAMERA, dair, read_transform
 from toolkit.geometry import transform
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 CAR = {
     "type": "Car",

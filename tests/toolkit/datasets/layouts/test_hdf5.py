@@ -10,7 +10,7 @@ import pytest
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.layouts.hdf5 import hdf5, hdf5_clouds, holds_clouds, write_hdf5
-from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
+from toolkit.datasets.recording_views import ReadRecording, Reads, read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame, ImageWedge, OtherObjects, Rectangle, SensorCloud
 from toolkit.geometry import pose

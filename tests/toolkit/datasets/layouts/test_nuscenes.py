@@ -3,9 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion, nuscenes, write_nuscenes
-from toolkit.datasets.records import STRAY
+from toolkit.datasets.pose_files import quaternion_pose
+from toolkit.datasets.problem_kinds import STRAY
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects

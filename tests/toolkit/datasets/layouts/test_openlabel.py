@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.layouts.openlabel import openlabel, openlabel_content
-from toolkit.datasets.records import STRAY
+from toolkit.datasets.problem_kinds import STRAY
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 # A quarter turn about z is (0, 0, sin 45°, cos 45°) as x y z w; read as w x y z it would be half a
 # turn about y and z.

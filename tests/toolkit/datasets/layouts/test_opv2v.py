@@ -3,7 +3,7 @@ import pytest
 import yaml
 
 from toolkit.datasets.layouts.opv2v import opv2v, unreal_pose, v2xreal
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 # CARLA: x east, y south. The agent stands at (100, 50), heads 90 degrees, which is south: along +y
 # there, -y here.

@@ -3,9 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.layouts.rcooper import merged, rcooper
+from toolkit.datasets.layouts.rcooper import merge_copies, rcooper
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 LEVEL = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
@@ -60,6 +60,6 @@ def test_agents_stand_in_one_world_by_their_calibration(scene):
 def test_boxes_of_two_classes_or_of_one_agent_stay():
     box = np.array([[0, 0, 0, 4, 2, 1, 0.0]])
     cars, bikes = Objects(box, np.array([0])), Objects(box, np.array([1]))
-    assert merged([cars, bikes])[1].tolist() == [0, 1]
-    assert merged([cars, cars])[1].tolist() == [0]
-    assert merged([Objects(np.repeat(box, 2, axis=0))])[1].tolist() == [0, 1]
+    assert merge_copies([cars, bikes])[1].tolist() == [0, 1]
+    assert merge_copies([cars, cars])[1].tolist() == [0]
+    assert merge_copies([Objects(np.repeat(box, 2, axis=0))])[1].tolist() == [0, 1]

@@ -5,7 +5,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from toolkit.datasets.clock_times import UNPAIRED
-from toolkit.datasets.layouts.rosbag import CLOUD, TF, rosbag, write_rosbag
+from toolkit.datasets.layouts.bag_messages import CLOUD, TF
+from toolkit.datasets.layouts.rosbag import rosbag, write_rosbag
 from toolkit.datasets.transform_tree import TransformTree, between
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform

@@ -6,7 +6,7 @@ import pytest
 from toolkit.datasets.layouts.sustech import sustech, write_sustech
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
-from toolkit.point_files import pcd_bytes
+from toolkit.point_files.pcd import pcd_bytes
 
 LABEL = [
     {

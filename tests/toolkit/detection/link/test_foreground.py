@@ -293,7 +293,7 @@ LIDAR = Sensor(
 
 def out_of(image, sensor=CAMERA, scene=None):
     captured = Captured(Frame((sensor,), (image,), Objects.empty()), 0, (-30.0, -30.0, 30.0, 30.0))
-    scene = EmptyScene.of(sensor, wide_ground(sensor)) if scene is None else scene
+    scene = EmptyScene.from_render(sensor, wide_ground(sensor)) if scene is None else scene
     return foreground.standing_out(captured, scene), foreground.draw_scene(captured, scene).pixels
 
 
@@ -312,7 +312,7 @@ def test_empty_scenes_and_open_rays_send_and_miss_nothing():
     # The scene of a pixel whose second mode is nothing: alone it shows the scene, in a blinded part
     # it is
     # missing.
-    scene = EmptyScene.of(CAMERA, wide_ground(CAMERA))
+    scene = EmptyScene.from_render(CAMERA, wide_ground(CAMERA))
     second = np.full(scene.first.shape, np.nan, np.float32)
     second[15:25, 10:20] = 0
     scene = EmptyScene(
@@ -352,14 +352,17 @@ def test_missing_pixels_need_company(expected, gone, kept):
     there, missing = masks
     there[15:, :] = True  # not all of them are missing
     middle = 5 + min(2, (int(gone[0]) - 1) // 2), 5
-    assert foreground._keep_company(missing, there)[middle] == kept
+    assert foreground.keep_neighbours(missing, there)[middle] == kept
     beside = missing.copy()
     beside[middle[0], 4] = beside[0, 0] = (
         True  # drop-outs that the scene does not expect: in company, and alone
     )
-    assert foreground._keep_company(beside, there)[[middle[0], 0], [4, 0]].tolist() == [kept, False]
+    assert foreground.keep_neighbours(beside, there)[[middle[0], 0], [4, 0]].tolist() == [
+        kept,
+        False,
+    ]
     # all are missing
-    np.testing.assert_array_equal(foreground._keep_company(beside, missing), beside)
+    np.testing.assert_array_equal(foreground.keep_neighbours(beside, missing), beside)
 
 
 def test_missing_pixels_are_those_that_a_slow_count_finds():
@@ -369,7 +372,7 @@ def test_missing_pixels_are_those_that_a_slow_count_finds():
     for share in (0.2, 0.5, 0.8):
         expected = rng.random((12, 15)) < 0.7
         gone = rng.random((12, 15)) < share
-        kept = foreground._keep_company(gone, expected)
+        kept = foreground.keep_neighbours(gone, expected)
         for row, column in np.ndindex(gone.shape):
             about = slice(max(row - 2, 0), row + 3), slice(max(column - 2, 0), column + 3)
             missing, there = int((gone & expected)[about].sum()), int(expected[about].sum())
@@ -378,6 +381,6 @@ def test_missing_pixels_are_those_that_a_slow_count_finds():
         assert 0 < kept.sum() < gone.size
     lone = np.zeros((12, 15), bool)
     lone[3, 4] = lone[3, 5] = True
-    assert not foreground._keep_company(lone, np.ones((12, 15), bool)).any()  # two of twenty-five
-    assert foreground._keep_company(lone, lone).sum() == 2  # all that there are
-    assert not foreground._keep_company(lone, np.zeros((12, 15), bool)).any()
+    assert not foreground.keep_neighbours(lone, np.ones((12, 15), bool)).any()  # two of twenty-five
+    assert foreground.keep_neighbours(lone, lone).sum() == 2  # all that there are
+    assert not foreground.keep_neighbours(lone, np.zeros((12, 15), bool)).any()

@@ -12,7 +12,7 @@ from toolkit.detection.link.message import (
 )
 
 
-def test_packets_of_sensors_at_ten_hertz():
+def test_loads_count_packets_and_shares_of_links():
     load = link_load(np.array([[8000, 12000], [4000, 16000]]), 10.0)
     assert load.mbit_per_s == pytest.approx(0.2)
     assert load.packets == pytest.approx(1.5)
@@ -26,12 +26,18 @@ def test_packets_of_sensors_at_ten_hertz():
     assert format_loads([none]).splitlines()[1].split()[:2] == ["late", "none"]
     assert PACKET_BYTES == 1400
     assert list(CAPACITIES_MBIT_PER_S) == list(load.shares)
+
+
+def test_packets_are_whole():
     assert link_load(np.array([[0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000]]), 10.0).packets == 14 / 5
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="rate must be above 0"):
             link_load(np.ones((1, 1), np.int64), rate)
     with pytest.raises(ValueError, match="0 frames of 3 sensors"):
         link_load(np.zeros((0, 3), np.int64), 10.0)
+
+
+def test_loads_are_formatted():
     each = SetLoad("late", (0, 2), link_load(np.array([[8000, 12000], [4000, 16000]]), 10.0))
     assert format_loads([each]).splitlines() == [
         "scheme  sensors  Mbit/s  packets/message  in one packet  802.11p  LTE-V2X  Ethernet",

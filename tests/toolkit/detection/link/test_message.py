@@ -20,7 +20,7 @@ from toolkit.detection.link.message import (
 HEADER = MessageHeader(MessageKind.FOREGROUND, 0x01020304, 5, 6_000_007, 20, 150, 200, 0xA0B0C0D0)
 
 
-def test_bytes_are_those_of_the_table_in_whole_steps():
+def test_bytes_of_messages_are_those_of_the_table():
     message = write_message(HEADER, b"content")
     assert message[:12] == b"cv\x02\x02\x04\x03\x02\x01\x05\x00\x00\x00"
     assert struct.unpack("<Q", message[12:20]) == (6_000_007,)
@@ -29,6 +29,9 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
     assert struct.unpack("<I", message[-4:]) == (zlib.crc32(message[:-4]),)
     assert len(message) == OVERHEAD_BYTES + 7 == 41
     assert read_message(message) == (HEADER, b"content")
+
+
+def test_steps_and_times_are_whole_numbers():
     assert (HEADER.time, HEADER.step) == (6.000007, 0.02)
     assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [
         1,

@@ -23,7 +23,7 @@ from toolkit.sensors.sensor import Sensor
 
 SENSOR = Sensor("s", DepthCamera(width=72, height=52), pose(0.0, 0.0, 5.0))
 SHAPE = ROWS, COLUMNS = SENSOR.model.shape
-SCENE = EmptyScene.of(SENSOR, np.full(SHAPE, 30, np.float32))
+SCENE = EmptyScene.from_render(SENSOR, np.full(SHAPE, 30, np.float32))
 
 
 def read_variable(data, at):

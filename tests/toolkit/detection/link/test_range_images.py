@@ -193,7 +193,7 @@ def test_every_pixel_arrives_within_half_a_step(model, step):
     assert message.bits == 8 * len(message.content)
 
 
-def test_codecs_of_images_refuse_points_alone_and_go_by_name():
+def test_steps_become_measurements_in_range():
     mask = np.array([[True, True, True, False]])
     got = range_images.from_steps(
         np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0)
@@ -204,6 +204,9 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
         np.array([[10**9]]), np.ones((1, 1), bool), 0.08, DepthCamera(max_range=0.5)
     )
     assert near[0, 0] == np.nextafter(np.float32(0.5), np.float32(0))
+
+
+def test_boxes_come_with_their_sensor_and_time():
     codec, sent = range_images.RangeImages(), image(MODELS[0])
     message = codec.encode_image(sent)
     for other in (Sensor("t", MODELS[0], np.eye(4)), Sensor("s", MODELS[2], np.eye(4))):
@@ -221,6 +224,9 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
     with pytest.raises(ValueError, match="it belongs to another"):
         codec.decode_boxes(message, sent.sensor)
     assert message.bits == 8 * len(message.content) < 100 * 8
+
+
+def test_codecs_go_by_name():
     assert range_images.find_codec("paper") is PAPER
     assert range_images.find_codec("range-images") == range_images.RangeImages(0.02)
     assert range_images.find_codec("range-images", step=0.08) == range_images.RangeImages(0.08)
@@ -229,6 +235,9 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
         range_images.find_codec("zip")
     with pytest.raises(ValueError, match="step must be"):
         range_images.find_codec("range-images", step=0.0)
+
+
+def test_codecs_of_images_refuse_points_without_images():
     codec = range_images.RangeImages(0.04)
     assert isinstance(codec, Codec)
     assert isinstance(codec, ImageCodec)

@@ -1,4 +1,4 @@
-"""Fit of boxes to the points of a frame, and the boxes that move.
+"""Fit of boxes to the points of a frame.
 
 A correct box has points just within its faces, none in its middle and nothing close around it but
 ground. The fit of a box is the share of its points just within its faces, among all points within
@@ -7,15 +7,13 @@ with hardly any points has a fit of 0."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Float, Float64, Int64, Points
+from toolkit.arrays import Float, Float64, Points
 from toolkit.boxes import count_points
 from toolkit.calibration.ground import Ground, level
 from toolkit.frame import Frame
-from toolkit.geometry import invert, transform
 
 CLEARANCE_M = 0.3  # above the ground
 SHELL_M = 0.5  # around a box
@@ -27,12 +25,10 @@ MIN_STANDARD_ERRORS = 3.0  # mean change of fits for a suspicion, in standard er
 MIN_FIT_GAIN = 0.02  # in mean fit, for a suspicion
 GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
 SHIFTS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # tried delays of labels and clouds, late or early
-MIN_MOVING_SPEED_MPS = 2.0
-MAX_TRACK_SPEED_MPS = 60.0  # a faster track has jumped
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class GroundView:
     """Frame, its points above the ground, and the ground if one was found."""
 
     sample: Frame
@@ -40,15 +36,15 @@ class Seen:
     ground: Ground | None = None
 
     @staticmethod
-    def of(sample: Frame) -> "Seen":
+    def from_frame(sample: Frame) -> "GroundView":
         """Find the ground of a frame."""
         points = sample.points()
         try:
             ground = level(points[:: max(1, len(points) // GROUND_POINTS)], method="map")
         except ValueError:
-            return Seen(sample, points)
-        seen = Seen(sample, points, ground)
-        return Seen(sample, seen.above_ground(points), ground)
+            return GroundView(sample, points)
+        seen = GroundView(sample, points, ground)
+        return GroundView(sample, seen.above_ground(points), ground)
 
     def above_ground(self, points: Points) -> Float64[np.ndarray, "_ 3"]:
         """Points (world frame) at least `CLEARANCE_M` above the ground.
@@ -59,7 +55,7 @@ class Seen:
         return points[points[:, 2] - self.ground.height(points[:, :2]) > CLEARANCE_M]
 
 
-def fits(views: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
+def fits(views: Sequence[GroundView], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
     """Fit of each frame's boxes (m, 7), frame after frame."""
     parts = [
         measure_fits(view.points, rows)
@@ -83,43 +79,11 @@ def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.
     return np.where(near >= MIN_BOX_POINTS, on_faces / np.maximum(near, 1), 0.0)
 
 
-def better(
+def fits_better(
     before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = MIN_FIT_GAIN
 ) -> bool:
-    """Return True if boxes fit better by `gain` and beyond chance."""
+    """Return True if boxes fit fits_better by `gain` and beyond chance."""
     change = (after - before)[(after > 0) | (before > 0)]
     if len(change) < MIN_FITTED_BOXES or change.mean() < gain:
         return False
     return bool(change.mean() >= MIN_STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
-
-
-class Movers(NamedTuple):
-    """Moving boxes of a frame, their velocities (m/s) and tracks."""
-
-    boxes: BoxRows
-    velocities: Float64[np.ndarray, "n 2"]
-    ids: Int64[np.ndarray, " n"]
-
-
-def find_movers(samples: Sequence[Frame], k: int) -> Movers:
-    """Find the moving boxes of frame k by their tracks in the frames before and after."""
-    frame = samples[k]
-    rows = list[int]()
-    velocities = list[np.ndarray]()
-    neighbours = [samples[index] for index in (k + 1, k - 1) if 0 <= index < len(samples)]
-    for row, track in enumerate(frame.objects.ids):
-        for neighbour in neighbours:
-            match = np.flatnonzero(neighbour.objects.ids == track)
-            seconds = neighbour.time - frame.time
-            if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
-                in_map = transform(neighbour.map_SE3_world, neighbour.objects.boxes[match, :3])
-                position = transform(invert(frame.map_SE3_world), in_map)[0, :2]
-                velocity = (position - frame.objects.boxes[row, :2]) / seconds
-                if MIN_MOVING_SPEED_MPS < np.linalg.norm(velocity) < MAX_TRACK_SPEED_MPS:
-                    rows.append(row)
-                    velocities.append(velocity)
-                break
-    moving = np.array(rows, np.int64)
-    return Movers(
-        frame.objects.boxes[moving], np.array(velocities).reshape(-1, 2), frame.objects.ids[moving]
-    )

@@ -9,15 +9,16 @@ moved back into the frame's world."""
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, Points
-from toolkit.calibration.ground import Ground, level, level_warning
+from toolkit.calibration.ground import Ground, level
+from toolkit.calibration.level_warning import level_warning
 from toolkit.calibration.levels import describe_levels
 from toolkit.frame import Frame
-from toolkit.objects import Detections, Objects
+from toolkit.objects import Detections
 from toolkit.points import Area, Crop
 from toolkit.sites.site import Site, check_area
 
@@ -29,7 +30,6 @@ CROP_HEIGHT_M = 4.0  # as in the paper's crop
 GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # around the area, in which its ground is looked for
 MIN_GROUND_SQUARES = 150  # a metre wide, with points
 ROW_STRIDE = 1 << 20  # more squares than a row of an area has
-OBJECT_MARGIN_M = 5.0  # around the area, so that objects on its edge are kept
 
 
 @dataclass(frozen=True)
@@ -161,44 +161,3 @@ class Place:
 def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
     """Return the lifted points in an area, below 4 m."""
     return points[Crop.of(area, CROP_HEIGHT_M).holds(points)]
-
-
-class LevelFrame(NamedTuple):
-    """Frame on level ground, ready to train a network, counted from the middle of the area.
-
-    sensors: names; clouds: points in the area, below 4 m; objects: objects in the area or near it;
-    area: xmin ymin xmax ymax (m), around the origin."""
-
-    sensors: tuple[str, ...]
-    clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
-    objects: Objects
-    area: Corners
-
-
-def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
-    """Yield frames on level ground.
-
-    Frames without points are left out, and frames without ground if a ground is looked for. Points
-    outside the region with complete labels, in KITTI outside the camera's image, are left out:
-    nobody labelled them, so they must not be learnt as background."""
-    x, y = place.half
-    method = place.level or "map"
-    for frame, stand in Place(method, place.still, place.area).stands(frames):
-        if not any(len(cloud.points) for cloud in frame.clouds):
-            continue
-        if stand.ground is None and method != "none":
-            continue
-        clouds = []
-        for cloud in frame.clouds:
-            points = cloud.in_world()
-            # a point is in the region with complete labels if a small box around it is
-            small = np.column_stack([points, np.full((len(points), 3), 0.1), np.zeros(len(points))])
-            complete = points[frame.complete.covers(small)]
-            clouds.append(crop_points(stand.lift(complete), stand.area))
-        boxes = frame.objects.boxes - np.array([*stand.middle, 0, 0, 0, 0, 0])
-        if stand.ground is not None and len(boxes):
-            boxes = stand.ground.boxes(boxes)
-        is_near = (np.abs(boxes[:, :2]) <= np.array([x, y]) + OBJECT_MARGIN_M).all(axis=1)
-        objects = Objects(boxes, frame.objects.labels, frame.objects.ids)[np.asarray(is_near)]
-        names = tuple(sensor.name for sensor in frame.sensors)
-        yield LevelFrame(names, tuple(clouds), objects, (-x, -y, x, y))

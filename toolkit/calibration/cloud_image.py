@@ -1,0 +1,106 @@
+"""Clouds as images in the grid of their sensor."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from toolkit.arrays import Float32, Float64, ImageRanges, Int64, Mask
+from toolkit.calibration.lidar_grid import LidarGrid, compute_angles, nearest_row
+from toolkit.frame import SensorCloud
+
+SHARED_CELL = "points in a cell with a nearer one"
+OUTSIDE_GRID = "points outside the rows and columns of their sensor"
+
+
+@dataclass(frozen=True, eq=False)
+class CloudImage:
+    """Cloud as an image.
+
+    Attributes:
+        grid: rows and columns of the image.
+        measurement: ranges (m), 0 for no return.
+        cells: cell of every point, counted row by row, the nearest one for points outside.
+        inside: mask of the points in the grid.
+        shown: mask of the points that the image shows.
+    """
+
+    grid: LidarGrid
+    measurement: ImageRanges
+    cells: Int64[np.ndarray, " n"]
+    inside: Mask
+    shown: Mask
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """Number of points missing from the image, by kind."""
+        counts = {
+            SHARED_CELL: int((self.inside & ~self.shown).sum()),
+            OUTSIDE_GRID: int((~self.inside).sum()),
+        }
+        return {kind: count for kind, count in counts.items() if count}
+
+    @cached_property
+    def points(self) -> Float32[np.ndarray, "m 3"]:
+        """Points of the image, sensor frame, in the cloud's order."""
+        cells = self.cells[self.shown]
+        rays = self.grid.model.rays().reshape(-1, 3)
+        return rays[cells] * self.measurement.ravel()[cells, None]
+
+
+def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
+    """Return a cloud in its sensor's grid.
+
+    Points are in the row of their laser, else in the nearest row if that is near enough."""
+    model = grid.model
+    elevation, azimuth, distance = compute_angles(cloud.in_sensor())
+    if grid.rings and cloud.ring is not None:
+        row, in_rows = _find_laser_rows(cloud.ring, grid.rings)
+    else:
+        row, in_rows = _find_near_rows(elevation, np.array(model.elevations))
+    turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
+    column_width = model.azimuth_fov / model.columns
+    unbounded_column = np.floor(turned / column_width + model.columns / 2).astype(np.int64)
+    column = np.clip(unbounded_column, 0, model.columns - 1)
+    in_columns = (unbounded_column == column) | (model.azimuth_fov >= 2 * np.pi)
+    ranges = distance.astype(np.float32)
+    inside = in_rows & in_columns & (ranges > 0) & (ranges < model.max_range)
+    cells = row * model.columns + column
+    shown = _mark_nearest(cells, ranges, inside)
+    image = np.zeros(len(model.elevations) * model.columns, np.float32)
+    image[cells[shown]] = ranges[shown]
+    return CloudImage(grid, image.reshape(model.shape), cells, inside, shown)
+
+
+def _find_laser_rows(
+    ring: Int64[np.ndarray, " n"], rings: tuple[int, ...]
+) -> tuple[Int64[np.ndarray, " n"], Mask]:
+    """Row of each point's laser, and a mask of the points whose laser has a row."""
+    numbers = np.array(rings)
+    order = np.argsort(numbers)
+    position = np.minimum(np.searchsorted(numbers[order], ring), len(numbers) - 1)
+    row = order[position].astype(np.int64)
+    return row, numbers[row] == ring
+
+
+def _find_near_rows(
+    elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
+) -> tuple[Int64[np.ndarray, " n"], Mask]:
+    """Nearest row of each point, and a mask of the points within the wider gap next to it."""
+    row = nearest_row(elevation, rows)
+    gaps = -np.diff(rows)
+    widest = np.full(1, np.inf)
+    if len(gaps):
+        widest = np.maximum(np.append(gaps, 0), np.insert(gaps, 0, 0))
+    return row, np.abs(elevation - rows[row]) <= widest[row]
+
+
+def _mark_nearest(
+    cells: Int64[np.ndarray, " n"], ranges: Float32[np.ndarray, " n"], inside: Mask
+) -> Mask:
+    """Mark the nearest point inside each cell."""
+    rows = np.flatnonzero(inside)
+    order = rows[np.lexsort((ranges[rows], cells[rows]))]
+    nearest = np.zeros(len(cells), bool)
+    nearest[order[np.diff(cells[order], prepend=-1) > 0]] = True
+    return nearest

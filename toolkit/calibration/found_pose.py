@@ -1,0 +1,116 @@
+"""Found poses of sensors: registration, deviation from the believed pose, and their file."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.arrays import Float64, Pose
+from toolkit.calibration.motions import LEVER_M, MOTION_NAMES, motion_between
+from toolkit.calibration.registration import Registration
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_text
+from toolkit.sensors.sensor import Sensor
+
+# a pose farther off than this has drifted
+MIN_DRIFT_RAD = float(np.deg2rad(0.1))
+MIN_DRIFT_M = 0.02
+_MIN_SIGMAS = 3.0  # standard deviations
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPose:
+    """A sensor's believed mounting and its registration.
+
+    registration: None if no pose was found; refusal: the reason then."""
+
+    sensor: Sensor
+    registration: Registration | None
+    refusal: str = ""
+
+    @property
+    def pose(self) -> Pose:
+        """Pose that was found, else the believed one."""
+        return self.sensor.pose if self.registration is None else self.registration.pose
+
+    @property
+    def turn(self) -> float:
+        """Angle (rad) between the believed pose and this one."""
+        return float(np.linalg.norm(motion_between(self.sensor.pose, self.pose)[:3])) / LEVER_M
+
+    @property
+    def distance(self) -> float:
+        """Distance (m) between the believed position and this one."""
+        return float(np.linalg.norm(self.pose[:3, 3] - self.sensor.pose[:3, 3]))
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Standard deviations of turn (rad) and distance (m)."""
+        if self.registration is None:
+            return np.inf, np.inf
+        turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
+        return float(np.linalg.norm(turn)), float(np.linalg.norm(move))
+
+    @property
+    def has_drifted(self) -> bool:
+        """True if the pose is clearly off: by 0.1° or 2 cm, and by three standard deviations."""
+        turn, move = self.deviation
+        has_turned = self.turn > max(MIN_DRIFT_RAD, _MIN_SIGMAS * turn)
+        return has_turned or self.distance > max(MIN_DRIFT_M, _MIN_SIGMAS * move)
+
+    def __str__(self) -> str:
+        if self.registration is None:
+            return f"{self.sensor.name}: not found: {self.refusal}"
+        turn, move = self.deviation
+        unseen = "; ".join(map(describe_motion, self.registration.unobserved))
+        turned = f"turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn):.2f}°)"
+        moved = f"moved by {self.distance * 100:.1f} cm (± {move * 100:.1f} cm)"
+        return (
+            f"{self.sensor.name}: {turned}, "
+            f"{moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """Return figures for files (degrees, metres, world axes).
+
+        Deviations are infinite for motions that are not observed."""
+        poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
+        poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
+        if self.registration is None:
+            return {**poses, "found": False, "why": self.refusal}
+        turn, move = np.split(self.registration.deviations, 2)
+        figures = poses | {
+            "found": True,
+            "turned_deg": float(np.rad2deg(self.turn)),
+            "moved_m": self.distance,
+        }
+        figures["drifted"] = self.has_drifted
+        figures["standard_deviation"] = {
+            "turn_deg": np.rad2deg(turn).tolist(),
+            "move_m": move.tolist(),
+        }
+        figures["covariance_rad_m"] = self.registration.covariance.tolist()
+        figures["unobserved"] = [describe_motion(motion) for motion in self.registration.unobserved]
+        return figures | {
+            "overlap": self.registration.overlap,
+            "scatter_m": self.registration.scatter,
+        }
+
+
+def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
+    """Describe a motion, turns times `LEVER_M`, in words."""
+    motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
+    parts = [
+        f"{name} {share:.2f}"
+        for name, share in zip(MOTION_NAMES, motion, strict=True)
+        if abs(share) > 0.1
+    ]
+    return ", ".join(parts)
+
+
+def save_poses(path: str | Path, found_poses: Sequence[FoundPose]) -> None:
+    """Write the figures of each sensor as JSON by name, for `toolkit.datasets.pose_files`."""
+    figures = {found_pose.sensor.name: found_pose.as_dict() for found_pose in found_poses}
+    write_text(path, json.dumps(replace_infinite(figures), indent=1))

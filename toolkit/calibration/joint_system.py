@@ -1,0 +1,135 @@
+"""Linear system of one step of a joint alignment: six numbers for each sensor.
+
+A pair pulls two sensors together along a direction (see `toolkit.calibration.registration`). The
+common pose of all sensors is not observed, so steps are the smallest possible ones. Motions of a
+sensor that shares too little with the others are not observed either. The usual errors of mounting,
+`USUAL_TURN_RAD` and `USUAL_MOVE_M`, are weighed against what few pairs show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float64, Int64, Pose
+from toolkit.calibration import registration
+from toolkit.calibration.motions import LEVER_M
+
+_MIN_RESISTANCE = 0.1  # fraction of a motion across the plane: less is the noise of normals
+_MIN_RESISTING_POINTS = 5.0  # that must resist a motion for it to be observed
+# standard deviations of the believed poses, per axis
+USUAL_TURN_RAD = float(np.deg2rad(1.5))
+USUAL_MOVE_M = 0.15
+Poses = Sequence[Pose]
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Rows of the linear system, each pulling two sensors together along a direction.
+
+    Attributes:
+        one: number of a sensor.
+        other: number of the other sensor.
+        one_row: growth of the residual with the motion of `one`.
+        other_row: growth of the residual with the motion of `other`.
+        residual: distance between the two (m, or rad).
+        deviation: standard deviation of the residual, larger if rows err alike.
+        limit: residual beyond which a row does not count.
+    """
+
+    one: int
+    other: int
+    one_row: Float64[np.ndarray, "n 6"]
+    other_row: Float64[np.ndarray, "n 6"]
+    residual: Float64[np.ndarray, " n"]
+    deviation: Float64[np.ndarray, " n"]
+    limit: Float64[np.ndarray, " n"]
+
+    @property
+    def system_rows(self) -> tuple[Float64[np.ndarray, "n 12"], Int64[np.ndarray, "12"]]:
+        """Rows of both sensors, and their columns in the system."""
+        columns = np.concatenate([6 * self.one + np.arange(6), 6 * self.other + np.arange(6)])
+        return np.concatenate([self.one_row, self.other_row], axis=1), columns
+
+    @cached_property
+    def weight(self) -> Float64[np.ndarray, " n"]:
+        """Tukey's weight over the variance."""
+        return registration.tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
+
+
+@dataclass(frozen=True, eq=False)
+class JointSystem:
+    """Linear system of one step.
+
+    pairs: rows of the system; free: mask of the 6 n numbers that may change; off: difference of
+    each number from its believed value."""
+
+    pairs: Sequence[Pairs]
+    free: Bool[np.ndarray, " m"]
+    off: Float64[np.ndarray, " m"]
+
+    @cached_property
+    def modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Eigenvalues and eigenvectors (columns), and mask of observed ones."""
+        information = np.zeros((len(self.free), len(self.free)))
+        for pair in self.pairs:
+            rows, columns = pair.system_rows
+            information[np.ix_(columns, columns)] += rows.T @ (rows * pair.weight[:, None])
+        information[~self.free] = 0.0
+        information[:, ~self.free] = 0.0
+        values, vectors = np.linalg.eigh(information)
+        largest = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
+        resists = np.zeros(len(values))
+        for pair in self.pairs:
+            rows, columns = pair.system_rows
+            along = (rows[pair.weight > 0] @ (vectors[columns] / largest)) ** 2
+            resists += np.where(along > _MIN_RESISTANCE**2, along, 0.0).sum(axis=0)
+        return values, vectors, (resists > _MIN_RESISTING_POINTS) & (values > 0)
+
+    @cached_property
+    def _posterior(self) -> Float64[np.ndarray, "m m"]:
+        """Information of the observed motions and of the usual errors."""
+        values, vectors, observed = self.modes
+        return (vectors * np.where(observed, values, 0.0)) @ vectors.T + np.diag(self._usual)
+
+    @property
+    def _usual(self) -> Float64[np.ndarray, " m"]:
+        """Information of the usual errors, for each of the 6 n numbers."""
+        of_sensor = np.repeat([(LEVER_M * USUAL_TURN_RAD) ** -2, USUAL_MOVE_M**-2], 3)
+        return np.tile(of_sensor, len(self.free) // 6)
+
+    def step(self) -> Float64[np.ndarray, " m"]:
+        """Motion of all sensors that brings the pairs together.
+
+        Numbers that the pairs do not determine move back to their believed values."""
+        _, vectors, observed = self.modes
+        gradient = np.zeros(len(self.free))
+        for pair in self.pairs:
+            rows, columns = pair.system_rows
+            gradient[columns] += rows.T @ (pair.weight * pair.residual)
+        along_modes = vectors.T @ np.where(self.free, gradient, 0.0)
+        determined = vectors @ np.where(observed, along_modes, 0.0)
+        slope = determined + self._usual * self.off
+        motion = np.zeros(len(self.free))
+        free = np.ix_(self.free, self.free)
+        motion[self.free] = -np.linalg.solve(self._posterior[free], slope[self.free])
+        return motion
+
+    def covariance(self) -> Float64[np.ndarray, "m m"]:
+        """Covariance in rad and m, zero for held sensors."""
+        covariance = np.zeros((len(self.free),) * 2)
+        free = np.ix_(self.free, self.free)
+        covariance[free] = np.linalg.inv(self._posterior[free])
+        unit = np.tile(np.repeat([1 / LEVER_M, 1.0], 3), len(self.free) // 6)
+        return unit[:, None] * covariance * unit
+
+    def hidden_motions(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
+        """Orthonormal motions that hardly any pair resists.
+
+        common: motions of all sensors together, which are left out if no sensor is held."""
+        _, vectors, observed = self.modes
+        hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
+        if self.free.all():
+            hidden = hidden - hidden @ common.T @ common
+        _, size, motions = np.linalg.svd(hidden, full_matrices=False)
+        return motions[size > 0.5]

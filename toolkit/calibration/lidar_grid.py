@@ -1,0 +1,269 @@
+"""Rows and columns of a lidar, found in its clouds.
+
+Rows are, in order of preference,
+
+1. its lasers, if every point names its laser: each at the median elevation of its points;
+2. the elevations at which points crowd, as with a spinning lidar or with even pixels: peaks of
+   the histogram of elevations, if most points are nearer to one than a third of the way to the
+   next;
+3. else even steps of the usual angle between neighbouring points of a cloud, or of twice that if
+   their pattern is random (it does not repeat), so that most cells are hit in most clouds.
+
+Columns are even steps of the usual azimuth between neighbouring points of a row. Azimuths are in
+the middle of their columns if they are the same in all clouds. Columns go all around or, if clouds
+leave a gap, from one side of it to the other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64
+from toolkit.frame import SensorCloud
+from toolkit.sensors.models import RowLidar
+
+MIN_RANGE_M = 1.0  # angles of nearer points are too coarse
+MIN_GRID_POINTS = 100  # in all clouds of a sensor together
+MAX_GRID_PX = 4_000_000
+MIN_SEAM_RAD = np.deg2rad(20.0)  # gap of the azimuth; with a wider one a lidar is not panoramic
+REACH_RATIO = 1.25  # range of the sensor over its farthest point
+_MIN_REACH_M = 200.0
+_BIN_RAD = np.deg2rad(0.01)  # in the histogram of elevations
+_SMOOTHING_BINS = (3, 8, 20)  # standard deviations of the smoothing, tried in turn
+_MIN_PEAK_SHARE = 0.1  # share of the median height of peaks
+_MIN_CROWDED_SHARE = 0.85  # share of points near a row
+_MIN_STEP_RAD = np.deg2rad(0.02)
+# 90 % quantile of nearest-neighbour distances over the 10 % one: above this they are random
+_MIN_RANDOM_RATIO = 2.5
+_MIN_PHASE = 0.3  # length of the mean of unit vectors by the phase of azimuths, 1 if all agree
+_SAMPLED_POINTS = 20_000  # points of a cloud whose neighbours are looked for
+
+
+@dataclass(frozen=True)
+class LidarGrid:
+    """Grid of a lidar's rows and columns, with its range (`model`).
+
+    rings: laser of each row, empty if clouds do not name it."""
+
+    model: RowLidar
+    rings: tuple[int, ...] = ()
+
+
+class _Angles(NamedTuple):
+    """Angles (rad) and ranges (m) of one cloud's points, and their lasers if it names them."""
+
+    elevation: Float64[np.ndarray, " n"]
+    azimuth: Float64[np.ndarray, " n"]
+    distance: Float64[np.ndarray, " n"]
+    ring: Int64[np.ndarray, " n"] | None
+
+
+class _Rows(NamedTuple):
+    """Elevations of rows (rad), top first, the lasers behind them if known, and the usual step of
+    the azimuth (rad)."""
+
+    elevations: Float64[np.ndarray, " m"]
+    step: float
+    rings: tuple[int, ...] = ()
+
+
+class _Columns(NamedTuple):
+    """Number of columns, and the azimuths that they cover: width and middle (rad)."""
+
+    number: int
+    width: float
+    heading: float
+
+
+def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
+    """Find the grid of a sensor in its clouds.
+
+    Raises ValueError below `MIN_GRID_POINTS` points and above `MAX_GRID_PX` pixels."""
+    clouds = [cloud for cloud in clouds if len(cloud.points)]
+    name = clouds[0].name if clouds else "the sensor"
+    angles = [_measure_angles(cloud) for cloud in clouds]
+    total = sum(len(cloud_angles.distance) for cloud_angles in angles)
+    if total < MIN_GRID_POINTS:
+        problem = f"{total} points of {name} say nothing of its rows"
+        raise ValueError(f"{problem}, {MIN_GRID_POINTS} are needed: give more clouds")
+    rows = _find_rows(angles)
+    columns = _find_columns(_join_azimuths(angles), rows.step)
+    if len(rows.elevations) * columns.number > MAX_GRID_PX:
+        size = f"{len(rows.elevations)} x {columns.number} pixels"
+        raise ValueError(f"the image of {name} would have {size}: are its points in its own frame?")
+    farthest = max(float(cloud_angles.distance.max(initial=0.0)) for cloud_angles in angles)
+    model = RowLidar(
+        tuple(rows.elevations.tolist()),
+        columns.number,
+        columns.width,
+        columns.heading,
+        max_range=float(max(_MIN_REACH_M, np.ceil(REACH_RATIO * farthest))),
+    )
+    return LidarGrid(model, rows.rings)
+
+
+def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
+    """Elevation, azimuth (rad) and range (m) of points, sensor frame."""
+    x, y, z = points.T
+    across = np.hypot(x, y)
+    return np.stack([np.arctan2(z, across), np.arctan2(y, x), np.hypot(across, z)])
+
+
+def nearest_row(
+    elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
+) -> Int64[np.ndarray, " n"]:
+    """Row, top first, of the nearest elevation."""
+    return np.searchsorted(-(rows[1:] + rows[:-1]) / 2, -elevation, side="left").astype(np.int64)
+
+
+def _measure_angles(cloud: SensorCloud) -> _Angles:
+    """Angles of a cloud's points farther than `MIN_RANGE_M`."""
+    angles = compute_angles(cloud.in_sensor())
+    is_far = angles[2] > MIN_RANGE_M
+    elevation, azimuth, distance = angles[:, is_far]
+    ring = None if cloud.ring is None else cloud.ring[is_far]
+    return _Angles(elevation, azimuth, distance, ring)
+
+
+def _join_azimuths(angles: Sequence[_Angles]) -> Float64[np.ndarray, " n"]:
+    """Azimuths of all clouds."""
+    return np.concatenate([cloud_angles.azimuth for cloud_angles in angles])
+
+
+def _find_rows(angles: Sequence[_Angles]) -> _Rows:
+    """Rows by lasers, else by elevations at which points crowd, else even ones."""
+    elevation = np.concatenate([cloud_angles.elevation for cloud_angles in angles])
+    rings = [cloud_angles.ring for cloud_angles in angles if cloud_angles.ring is not None]
+    if len(rings) == len(angles):
+        elevations, numbers = _find_ring_rows(elevation, np.concatenate(rings))
+        steps = [
+            _steps_in_rows(cloud_angles.azimuth, ring)
+            for cloud_angles, ring in zip(angles, rings, strict=True)
+        ]
+        return _Rows(elevations, _usual_step(steps), numbers)
+    crowded = _find_crowded_rows(elevation)
+    if crowded is None:
+        return _make_even_rows(angles)
+    steps = [
+        _steps_in_rows(cloud_angles.azimuth, nearest_row(cloud_angles.elevation, crowded))
+        for cloud_angles in angles
+    ]
+    return _Rows(crowded, _usual_step(steps))
+
+
+def _find_ring_rows(
+    elevation: Float64[np.ndarray, " n"], ring: Int64[np.ndarray, " n"]
+) -> tuple[Float64[np.ndarray, " m"], tuple[int, ...]]:
+    """Median elevation of each laser, top first, and the lasers in this order."""
+    numbers = np.unique(ring)
+    medians = np.array([np.median(elevation[ring == number]) for number in numbers])
+    order = np.argsort(-medians, kind="stable")
+    rows = medians[order]
+    for k in range(1, len(rows)):  # two lasers at one elevation stay two rows
+        rows[k] = min(rows[k], np.nextafter(rows[k - 1], -np.inf) - 1e-9)
+    return rows, tuple(numbers[order].tolist())
+
+
+def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"] | None:
+    """Elevations at which points crowd; None if they do not."""
+    from scipy.ndimage import gaussian_filter1d
+
+    low = elevation.min() - 100 * _BIN_RAD
+    counts = np.bincount(((elevation - low) / _BIN_RAD).astype(np.int64))
+    counts = np.concatenate([counts, np.zeros(100, np.int64)]).astype(np.float64)
+    for bins in _SMOOTHING_BINS:
+        smoothed = gaussian_filter1d(counts, bins)
+        rises = smoothed[1:-1] > smoothed[:-2]
+        falls = smoothed[1:-1] >= smoothed[2:]
+        peaks = np.flatnonzero(rises & falls) + 1
+        if not len(peaks):
+            continue
+        peaks = peaks[smoothed[peaks] >= _MIN_PEAK_SHARE * np.median(smoothed[peaks])]
+        rows = (low + (peaks + 0.5) * _BIN_RAD)[::-1]
+        rows = _take_medians(elevation, rows)
+        if len(rows) > 1 and _share_in_rows(elevation, rows) >= _MIN_CROWDED_SHARE:
+            return rows
+    return None
+
+
+def _take_medians(
+    elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
+) -> Float64[np.ndarray, " m"]:
+    """Median elevation of the points nearest to each row; a row without points stays."""
+    row = nearest_row(elevation, rows)
+    medians = rows.copy()
+    for k in range(len(rows)):
+        if (row == k).any():
+            medians[k] = np.median(elevation[row == k])
+    return medians
+
+
+def _share_in_rows(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> float:
+    """Share of the points nearer to a row than a third of the way to the next."""
+    row = nearest_row(elevation, rows)
+    gaps = -np.diff(rows)
+    to_next = np.minimum(np.append(gaps, np.inf), np.insert(gaps, 0, np.inf))
+    return float((np.abs(elevation - rows[row]) <= 1 / 3 * to_next[row]).mean())
+
+
+def _steps_in_rows(
+    azimuth: Float64[np.ndarray, " n"], row: Int64[np.ndarray, " n"]
+) -> Float64[np.ndarray, " k"]:
+    """Steps of the azimuth between neighbours in a row."""
+    order = np.lexsort((azimuth, row))
+    is_same_row = row[order][1:] == row[order][:-1]
+    return np.diff(azimuth[order])[is_same_row]
+
+
+def _usual_step(steps: Sequence[np.ndarray]) -> float:
+    """Median of the steps above the smallest one, a full turn without any."""
+    pooled = np.concatenate(steps)
+    pooled = pooled[pooled > _MIN_STEP_RAD]
+    return float(np.median(pooled)) if len(pooled) else 2 * np.pi
+
+
+def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
+    """Even rows, and the same step of the azimuth.
+
+    The step is the usual one between neighbours, or twice that if their pattern is random."""
+    from scipy.spatial import cKDTree
+
+    largest = max(angles, key=lambda cloud_angles: len(cloud_angles.distance))
+    flat = np.column_stack([largest.elevation, largest.azimuth * np.cos(largest.elevation)])
+    sample = np.random.default_rng(0).permutation(len(flat))[:_SAMPLED_POINTS]
+    neighbour_distances = cKDTree(flat).query(flat[sample], k=2)[0][:, 1]
+    low, middle, high = np.quantile(neighbour_distances, [0.1, 0.5, 0.9]).tolist()
+    is_random = high > _MIN_RANDOM_RATIO * max(low, 1e-9)
+    step = float(max(middle * (2 if is_random else 1), _MIN_STEP_RAD))
+    top = float(max(cloud_angles.elevation.max() for cloud_angles in angles))
+    bottom = float(min(cloud_angles.elevation.min() for cloud_angles in angles))
+    count = max(2, int(np.ceil((top - bottom) / step)) + 1)
+    offsets = (count - 1) / 2 - np.arange(count)
+    return _Rows((top + bottom) / 2 + offsets * step, step)
+
+
+def _find_columns(azimuth: Float64[np.ndarray, " n"], step: float) -> _Columns:
+    """Columns all around, or from one side of the widest gap to the other."""
+    heading, span = _find_span(azimuth)
+    if span is not None:
+        count = max(1, int(np.ceil(span / step - 0.5)) + 1)
+        return _Columns(count, min(count * step, 2 * np.pi), heading)
+    count = max(1, round(2 * np.pi / step))
+    # multiples of 2 pi in the middle of a column
+    phase = azimuth * count - np.pi * (count - 1)
+    mean = np.exp(1j * phase).mean()
+    heading = float(np.angle(mean) / count) if abs(mean) > _MIN_PHASE else 0.0
+    return _Columns(count, 2 * np.pi, heading)
+
+
+def _find_span(azimuth: Float64[np.ndarray, " n"]) -> tuple[float, float | None]:
+    """Middle and width of the observed azimuths (rad). Returns 0 and None for all around."""
+    ordered = np.sort(azimuth)
+    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
+    widest = int(gaps.argmax())
+    if gaps[widest] < MIN_SEAM_RAD:
+        return 0.0, None
+    span = 2 * np.pi - float(gaps[widest])
+    middle = float(ordered[(widest + 1) % len(ordered)]) + span / 2
+    return float(np.arctan2(np.sin(middle), np.cos(middle))), span

@@ -1,0 +1,131 @@
+"""Pairs of objects that two sensors see at the same time.
+
+They determine motions of a sensor that shares too little of the standing scene."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64, Pose
+from toolkit.calibration.joint_system import Pairs, Poses
+from toolkit.calibration.motions import LEVER_M, resistance
+from toolkit.frame import Frame
+from toolkit.geometry import invert, transform
+from toolkit.objects import Detector
+from toolkit.points import detect_on_ground, frame_points
+from toolkit.sites.site import Site
+
+MAX_PAIR_GATE_M = 1.5  # between the centres that two sensors give one road user
+_MIN_GATE_M = 0.8
+_CENTRE_M = 0.25  # standard deviation of a centre along each axis
+_HEADING_RAD = float(np.deg2rad(4.0))  # standard deviation of a heading
+# between the headings of one road user, up to a half turn
+_MAX_HEADING_GAP_RAD = float(np.deg2rad(20.0))
+_NO_MATCH = (np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+
+
+@dataclass(frozen=True, eq=False)
+class SensorBoxes:
+    """Objects that one sensor sees in one frame: centres and directions, in the sensor's axes."""
+
+    centres: Float64[np.ndarray, "n 3"]
+    ahead: Float64[np.ndarray, "n 3"]
+
+    @classmethod
+    def from_boxes(cls, boxes: BoxRows, believed: Pose) -> "SensorBoxes":
+        """Return boxes of the world in the sensor's axes."""
+        ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
+        return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
+
+
+class _Matches(NamedTuple):
+    """Centres of objects that two sensors see (world), and the first headings less the second
+    ones (rad)."""
+
+    first: Float64[np.ndarray, "n 3"]
+    second: Float64[np.ndarray, "n 3"]
+    turn: Float64[np.ndarray, " n"]
+
+
+def detect_boxes(
+    frames: Sequence[Frame], detector: Detector, site: Site
+) -> list[list[SensorBoxes]]:
+    """Detect objects in the cloud of each sensor, frame by frame."""
+    detected: list[list[SensorBoxes]] = []
+    for frame in frames:
+        frame_boxes = []
+        for cloud, sensor in zip(frame_points(frame, area=site), frame.sensors, strict=True):
+            boxes = detect_on_ground(detector, cloud, site).boxes
+            frame_boxes.append(SensorBoxes.from_boxes(boxes, sensor.pose))
+        detected.append(frame_boxes)
+    return detected
+
+
+def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: float) -> list[Pairs]:
+    """Rows of all road users that two sensors at `poses` see.
+
+    There are three rows for the centre and one for the heading. radius: search radius (m)."""
+    gate = float(np.clip(radius, _MIN_GATE_M, MAX_PAIR_GATE_M))
+    pairs = []
+    for first, second in combinations(range(len(poses)), 2):
+        matches = [
+            _match_boxes(frame[first], frame[second], poses[first], poses[second], gate)
+            for frame in seen
+        ]
+        joined = _Matches(*map(np.concatenate, zip(_NO_MATCH, *matches, strict=True)))
+        count = len(joined.turn)
+        if not count:
+            continue
+        centre_deviation = np.sqrt(2) * _CENTRE_M
+        heading_deviation = np.sqrt(2) * _HEADING_RAD
+        pair = Pairs(
+            first,
+            second,
+            one_row=_centre_rows(joined.first, poses[first]),
+            other_row=-_centre_rows(joined.second, poses[second]),
+            residual=np.concatenate([(joined.first - joined.second).T.ravel(), joined.turn]),
+            deviation=np.repeat([centre_deviation, heading_deviation], [3 * count, count]),
+            limit=np.repeat([gate, _MAX_HEADING_GAP_RAD], [3 * count, count]),
+        )
+        pairs.append(pair)
+    return pairs
+
+
+def _centre_rows(centres: Float64[np.ndarray, "n 3"], pose: Pose) -> Float64[np.ndarray, "m 6"]:
+    """Growth of the offsets of centres along each axis, and of headings, with a sensor's motion."""
+    count = len(centres)
+    axes = np.repeat(np.eye(3), count, axis=0)
+    along_axes = resistance(np.tile(centres, (3, 1)), pose[:3, 3], axes)
+    about_z = np.tile([0.0, 0.0, 1 / LEVER_M, 0.0, 0.0, 0.0], (count, 1))
+    return np.concatenate([along_axes, about_z])
+
+
+def _match_boxes(
+    mine: SensorBoxes, theirs: SensorBoxes, pose: Pose, other_pose: Pose, gate: float
+) -> _Matches:
+    """Match boxes that are each other's nearest within a gate (m), and head alike."""
+    first_centres = transform(pose, mine.centres)
+    second_centres = transform(other_pose, theirs.centres)
+    if not (len(first_centres) and len(second_centres)):
+        return _Matches(*_NO_MATCH)
+    offsets = first_centres[:, None, :2] - second_centres[None, :, :2]
+    distance = np.hypot(offsets[:, :, 0], offsets[:, :, 1])
+    nearest = distance.argmin(axis=1)
+    row = np.arange(len(first_centres))
+    is_mutual = (distance[:, nearest].argmin(axis=0) == row) & (distance[row, nearest] < gate)
+    heading = _find_headings(mine, pose)
+    other_heading = _find_headings(theirs, other_pose)
+    turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
+    is_matched = is_mutual & (np.abs(turn) < _MAX_HEADING_GAP_RAD)
+    return _Matches(
+        first_centres[is_matched], second_centres[nearest[is_matched]], turn[is_matched]
+    )
+
+
+def _find_headings(boxes: SensorBoxes, pose: Pose) -> Float64[np.ndarray, " n"]:
+    """Headings (rad) in the world of boxes in the axes of a sensor."""
+    ahead = boxes.ahead @ pose[:3, :3].T
+    return np.arctan2(ahead[:, 1], ahead[:, 0])

@@ -1,0 +1,232 @@
+"""Clusters of the measurements of each pixel over time.
+
+Sorted measurements fall into clusters wherever two neighbours are farther apart than noise
+explains; "nothing returned" is a cluster too, the farthest one."""
+
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float32, ImageMask, ImageRanges, Int64
+from toolkit.sensors.sensor import SensorModel, is_return
+
+SCENE_SIGMAS = 4.0  # spreads; a measurement this near a median shows the empty scene
+MIN_CLUSTER_SHARE = 0.1  # share of the measurements in a cluster of the scene
+MIN_OPEN_SHARE = 0.5  # the same, for a surface before no return
+GAP_SIGMAS = 4.0  # gap between clusters, in standard deviations of the model
+GAP_SHARE = 0.004  # gap between clusters, as a share of the measurement
+MAX_SPREAD_RATIO = 2.0  # over the usual spread; a broader cluster is more than one surface
+DISTANCE_STEPS = 24  # steps of log distance, each with a usual spread
+REACH_PX = 2  # a surface continues this far
+MIN_SURFACE_GAP_SHARE = 0.1  # by which the depth of another surface leaves the plane of two others
+MIN_FLICKER_RATE = 0.25  # rate at which the scene comes and goes, relative to random draws
+_MAD_TO_SIGMA = 1.4826
+_BATCH_PX = 256  # pixels whose measurements are compared in pairs
+
+
+class PixelMode(NamedTuple):
+    """One cluster of each pixel.
+
+    Attributes:
+        median: median measurement, 0 for nothing returned, NaN for no cluster.
+        spread: standard deviation.
+        share: share of the measurements.
+        least: smallest measurement.
+        greatest: largest measurement.
+    """
+
+    median: ImageRanges
+    spread: ImageRanges
+    share: ImageRanges
+    least: ImageRanges
+    greatest: ImageRanges
+
+    def reshape(self, shape: tuple[int, ...]) -> "PixelMode":
+        """Return the same mode as images of a shape."""
+        return PixelMode(*(column.reshape(shape) for column in self))
+
+    def where(self, mask: ImageMask, outside: "PixelMode") -> "PixelMode":
+        """Return this mode inside the mask, the other outside."""
+        pairs = zip(self, outside, strict=True)
+        return PixelMode(*(np.where(mask, inner, outer) for inner, outer in pairs))
+
+
+class _Clusters(NamedTuple):
+    """Clusters of all pixels' sorted measurements, one after the other.
+
+    Attributes:
+        values: sorted measurements of each pixel, infinite for nothing returned.
+        solid: the same, 0 for nothing returned.
+        starts: index of each cluster's first measurement among all values.
+        ends: index after its last one.
+        pixel: pixel of each cluster.
+    """
+
+    values: Float32[np.ndarray, "pixels n"]
+    solid: Float32[np.ndarray, "pixels n"]
+    starts: Int64[np.ndarray, " k"]
+    ends: Int64[np.ndarray, " k"]
+    pixel: Int64[np.ndarray, " k"]
+
+    @property
+    def size(self) -> Int64[np.ndarray, " k"]:
+        """Number of measurements in each cluster."""
+        return self.ends - self.starts
+
+    def pick(
+        self, rank: Int64[np.ndarray, " k"], eligible: Bool[np.ndarray, " k"]
+    ) -> Int64[np.ndarray, " pixels"]:
+        """Pick each pixel's eligible cluster of highest rank."""
+        number = np.arange(len(self.starts))
+        order = np.lexsort((number, rank, eligible, self.pixel))
+        pixels = np.arange(len(self.values))
+        return order[np.searchsorted(self.pixel[order], pixels, side="right") - 1]
+
+
+def find_clusters(
+    images: Float32[np.ndarray, "n rows columns"], model: SensorModel
+) -> tuple[PixelMode, PixelMode, ImageMask]:
+    """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask of the
+    pixels in which that flickers."""
+    shape = images.shape[1:]
+    n = len(images)
+    # a row for each pixel
+    in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T
+    clusters = _split_clusters(np.sort(in_time), model)
+    size = clusters.size
+    is_enough = size >= min(n, max(2, int(np.ceil(MIN_CLUSTER_SHARE * n))))
+    number = np.arange(len(size))
+    far = clusters.pick(np.where(is_enough, number, size), is_enough)
+    is_nearer = is_enough & (number < far[clusters.pixel])
+    near = clusters.pick(size, is_nearer)
+    nearest = clusters.values.ravel()[clusters.starts[near]][:, None]
+    farthest = clusters.values.ravel()[clusters.ends[near] - 1][:, None]
+    is_present = (in_time >= nearest) & (in_time <= farthest)
+    share = is_present.mean(axis=1)
+    arrivals = (is_present[:, 1:] & ~is_present[:, :-1]).sum(axis=1) + is_present[:, 0]
+    flickers = is_nearer[near] & (arrivals >= MIN_FLICKER_RATE * share * (1 - share) * n)
+    far_mode = _measure_mode(clusters, far, model).reshape(shape)
+    near_mode = _measure_mode(clusters, np.where(is_nearer[near], near, -1), model).reshape(shape)
+    return far_mode, near_mode, flickers.reshape(shape)
+
+
+def _split_clusters(values: Float32[np.ndarray, "pixels n"], model: SensorModel) -> _Clusters:
+    """Split sorted measurements at gaps that noise does not explain."""
+    solid = np.where(np.isfinite(values), values, np.float32(0))
+    noise_gap = GAP_SIGMAS * np.asarray(model.deviation(solid))
+    gap = np.maximum(noise_gap, GAP_SHARE * solid)[:, :-1]
+    begins = np.ones(values.shape, bool)
+    with np.errstate(invalid="ignore"):  # two missing returns are infinity less infinity: no gap
+        begins[:, 1:] = values[:, 1:] - values[:, :-1] > gap
+    starts = np.flatnonzero(begins)
+    ends = np.append(starts[1:], values.size)
+    return _Clusters(values, solid, starts, ends, starts // values.shape[1])
+
+
+def _measure_mode(
+    clusters: _Clusters, numbers: Int64[np.ndarray, " pixels"], model: SensorModel
+) -> PixelMode:
+    """Measure the cluster with the given number (-1 for none) of every pixel."""
+    n = clusters.values.shape[1]
+    values = clusters.solid.ravel()
+    first = clusters.starts[numbers]
+    last = clusters.ends[numbers]
+    size = last - first
+    median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2
+    offset = np.arange(n)
+    is_member = offset < size[:, None]
+    members = values[np.minimum(first[:, None] + offset, len(values) - 1)]
+    deviations = np.where(is_member, np.abs(members - median[:, None]), np.float32(np.inf))
+    deviations = np.sort(deviations)
+    row = np.arange(len(numbers))
+    typical = (deviations[row, (size - 1) // 2] + deviations[row, size // 2]) / 2
+    spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
+    exists = numbers >= 0
+    return PixelMode(
+        median=np.where(exists, median, np.nan).astype(np.float32),
+        spread=np.where(exists & (median > 0), spread, 0).astype(np.float32),
+        share=np.where(exists, size / n, 0).astype(np.float32),
+        least=np.where(exists, values[first], 0),
+        greatest=np.where(exists, values[last - 1], 0),
+    )
+
+
+def usual_spread(far: PixelMode, model: SensorModel) -> Callable[[ImageRanges], ImageRanges]:
+    """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
+    is_clear = (far.share >= MIN_OPEN_SHARE) & (far.median > 0)
+    distance = np.log(far.median[is_clear])
+    spread = far.spread[is_clear]
+    if not len(distance):
+        return lambda median: np.broadcast_to(model.deviation(np.nan_to_num(median)), median.shape)
+    edges = np.linspace(distance.min(), distance.max() + 1e-6, DISTANCE_STEPS + 1)
+    step = np.digitize(distance, edges)
+    steps = np.unique(step)
+    usual = [np.median(spread[step == k]) for k in steps]
+    middle = [np.median(distance[step == k]) for k in steps]
+
+    def interpolate(median: ImageRanges) -> ImageRanges:
+        log_distance = np.log(np.where(median > 0, median, 1))
+        spreads = np.interp(log_distance, middle, usual)
+        return np.maximum(spreads, model.deviation(np.nan_to_num(median))).astype(np.float32)
+
+    return interpolate
+
+
+def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRanges]) -> PixelMode:
+    """Replace broad clusters by their densest stretch, `SCENE_SIGMAS` usual spreads wide to either
+    side."""
+    narrowed = PixelMode(*(image.copy() for image in mode))
+    broad_pixels = np.flatnonzero(mode.spread > MAX_SPREAD_RATIO * usual)
+    for start in range(0, len(broad_pixels), _BATCH_PX):
+        broad = broad_pixels[start : start + _BATCH_PX]
+        least = mode.least.ravel()[broad][:, None]
+        greatest = mode.greatest.ravel()[broad][:, None]
+        spread = usual.ravel()[broad]
+        values = np.stack([image.ravel()[broad] for image in images], axis=1)
+        values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf))
+        begin, size = _find_densest(values, 2 * SCENE_SIGMAS * spread)
+        row = np.arange(len(broad))
+        lower_middle = values[row, begin + (size - 1) // 2]
+        median = (lower_middle + values[row, begin + size // 2]) / 2
+        rank = np.arange(values.shape[1])
+        is_member = (rank >= begin[:, None]) & (rank < (begin + size)[:, None])
+        deviations = np.sort(np.where(is_member, np.abs(values - median[:, None]), np.inf))
+        deviation = _MAD_TO_SIGMA * deviations[row, (size - 1) // 2]
+        narrowed.median.ravel()[broad] = median
+        narrowed.spread.ravel()[broad] = np.clip(deviation, spread, MAX_SPREAD_RATIO * spread)
+        narrowed.share.ravel()[broad] = size / len(images)
+    return narrowed
+
+
+def _find_densest(
+    values: Float32[np.ndarray, "pixels n"], width: Float32[np.ndarray, " pixels"]
+) -> tuple[Int64[np.ndarray, " pixels"], Int64[np.ndarray, " pixels"]]:
+    """Start and size of the densest stretch of sorted values, the farthest of several."""
+    rank = np.arange(values.shape[1])
+    row = np.arange(len(values))
+    within = values[:, None, :] <= values[:, :, None] + width[:, None, None]
+    count = np.where(np.isfinite(values), within.sum(axis=2) - rank, 0)
+    begin = rank[-1] - count[:, ::-1].argmax(axis=1)
+    return begin, count[row, begin]
+
+
+def mark_continuation(near: PixelMode, far: ImageRanges) -> ImageMask:
+    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `REACH_PX` off.
+
+    It must not continue the pixel's farthest surface, as ground does below the foot of a car:
+    inverse depths of a plane are linear in the image."""
+    within = np.maximum(SCENE_SIGMAS * near.spread, GAP_SHARE * near.median)
+    inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
+    padded = np.pad(far, REACH_PX, constant_values=np.nan)
+    opposite = np.pad(inverse, REACH_PX, mode="edge")
+    rows, columns = far.shape
+    continues = np.zeros(far.shape, bool)
+    for down, right in product(range(-REACH_PX, REACH_PX + 1), repeat=2):
+        beyond = padded[REACH_PX + down :, REACH_PX + right :][:rows, :columns]
+        opposite_inverse = opposite[REACH_PX - down :, REACH_PX - right :][:rows, :columns]
+        plane_inverse = 2 * inverse - opposite_inverse
+        is_other_surface = np.abs(plane_inverse * beyond - 1) > MIN_SURFACE_GAP_SHARE
+        continues |= (np.abs(beyond - near.median) <= within) & is_other_surface
+    return continues

@@ -1,0 +1,153 @@
+"""Surfaces to register sensors against, from a site, a cloud or empty scenes."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.arrays import Float64, ImageMask, Int64, Points
+from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
+from toolkit.datasets.cloud_files import read_points
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.geometry import transform
+from toolkit.rendering.static_scene import build_scenery
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+SURFACE_SPACING_M = 0.15  # m between the sampled points of a surface
+OUTSKIRTS_M = 30.0  # m beyond the detection area; a site's surface reaches that far
+MIN_FLAT_POINTS = 50  # points that a surface must have
+LEAFY_KINDS = ("tree", "bush")  # kinds of solids whose leaves no drawing of a site has
+# radius (m) and number of the points that a normal is fitted to
+_NEIGHBOUR_M = 2.0
+_NEIGHBOURS = 24
+_MAX_FLAT_RATIO = 0.35  # of the smallest to the middle extent of a flat neighbourhood
+_MIN_PLANE_RATIO = 0.15  # of the middle to the largest extent; below it is a line
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Standing surfaces: points (m) and unit normals (either way).
+
+    roughness: standard deviation (m) about the plane of each point."""
+
+    points: Points
+    normals: Points
+    roughness: Float64[np.ndarray, " n"]
+
+    @cached_property
+    def tree(self) -> "cKDTree":
+        """SciPy's tree of the points."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.points)
+
+    @cached_property
+    def thin(self) -> "Surface":
+        """Surface for coarse steps, thinned to 0.4 m."""
+        rows = thin_rows(self.points, 0.4)
+        return Surface(self.points[rows], self.normals[rows], self.roughness[rows])
+
+
+def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface:
+    """Read the surface of a site by name, or of a file.
+
+    The ending of a file decides: a recording (.hdf5, .h5), a site (.json, .geojson), else a cloud
+    in the frame of the site (see `toolkit.datasets.cloud_files`). A recording gives what its
+    sensors saw in its first `frames` frames, from their believed poses, noise-free. Raises
+    ValueError and OSError as the readers do."""
+    ending = Path(reference).suffix.lower()
+    if ending in (".hdf5", ".h5"):
+        with CoopDataset(reference) as recording:
+            scenes = learn_empty_scenes(recording, frames=frames)
+            clouds = []
+            for scene, sensor in zip(scenes, recording.sensors, strict=True):
+                points, _ = scene_points(scene)
+                clouds.append(transform(sensor.pose, points))
+            return cloud_surface(np.concatenate(clouds))
+    if ending in ("", ".json", ".geojson"):
+        return site_surface(load_site(reference))
+    return cloud_surface(read_points(reference))
+
+
+def site_surface(site: Site, *, seed: int = 0) -> Surface:
+    """Spread points evenly over a site's ground and its solids, without leafy ones."""
+    solids = tuple(solid for solid in site.solids if solid.kind not in LEAFY_KINDS)
+    mesh = build_scenery(replace(site, solids=solids))
+    corners = mesh.vertices[mesh.triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(across, axis=1)
+    low = site.area[:2] - OUTSKIRTS_M
+    high = site.area[2:] + OUTSKIRTS_M
+    middle = corners.mean(axis=1)[:, :2]
+    in_reach = (size > 0) & ((middle > low) & (middle < high)).all(axis=1)
+    corners = corners[in_reach]
+    across = across[in_reach]
+    size = size[in_reach]
+    rng = np.random.default_rng(seed)
+    share = size / 2 / SURFACE_SPACING_M**2
+    # on average in proportion to its size
+    count = np.floor(share + rng.random(len(share))).astype(np.int64)
+    triangles = np.repeat(np.arange(len(count)), count)
+    u = np.sqrt(rng.random(len(triangles)))
+    v = rng.random(len(triangles))
+    weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    points = np.einsum("nk,nkd->nd", weights, corners[triangles])
+    return Surface(points, across[triangles] / size[triangles, None], np.zeros(len(points)))
+
+
+def cloud_surface(points: Points) -> Surface:
+    """Return the thinned flat surface of a cloud.
+
+    Raises ValueError if fewer than `MIN_FLAT_POINTS` points are left."""
+    from toolkit.runtime.light_open3d import o3d
+
+    points = np.asarray(points, np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    check_flat(len(points))
+    dense = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    cloud = dense.voxel_down_sample(SURFACE_SPACING_M)
+    around = o3d.geometry.KDTreeSearchParamHybrid(_NEIGHBOUR_M, _NEIGHBOURS)
+    cloud.estimate_normals(around)
+    cloud.estimate_covariances(around)
+    extents = np.linalg.eigvalsh(np.asarray(cloud.covariances).reshape(-1, 3, 3))
+    is_thin = extents[:, 0] < _MAX_FLAT_RATIO**2 * extents[:, 1]
+    is_flat = is_thin & (extents[:, 1] > _MIN_PLANE_RATIO**2 * extents[:, 2])
+    check_flat(int(is_flat.sum()))
+    roughness = np.sqrt(extents[is_flat, 0].clip(0))
+    return Surface(np.asarray(cloud.points)[is_flat], np.asarray(cloud.normals)[is_flat], roughness)
+
+
+def check_flat(count: int) -> None:
+    """Raise ValueError for fewer than `MIN_FLAT_POINTS` points."""
+    if count < MIN_FLAT_POINTS:
+        needed = f"{MIN_FLAT_POINTS} are needed: use a denser cloud"
+        raise ValueError(f"the reference has {count} points on flat ground or walls, {needed}")
+
+
+def scene_points(
+    scene: EmptyScene, *, least_share: float = 0.5
+) -> tuple[Points, Float64[np.ndarray, " n"]]:
+    """Points of an empty scene in the sensor's frame, and their standard deviations (m).
+
+    Pixels that show the scene in less than `least_share` of the frames are left out."""
+    model = scene.model
+    seen: ImageMask = (scene.first > 0) & (scene.share >= least_share)
+    rays = model.rays().astype(np.float64)[seen]
+    length = np.linalg.norm(rays, axis=1)
+    count = np.maximum(scene.share[seen] * scene.frames, 1)
+    deviation = scene.spread[seen] * length / np.sqrt(count)
+    return rays * scene.first[seen].astype(np.float64)[:, None], deviation.astype(np.float64)
+
+
+def thin_rows(points: Points, voxel: float) -> Int64[np.ndarray, " k"]:
+    """Rows of the first point in each cube of edge `voxel` (m), to thin near ground."""
+    cube = np.floor(points / voxel).astype(np.int64)
+    cube -= cube.min(axis=0, initial=0)
+    key = np.ravel_multi_index(cube.T, cube.max(axis=0, initial=0) + 1)
+    return np.sort(np.unique(key, return_index=True)[1])

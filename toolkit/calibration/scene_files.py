@@ -1,0 +1,44 @@
+"""Files of empty scenes."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.calibration.empty_scene import SCENE_IMAGES, EmptyScene, describe_model
+from toolkit.runtime.array_files import read_arrays, write_arrays
+from toolkit.runtime.text_values import parse_json
+from toolkit.sensors.models import make_model
+
+
+def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
+    """Write empty scenes as one .npz file with a checksum."""
+    heads = [
+        {"name": empty.name, "model": describe_model(empty.model), "frames": empty.frames}
+        for empty in scenes
+    ]
+    arrays = {
+        f"{k}_{image}": getattr(scene, image)
+        for k, scene in enumerate(scenes)
+        for image in SCENE_IMAGES
+    }
+    write_arrays(path, {"scenes": np.array(json.dumps(heads)), **arrays})
+
+
+def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
+    """Read the empty scenes of a file. Raises FileNotFoundError; ValueError for any that is damaged
+    or holds none."""
+    arrays = read_arrays(path)
+    scenes = []
+    try:
+        for k, head in enumerate(parse_json(str(arrays["scenes"]))):
+            values = dict(head["model"])
+            model = make_model(values.pop("class"), values)
+            images = {name: arrays[f"{k}_{name}"] for name in SCENE_IMAGES}
+            scenes.append(EmptyScene(head["name"], model, frames=head["frames"], **images))
+        return tuple(scenes)
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"{path} has no empty scenes ({error}): write them with save_empty_scenes"
+        ) from None

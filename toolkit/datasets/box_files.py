@@ -1,0 +1,133 @@
+"""Files of boxes: labels or detections of named frames."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.datasets.frame_labels import FrameLabels, make_labels
+from toolkit.datasets.problem_kinds import Problems
+from toolkit.datasets.record_values import (
+    Unchecked,
+    as_list,
+    as_number,
+    entry,
+    load_json,
+    name_damage,
+)
+from toolkit.objects import LABELS, Detections, Objects
+from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.writing import write_text
+
+_VERSION = 1
+_SIZES = ("x", "y", "z", "length", "width", "height")
+_FORM = f'{{"coview": "boxes", "version": {_VERSION}, "samples": [{{"name", "objects": [...]}}]}}'
+
+
+def boxes_record(
+    name: str,
+    time: float,
+    boxes: Objects | Detections,
+    *,
+    counts: Sequence[int] | np.ndarray | None = None,
+    stamps_s: Mapping[str, float] | None = None,
+) -> str:
+    """Return one frame's entry of the file as text, which thousands of frames can wait as.
+
+    stamps_s: times of the sensors' clouds by name (`SensorCloud.stamp_s`)."""
+    objects = []
+    for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
+        row = {
+            "label": LABELS[label],
+            **dict(zip(_SIZES, box[:6], strict=True)),
+            "yaw_deg": float(np.rad2deg(box[6])),
+        }
+        row |= (
+            {"score": float(boxes.scores[k])}
+            if isinstance(boxes, Detections)
+            else {"id": int(boxes.ids[k])}
+        )
+        objects.append(row if counts is None else row | {"points": int(counts[k])})
+    content = {
+        "name": name,
+        "time": time,
+        **({"clouds": dict(stamps_s)} if stamps_s else {}),
+        "objects": objects,
+    }
+    return json.dumps(replace_infinite(content), indent=1, allow_nan=False)
+
+
+def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:
+    """Write a file of frame entries (`boxes_record`), whole or not at all.
+
+    more: further fields of the file."""
+    content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
+    head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
+    rows = ",".join("\n  " + text.replace("\n", "\n  ") for text in entries)
+    write_text(path, head + rows + "\n " * bool(entries) + "]\n}")
+
+
+def read_entries(path: str | Path) -> dict[str, Unchecked]:
+    """Entries of a file by the names of their frames. Raises ValueError, which names the file."""
+    with name_damage(path, "file of boxes"):
+        content = load_json(path)
+        if not isinstance(content, dict) or (content.get("coview"), content.get("version")) != (
+            "boxes",
+            _VERSION,
+        ):
+            raise ValueError(f"its form must be {_FORM}, got {_describe_form(content)}")
+        if (frame := content.get("frame", "world")) != "world":
+            raise ValueError(
+                f"its boxes must be in the frame world, got {str(frame)[:40]!r}: move them by "
+                "poses.json"
+            )
+        entries = as_list(entry(content, "samples"), "samples")
+        named_entries = {str(entry(sample, "name")): sample for sample in entries}
+        if len(named_entries) < len(entries):
+            raise ValueError("two of its samples have one name")
+        return named_entries
+
+
+def _describe_form(content: Unchecked) -> str:
+    """Describe what a file holds in place of our boxes, and the layout that takes it."""
+    if isinstance(content, list):
+        rows = f"a list of {len(content)} rows"
+        keyed = bool(content) and isinstance(content[0], dict) and "psr" in content[0]
+        return f"{rows} of SUSTechPOINTS: give --layout sustech" if keyed else rows
+    if not isinstance(content, dict):
+        return str(content)[:40]
+    if "openlabel" in content:
+        return "OpenLABEL: give --layout openlabel"
+    if content.get("coview") == "boxes":
+        return f"version {content.get('version')!r:.20}"
+    keys = ", ".join(map(str, content))
+    return f"an object with the entries {keys[:80]}" if keys else "an empty object"
+
+
+def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) -> FrameLabels:
+    """The labels of one entry."""
+    with name_damage(path, "file of boxes"):
+        sample = f"sample {str(entry(frame_entry, 'name'))[:60]!r}"
+        if "objects" not in frame_entry:
+            raise ValueError(f'{sample} has no entry objects: write "objects": [] for an empty one')
+        rows = as_list(frame_entry["objects"], f"objects of {sample}")
+        parsed = []
+        for k, row in enumerate(rows):
+            try:
+                parsed.append(_parse_object(row))
+            except ValueError as error:
+                raise ValueError(f"objects[{k}] of {sample}: {error}") from None
+        boxes = np.array([box for box, _, _ in parsed]).reshape(-1, 7)
+        boxes[:, 6] = np.deg2rad(boxes[:, 6])
+        names = [name for _, name, _ in parsed]
+        counts = [count for _, _, count in parsed]
+        return make_labels(
+            boxes, names, [row.get("id", k) for k, row in enumerate(rows)], problems, counts
+        )
+
+
+def _parse_object(row: Unchecked) -> tuple[list[float], str, int]:
+    """Box with its yaw in degrees, label and number of points of one object."""
+    box = [as_number(entry(row, key), key) for key in (*_SIZES, "yaw_deg")]
+    return box, str(entry(row, "label")), int(as_number(row.get("points", -1), "points"))

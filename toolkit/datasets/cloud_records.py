@@ -1,0 +1,188 @@
+"""Clouds of recorded files: positions, intensities, rings and times of points."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float32, Float64, Int64, Mask, Pose
+from toolkit.datasets.cloud_files import read_recorded
+from toolkit.datasets.coordinates import check_extent, describe_rounding
+from toolkit.datasets.origins import Middles, find_far_middle, translation
+from toolkit.datasets.point_times import is_time, parse_point_times
+from toolkit.datasets.problem_kinds import (
+    COARSE_POINTS,
+    EMPTY,
+    FAR_POINTS,
+    NO_RETURN_POINTS,
+    NOT_FINITE_POINTS,
+    UNPLACED,
+    UNTIMED,
+    Problems,
+    add_problem,
+)
+from toolkit.frame import Frame, SensorCloud
+from toolkit.geometry import invert, transform
+from toolkit.point_files.pcd import pcd_bytes
+from toolkit.runtime.writing import write_bytes
+
+MAX_POINT_DISTANCE_M = 1e5  # from the sensor or the cloud's middle; float32 holds centimetres
+_FAR_POINT_M = 1000.0  # from the middle, beyond the range of traffic sensors
+_INTENSITIES = ("intensity", "reflectivity", "i", "colors")
+_RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
+_MAX_RINGS = 1 << 16  # in a column of floats, such as nuScenes writes
+
+
+def read_cloud(
+    path: str | Path,
+    name: str,
+    world_SE3_sensor: Pose,
+    problems: Problems,
+    *,
+    stamp_s: float | None = None,
+    middles: Middles | None = None,
+) -> SensorCloud:
+    """Read the cloud of a file, as `build_cloud`.
+
+    Raises FileNotFoundError, and ValueError for a file without readable points."""
+    attributes = read_recorded(path)
+    return build_cloud(
+        attributes, name, world_SE3_sensor, problems, stamp_s=stamp_s, middles=middles
+    )
+
+
+def build_cloud(
+    attributes: Mapping[str, np.ndarray],
+    name: str,
+    world_SE3_sensor: Pose,
+    problems: Problems,
+    *,
+    frame: Literal["sensor", "world"] = "sensor",
+    stamp_s: float | None = None,
+    middles: Middles | None = None,
+) -> SensorCloud:
+    """Build a cloud of `positions` and other columns.
+
+    Points kilometres from their origin, such as in UTM without their sensor's pose, are counted
+    from the middle of the sensor's first cloud, which moves into the pose. middles: middles of the
+    recording's sensors. Raises ValueError for points that are too far apart to be metres."""
+    recorded = np.asarray(attributes["positions"], np.float64)
+    check_extent(recorded)
+    is_returned = np.ones(len(recorded), bool)
+    if frame == "sensor":
+        is_returned = (recorded != 0).any(axis=1)
+    middle = find_far_middle(recorded)
+    if middle.any():
+        add_problem(problems, COARSE_POINTS, int(describe_rounding(recorded) is not None))
+        if frame == "world":
+            recorded = transform(invert(world_SE3_sensor), recorded)
+            frame = "sensor"
+            middle = find_far_middle(recorded)
+    if middle.any():
+        add_problem(problems, UNPLACED, 1)
+        origin = (middles or Middles()).find(name, middle)
+        recorded = recorded - origin
+        world_SE3_sensor = world_SE3_sensor @ translation(origin)
+    is_kept = _mark_sound(recorded, is_returned, problems)
+    columns = _PointColumns(attributes, is_kept)
+    return SensorCloud(
+        name,
+        recorded[is_kept].astype(np.float32),
+        world_SE3_sensor,
+        frame,
+        columns.find_times(problems),
+        columns.find_intensity(),
+        columns.find_rings(),
+        stamp_s,
+    )
+
+
+def _mark_sound(
+    recorded: Float64[np.ndarray, "n 3"], is_returned: Mask, problems: Problems
+) -> Mask:
+    """Mark the points to keep, and count the others in `problems`."""
+    with np.errstate(invalid="ignore"):
+        is_sound = (np.abs(recorded) <= MAX_POINT_DISTANCE_M).all(axis=1)  # NaN is not
+    is_kept = is_sound & is_returned
+    add_problem(problems, NOT_FINITE_POINTS, int((~is_sound).sum()))
+    add_problem(problems, NO_RETURN_POINTS, int((is_sound & ~is_returned).sum()))
+    add_problem(problems, EMPTY, int(not is_kept.any()))
+    if is_kept.any():
+        points = recorded[is_kept]
+        middle = np.median(points[:: len(points) // 1000 + 1], axis=0)
+        is_far = np.linalg.norm(points - middle, axis=1) > _FAR_POINT_M
+        add_problem(problems, FAR_POINTS, int(is_far.sum()))
+    return is_kept
+
+
+class _PointColumns(NamedTuple):
+    """Columns of a recorded cloud, and a mask of the points that are kept."""
+
+    attributes: Mapping[str, np.ndarray]
+    is_kept: Mask
+
+    def _list(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
+        """Yield columns with these names; if `wide`, also the first column of a matrix."""
+        count = len(self.is_kept)
+        for name in names:
+            if name not in self.attributes:
+                continue
+            column = np.asarray(self.attributes[name])
+            if len(column) == count and (wide or column.size == count):
+                yield (column if column.ndim == 1 else column[:, 0])[self.is_kept]
+
+    def find_intensity(self) -> Float32[np.ndarray, " n"] | None:
+        """Intensities, None without any; OPV2V keeps them in the red of colours."""
+        intensity = next(self._list(_INTENSITIES, wide=True), None)
+        return None if intensity is None else intensity.astype(np.float32)
+
+    def find_rings(self) -> Int64[np.ndarray, " n"] | None:
+        """Laser of each point by the first column of whole numbers, None without one."""
+        for column in self._list(_RINGS):
+            is_small = column.dtype.kind in "iu" or (np.abs(column) < _MAX_RINGS).all()
+            if is_small and (column % 1 == 0).all():
+                return column.astype(np.int64)
+        return None
+
+    def find_times(self, problems: Problems) -> Float64[np.ndarray, " n"] | None:
+        """Times of points (s), None without a column of times or if its unit is unknown."""
+        count = len(self.is_kept)
+        names = [
+            name
+            for name, column in self.attributes.items()
+            if is_time(name) and np.size(column) == count
+        ]
+        if not names:
+            return None
+        seconds = parse_point_times(names[0], next(self._list(names[:1])))
+        add_problem(problems, UNTIMED, int(seconds is None))
+        return seconds
+
+
+def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
+    """Write a cloud in its frame as a binary PCD file: x y z, intensity, and ring if known."""
+    columns = dict(zip("xyz", cloud.points.astype(np.float32).T, strict=True))
+    columns["intensity"] = get_intensity(cloud)
+    if cloud.ring is not None:
+        columns["ring"] = cloud.ring.astype(np.int32)
+    write_bytes(path, pcd_bytes(columns))
+
+
+def one_cloud(sample: Frame) -> SensorCloud:
+    """Merge all clouds of a frame in its world frame.
+
+    Intensities are kept if all clouds have them."""
+    intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
+    is_complete = len(intensities) == len(sample.clouds) and len(intensities) > 0
+    pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
+    intensity = np.concatenate(intensities) if is_complete else None
+    stamps = {cloud.stamp_s for cloud in sample.clouds}
+    stamp = stamps.pop() if len(stamps) == 1 else None
+    points = sample.points().astype(np.float32)
+    return SensorCloud("lidar", points, pose, "world", intensity=intensity, stamp_s=stamp)
+
+
+def get_intensity(cloud: SensorCloud) -> np.ndarray:
+    """Intensity of each point, 0 if the sensor gives none."""
+    return np.zeros(len(cloud.points), np.float32) if cloud.intensity is None else cloud.intensity

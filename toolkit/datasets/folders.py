@@ -1,0 +1,49 @@
+"""Files of a folder in their natural order."""
+
+import re
+from pathlib import Path
+
+_WHOLE_NUMBER = re.compile(r"(?<![0-9])(?<![0-9]\.)([0-9]{1,300})")
+MACOS_FOLDER = "__MACOSX"
+BAG_ENDINGS = (".bag", ".mcap", ".db3")
+ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
+
+
+def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> list[Path]:
+    """Files and folders in a folder in `natural_order`.
+
+    Hidden ones are left out, and files that macOS adds to archives (`._NAME`)."""
+    found = folder.rglob(pattern) if recursive else folder.glob(pattern)
+    files = [file for file in found if not _is_hidden(file.relative_to(folder).parts)]
+    return sorted(files, key=_path_order)
+
+
+def natural_order(name: str) -> tuple[str | int, ...]:
+    """Sort key of a name: numbers in it count as numbers, so that frame 2 comes before frame 10.
+
+    Digits after a decimal point stay text, as they are compared from their left.
+
+    >>> sorted(["10", "9", "1"], key=natural_order)
+    ['1', '9', '10']
+    >>> sorted(["7.5", "7.25", "007"], key=natural_order)
+    ['007', '7.25', '7.5']
+    """
+    pieces = _WHOLE_NUMBER.split(name)
+    numbered = (int(piece) if index % 2 else piece for index, piece in enumerate(pieces))
+    return (*numbered, name)
+
+
+def _path_order(file: Path) -> tuple[tuple[str | int, ...], ...]:
+    """Sort key of a path by its parts; the ending of a file's name comes last."""
+    folders = tuple(natural_order(part) for part in file.parts[:-1])
+    return (*folders, natural_order(file.stem), (file.suffix,))
+
+
+def _is_hidden(parts: tuple[str, ...]) -> bool:
+    """True for paths that begin with a dot, or that macOS adds to archives."""
+    return any(part.startswith(".") or part == MACOS_FOLDER for part in parts)
+
+
+def list_bags(folder: Path) -> list[Path]:
+    """Files of ROS bags in a folder, by name."""
+    return [file for file in list_files(folder) if file.suffix.lower() in BAG_ENDINGS]

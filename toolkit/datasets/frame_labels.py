@@ -1,0 +1,158 @@
+"""Labels of a frame: boxes, categories and tracks, checked as they are read."""
+
+from collections.abc import Mapping, Sequence
+from hashlib import blake2b
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64, Mask, Shaped
+from toolkit.class_names import CATEGORIES
+from toolkit.datasets.problem_kinds import (
+    DOUBLED,
+    FULL_TURNS,
+    NO_SIZE,
+    NOT_FINITE,
+    OTHER_KINDS,
+    TOO_LARGE,
+    Problems,
+    add_problem,
+)
+from toolkit.frame import OtherObjects
+from toolkit.geometry import MAX_COORDINATE_M
+from toolkit.objects import LABELS, Objects
+
+FULL_TURN_RAD = 2 * np.pi + 0.01  # no file in radians exceeds it
+MAX_DOUBLED_GAP = 1e-3  # m and rad; two boxes that differ by less are one label given twice
+MIN_BOX_SIDE_M = 0.01  # no side of a road user is shorter
+MAX_BOX_SIDE_M = 100.0  # no side of a road user is longer
+COMMON_NAMES = {  # names of our classes in other layouts
+    "vehicle": "Car",
+    "cyclist": "Cyclist",
+    "pedestrian": "Pedestrian",
+    "heavy": "Truck",
+}
+MAX_TRACK = 10**16  # below it a number's text is short enough to stay a number
+
+
+class FrameLabels(NamedTuple):
+    """Labels of one frame as `toolkit.frame.Frame` holds them.
+
+    Attributes:
+        objects: the objects.
+        categories: their names.
+        counts: the data set's counts of points on them, None without any.
+        others: objects of other classes.
+    """
+
+    objects: Objects
+    categories: tuple[str, ...]
+    counts: Int64[np.ndarray, " n"] | None
+    others: OtherObjects
+
+
+def make_labels(
+    boxes: Shaped[np.ndarray, "n 7"],
+    categories: Sequence[str],
+    ids: Sequence[object] | None,
+    problems: Problems,
+    counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
+) -> FrameLabels:
+    """Turn label rows, world frame, into objects.
+
+    Rows that are left out are added to `problems`. ids: track ids of any kind; row numbers if None.
+    counts: the data set's counts of points, below 0 if nobody counted."""
+    boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
+    names = [str(name).strip().lower().replace(" ", "") for name in categories]
+    classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
+    rows = np.flatnonzero(_mark_possible(boxes, problems))
+    doubled = _find_doubled(boxes, categories, rows)
+    add_problem(problems, DOUBLED, len(doubled))
+    rows = np.setdiff1d(rows, doubled)
+    yaws = np.where(np.isfinite(boxes).all(axis=1), boxes[:, 6], 0.0)
+    boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
+    count_full_turns(yaws[rows], problems)
+    other_rows = rows[classes[rows] < 0]
+    rows = rows[classes[rows] >= 0]
+    add_problem(problems, OTHER_KINDS, len(other_rows))
+    tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
+    object_counts = None
+    other_counts = None
+    if counts is not None:
+        row_counts = np.asarray(counts, np.int64)
+        object_counts = _known_counts(row_counts[rows])
+        other_counts = _known_counts(row_counts[other_rows])
+    other_names = tuple(str(categories[k]) for k in other_rows.tolist())
+    return FrameLabels(
+        Objects(boxes[rows], classes[rows], tracks),
+        tuple(str(categories[k]) for k in rows.tolist()),
+        object_counts,
+        OtherObjects(boxes[other_rows], other_names, other_counts),
+    )
+
+
+def _mark_possible(boxes: Float64[np.ndarray, "n 7"], problems: Problems) -> Mask:
+    """Mark boxes that an object may have, and count the others by their first problem."""
+    is_sized = (boxes[:, 3:6] >= MIN_BOX_SIDE_M).all(axis=1)
+    is_small = (boxes[:, 3:6] <= MAX_BOX_SIDE_M).all(axis=1)
+    is_near = (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M).all(axis=1)
+    checks = (
+        (NOT_FINITE, np.isfinite(boxes).all(axis=1)),
+        (NO_SIZE, is_sized),
+        (TOO_LARGE, is_small & is_near),
+    )
+    is_kept = np.ones(len(boxes), bool)
+    for problem, is_sound in checks:
+        add_problem(problems, problem, int((is_kept & ~is_sound).sum()))
+        is_kept &= is_sound
+    return is_kept
+
+
+def _find_doubled(
+    boxes: Float64[np.ndarray, "n 7"], categories: Sequence[str], rows: Int64[np.ndarray, " m"]
+) -> Int64[np.ndarray, " k"]:
+    """Rows that repeat the box and category of an earlier one."""
+    category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
+    compared = np.column_stack([boxes, category_numbers])
+    by_x = rows[np.argsort(boxes[rows, 0], kind="stable")]
+    is_near = np.diff(boxes[by_x, 0]) <= MAX_DOUBLED_GAP
+    near = np.union1d(by_x[:-1][is_near], by_x[1:][is_near])  # no other row can be doubled
+    unique: list[int] = []  # near rows that differ from every earlier one
+    for row in near.tolist():
+        differs = (np.abs(compared[unique] - compared[row]) > MAX_DOUBLED_GAP).any(axis=1)
+        if not unique or differs.all():
+            unique.append(row)
+    return np.setdiff1d(near, unique)
+
+
+def _known_counts(counts: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"] | None:
+    """Counts of points, None if one is unknown."""
+    return None if (counts < 0).any() else counts
+
+
+def list_rows(objects: Objects, names: Mapping[str, str]) -> list[tuple[list[float], str, int]]:
+    """Box, name and track of each object to write."""
+    rows = zip(objects.boxes.tolist(), objects.labels.tolist(), objects.ids.tolist(), strict=True)
+    return [(box, names[LABELS[label]], track) for box, label, track in rows]
+
+
+def no_labels() -> FrameLabels:
+    """Return the labels of a frame without any."""
+    return make_labels(np.zeros((0, 7)), [], None, {})
+
+
+def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:
+    """Add to the problems the number of yaws that no file in radians has."""
+    add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN_RAD).sum()))
+
+
+def track_number(name: object) -> int:
+    """Track id as a number.
+
+    An integer stays itself, also as text; any other text becomes a number."""
+    if type(name) is int and abs(name) < MAX_TRACK:
+        return name
+    text = str(name).strip()
+    if text.removeprefix("-").isascii() and text.removeprefix("-").isdigit() and len(text) < 18:
+        return int(text)
+    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1

@@ -1,0 +1,137 @@
+"""Index of a bag: the stamps and transforms of its messages."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.datasets.layouts.bag_messages import (
+    CLOUD,
+    OLD_TF,
+    TF,
+    BagMessage,
+    clean_frame,
+    name_bag_damage,
+    open_bag,
+    read_messages,
+    stamp_ns,
+)
+from toolkit.datasets.transform_tree import NS_PER_S, TransformLink, TransformTree, parse_link_pose
+
+OTHER_CLOCKS = (
+    "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
+)
+MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
+
+
+@dataclass
+class BagIndex:
+    """Contents of a bag, without the points.
+
+    Attributes:
+        stamps_ns: stamps of each topic's clouds.
+        recorded_ns: times of recording of each topic's clouds.
+        with_points: whether a topic's first readable cloud has x, y and z.
+        links: transforms of tf.
+        reason: error of the last cloud that cannot be read.
+    """
+
+    stamps_ns: dict[str, list[int]] = field(default_factory=dict)
+    recorded_ns: dict[str, list[int]] = field(default_factory=dict)
+    with_points: dict[str, bool] = field(default_factory=dict)
+    links: list[TransformLink] = field(default_factory=list)
+    reason: Exception | None = None
+
+
+def index_messages(path: Path) -> BagIndex:
+    """Read stamps and transforms of a bag."""
+    index = BagIndex()
+    for message in read_messages(path, CLOUD, TF, OLD_TF):
+        topic = message.topic
+        if message.kind != CLOUD:
+            index.links += _parse_links(path, message)
+            continue
+        if topic not in index.with_points:
+            try:
+                names = {str(column.name) for column in message.parse().fields}
+                index.with_points[topic] = {"x", "y", "z"} <= names
+            except Exception as error:  # rosbags and its parsers raise errors of any kind
+                index.reason = error
+        with name_bag_damage(path):
+            index.stamps_ns.setdefault(topic, []).append(message.read_stamp())
+        index.recorded_ns.setdefault(topic, []).append(message.recorded_ns)
+    return index
+
+
+def moving_times(
+    links: Sequence[TransformLink], tree: TransformTree
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Stamps and times of recording (ns) of moving transforms, under the topic of tf."""
+    moving = [
+        link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving
+    ]
+    if not moving:
+        return {}
+    stamps = np.array([link.stamp_ns for link in moving])
+    recorded = np.array([link.recorded_ns for link in moving])
+    return {TF: (stamps, recorded)}
+
+
+def find_other_clocks(
+    clouds: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    moving: Mapping[str, tuple[np.ndarray, np.ndarray]],
+) -> dict[str, str]:
+    """Topics whose clouds have the time of their recording, and why.
+
+    These are all topics if stamps are of different clocks. clouds: stamps and times of recording
+    (ns) by topic; moving: the same of moving transforms."""
+    offsets_s = []
+    for stamps, recorded in (*clouds.values(), *moving.values()):
+        is_stamped = stamps != 0
+        late = recorded[is_stamped] - stamps[is_stamped]
+        offsets_s.append(float(np.median(late)) / NS_PER_S if len(late) else 0.0)
+    if max(offsets_s) - min(offsets_s) <= MAX_CLOCK_OFFSET_S:
+        return {}
+    return dict.fromkeys(clouds, OTHER_CLOCKS)
+
+
+def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
+    """Raise ValueError with the reason that a bag has no clouds of points."""
+    if reason is not None:
+        with name_bag_damage(path):
+            raise reason
+    if has_clouds:
+        raise ValueError(
+            f"{path} holds {CLOUD} without fields x, y and z only: convert them to points first"
+        )
+    kinds: dict[str, str] = {}
+    with open_bag(path) as readers:
+        for connection in (
+            connection_info for reader in readers for connection_info in reader.connections
+        ):
+            kinds[str(connection.topic)] = str(connection.msgtype)
+    content = (
+        ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "no topics"
+    )
+    raise ValueError(
+        f"{path} holds no messages of {CLOUD}, but {content}: convert its lidar's messages to "
+        "PointCloud2"
+    )
+
+
+def _parse_links(path: Path, message: BagMessage) -> list[TransformLink]:
+    with name_bag_damage(path):
+        content = message.parse()
+        links = []
+        for link in content.transforms:
+            translation = link.transform.translation
+            rotation = link.transform.rotation
+            wxyz = np.array([rotation.w, rotation.x, rotation.y, rotation.z])
+            pose = parse_link_pose(wxyz, np.array([translation.x, translation.y, translation.z]))
+            names = clean_frame(link.child_frame_id), clean_frame(link.header.frame_id)
+            is_static = message.topic.rstrip("/").endswith("tf_static")
+            links.append(
+                TransformLink(*names, pose, stamp_ns(link.header), message.recorded_ns, is_static)
+            )
+    return links

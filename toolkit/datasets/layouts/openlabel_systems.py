@@ -1,0 +1,96 @@
+"""Coordinate systems of OpenLABEL's frames.
+
+pose_wrt_parent places a system in its parent: matrix4x4 by rows, quaternion x y z w and
+translation, or euler_angles in their `sequence` (ZYX) and translation. A frame's `transforms`
+replace it: X_dst = transform_src_to_dst X_src."""
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from toolkit.arrays import Pose
+from toolkit.datasets.layouts.openlabel_transforms import find_transform, parse_transform
+from toolkit.datasets.record_values import Unchecked, entry
+from toolkit.geometry import invert
+
+MAX_SYSTEMS_DEEP = 64  # in a chain of coordinate systems; longer ones run in a circle
+NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
+UNREADABLE_POSE = "coordinate systems that hold nothing here, whose poses cannot be read"
+
+
+@dataclass(frozen=True)
+class Systems:
+    """Coordinate systems of one frame.
+
+    Attributes:
+        parents: parent of each system that has one, and the system's pose in it.
+        known: names of all systems.
+        unplaced: systems whose pose in their parent nothing states.
+        unreadable: systems whose pose cannot be read, and why; it matters only to what is in
+            them."""
+
+    parents: dict[str, tuple[str, Pose]]
+    known: frozenset[str]
+    unplaced: frozenset[str] = field(default_factory=frozenset)
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+    def find_root(self, name: str) -> tuple[str, Pose]:
+        """Return the root of a system, and the system's pose in it."""
+        root_SE3_system = np.eye(4)
+        for _ in range(MAX_SYSTEMS_DEEP):
+            if name in self.unreadable:
+                raise ValueError(self.unreadable[name])
+            if name not in self.parents:
+                return name, root_SE3_system
+            name, in_parent = self.parents[name]
+            root_SE3_system = in_parent @ root_SE3_system
+        raise ValueError(f"its coordinate systems run in a circle, through {name!r}")
+
+    def list_roots(self) -> set[str]:
+        """Return the roots of all systems that can be read."""
+        roots = set()
+        for name in self.known:
+            with suppress(ValueError):
+                roots.add(self.find_root(name)[0])
+        return roots
+
+
+def parse_systems(content: Unchecked, frame: Unchecked) -> Systems:
+    """Coordinate systems of one frame, from the file and the frame together."""
+    parents: dict[str, tuple[str, Pose]] = {}
+    unplaced = set()
+    unreadable = dict[str, str]()
+    systems = content.get("coordinate_systems") or {}
+    for name, system in systems.items():
+        parent = str(system.get("parent") or "")
+        pose_content = system.get("pose_wrt_parent")
+        if pose_content:
+            try:
+                parents[name] = parent, parse_transform(pose_content, f"pose of {name}")
+            except ValueError as error:
+                unreadable[name] = str(error)
+        elif parent:
+            parents[name] = parent, np.eye(4)
+            unplaced.add(name)
+    system_names = {*systems, *(parent for parent, _ in parents.values())}
+    for title, link in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
+        source = str(entry(link, "src"))
+        target = str(entry(link, "dst"))
+        system_names |= {source, target}
+        try:
+            dst_SE3_src = parse_transform(find_transform(link), f"transform {title}")
+        except ValueError as error:
+            unreadable[source] = str(error)
+            continue
+        if parents.get(target, ("",))[0] == source or (
+            source in parents and parents[source][0] != target
+        ):
+            parents[target] = source, invert(dst_SE3_src)
+            unplaced.discard(target)
+            unreadable.pop(target, None)
+        else:
+            parents[source] = target, dst_SE3_src
+            unplaced.discard(source)
+            unreadable.pop(source, None)
+    return Systems(parents, frozenset(system_names), frozenset(unplaced), unreadable)

@@ -1,0 +1,128 @@
+"""Values of records in foreign files, checked as they are read.
+
+Damage becomes one line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
+rotations may be slightly off; anything worse is a ValueError."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float64, Pose
+from toolkit.geometry import check_pose
+from toolkit.runtime.reading import read_bytes
+from toolkit.runtime.text_values import parse_json
+
+Unchecked = Any  # a value of a file
+MAX_ROTATION_ERROR = 0.05  # largest entry of R Rᵀ - 1 of a rotation
+_DAMAGE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    AttributeError,
+    OverflowError,
+    ArithmeticError,
+    RecursionError,
+)
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # last row of a pose's matrix
+
+
+@contextmanager
+def name_damage(
+    path: str | Path, what: str, kinds: tuple[type[Exception], ...] = _DAMAGE
+) -> Iterator[None]:
+    """Turn damage found in the block into one ValueError that names the file.
+
+    Overflowing numbers give no warnings. kinds: errors that show damage; an OSError passes
+    unchanged."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except OSError:
+        raise
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no {what}: byte {error.start} is not UTF-8") from None
+    except kinds as error:
+        text = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        reason = " ".join(text.split())[:200] or type(error).__name__
+        raise ValueError(f"{path} is no {what} that can be read: {reason}") from None
+
+
+def load_json(path: str | Path) -> Unchecked:
+    """Values of a JSON file; call it in `name_damage`."""
+    return parse_json(read_bytes(path).decode("utf-8-sig"))
+
+
+def entry(record: Unchecked, *keys: str) -> Unchecked:
+    """Return record[key][key]..., or raise ValueError that names the missing key."""
+    value = record
+    for k, key in enumerate(keys):
+        if not isinstance(value, dict) or key not in value:
+            raise ValueError(f"it has no entry {'.'.join(keys[: k + 1])}")
+        value = value[key]
+    return value
+
+
+def as_number(value: Unchecked, name: str = "entry") -> float:
+    """Return a number, also if it is written as a string."""
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be a number, got {str(value)[:40]!r}") from None
+
+
+def numbers(values: Unchecked, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
+    """Return `count` numbers, nested or flat, also as strings. Raises ValueError for another
+    count."""
+    try:
+        flat = np.array(values, dtype=np.float64).ravel()
+    except (TypeError, ValueError, OverflowError):
+        flat = np.zeros(0)
+    if flat.size != count:
+        raise ValueError(f"{name} must be {count} numbers, got {str(values)[:60]!r}")
+    return flat
+
+
+def xyz(record: Unchecked, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
+    """Numbers of an entry {x: .., y: .., z: ..}."""
+    return np.array([as_number(entry(record, name, axis), f"{name}.{axis}") for axis in axes])
+
+
+def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
+    """A list, or ValueError."""
+    if not isinstance(content, list):
+        raise ValueError(f"{name} must be a list, got {str(content)[:40]!r}")
+    return content
+
+
+def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
+    """Pose of a 3×3 rotation and a translation.
+
+    A rotation that is slightly off is replaced by the nearest true one (SVD)."""
+    matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
+    pose = np.eye(4)
+    pose[:3, 3] = numbers(translation, 3, f"translation of {name}")
+    if not np.isfinite(matrix).all() or np.abs(matrix).max() > 2 or np.linalg.det(matrix) <= 0:
+        raise ValueError(f"{name} must turn by a rotation, got {matrix.tolist()}")
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > MAX_ROTATION_ERROR:
+        raise ValueError(
+            f"{name} must turn by a rotation, got one that stretches: {matrix.tolist()}"
+        )
+    u, _, v = np.linalg.svd(matrix)
+    pose[:3, :3] = u @ v
+    return check_pose(pose, name)
+
+
+def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
+    """Pose of 16 or 12 numbers by rows, as `rigid`."""
+    flat = np.asarray(values, dtype=object).ravel()
+    matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
+    placed = rigid(matrix[:3, :3], matrix[:3, 3], name)
+    if len(matrix) == 4 and not np.allclose(matrix[3], _LAST_ROW, atol=1e-3):
+        raise ValueError(
+            f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: give its transpose?"
+        )
+    return placed

@@ -1,0 +1,194 @@
+"""Files of simulated recordings: made of scenes, and joined from shards."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from toolkit.arrays import Int64
+from toolkit.datasets import published_layout as published
+from toolkit.datasets.stored_channels import OWN_IMAGES
+from toolkit.frame import Frame
+from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.sensors.models import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import format_site
+from toolkit.sites.site import Site
+
+RECORDING_SCHEMA = 1
+_GZIP_LEVEL = 1
+
+
+@dataclass(frozen=True)
+class Header:
+    """Values shared by all frames of a recording.
+
+    site: the site; sensors: in the order of a frame's measurements; bodies: their names; plan: the
+    simulation's plan, see `toolkit.datasets.simulation`."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+    bodies: tuple[str, ...] = ()
+    plan: str = "{}"
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Dataset of each sensor's measurements. The cameras of one common size share `dslices`."""
+        pinholes = self.pinholes
+        shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
+        return tuple(
+            "dslices"
+            if shared and s.name in pinholes
+            else f"coview/{OWN_IMAGES[s.model.measures]}/{s.name}"
+            for s in self.sensors
+        )
+
+    @property
+    def pinholes(self) -> dict[str, DepthCamera]:
+        """Cameras that the published layout can hold, by sensor name."""
+        return {
+            sensor.name: sensor.model
+            for sensor in self.sensors
+            if isinstance(sensor.model, DepthCamera)
+        }
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One frame to be recorded. bodies: (n,) body of each object, an index into `Header.bodies`."""
+
+    frame: Frame
+    bodies: Int64[np.ndarray, " n"]
+
+
+def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
+    """Bytes of a complete file of `scenes`, made in memory, so that all or no bytes are written."""
+    objects = [len(scene.frame.objects) for scene in scenes]
+    images = header.images
+    pinholes = header.pinholes
+    with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
+        _create(file, header, len(scenes), sum(objects))
+        start = np.concatenate([[0], np.cumsum(objects, dtype=np.int64)])
+        file["coview/object_start"][:] = start
+        for k, scene in enumerate(scenes):
+            frame = scene.frame
+            file["coview/time"][k] = frame.time
+            _add(
+                file,
+                f"objects/{k}",
+                published.format_objects(frame.objects, header.site.map_SE3_site),
+            )
+            file["coview/object_ids"][start[k] : start[k + 1]] = frame.objects.ids
+            file["coview/object_bodies"][start[k] : start[k + 1]] = scene.bodies
+            channel = 0
+            for sensor, measurement, name in zip(header.sensors, frame.images, images, strict=True):
+                if name == "dslices":
+                    file[name][k, channel] = published.expand_image(
+                        measurement, pinholes[sensor.name]
+                    )
+                    channel += 1
+                else:
+                    file[name][k] = published.round_measurement(measurement)
+        file.flush()
+        return file.id.get_file_image()
+
+
+def join(header: Header, shards: Sequence[Path], out: Path) -> None:
+    """Write the frames of all shards, in order, as one file. Compressed images are copied as they
+    are."""
+    lengths = []
+    objects = []
+    for shard in shards:
+        with h5py.File(shard) as file:
+            lengths.append(len(file["coview/time"]))
+            objects.append(len(file["coview/object_ids"]))
+    with hdf5_file(out) as (joined, check):
+        _create(joined, header, sum(lengths), sum(objects))
+        first_frame = 0
+        first_object = 0
+        for path, frames, count in zip(shards, lengths, objects, strict=True):
+            with h5py.File(path) as shard:
+                joined["coview/time"][first_frame : first_frame + frames] = shard["coview/time"][:]
+                starts = first_object + shard["coview/object_start"][:]
+                joined["coview/object_start"][first_frame : first_frame + frames + 1] = starts
+                for column in ("coview/object_ids", "coview/object_bodies"):
+                    joined[column][first_object : first_object + count] = shard[column][:]
+                for k in range(frames):
+                    _add(joined, f"objects/{first_frame + k}", shard[f"objects/{k}"][:])
+                for name in dict.fromkeys(header.images):
+                    source = shard[name].id
+                    target = joined[name].id
+                    for i in range(source.get_num_chunks()):
+                        chunk_offset = source.get_chunk_info(i).chunk_offset
+                        mask, compressed = source.read_direct_chunk(chunk_offset)
+                        target.write_direct_chunk(
+                            (first_frame + chunk_offset[0], *chunk_offset[1:]), compressed, mask
+                        )
+            check()
+            first_frame += frames
+            first_object += count
+
+
+def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
+    coview_group = file.create_group("coview")
+    coview_group.attrs.update(
+        schema=RECORDING_SCHEMA,
+        plan=header.plan,
+        sensors=json.dumps([s.name for s in header.sensors]),
+    )
+    _add(coview_group, "site", format_site(header.site))
+    _add(coview_group, "bodies", json.dumps(header.bodies))
+    lengths = {
+        "time": frames,
+        "object_start": frames + 1,
+        "object_ids": objects,
+        "object_bodies": objects,
+    }
+    for name, length in lengths.items():
+        coview_group.create_dataset(
+            name, (length,), np.float64 if name == "time" else np.int64, track_times=False
+        )
+    coview_group["time"].attrs["unit"] = "s"
+    file.create_group("objects").attrs["columns"] = json.dumps(published.OBJECT_COLUMNS)
+    file.create_group("cameras")
+    digits = max(2, len(str(len(header.sensors))))
+    channel = 0
+    for sensor, name in zip(header.sensors, header.images, strict=True):
+        if name == "dslices":
+            node = file.create_group(f"cameras/d{channel:0{digits}d}")
+            camera = header.pinholes[sensor.name]
+            _add(node, "intrinsic", published.intrinsic(camera))
+            _add(node, "extrinsic", published.extrinsic(sensor.pose, header.site.map_SE3_site))
+            channel += 1
+        else:
+            node = _create_images(file, name, (frames, *sensor.model.shape))
+        # numbers that restore the sensor to the last bit: `toolkit.datasets.dataset` reads them
+        numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
+        node.attrs.update(
+            name=sensor.name, model=type(sensor.model).__name__, site_SE3_sensor=sensor.pose
+        )
+        node.attrs.update(numbers)
+    if channel:
+        images = _create_images(file, "dslices", (frames, channel, camera.height, camera.width))
+        images.attrs.update(unit="m", no_return=published.NO_RETURN_M)
+        file.create_dataset(
+            "slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False
+        )
+
+
+def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
+    chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
+    packed = {
+        "compression": "gzip",
+        "compression_opts": _GZIP_LEVEL,
+        "shuffle": True,
+        "track_times": False,
+    }
+    return file.create_dataset(name, shape, np.float32, chunks=chunks, **packed)
+
+
+def _add(group: h5py.Group, name: str, content: np.ndarray | str) -> None:
+    group.create_dataset(name, data=content, track_times=False)

@@ -1,0 +1,177 @@
+"""Views of recordings: parts, classes and sensor errors."""
+
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.datasets.recordings import open_recording
+from toolkit.frame import Frame, Frames, RecordingView
+from toolkit.objects import label_index
+from toolkit.sensors.error_profile import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS, check_drawn, find_profile, only_own_noise
+from toolkit.sensors.readings import TrueImage
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.track_velocities import velocities
+
+
+def read(
+    path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None
+) -> Iterator[Frame]:
+    """Yield the frames of a recording with only their objects of `classes`.
+
+    Raises the errors of `open_recording`."""
+    return filter_classes(open_recording(path, layout), classes)
+
+
+def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None) -> Iterator[Frame]:
+    """Yield frames with only their objects of some classes, None for all.
+
+    Raises ValueError for an unknown class."""
+    class_numbers = None if classes is None else [label_index(label) for label in classes]
+    return (
+        frame if class_numbers is None else frame.of(np.isin(frame.objects.labels, class_numbers))
+        for frame in frames
+    )
+
+
+@dataclass(frozen=True)
+class Part(RecordingView):
+    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th.
+
+    Raises ValueError for numbers below 1, and for a recording without frames."""
+
+    frames: int | None = None
+    every: int = 1
+
+    def __post_init__(self) -> None:
+        for name, value in (("every", self.every), ("frames", self.frames)):
+            if value is not None and value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}: leave it out for all")
+        if not len(self.recording):
+            raise ValueError("there is no frame in the recording: check the path and the layout")
+
+    def __len__(self) -> int:
+        count = -(-len(self.recording) // self.every)
+        return count if self.frames is None else min(self.frames, count)
+
+    def __getitem__(self, number: int) -> Frame:
+        """Return the chosen frame of this number. Raises IndexError for an unknown one."""
+        if not 0 <= number < len(self):
+            raise IndexError(f"there is no frame {number}: {len(self)} are chosen, counted from 0")
+        return self.recording[number * self.every]
+
+
+@dataclass(frozen=True)
+class Reads:
+    """Options for reading a recording: sensor errors and length.
+
+    errors: a profile or its name, only `paper` for recorded clouds, whose sensors have real errors;
+    noise_seed: seed of the errors, None for no noise; frames: number of frames, None for all."""
+
+    errors: ErrorProfile | str = PAPER_ERRORS
+    noise_seed: int | None = 0
+    frames: int | None = None
+
+    def count(self, recording: Frames) -> int:
+        """Number of frames to read. Raises ValueError if it is 0, and for a `frames` that is not
+        whole."""
+        total = min(len(recording), len(recording) if self.frames is None else self.frames)
+        if total < 1 or isinstance(self.frames, float):
+            raise ValueError(
+                f"need one frame at least, a whole number, got {self.frames} of {len(recording)}"
+            )
+        return total
+
+    def profile(self) -> ErrorProfile:
+        """Return the error profile. Raises ValueError."""
+        errors = find_profile(self.errors)
+        check_drawn(errors, self.noise_seed)
+        return errors
+
+
+@dataclass(frozen=True)
+class ReadRecording(RecordingView):
+    """A recording with its sensors' errors, without limit on frames."""
+
+    reads: Reads = Reads()
+
+    def __getitem__(self, index: int) -> Frame:
+        return read_frame(
+            self.recording, index, errors=self.reads.errors, noise_seed=self.reads.noise_seed
+        )
+
+
+def read_frame(
+    frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
+) -> Frame:
+    """Read frame k with its sensors' errors, drawn from the seed.
+
+    A seed of None means no noise, which only `paper` allows. Raises ValueError for an unknown
+    profile, a negative seed, and a clock's offset if frames are too far apart to know
+    velocities."""
+    errors = find_profile(errors)
+    frame = frames[k]
+    check_drawn(errors, noise_seed)
+    if noise_seed is None or not frame.has_images:
+        if noise_seed is not None and errors.name != PAPER_ERRORS.name:
+            raise ValueError(
+                f"recorded clouds have errors of their own, got errors {errors.name!r}: leave "
+                "them out"
+            )
+        return frame
+    speed = None
+    if errors.needs_velocities:
+        around = [frames[index] for index in (k - 1, k + 1) if 0 <= index < len(frames)]
+        speed = velocities(
+            frame.objects, frame.time, [(neighbour.objects, neighbour.time) for neighbour in around]
+        )
+    return with_errors(frame, errors, noise_seed, velocities=speed)
+
+
+def block_seed(seed: int, block: int) -> int:
+    """Seed of the errors of one block of frames, as if all sensors were mounted again."""
+    return int(np.random.default_rng([seed, block]).integers(2**31))
+
+
+def with_errors(
+    frame: Frame,
+    errors: ErrorProfile | str,
+    seed: int,
+    *,
+    velocities: Float64[np.ndarray, "n 3"] | None = None,
+    numbers: Sequence[int] | None = None,
+) -> Frame:
+    """Add sensor errors to a frame, drawn from the seed, its index and each sensor's name.
+
+    So a sensor measures the same whichever others are used. velocities: velocities of its objects
+    (m/s), needed for a clock's offset; numbers: used instead of the sensors' names when drawing.
+    Raises ValueError for a negative seed."""
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+    errors = find_profile(errors)
+    if numbers is None:
+        numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors]
+    measured = list(zip(frame.sensors, frame.images, numbers, strict=True))
+    if only_own_noise(errors):  # as `errors.read` draws it
+        drawn = []
+        for sensor, image, number in measured:
+            rng = np.random.default_rng([seed, frame.index, number])
+            drawn.append(sensor.model.noisy(image, rng))
+        return replace(frame, measurements=tuple(drawn))
+    readings = []
+    assumed_sensors = []
+    for sensor, measurement, number in measured:
+        true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
+        reading = errors.read(true, seed=seed, sensor=number, frame=frame.index)
+        readings.append(reading)
+        if reading.pose is not sensor.pose:
+            sensor = Sensor(sensor.name, sensor.model, reading.pose)
+        assumed_sensors.append(sensor)
+    measurements = tuple(reading.measurement for reading in readings)
+    shifts = tuple(reading.shift for reading in readings)
+    shifts = shifts if any(shift is not None for shift in shifts) else ()
+    return replace(frame, sensors=tuple(assumed_sensors), measurements=measurements, shifts=shifts)

@@ -1,0 +1,160 @@
+"""Sensors of an HDF5 file of images, and the place of their measurements."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+
+from toolkit.datasets import published_layout as published
+from toolkit.runtime import hdf5
+from toolkit.runtime.text_values import parse_json
+from toolkit.sensors.models import DepthCamera, find_model_class, make_model
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sensor's measurement
+
+
+class StoredChannel(NamedTuple):
+    """Sensor, and the place of its measurements.
+
+    sensor: the sensor; name: dataset of its measurements; depth_index: index in `dslices`, None in
+    other datasets; stride: step of its measured pixels there."""
+
+    sensor: Sensor
+    name: str
+    depth_index: int | None = None
+    stride: int = 1
+
+
+def list_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[StoredChannel, ...]:
+    """Sensors of a file and their measurements, in the order of a frame's measurements."""
+    stored: list[StoredChannel] = []
+    has_images = hdf5.contains(file, "dslices")
+    if has_images:
+        stored += _depth_channels(file, cameras, site)
+    own_images = list[str]()
+    for kind in OWN_IMAGES.values():
+        own_images += [f"coview/{kind}/{name}" for name in hdf5.child_names(file, f"coview/{kind}")]
+    stored += [_own_channel(file, name) for name in own_images]
+    if not has_images and not stored:
+        content = hdf5.child_names(file, "/") or "nothing"
+        raise ValueError(
+            f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {content}"
+        )
+    channels = {channel.sensor.name: channel for channel in stored}
+    if len(channels) < len(stored):
+        names = ", ".join(channel.sensor.name for channel in stored)
+        raise ValueError(f"every sensor needs a name of its own, got {names}")
+    order = _sensor_order(file)
+    if order and sorted(order) != sorted(channels):
+        raise ValueError(
+            f"attribute coview:sensors names {order}, but measurements are there of "
+            f"{sorted(channels)}"
+        )
+    return tuple(channels[name] for name in order or channels)
+
+
+def _depth_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> list[StoredChannel]:
+    """Cameras whose images are in `dslices`."""
+    depth = hdf5.dataset(file, "dslices", kinds="fiub")
+    if depth.ndim != 4 or depth.dtype.kind != "f":
+        raise ValueError(
+            f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape "
+            f"{depth.shape}"
+        )
+    if len(cameras) != depth.shape[1]:
+        camera_text = f"{len(cameras)} whose name starts with d: {', '.join(cameras) or 'none'}"
+        raise ValueError(
+            f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {camera_text}"
+        )
+    stored = []
+    for index, name in enumerate(cameras):
+        sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
+        stored.append(StoredChannel(sensor, "dslices", index, stride))
+    return stored
+
+
+def _own_channel(file: h5py.File, name: str) -> StoredChannel:
+    """Sensor with a separate dataset of images."""
+    images = hdf5.dataset(file, name, axes=3)
+    sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
+    if images.shape[1:] != sensor.model.shape:
+        raise ValueError(f"{name} must be [T, *{sensor.model.shape}], got {images.shape}")
+    return StoredChannel(sensor, name)
+
+
+def _sensor_order(file: h5py.File) -> list[str]:
+    """Names of the sensors in the order of a frame's measurements, empty if the file lacks them."""
+    attributes: Mapping[str, object] = {}
+    if hdf5.contains(file, "coview"):
+        attributes = hdf5.read_node_attributes(file["coview"], "coview")
+    written = attributes.get("sensors", "[]")
+    try:
+        order = parse_json(written) if isinstance(written, str) else None
+    except ValueError:
+        order = None
+    if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
+        raise ValueError(
+            f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}"
+        )
+    return order
+
+
+def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:
+    """Camera of a group, and its stride.
+
+    It is the stored sensor only if the published matrices agree."""
+    name = group.name.lstrip("/")
+    intrinsic = hdf5.find_array(group, "intrinsic")
+    extrinsic = hdf5.find_array(group, "extrinsic")
+    if intrinsic is None or extrinsic is None:
+        raise ValueError(f"{name}/{'intrinsic' if intrinsic is None else 'extrinsic'} is missing")
+    attributes = hdf5.read_node_attributes(group, name)
+    stored_sensor = None
+    stride = None
+    if "site_SE3_sensor" in attributes:
+        stored_sensor = _own_sensor(attributes, name)
+        camera = stored_sensor.model
+        if not isinstance(camera, DepthCamera):
+            raise ValueError(
+                f"{name} is a {type(camera).__name__}, which dslices cannot hold: write the file "
+                "again"
+            )
+        stride = camera.stride
+        expected = published.extrinsic(stored_sensor.pose, site.map_SE3_site)
+        is_same = _is_equal(published.intrinsic(camera), intrinsic)
+        is_same = is_same and _is_equal(expected, extrinsic)
+        if is_same and (camera.height, camera.width) == shape:
+            return stored_sensor, stride
+    model = published.parse_intrinsic(intrinsic, *shape, name=f"{name}/intrinsic")
+    pose = published.parse_extrinsic(extrinsic, site.map_SE3_site, f"{name}/extrinsic")
+    if stored_sensor is None or stride is None:
+        return Sensor(name.removeprefix("cameras/"), model, pose), model.stride
+    return Sensor(stored_sensor.name, replace(model, stride=stride), pose), stride
+
+
+def _is_equal(expected: np.ndarray, matrix: np.ndarray) -> bool:
+    return expected.shape == matrix.shape and np.allclose(expected, matrix)
+
+
+def _own_sensor(attributes: Mapping[str, object], node_name: str) -> Sensor:
+    missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
+    if missing:
+        raise ValueError(f"{node_name} has no attribute {missing[0]}: write the file again")
+    try:
+        kind = str(attributes["model"])
+        entries = [
+            entry.name for entry in fields(find_model_class(kind)) if entry.name in attributes
+        ]
+        values = {name: np.asarray(attributes[name]).tolist() for name in entries}
+        return Sensor(
+            str(attributes["name"]),
+            make_model(kind, values),
+            np.asarray(attributes["site_SE3_sensor"]),
+        )
+    except (TypeError, AttributeError, ValueError, OverflowError) as error:
+        wrong = f"attributes of {node_name} describe no sensor ({error})"
+        raise ValueError(f"{wrong}: the file is damaged, restore it") from None

@@ -1,0 +1,173 @@
+"""Clouds in text files: rows of numbers, and names of their columns above."""
+
+import csv
+import io
+import re
+import warnings
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.point_columns import find_axes, warn_of_offset
+from toolkit.runtime import reading
+
+MIN_NUMBERED_ROWS = 5  # rows whose first cells 0, 1, 2, ... are no coordinates
+MAX_SHOWN = 60  # characters of a row in an error
+_DECIMAL_COMMA = (
+    r'(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d|"[-+]?\d+,\d+"'  # with blanks or quotes between the cells
+)
+_COMMENT = "#|//"
+
+
+def read_text_columns(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a text file: by the names above its rows, else x, y and z first.
+
+    Other columns are read if they are named and purely numeric."""
+    text = reading.read_text(path)
+    rows = _drop_count(split_rows(text.replace('"', "") if '"' in text else text))
+    warn_of_offset(_first_comments(text))
+    names: list[str] = []
+    if rows and not any(map(_is_number, rows[0])):
+        names = _split_header(_line_at(text, 0))
+        rows = _drop_count(rows[1:])
+    elif rows:
+        names = _header_in_comments(text, len(rows[0]))
+    widths = {len(row) - (not row[-1]) for row in rows}  # a row may end in its separator
+    counts = sorted(widths | ({len(names) - (not names[-1])} if names else set()))
+    if re.search(_DECIMAL_COMMA, text):
+        raise ValueError(f"{path} must have no decimal commas: write points for them")
+    if len(counts) > 1:
+        got = f"got rows of {' and '.join(map(str, counts[:4]))}"
+        raise ValueError(f"{path} must have as many cells in each row as names, {got}")
+    if rows and not names:
+        rows = _check_numbering(path, rows)
+    column_by_name = _find_columns(path, names) if names else {"x": 0, "y": 1, "z": 2}
+    try:
+        table = {name: _parse_column(rows, column) for name, column in column_by_name.items()}
+    except (ValueError, IndexError):
+        columns = [*column_by_name.values()]
+        row = next(row for row in rows if not _has_numbers(row, columns))
+        got = f"got {', '.join(row)[:MAX_SHOWN]!r}"
+        raise ValueError(
+            f"{path} must hold x y z in every row, numbers with decimal points only, {got}"
+        ) from None
+    if not names and max(widths, default=0) >= 6 and "," in text and "." not in text:
+        warnings.warn(
+            f"{path}: all numbers are whole: if its commas are decimal, write points for them",
+            stacklevel=2,
+        )
+    for column, name in enumerate(names):
+        is_extra = name and name not in column_by_name
+        if is_extra and all(_has_numbers(row, [column]) for row in rows):
+            table[name.lower()] = _parse_column(rows, column)
+    return table
+
+
+def _find_columns(path: Path, names: list[str]) -> dict[str, int]:
+    """Columns of x, y and z by their names."""
+    repeated = {name for name in names if name and names.count(name) > 1}
+    if repeated:
+        raise ValueError(
+            f"{path} must have each column once, got {', '.join(sorted(repeated))} again"
+        )
+    with reading.name_errors(path):
+        axes = find_axes(names).names
+    return {name: names.index(name) for name in axes}
+
+
+def _parse_column(rows: Sequence[Sequence[str]], column: int) -> Float64[np.ndarray, " n"]:
+    return np.array([float(row[column]) for row in rows])
+
+
+def _has_numbers(row: Sequence[str], columns: Sequence[int]) -> bool:
+    return all(len(row) > column and _is_number(row[column]) for column in columns)
+
+
+def _drop_count(rows: list[list[str]]) -> list[list[str]]:
+    """Rows without a first row that holds their number, as in PTS files and CloudCompare's text."""
+    return rows[1:] if rows and rows[0] == [str(len(rows) - 1)] else rows
+
+
+def _check_numbering(path: Path, rows: list[list[str]]) -> list[list[str]]:
+    """Rows without names, without a first one that numbers the columns.
+
+    Raises ValueError if the first column numbers the rows, so that x would be their number."""
+    width = len(rows[0])
+    if width >= 3 and len(rows) > 1 and rows[0] == [str(k) for k in range(width)]:
+        warnings.warn(
+            f"{path}: its first row, {' '.join(rows[0])}, numbers the columns and is left out",
+            stacklevel=4,
+        )
+        rows = rows[1:]
+    first = rows[0][0]
+    last = rows[-1][0]
+    if (
+        width < 4
+        or len(rows) < MIN_NUMBERED_ROWS
+        or first not in ("0", "1")
+        or last != str(len(rows) - 1 + int(first))
+    ):
+        return rows
+    if [row[0] for row in rows] == [str(k + int(first)) for k in range(len(rows))]:
+        raise ValueError(
+            f"{path} numbers its rows in the first column: name the columns in a line above"
+        )
+    return rows
+
+
+def split_rows(text: str) -> list[list[str]]:
+    """The cells of each line that has any, without comments."""
+    lines = (re.split(_COMMENT, line)[0].strip() for line in text.splitlines())
+    return [re.split(rf"\s*{';' if ';' in line else ','}\s*|\s+", line) for line in lines if line]
+
+
+def _line_at(text: str, number: int) -> str:
+    """Line of a text by its number among those that hold more than a comment."""
+    lines = (re.split(_COMMENT, line)[0].strip() for line in io.StringIO(text, newline=None))
+    return next(islice((line for line in lines if line), number, None))
+
+
+def _split_header(line: str) -> list[str]:
+    """Names of the columns in a line, without quotes."""
+    joined = re.sub(r"\s+(?=[(\[])", "", line.strip())  # a unit belongs to the name before it
+    separator = next((mark for mark in (";", ",", "\t") if mark in joined), None)
+    if separator is None:
+        return [name.strip("\"'") for name in joined.split()]
+    cells = next(csv.reader([joined], delimiter=separator, skipinitialspace=True))
+    return [cell.strip().strip("'") for cell in cells]
+
+
+def _header_in_comments(text: str, width: int) -> list[str]:
+    """Names in the last comment above the rows, [] if they do not fit.
+
+    They fit if they are as many as cells and include coordinates."""
+    comments = _first_comments(text)
+    names = _split_header(comments[-1]) if comments else []
+    try:
+        find_axes(names)
+    except ValueError:
+        return []
+    return names if len(names) == width else []
+
+
+def _first_comments(text: str) -> list[str]:
+    """Comments above the first row of a text."""
+    comments = []
+    for line in io.StringIO(text, newline=None):
+        marked = re.match(rf"\s*(?:{_COMMENT})+(.*)", line)
+        if marked is None and line.strip():
+            break
+        if marked is not None and marked[1].strip():
+            comments.append(marked[1])
+    return comments
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,82 @@
+"""Files of an evaluation: its table and its pictures."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.recording_views import with_errors
+from toolkit.detection.comparison import class_thresholds
+from toolkit.detection.evaluation_result import Evaluation
+from toolkit.detection.metrics import matches
+from toolkit.detection.provenance import detector_origin, with_file_digest
+from toolkit.detection.schemes import fuse_frame
+from toolkit.display import format_share
+from toolkit.objects import LABELS, VEHICLE, Detector
+from toolkit.plots.curves import draw_pr_curves
+from toolkit.plots.plan_view import FrameOutcome, draw_frame
+from toolkit.points import frame_points, has_centre_inside
+from toolkit.runtime.writing import write_text, writing_together
+from toolkit.sensors.error_profiles import PAPER_ERRORS
+
+EXAMPLE_IOU = 0.7  # at which a detection hits, in the paper's first column
+
+
+def curve_files(
+    classes: Sequence[str], iou_thresholds: Sequence[float] | None = None
+) -> dict[str, tuple[str, float]]:
+    """Return the class and IoU threshold of each PR picture, by file name.
+
+    Vehicles have no class in the name: pr_0.7.png, but pr_cyclist_0.5.png."""
+    return {
+        f"pr_{'' if label == LABELS[VEHICLE] else label + '_'}{iou:g}.png": (label, iou)
+        for label in classes
+        for iou in class_thresholds(iou_thresholds, label)
+    }
+
+
+def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
+    """Write table.json and the PR curves (`curve_files`) into a folder, made if missing.
+
+    table.json is {"provenance": {...}, "rows": [...], "classes": [...]}. Either all files are
+    written or, if that fails (OSError), no file is.
+    """
+    with writing_together(folder) as unfinished:
+        table = {"provenance": with_file_digest(rows.provenance), **rows.as_dict()}
+        write_text(unfinished / "table.json", json.dumps(table, indent=1))
+        for label, iou in dict.fromkeys((row.label, row.iou) for row in rows):
+            selected = [row for row in rows if (row.label, row.iou) == (label, iou)]
+            curves = {}
+            for row in selected:
+                ap = format_share(row.ap, row.truths)
+                legend = f"{row.scheme} {','.join(map(str, row.sensors))}: AP {ap}"
+                curves[legend] = row.curve.recall, row.curve.precision
+            (name,) = curve_files([label], [iou])
+            title = f"IoU {iou:g}" if label == LABELS[VEHICLE] else f"{label}, IoU {iou:g}"
+            draw_pr_curves(curves, unfinished / name, title=title)
+
+
+def draw_example(
+    recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0
+) -> None:
+    """Draw the frame with the most objects from above.
+
+    Hits, misses and false alarms of vehicles are marked at `EXAMPLE_IOU`. Objects centred outside
+    the area do not count. seed: seed of the sensors' noise."""
+    site = recording.site
+    frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)
+    truth = frame.objects
+    detections = fuse_frame("early", frame, detector, site=site).detections
+    (result,) = matches(
+        detections, truth, [EXAMPLE_IOU], counted=has_centre_inside(truth.boxes, site.area)
+    )
+    sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
+    outcome = FrameOutcome(
+        EXAMPLE_IOU, result.hit, ~result.scored, result.truth >= 0, result.ignored
+    )
+    name = detector_origin(detector)["detector"]
+    title = f"{site.name}, frame {frame.index}: early fusion of {sensors}, {name}"
+    clouds = frame_points(frame, area=site)
+    draw_frame(
+        site, out, clouds=clouds, truth=truth, detections=detections, outcome=outcome, title=title
+    )

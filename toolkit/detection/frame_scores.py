@@ -1,0 +1,185 @@
+"""Fused detections and truth of each frame, by every scheme and sensor set."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import chain
+from time import perf_counter
+
+import numpy as np
+
+from toolkit.boxes import count_points
+from toolkit.calibration.place import Place, Stand
+from toolkit.calibration.recording_scenes import Scenes
+from toolkit.datasets.recording_views import ReadRecording
+from toolkit.detection.breakdown import FrameTruth, select_truth
+from toolkit.detection.codec import Codec, ImageCodec, check_codec
+from toolkit.detection.comparison import Comparison, Scoring
+from toolkit.detection.scheme import Fused, Scheme, scheme_codec
+from toolkit.detection.view import LinkMemory, View, stand_view
+from toolkit.frame import Frame, select_sensors
+from toolkit.objects import Detections, Detector
+from toolkit.points import detect_on_ground, has_centre_inside
+from toolkit.sites.site import Site
+
+
+def sends_images(scheme: Scheme | None, codec: Codec) -> bool:
+    """True if sensors send points that a codec codes as images."""
+    if scheme is None or not scheme.sends_points:
+        return False
+    return isinstance(scheme_codec(scheme, codec), ImageCodec)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """Truth of one frame, and the result of each scheme and sensor set.
+
+    Attributes:
+        truth: objects, and those that count.
+        fused: fused detections by scheme and sensors (indices).
+        problems: labels and points left out in reading, by kind.
+        level_ms: time that finding the ground took.
+        warning: warning of ground that is not level.
+    """
+
+    truth: FrameTruth
+    fused: dict[tuple[str, tuple[int, ...]], Fused]
+    problems: Mapping[str, int]
+    level_ms: float
+    warning: str | None = None
+
+
+@dataclass(frozen=True)
+class ScoringJob:
+    """Scores frames one after another; pickled to other processes.
+
+    Attributes:
+        recording: frames with the sensors' errors.
+        detector: detector of all schemes.
+        comparison: settings, as the caller gave them.
+        place: detection area and ground.
+        site: site of the recording, None if unknown.
+        at_site: True if detection is at the site itself.
+        schemes: schemes by name.
+        sets: names of the sensors in each set, by the set's indices.
+        scenes: empty scenes of the sensors.
+        protocol: rule for the objects that count.
+        count_points: whether points on objects are counted, for a breakdown.
+    """
+
+    recording: ReadRecording
+    detector: Detector
+    comparison: Comparison
+    place: Place
+    site: Site | None
+    at_site: bool
+    schemes: dict[str, Scheme | None]
+    sets: dict[tuple[int, ...], tuple[str, ...]]
+    scenes: Scenes
+    protocol: Scoring
+    count_points: bool
+
+    def __call__(self, numbers: Sequence[int]) -> list[FrameResult]:
+        """Results of the frames with these numbers."""
+        return list(self.score((self.recording[k] for k in numbers), numbers))
+
+    def score(self, frames: Iterable[Frame], numbers: Iterable[int]) -> Iterator[FrameResult]:
+        """Yield the results of each frame, in order."""
+        if None not in self.comparison.sensor_sets and not self.at_site:
+            sensor_names = list(dict.fromkeys(chain.from_iterable(self.sets.values())))
+            frames = (frame.seen_by(sensor_names) for frame in frames)
+        memory = LinkMemory()
+        remembered = list[str]()
+        stands = self.place.stands(frames, self.site)
+        for number, (frame, stand) in zip(numbers, stands, strict=True):
+            names = [sensor.name for sensor in frame.sensors]
+            if names != remembered:
+                memory = LinkMemory()
+            remembered = names
+            numbered = frame if frame.index == number else replace(frame, index=number)
+            fused = self._fuse(numbered, stand, memory)
+            truth = self._find_truth(frame, stand)
+            yield FrameResult(truth, fused, frame.problems, stand.ms, stand.warning)
+
+    def describe(self, ious: Mapping[str, tuple[float, ...]], **reads: object) -> dict[str, object]:
+        """Settings that the figures depend on, for their provenance. reads: how frames are read."""
+        settings: dict[str, object] = {
+            "site": self.site and self.site.name,
+            "hybrid_radius": self.site and self.site.hybrid_radius,
+            **reads,
+            "nms_iou": self.comparison.nms_iou,
+            "metric": self.comparison.metric,
+            "protocol": self.protocol,
+        }
+        if self.scenes.used:
+            settings["empty_scenes"] = self.scenes.digests
+        if len(ious) == 1:
+            label = next(iter(ious))
+            settings |= {"label": label, "iou": list(ious[label])}
+        else:
+            settings["classes"] = ious
+        settings["schemes"] = {
+            name: "all clouds at once" if scheme is None else scheme.digest
+            for name, scheme in self.schemes.items()
+        }
+        return settings
+
+    def _find_truth(self, frame: Frame, stand: Stand) -> FrameTruth:
+        """Objects of a frame, and those that count by the protocol."""
+        if self.protocol == "measured":
+            return select_truth(frame, stand.corners)
+        objects = frame.objects
+        is_inside = has_centre_inside(objects.boxes, stand.corners)
+        counts = np.zeros(len(is_inside), np.int64)
+        if self.count_points:
+            counts = count_points(frame.points(), objects.boxes)
+        if self.protocol == "published":
+            objects = objects[is_inside]
+            counts = counts[is_inside]
+            is_inside = is_inside[is_inside]
+        return FrameTruth(objects, is_inside, counts, stand.corners)
+
+    def _fuse(
+        self, frame: Frame, stand: Stand, memory: LinkMemory
+    ) -> dict[tuple[str, tuple[int, ...]], Fused]:
+        """Fuse a frame by every scheme with every sensor set."""
+        comparison = self.comparison
+        fused = dict[tuple[str, tuple[int, ...]], Fused]()
+
+        @cache
+        def view(as_images: bool) -> View:
+            return stand_view(
+                frame,
+                self.detector,
+                stand,
+                codec=check_codec(comparison.codec),
+                nms_iou=comparison.nms_iou,
+                scenes=self.scenes if as_images else None,
+                memory=memory,
+            )
+
+        for name, scheme in self.schemes.items():
+            for sensors, names in self.sets.items():
+                # indices in this frame, which may lack some of the sensors
+                present = list(range(len(frame.sensors)))
+                if None not in comparison.sensor_sets or len(sensors) < max(map(len, self.sets)):
+                    present = sorted(select_sensors(frame.sensors, names))
+                if scheme is None:
+                    result = self._detect_all(frame, stand, present)
+                else:
+                    as_images = self.at_site or sends_images(scheme, comparison.codec)
+                    result = scheme.fuse(view(as_images), present)
+                detections = result.detections
+                if not self.at_site:
+                    detections = stand.put_back(detections)
+                fused[name, sensors] = replace(result, detections=detections)
+        return fused
+
+    def _detect_all(self, frame: Frame, stand: Stand, present: list[int]) -> Fused:
+        """Detect in all points of some sensors (indices) together, uncropped."""
+        points = stand.lift(frame.seen_by(present).points())
+        start = perf_counter()
+        detections = Detections.empty()
+        if len(points):
+            detections = detect_on_ground(self.detector, points, stand.area)
+        return Fused(detections, np.zeros(0, np.int64), 1e3 * (perf_counter() - start))

@@ -1,0 +1,157 @@
+"""Results of one scheme and sensor set in all frames, pooled into figures."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float64, Mask
+from toolkit.detection.breakdown import FrameTruth, GroupRow, group_rows
+from toolkit.detection.figures import ClassFigures, Row
+from toolkit.detection.frame_scores import FrameResult, ScoringJob, sends_images
+from toolkit.detection.link.message import LinkLoad, link_load
+from toolkit.detection.metrics import TRUE_IOU, DetectionScore, evaluate, reliability, second_labels
+from toolkit.objects import LABELS, VEHICLE, Detections, label_index
+
+
+def _find_outside(
+    truths: Sequence[FrameTruth], frame_detections: Sequence[Detections]
+) -> list[Mask]:
+    """Masks of the detections of each frame that are outside its area."""
+    return [
+        ~truth.inside(detections)
+        for truth, detections in zip(truths, frame_detections, strict=True)
+    ]
+
+
+class SetResults:
+    """Results of one scheme and sensor set in all frames, pooled into figures."""
+
+    def __init__(
+        self, job: ScoringJob, results: Sequence[FrameResult], scheme: str, sensors: tuple[int, ...]
+    ) -> None:
+        self.job = job
+        self.results = results
+        self.scheme = scheme
+        self.sensors = sensors
+        self.truths = [result.truth for result in results]
+        fused = [result.fused[scheme, sensors] for result in results]
+        self.detections = [frame_fused.detections for frame_fused in fused]
+        self.bits = [frame_fused.bits for frame_fused in fused]
+        self.ms = float(np.median([frame_fused.ms for frame_fused in fused]))
+        kbits = [bits.mean() / 1000 if len(bits) else 0.0 for bits in self.bits]
+        self.kbit = float(np.mean(kbits))
+        self.outside: list[Mask] | None = None
+        if job.protocol == "measured":
+            self.outside = _find_outside(self.truths, self.detections)
+
+    def score_class(self, label: str, thresholds: Sequence[float]) -> dict[float, DetectionScore]:
+        """Scores of a class at its thresholds, and at the one of a true detection."""
+        return evaluate(
+            self.detections,
+            [truth.objects for truth in self.truths],
+            iou_thresholds=[*thresholds, TRUE_IOU[label_index(label)]],
+            metric=self.job.comparison.metric,
+            protocol="published" if self.job.protocol == "published" else "exact",
+            label=label,
+            counted=[truth.counted for truth in self.truths],
+            outside=self.outside,
+        )
+
+    def make_row(self, label: str, iou: float, score: DetectionScore) -> Row:
+        """Row of a class at one threshold."""
+        return Row(
+            scheme=self.scheme,
+            sensors=self.sensors,
+            iou=iou,
+            ap=score.ap,
+            recall=score.recall,
+            precision=score.precision,
+            kbit_per_sensor=self.kbit,
+            ms_per_frame=self.ms,
+            curve=score.curve,
+            label=label,
+            truths=score.truths,
+            false_alarms_per_frame=score.fp / len(self.results),
+        )
+
+    def rate_threshold(self, label: str, score: DetectionScore) -> ClassFigures:
+        """Rate the detector's threshold, with second labels as false alarms."""
+        second_scores = self._second_scores(label)
+        frames = len(self.results)
+        detections = score.tp + score.fp + len(second_scores)
+        scores = np.append(score.scores, second_scores)
+        hits = np.append(score.hits, np.zeros(len(second_scores), bool))
+        return ClassFigures(
+            scheme=self.scheme,
+            sensors=self.sensors,
+            label=label,
+            iou=TRUE_IOU[label_index(label)],
+            frames=frames,
+            truths=score.truths,
+            detections=detections,
+            recall=score.recall,
+            precision=score.tp / detections if detections else np.nan,
+            false_alarms_per_frame=(score.fp + len(second_scores)) / frames,
+            reliability=reliability(scores, hits),
+        )
+
+    def _second_scores(self, label: str) -> Float64[np.ndarray, " n"]:
+        """Scores of detections that give an object a second label; only vehicles can."""
+        scores = [np.zeros(0)]
+        if label != LABELS[VEHICLE]:
+            return scores[0]
+        for number, truth in enumerate(self.truths):
+            detections = self.detections[number]
+            is_second = second_labels(
+                detections,
+                truth.objects,
+                metric=self.job.comparison.metric,
+                counted=truth.counted,
+                outside=None if self.outside is None else self.outside[number],
+            )
+            scores.append(detections.scores[is_second])
+        return np.concatenate(scores)
+
+    def break_down(self, title: str, labels: Iterable[str]) -> list[GroupRow]:
+        """AP of each class by range, by points and as other data sets count it."""
+        judged = [
+            truth.judge(detections)
+            for truth, detections in zip(self.truths, self.detections, strict=True)
+        ]
+        rows = list[GroupRow]()
+        for label in labels:
+            rows += group_rows(judged, label, self.job.comparison.iou_thresholds)
+        return [replace(row, scheme=title) for row in rows]
+
+    def find_load(self) -> LinkLoad | None:
+        """Load on a link; None without a rate, or if frames differ in their sensors."""
+        rate = self.job.comparison.rate
+        numbers = {len(bits) for bits in self.bits}
+        if rate is None or len(numbers) != 1 or numbers == {0}:
+            return None
+        return link_load(np.array(self.bits), rate)
+
+    def summarise(self, load: LinkLoad | None) -> dict[str, Any]:
+        """Counts, problems and costs of a scheme and set."""
+        problems = sum((Counter(result.problems) for result in self.results), Counter[str]())
+        has_bits = any(len(bits) for bits in self.bits)
+        summary: dict[str, Any] = {
+            "samples": len(self.results),
+            "detections": sum(len(detections.boxes) for detections in self.detections),
+            "problems": dict(problems),
+            "level_ms": float(np.median([result.level_ms for result in self.results])),
+            "detect_ms": self.ms,
+            "kbit_per_sensor": self.kbit if has_bits else None,
+        }
+        if load is not None:
+            summary["load"] = vars(load)
+        scheme = self.job.schemes[self.scheme]
+        if not self.job.at_site and sends_images(scheme, self.job.comparison.codec):
+            summary["images"] = {
+                sensor: {"points": scene.points, **scene.left_out}
+                for sensor, scene in self.job.scenes.every.items()
+            }
+        return summary

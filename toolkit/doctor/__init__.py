@@ -1,0 +1,1 @@
+"""Doctor: what is wrong with a recording, and what to do about it."""

@@ -1,0 +1,43 @@
+"""Sensors whose points are below the ground: their pose is wrong or missing."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from toolkit.doctor.box_fits import GroundView
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.sensor_clouds import find_cloud, sensor_names
+
+MIN_BURIED_M = 1.0  # below the ground that all sensors together show
+MIN_BURIED_SHARE = 0.3  # share of a sensor's points, which no ramp or ditch explains
+MAX_USUAL_BURIED_SHARE = 0.05
+
+
+def suspect_buried_points(seen: Sequence[GroundView]) -> Iterator[Finding]:
+    """Find sensors whose points are below the ground that other sensors see."""
+    shares: dict[str, float] = {}
+    for name in sensor_names([view.sample for view in seen]):
+        heights = [np.zeros(0)]
+        for view in seen:
+            cloud = find_cloud(view.sample, name)
+            if cloud is not None and view.ground is not None:
+                points = cloud.in_world()
+                heights.append(points[:, 2] - view.ground.height(points[:, :2]))
+        sensor_heights = np.concatenate(heights)
+        if len(sensor_heights):
+            shares[name] = float((sensor_heights < -MIN_BURIED_M).mean())
+    usual = [name for name, share in shares.items() if share <= MAX_USUAL_BURIED_SHARE]
+    for name, share in shares.items():
+        if share >= MIN_BURIED_SHARE and usual:
+            evidence = (
+                f"{share:.0%} of its points are more than {MIN_BURIED_M:g} m below it, of "
+                f"{usual[0]}'s hardly any"
+            )
+            words = "its points are below the ground that others see"
+            yield Finding(
+                "error",
+                f"sensor {name}",
+                words,
+                evidence,
+                "check its pose: its height, and which way is up",
+            )

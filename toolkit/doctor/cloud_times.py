@@ -1,0 +1,133 @@
+"""Times of clouds: stamps that are apart, sensors of two rates, and clouds that repeat.
+
+Clouds of one frame should be of one instant. Sensors of two rates cannot be paired: steps between
+stamps differ, clouds repeat, or frames lack a sensor."""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from toolkit.boxes import count_points, iou_bev
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.sensor_clouds import find_cloud, list_clouds, sensor_names
+from toolkit.frame import MAX_APART_S, Frame, SensorCloud, measure_spread
+
+MAX_RATE_RATIO = 1.2
+MAX_REPEATED_SHARE = 0.2  # in a sensor's clouds
+MAX_MISSING_SHARE = 0.3  # in the frames from a sensor's first to its last cloud
+MIN_STALE_POINTS = 20  # on the former place of an object that has left it
+
+
+def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
+    """Return faults in the stated times of consecutive frames' clouds."""
+    return [*suspect_stamps(samples), *suspect_rates(samples), *suspect_twins(samples)]
+
+
+def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
+    """Find clouds of one frame whose stamps are apart."""
+    paired = [sample for sample in samples if len(sample.clouds) > 1]
+    spreads_s = [measure_spread(sample.clouds) for sample in paired]
+    if not spreads_s or np.median(spreads_s) <= MAX_APART_S:
+        return
+    evidence = f"{np.median(spreads_s):.3f} s from first to last, median of {len(spreads_s)} frames"
+    remedy = "pair clouds by their times, or move them to one time"
+    yield Finding("warning", "clouds", "clouds of one instant are apart in time", evidence, remedy)
+
+
+def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
+    """Find sensors that measure at another rate than the fastest."""
+    steps_s = {}
+    repeated = {}
+    missing = {}
+    for name in sensor_names(samples):
+        clouds = list_clouds(samples, name)
+        stamps = np.unique(
+            [cloud.stamp_s for cloud in clouds if cloud is not None and cloud.stamp_s is not None]
+        )
+        if len(stamps) > 2:
+            steps_s[name] = float(np.median(np.diff(stamps)))
+        repeated[name] = _share_repeated(clouds)
+        missing[name] = _share_missing(clouds)
+    remedy = "pair clouds by their times, and leave out those without a partner"
+    if len(steps_s) > 1 and max(steps_s.values()) > MAX_RATE_RATIO * min(steps_s.values()):
+        evidence = ", ".join(f"{name} every {step:.3f} s" for name, step in steps_s.items())
+        yield Finding("warning", "clouds", "sensors of two rates", evidence, remedy)
+        return
+    fresh = [name for name in repeated if repeated[name] <= MAX_REPEATED_SHARE]
+    for name, share in repeated.items():
+        if share > MAX_REPEATED_SHARE and fresh and _shows_the_past(samples, name):
+            evidence = (
+                f"{share:.0%} of its clouds repeat the one before, those of {fresh[0]} do not"
+            )
+            yield Finding(
+                "warning", f"sensor {name}", "it is slower than the frames", evidence, remedy
+            )
+    complete = [name for name in missing if missing[name] < 0.1]
+    for name, share in missing.items():
+        if share > MAX_MISSING_SHARE and complete:
+            evidence = (
+                f"{share:.0%} of the frames from its first to its last cloud lack it, "
+                f"{complete[0]} has all"
+            )
+            yield Finding(
+                "warning", f"sensor {name}", "it is slower than the frames", evidence, remedy
+            )
+
+
+def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
+    """Find two sensors that have the same points in every frame: one cloud under two names."""
+    for first, second in combinations(sensor_names(samples), 2):
+        pairs = [(find_cloud(sample, first), find_cloud(sample, second)) for sample in samples]
+        clouds = [
+            (first_cloud, second_cloud)
+            for first_cloud, second_cloud in pairs
+            if first_cloud and second_cloud and len(first_cloud.points) > 0
+        ]
+        if clouds and all(
+            np.array_equal(first_cloud.points, second_cloud.points)
+            for first_cloud, second_cloud in clouds
+        ):
+            evidence = f"all points in {len(clouds)} frames"
+            words = f"it has the same points as {second}"
+            yield Finding(
+                "warning",
+                f"sensor {first}",
+                words,
+                evidence,
+                "leave one out, its points count twice",
+            )
+
+
+def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
+    """Share of a sensor's clouds that have the points of the frame before."""
+    pairs = [(former, latter) for former, latter in pairwise(clouds) if former and latter]
+    same = [
+        len(former.points) > 0 and np.array_equal(former.points, latter.points)
+        for former, latter in pairs
+    ]
+    return float(np.mean(same)) if len(same) > 2 else 0.0
+
+
+def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
+    """Return True if a cloud that repeats the one before shows objects at their earlier positions.
+
+    Also returns True if no object moves."""
+    stale_count = 0
+    changes = 0
+    for former, latter in pairwise(samples):
+        places = former.objects.boxes
+        gone = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
+        before = find_cloud(former, name)
+        cloud = find_cloud(latter, name)
+        if before and cloud and len(gone) and np.array_equal(cloud.points, before.points):
+            changes += 1
+            stale_count += bool((count_points(cloud.in_world(), gone) >= MIN_STALE_POINTS).any())
+    return changes == 0 or stale_count > 0.5 * changes
+
+
+def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
+    """Share of the frames from a sensor's first cloud to its last that lack it."""
+    present = np.flatnonzero([cloud is not None for cloud in clouds])
+    span = int(present[-1] - present[0]) + 1 if len(present) else 0
+    return 1 - len(present) / span if span > 4 else 0.0

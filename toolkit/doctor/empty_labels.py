@@ -1,0 +1,51 @@
+"""Labels without a point of any sensor."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from toolkit.arrays import BoxRows
+from toolkit.boxes import count_points
+from toolkit.doctor.box_fits import GroundView
+from toolkit.doctor.explanations import undo_each
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.label_frames import other_frames
+
+MAX_EMPTY_SHARE = 0.5  # share of labels without a point
+MAX_EXPLAINED_EMPTY_SHARE = 0.2  # share of labels without a point, once the mistake is undone
+
+
+def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
+    """Find labels that mostly hold no point of any sensor, and the frame in which they would hold
+    some."""
+    empty, total = _count_empty(views, [view.sample.objects.boxes for view in views])
+    if not total or empty / total <= MAX_EMPTY_SHARE:
+        return
+    observation = f"{empty} of {total} boxes hold no point above the ground"
+    samples = [view.sample for view in views]
+    undone = [
+        undo_each(other_frame.mistake, views, other_frame.choose)
+        for other_frame in other_frames(samples)
+    ]
+    best = max(undone, key=lambda attempt: float(attempt.fits.mean()))
+    left_empty, _ = _count_empty(views, best.boxes)
+    if left_empty / total <= MAX_EXPLAINED_EMPTY_SHARE:
+        evidence = f"{observation}, {left_empty} with that undone"
+        yield Finding("error", "labels", best.mistake.name, evidence, best.mistake.remedy)
+        return
+    remedy = (
+        "check the frame and unit of labels, the poses of sensors, and that labels and clouds "
+        "belong together"
+    )
+    yield Finding("warning", "labels", "boxes without a point from any sensor", observation, remedy)
+
+
+def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> tuple[int, int]:
+    """Count boxes without a point above the ground, and all boxes."""
+    counts = [
+        count_points(view.points, rows)
+        for view, rows in zip(views, boxes, strict=True)
+        if len(rows)
+    ]
+    inside = np.concatenate([np.zeros(0, np.int64), *counts])
+    return int((inside == 0).sum()), len(inside)

@@ -1,0 +1,98 @@
+"""Agreement of points and boxes in a file of images, with and without suspected mistakes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from toolkit.datasets import published_layout as published
+from toolkit.doctor.findings import Finding, report_error
+from toolkit.doctor.frame_shifts import suspect_frames
+from toolkit.doctor.moving_points import choose_witnesses, collect_clouds
+from toolkit.doctor.sensor_images import SensorImages
+from toolkit.doctor.site_area import find_misplaced
+from toolkit.doctor.stored_objects import suspect_objects
+from toolkit.doctor.stored_sensors import suspect_sensor
+from toolkit.doctor.suspicions import MIN_MOVING_POINTS, Suspicion
+from toolkit.objects import Objects
+from toolkit.sites.site import Site
+
+MIN_SENSOR_FIT = 0.5  # share of a sensor's moving points on boxes, for its pose to be certain
+
+
+class Examination:
+    """Agreement of points and boxes, with and without the suspected mistakes."""
+
+    def __init__(
+        self,
+        site: Site,
+        views: Sequence[SensorImages],
+        tables: Sequence[np.ndarray],
+        frames: Sequence[int],
+    ) -> None:
+        self.site = site
+        self.views = views
+        sensors = [view.sensor for view in views]
+        pixels = choose_witnesses(views)
+        clouds = collect_clouds(pixels, sensors, len(frames))
+        other_frames, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
+        undone = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
+        self.mistakes = [other_frames] if other_frames else []
+        self.mistakes += undone.suspicions
+        self.explained = undone.fit * sum(len(witness.depth) for witness in pixels)
+        self.misplaced, self.rows = find_misplaced(undone.rows, site)
+        self.doubts: dict[str, Suspicion | None] = {}
+        self.fits: dict[str, float] = {}
+        for i, sensor in enumerate(sensors):
+            sensor_witnesses = [witness for witness in pixels if witness.sensor == i]
+            count = sum(len(witness.depth) for witness in sensor_witnesses)
+            if count < MIN_MOVING_POINTS or not any(len(table) for table in self.rows):
+                continue
+            suspicion, sensor_fit = suspect_sensor(
+                sensor_witnesses, sensor, self.rows, site.map_SE3_site
+            )
+            self.fits[sensor.name] = sensor_fit
+            if suspicion is not None or sensor_fit < MIN_SENSOR_FIT:
+                self.doubts[sensor.name] = suspicion
+
+    def disagreements(self) -> Iterator[Finding]:
+        """Yield suspected mistakes: objects first, then sensors."""
+        for mistake in self.mistakes:
+            yield report_error("objects", mistake.mistake, mistake.evidence, mistake.remedy)
+        yield from self.misplaced
+        kinds = dict.fromkeys(suspicion and suspicion.mistake for suspicion in self.doubts.values())
+        for kind in kinds:
+            doubts = {
+                name: suspicion
+                for name, suspicion in self.doubts.items()
+                if (suspicion and suspicion.mistake) == kind
+            }
+            where = f"sensor{'s' * (len(doubts) > 1)} {', '.join(doubts)}"
+            evidence = self._evidence(doubts)
+            first = next(iter(doubts.values()))
+            if first is not None:
+                yield report_error(where, first.mistake, evidence, first.remedy)
+            else:
+                remedy = "check the pose, and that images and objects belong to the same frames"
+                yield report_error(where, "points and boxes disagree", evidence, remedy)
+
+    def _evidence(self, doubts: Mapping[str, Suspicion | None]) -> str:
+        """Fits of the sensors in doubt, each under its name if there are several."""
+        words = {
+            name: f"{self.fits[name]:.0%} of the moving points lie on boxes"
+            if doubt is None
+            else doubt.evidence
+            for name, doubt in doubts.items()
+        }
+        if len(words) == 1:
+            return next(iter(words.values()))
+        return "; ".join(f"{name}: {evidence}" for name, evidence in words.items())
+
+    def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
+        """Yield objects and points of some frames, site frame. Sensors in doubt are left out."""
+        trusted = [view for view in self.views if view.sensor.name not in self.doubts]
+        for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
+            points = [np.zeros((0, 3), np.float32), *(view.points(frame) for view in trusted)]
+            yield (
+                published.parse_rows(self.rows[frame], self.site.map_SE3_site),
+                np.concatenate(points),
+            )

@@ -1,0 +1,31 @@
+"""Findings: what the doctor suspects, and why."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One suspicion.
+
+    Attributes:
+        severity: error or warning.
+        where: dataset, sensor or frame of the file.
+        suspected: the suspicion in words.
+        evidence: the numbers behind it.
+        remedy: what to do about it.
+    """
+
+    severity: Literal["error", "warning"]
+    where: str
+    suspected: str
+    evidence: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.where}: {self.suspected} ({self.evidence}); {self.remedy}"
+
+
+def report_error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
+    """Return a finding that is an error."""
+    return Finding("error", where, suspected, evidence, remedy)

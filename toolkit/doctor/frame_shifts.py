@@ -1,0 +1,51 @@
+"""Labels that are some frames ahead of or behind the images."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.arrays import Float, Pose
+from toolkit.doctor.moving_points import Rows, share_on_boxes
+from toolkit.doctor.suspicions import MIN_EXPLAINED_FIT, MIN_MOVING_POINTS, Suspicion
+
+MAX_FRAMES_OFF = 3
+MIN_SHIFT_GAIN = 0.2  # in fit, for a suspicion of shifted frames
+
+
+def suspect_frames(
+    clouds: Sequence[Float[np.ndarray, "_ 3"]],
+    tables: Sequence[Rows],
+    frames: Sequence[int],
+    map_SE3_site: Pose,
+) -> tuple[Suspicion | None, list[Rows]]:
+    """Find the number of frames by which objects are off.
+
+    Returns it and the rows that belong to `frames`. clouds: moving points of `frames`, site frame;
+    tables: rows of all frames of the file."""
+    best: Suspicion | None = None
+    rows = [tables[k] for k in frames]
+    for offset in [sign * n for n in range(1, MAX_FRAMES_OFF + 1) for sign in (1, -1)]:
+        is_usable = [
+            0 <= k + offset < len(tables) and len(tables[k]) and len(tables[k + offset])
+            for k in frames
+        ]
+        usable = np.flatnonzero(is_usable).tolist()
+        shown_clouds = [clouds[i] for i in usable]
+        if sum(map(len, shown_clouds)) < MIN_MOVING_POINTS:
+            continue
+        before = share_on_boxes(shown_clouds, [tables[frames[i]] for i in usable], map_SE3_site)
+        shifted = [tables[frames[i] + offset] for i in usable]
+        after = share_on_boxes(shown_clouds, shifted, map_SE3_site)
+        is_clear = after >= max(MIN_EXPLAINED_FIT, before + MIN_SHIFT_GAIN)
+        if is_clear and (best is None or after > best.after):
+            count = f"{abs(offset)} frame{'s' * (abs(offset) > 1)}"
+            mistake = (
+                f"labels lie about {count} {'behind' if offset > 0 else 'ahead of'} the images"
+            )
+            remedy = f"store objects/K as objects/{'K-' if offset > 0 else 'K+'}{abs(offset)}"
+            best = Suspicion(mistake, remedy, before, after)
+            rows = [
+                tables[k + offset] if 0 <= k + offset < len(tables) else tables[k][:0]
+                for k in frames
+            ]
+    return best, rows

@@ -1,0 +1,25 @@
+"""Times of frames that cannot follow each other."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.doctor.findings import Finding, report_error
+
+MIN_FRAME_STEP_S = 1e-3  # from frame to frame
+MAX_FRAME_STEP_S = 300.0  # from frame to frame
+
+
+def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
+    """Find times of frames (s) that cannot follow each other."""
+    steps = np.diff(times[np.isfinite(times)])
+    back = int((steps <= 0).sum())
+    if back > max(1, len(steps) / 10):  # a new scene or sensor may begin again
+        evidence = f"{back} of {len(steps)} steps, the smallest of {steps.min():g} s"
+        remedy = "check the times, or sort the frames"
+        yield report_error("frames", "times that repeat or go back", evidence, remedy)
+    elif len(steps) and not MIN_FRAME_STEP_S < np.median(steps) < MAX_FRAME_STEP_S:
+        evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
+        words = "times in another unit than seconds"
+        yield Finding("warning", "frames", words, evidence, "check the unit of the times")

@@ -1,0 +1,74 @@
+"""Failing sensors: frozen or blind.
+
+A sensor is frozen if an image repeats an earlier one although its objects have left. It is blind
+if it returns far less than usual while other sensors do not."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from toolkit.arrays import Bool
+from toolkit.boxes import count_points, iou_bev
+from toolkit.datasets import published_layout as published
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.moving_points import Rows
+from toolkit.doctor.sensor_images import SensorImages
+from toolkit.sites.site import Site
+
+MIN_OBJECT_POINTS = 20  # points that show an object
+USUAL_QUANTILE = 0.9  # quantile of the number of returns that counts as usual
+MAX_BLIND_SHARE = 0.5  # share of the usual number of returns below which a sensor is blind
+
+
+def frozen_frames(
+    view: SensorImages, rows: Sequence[Rows], site: Site
+) -> Bool[np.ndarray, " frames"]:
+    """Mask of frames in which a sensor repeats an image whose objects have left.
+
+    rows: published rows by frame."""
+    frozen = np.zeros(len(view.depth), bool)
+    first = 0
+    for k in range(1, len(view.depth)):
+        if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
+            first = k
+            continue
+        before = published.parse_rows(rows[first], site.map_SE3_site)
+        now = published.parse_rows(rows[k], site.map_SE3_site)
+        gone = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
+        frozen[k] = bool((count_points(view.points(k), gone) >= MIN_OBJECT_POINTS).any())
+    return frozen
+
+
+def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
+    """Mask of the frames in which a sensor has far fewer returns than usual, while others do
+    not."""
+    returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
+    blind = returned < MAX_BLIND_SHARE * np.quantile(returned, USUAL_QUANTILE, axis=1)[:, None]
+    return np.asarray(blind & ~blind.all(axis=0))
+
+
+def failing_sensors(
+    views: Sequence[SensorImages], rows: Sequence[Rows], site: Site, frames: Sequence[int]
+) -> Iterator[Finding]:
+    """Yield a warning for each failure of a sensor. frames: numbers of the images."""
+    if not views or not frames:
+        return
+    for view, is_blind in zip(views, blind_frames(views), strict=True):
+        is_frozen = frozen_frames(view, rows, site)
+        failures = (
+            (is_frozen, "it is frozen", "show objects where nobody is any more"),
+            (
+                is_blind,
+                "it goes blind",
+                "return less than half of what is usual, other sensors see as ever",
+            ),
+        )
+        for is_failing, suspected, symptom in failures:
+            if is_failing.any():
+                first = frames[int(is_failing.argmax())]
+                evidence = (
+                    f"{int(is_failing.sum())} of {len(frames)} frames that were looked at, "
+                    f"the first is {first}, {symptom}"
+                )
+                remedy = "leave these frames out, or the sensor"
+                yield Finding("warning", f"sensor {view.sensor.name}", suspected, evidence, remedy)

@@ -1,0 +1,62 @@
+"""Labels in another frame than the world."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Pose
+from toolkit.datasets import box_frames
+from toolkit.doctor.label_mistake import LabelMistake
+from toolkit.frame import Frame
+from toolkit.geometry import invert
+
+
+class OtherFrame(NamedTuple):
+    """Mistake of labels in another frame than the world, and the boxes in the world without it."""
+
+    mistake: LabelMistake
+    choose: Callable[[Frame], list[BoxRows]]
+
+
+def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
+    """Return the frames that labels may be in by mistake: each sensor's, and the map's."""
+    names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
+    wrong = []
+    for name in names:
+        find_pose = partial(_find_pose, name)
+        stated = f"labels are in the frame of sensor {name}, not in the world"
+        wrong.append(
+            _make_other_frame(
+                find_pose, stated, f"move them by the pose of {name}, or name their frame"
+            )
+        )
+    for name in names:
+        find_inverse = partial(_find_inverse, name)
+        away = f"labels were moved into the frame of sensor {name}, away from the world"
+        wrong.append(_make_other_frame(find_inverse, away, "leave them in the world"))
+    in_map = "labels are in the map, not in the world"
+    remedy = "move them by the pose of the vehicle"
+    wrong.append(_make_other_frame(lambda sample: invert(sample.map_SE3_world), in_map, remedy))
+    return wrong
+
+
+def _find_pose(name: str, sample: Frame) -> Pose:
+    """Pose of a frame's sensor, identity if the frame lacks it."""
+    return next(
+        (cloud.world_SE3_sensor for cloud in sample.clouds if cloud.name == name), np.eye(4)
+    )
+
+
+def _find_inverse(name: str, sample: Frame) -> Pose:
+    return invert(_find_pose(name, sample))
+
+
+def _make_other_frame(
+    world_SE3_labels: Callable[[Frame], Pose], name: str, remedy: str
+) -> OtherFrame:
+    def choose(sample: Frame) -> list[BoxRows]:
+        return [box_frames.move_boxes(world_SE3_labels(sample), sample.objects.boxes)]
+
+    return OtherFrame(LabelMistake(name, remedy), choose)

@@ -1,0 +1,72 @@
+"""Headings against the direction of motion."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64
+from toolkit.doctor.box_fits import MIN_FITTED_BOXES
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.label_mistake import undo_mistake
+from toolkit.doctor.label_mistakes import YAW_SIGN
+from toolkit.doctor.moving_boxes import find_moving
+from toolkit.frame import Frame
+
+MIN_ALONG_COSINE = 0.7  # between heading and direction of motion, for the two to agree
+MIN_TURNED_TRACKS = 2  # that head along their motion only without the mistake
+
+
+class TurnedTracks(NamedTuple):
+    """Tracks and moving boxes against their motion, and all moving boxes."""
+
+    tracks: int
+    boxes: int
+    total: int
+
+
+def count_turned(samples: Sequence[Frame], undo: Callable[..., np.ndarray]) -> TurnedTracks | None:
+    """Count tracks and boxes that a mistake turns against their motion, and all moving boxes."""
+    tracks: set[int] = set()
+    mended = 0
+    spoilt = 0
+    total = 0
+    for k, sample in enumerate(samples):
+        movers = find_moving(samples, k)
+        before = _compare_headings(movers.boxes, movers.velocities)
+        after = _compare_headings(undo(sample, movers.boxes), movers.velocities)
+        is_turned = (before < 0) & (after > MIN_ALONG_COSINE)
+        tracks |= set(movers.ids[is_turned].tolist())
+        mended += int(is_turned.sum())
+        total += len(movers.boxes)
+        spoilt += int(((before > MIN_ALONG_COSINE) & (after < 0)).sum())
+    if len(tracks) < MIN_TURNED_TRACKS or mended < MIN_FITTED_BOXES or spoilt > mended / 10:
+        return None
+    return TurnedTracks(len(tracks), mended, total)
+
+
+def _compare_headings(
+    boxes: BoxRows, velocities: Float64[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, " n"]:
+    """Cosine between each box's heading and its direction of motion."""
+    speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
+    directions = velocities / np.maximum(speeds, 1e-9)
+    yaw = boxes[:, 6]
+    return np.cos(yaw) * directions[:, 0] + np.sin(yaw) * directions[:, 1]
+
+
+def suspect_headings(samples: Sequence[Frame]) -> list[Finding]:
+    """Find moving boxes whose yaw has the wrong sign, in the world or in the map."""
+    undos = (
+        lambda _, boxes: YAW_SIGN.undo(boxes),
+        lambda sample, boxes: undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world),
+    )
+    for undo in undos:
+        turned = count_turned(samples, undo)
+        if turned is not None:
+            evidence = (
+                f"{turned.boxes} of {turned.total} boxes that move, of {turned.tracks} objects, "
+                "head against their way, and along it with that undone"
+            )
+            return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
+    return []

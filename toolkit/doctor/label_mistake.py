@@ -1,0 +1,52 @@
+"""Mistakes that boxes may have, and how to undo them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64, Pose
+from toolkit.datasets import box_frames
+from toolkit.geometry import invert
+
+
+@dataclass(frozen=True)
+class LabelMistake:
+    """Mistake that boxes may have, and how to undo it.
+
+    Attributes:
+        name: words for the mistake.
+        remedy: what to do about it.
+        axes: True if it depends on the frame's axes.
+        order: columns of the boxes without the mistake.
+        factor: factor of each column.
+        turn: angle (rad) that is added to yaw.
+    """
+
+    name: str
+    remedy: str
+    axes: bool = False
+    order: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)
+    factor: tuple[int | float, ...] = (1, 1, 1, 1, 1, 1, 1)
+    turn: float = 0.0
+
+    def undo(self, boxes: BoxRows) -> BoxRows:
+        """Return the boxes without the mistake."""
+        turn = np.array([0, 0, 0, 0, 0, 0, self.turn])
+        return boxes[:, list(self.order)] * np.array(self.factor) + turn
+
+
+def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -> BoxRows:
+    """Undo a mistake that was made in another frame, of boxes (world)."""
+    if np.array_equal(frame_SE3_world, np.eye(4)):
+        return mistake.undo(boxes)
+    undone = mistake.undo(box_frames.move_boxes(frame_SE3_world, boxes))
+    return box_frames.move_boxes(invert(frame_SE3_world), undone)
+
+
+def possible_headings(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
+    """Headings (rad, modulo half a turn) that become `yaw` if degrees are taken for radians.
+
+    A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full
+    turns."""
+    turns = np.arange(-15, 16)[:, None]  # 2 pi "degrees" each: a quarter turn either way
+    return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)

@@ -1,0 +1,68 @@
+"""One horizontal offset of all labels from the points."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64, Points
+from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits, fits_better
+from toolkit.doctor.explanations import Explanation
+from toolkit.doctor.label_mistake import LabelMistake
+
+MIN_OFFSET_M = 0.3  # from the labels to the points
+MAX_OFFSET_M = 5.0  # from the labels to the points
+OFFSET_REACH_M = 2.0  # around a box in which its points may be
+OFFSET_ROUNDS = 4
+
+
+def find_offset(
+    views: Sequence[GroundView], current: Float64[np.ndarray, " n"]
+) -> Explanation | None:
+    """Find one horizontal offset of all labels from the points.
+
+    Returns None if undoing it does not fit fits_better."""
+    boxes = [view.sample.objects.boxes for view in views]
+    offset = np.zeros(2)
+    for _ in range(OFFSET_ROUNDS):
+        moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
+        view_offsets = [
+            _measure_offsets(view.points, rows) for view, rows in zip(views, moved, strict=True)
+        ]
+        offsets = np.concatenate([np.zeros((0, 2)), *view_offsets])
+        if len(offsets) < MIN_FITTED_BOXES:
+            return None
+        offset = offset - np.median(offsets, axis=0)
+    moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
+    if not MIN_OFFSET_M <= np.hypot(*offset) <= MAX_OFFSET_M:
+        return None
+    undone = fits(views, moved)
+    if not fits_better(current, undone):
+        return None
+    words = (
+        f"all labels are {offset[0]:+.1f} m in x and {offset[1]:+.1f} m in y from where the "
+        "points are"
+    )
+    remedy = (
+        "take that off, and check which point of the vehicle, of the lidar or of the map they "
+        "are counted from"
+    )
+    return Explanation(LabelMistake(words, remedy), moved, undone)
+
+
+def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2"]:
+    """Offsets of the points around boxes from the boxes' centres; boxes without points are
+    skipped."""
+    from scipy.spatial import cKDTree
+
+    if not len(points) or not len(boxes):
+        return np.zeros((0, 2))
+    tree = cKDTree(points[:, :2])
+    neighbours = tree.query_ball_point(
+        boxes[:, :2], np.hypot(boxes[:, 3], boxes[:, 4]) / 2 + OFFSET_REACH_M
+    )
+    rows = [
+        np.median(points[point_rows, :2], axis=0) - box[:2]
+        for point_rows, box in zip(neighbours, boxes, strict=True)
+        if point_rows
+    ]
+    return np.array(rows).reshape(-1, 2)

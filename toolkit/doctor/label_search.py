@@ -1,0 +1,65 @@
+"""Search for the mistake whose undoing makes labels fit best."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from toolkit.doctor.box_fits import GroundView
+from toolkit.doctor.explanations import (
+    MIN_CHOICE_GAIN,
+    Explanation,
+    choose_clearer,
+    find_nearly_best,
+    undo_each,
+)
+from toolkit.doctor.label_frames import other_frames
+from toolkit.doctor.label_mistake import LabelMistake, possible_headings, undo_mistake
+from toolkit.doctor.label_mistakes import LABEL_MISTAKES, LOST_DEGREES
+from toolkit.frame import Frame
+from toolkit.geometry import invert
+
+MIN_TURN_GAIN = 0.15  # in mean fit, for explanations that turn each box freely
+
+
+def find_explanation(views: Sequence[GroundView], current: np.ndarray) -> Explanation | None:
+    """Find the mistake whose undoing raises the fits most.
+
+    Explanations with a choice for each box must fit clearly better."""
+
+    def undo(mistake: LabelMistake, frames: Callable[[Frame], Sequence[np.ndarray]]) -> Explanation:
+        def choose(sample: Frame) -> list[np.ndarray]:
+            return [undo_mistake(mistake, sample.objects.boxes, frame) for frame in frames(sample)]
+
+        return undo_each(mistake, views, choose)
+
+    def in_sensors(sample: Frame) -> list[np.ndarray]:
+        return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]
+
+    in_axes = [mistake for mistake in LABEL_MISTAKES if mistake.axes]
+    samples = [view.sample for view in views]
+    frames = [
+        undo_each(other_frame.mistake, views, other_frame.choose)
+        for other_frame in other_frames(samples)
+    ]
+    attempts = [undo(mistake, lambda _: [np.eye(4)]) for mistake in LABEL_MISTAKES]
+    if any(not np.allclose(view.sample.map_SE3_world, np.eye(4)) for view in views):
+        attempts += [undo(mistake, lambda sample: [sample.map_SE3_world]) for mistake in in_axes]
+    plain = find_nearly_best([*attempts, *frames], current)
+    by_sensor = [undo(mistake, in_sensors) for mistake in in_axes]
+    chosen_sensor = find_nearly_best(by_sensor, current, MIN_CHOICE_GAIN)
+    best = choose_clearer(plain, chosen_sensor, MIN_CHOICE_GAIN)
+    if best is None:
+        return None
+    return choose_clearer(
+        best, turn_each(views), MIN_TURN_GAIN if best is plain else MIN_CHOICE_GAIN
+    )
+
+
+def turn_each(views: Sequence[GroundView]) -> Explanation:
+    """Turn each box to the heading that fits best, as if degrees had been taken for radians."""
+
+    def turn(sample: Frame) -> list[np.ndarray]:
+        rows = sample.objects.boxes
+        return [np.column_stack([rows[:, :6], yaw]) for yaw in possible_headings(rows[:, 6])]
+
+    return undo_each(LOST_DEGREES, views, turn)

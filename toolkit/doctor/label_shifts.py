@@ -1,0 +1,98 @@
+"""Delay of labels against their clouds."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64, Mask
+from toolkit.datasets import box_frames
+from toolkit.doctor.box_fits import MIN_FITTED_BOXES, SHIFTS_S, GroundView, fits, fits_better
+from toolkit.doctor.moving_boxes import MovingBoxes, find_moving
+from toolkit.geometry import invert
+
+MAX_FRAME_SHIFT = 3  # tried delays of clouds without times
+MAX_STILL_M = 0.2  # between frames, of an object that does not move
+
+
+class Shift(NamedTuple):
+    """Delay of labels.
+
+    amount: delay in words; behind: True if labels are late; before: fits as the labels are; after:
+    fits without the delay."""
+
+    amount: str
+    behind: bool
+    before: Float64[np.ndarray, " n"]
+    after: Float64[np.ndarray, " n"]
+
+
+def find_shift(views: Sequence[GroundView]) -> Shift | None:
+    """Find the delay of labels, None if there is no clear one.
+
+    Moving labels are moved along their tracks. If that shows nothing, labels are tried in other
+    clouds."""
+    return _find_delay(views) or _find_frame_shift(views)
+
+
+def _find_delay(views: Sequence[GroundView]) -> Shift | None:
+    """Find the time by which moving labels fit best along their tracks, None if it is not clear."""
+    samples = [view.sample for view in views]
+    movers = [find_moving(samples, k) for k in range(len(views))]
+    if sum(len(moving.boxes) for moving in movers) < MIN_FITTED_BOXES:
+        return None
+
+    def measure_shifted_fits(shift_s: float) -> np.ndarray:
+        return fits(views, [_move_along(moving, shift_s) for moving in movers])
+
+    now = measure_shifted_fits(0.0)
+    shifts = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
+    shifted = {shift_s: measure_shifted_fits(shift_s) for shift_s in shifts}
+    best = max(shifted, key=lambda shift_s: shifted[shift_s].mean())
+    if not fits_better(now, shifted[best]):
+        return None
+    return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
+
+
+def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
+    """Find the clouds that labels fit best some frames before or after, None if it is not clear."""
+    best: Shift | None = None
+    best_gain = -np.inf
+    for steps in [sign * k for k in range(1, MAX_FRAME_SHIFT + 1) for sign in (1, -1)]:
+        numbers = [k for k in range(len(views)) if 0 <= k + steps < len(views)]
+        at_labels = []
+        at_clouds = []
+        for k in numbers:
+            labels = views[k].sample
+            cloud = views[k + steps].sample
+            to_cloud = invert(cloud.map_SE3_world) @ labels.map_SE3_world
+            boxes = box_frames.move_boxes(to_cloud, labels.objects.boxes)
+            is_moving = _mark_moved(boxes, cloud.objects.boxes)
+            at_labels.append(labels.objects.boxes[is_moving])
+            at_clouds.append(boxes[is_moving])
+        before = fits([views[k] for k in numbers], at_labels)
+        after = fits([views[k + steps] for k in numbers], at_clouds)
+        if not fits_better(before, after):
+            continue
+        gain = after.mean() - before.mean()
+        if gain > best_gain:
+            amount = f"{abs(steps)} sample{'s' * (abs(steps) > 1)}"
+            best = Shift(amount, steps < 0, before, after)
+            best_gain = gain
+    return best
+
+
+def _mark_moved(boxes: BoxRows, other_boxes: BoxRows) -> Mask:
+    """Mark boxes farther than `MAX_STILL_M` from all boxes of another frame."""
+    from scipy.spatial import cKDTree
+
+    if not len(boxes) or not len(other_boxes):
+        return np.ones(len(boxes), bool)
+    distances = cKDTree(other_boxes[:, :3]).query(boxes[:, :3])[0]
+    return np.asarray(distances > MAX_STILL_M)
+
+
+def _move_along(movers: MovingBoxes, seconds: float) -> BoxRows:
+    """Boxes of moving objects after some time."""
+    path = np.column_stack([seconds * movers.velocities, np.zeros((len(movers.boxes), 5))])
+    return movers.boxes + path

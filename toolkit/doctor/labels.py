@@ -1,0 +1,101 @@
+"""Doctor of labels: mistakes that points give away.
+
+A mistake is reported if the boxes fit better without it than chance explains
+(`toolkit.doctor.box_fits`)."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from toolkit.arrays import BoxRows
+from toolkit.datasets import problem_kinds
+from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits, fits_better
+from toolkit.doctor.empty_labels import suspect_empty
+from toolkit.doctor.explanations import MAX_TIED_FIT_GAP, MIN_CHOICE_GAIN, choose_clearer
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.label_headings import suspect_headings
+from toolkit.doctor.label_mistakes import LOST_DEGREES
+from toolkit.doctor.label_offset import find_offset
+from toolkit.doctor.label_search import MIN_TURN_GAIN, find_explanation, turn_each
+from toolkit.doctor.label_shifts import find_shift
+from toolkit.frame import Frame
+
+MIN_SUNK_SHARE = 0.3  # share of its height by which the median box is off the ground
+MIN_FULL_TURN_SHARE = 0.2  # share of yaws beyond a full turn
+MIN_CERTAIN_FIT_SHARE = 0.3  # mean fit of an explanation that is certain
+
+
+def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
+    """Return mistakes in the labels of consecutive frames."""
+    return diagnose_boxes([GroundView.from_frame(sample) for sample in samples])
+
+
+def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
+    """Return mistakes in the labels of consecutive frames whose ground is known."""
+    total = sum(len(view.sample.objects) for view in views)
+    turned_count = sum(view.sample.problems.get(problem_kinds.FULL_TURNS, 0) for view in views)
+    if turned_count and turned_count >= MIN_FULL_TURN_SHARE * total:
+        evidence = f"{turned_count} of {total} yaws are beyond a full turn in radians"
+        words = "yaw in degrees where radians belong"
+        return [Finding("error", "labels", words, evidence, "multiply yaw by pi / 180")]
+    boxes = [view.sample.objects.boxes for view in views]
+    findings = list[Finding]()
+    current = fits(views, boxes)
+    best = find_explanation(views, current)
+    # a choice for each box explains an offset too
+    is_free = best is not None and best.mistake is LOST_DEGREES
+    margin = -MIN_CHOICE_GAIN if is_free else MAX_TIED_FIT_GAP
+    best = choose_clearer(best, find_offset(views, current), margin)
+    if best is not None:
+        findings.append(compare_fits(best.mistake.name, current, best.fits, best.mistake.remedy))
+        boxes = best.boxes
+    findings += suspect_heights(views, boxes)
+    if findings:
+        return findings
+    empty = [*suspect_empty(views)]
+    if empty:
+        return empty
+    shift = find_shift(views)
+    if shift is not None:
+        side = "behind" if shift.behind else "ahead of"
+        sign = "+" if shift.behind else "-"
+        name = f"labels lie about {shift.amount} {side} the clouds"
+        remedy = f"move labels by {sign}{shift.amount} along their way, or pair other clouds"
+        return [compare_fits(name, shift.before, shift.after, remedy)]
+    turned = turn_each(views)
+    if fits_better(current, turned.fits, MIN_TURN_GAIN):
+        return [compare_fits(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
+    return suspect_headings([view.sample for view in views])
+
+
+def suspect_heights(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> list[Finding]:
+    """Find boxes whose z is the height of their floor or roof."""
+    shares = [np.zeros(0)]  # heights of centres above the ground, in heights of their boxes
+    for view, rows in zip(views, boxes, strict=True):
+        if view.ground is not None:
+            shares.append((rows[:, 2] - view.ground.height(rows[:, :2])) / rows[:, 5])
+    pooled = np.concatenate(shares)
+    share = float(np.median(pooled)) if len(pooled) >= MIN_FITTED_BOXES else 0.5
+    if not abs(share - 0.5) >= MIN_SUNK_SHARE:
+        return []
+    side = "floor" if share < 0.5 else "roof"
+    remedy = "add half the height to z" if share < 0.5 else "take half the height off z"
+    words = f"the centre of the {side} where the centre of the box belongs"
+    evidence = (
+        f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median "
+        f"of {len(pooled)}"
+    )
+    return [Finding("error", "labels", words, evidence, remedy)]
+
+
+def compare_fits(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:
+    """Return a finding whose evidence is the mean fit before and after."""
+    share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
+    if after.mean() < MIN_CERTAIN_FIT_SHARE:
+        remedy += (
+            "; few boxes fit even then, so the cause may be another, such as a shift: draw a "
+            "frame by coview view"
+        )
+    return Finding(
+        "error", "labels", name, f"mean fit of {len(before)} boxes to the points: {share}", remedy
+    )

@@ -1,0 +1,168 @@
+"""Measurements of a file of images, compared with its objects and its site."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from toolkit.datasets import published_layout as published
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.doctor.examination import Examination
+from toolkit.doctor.findings import Finding, report_error
+from toolkit.doctor.image_failures import failing_sensors
+from toolkit.doctor.sensor_images import SensorImages, read_images
+from toolkit.doctor.site_area import UNKNOWN_SITE, in_area
+from toolkit.geometry import level_rows
+from toolkit.points import count_on_ground
+
+MAX_CHECKED_FRAMES = 60  # evenly spread over the file
+MIN_INSIDE_SHARE = 0.01  # share of a sensor's points in the detection area, if it sees the area
+MAX_UNSEEN_SHARE = 0.3  # share of the objects in the area without a point
+MAX_FLOATING_M = 0.25  # between a box's floor and the ground
+_UNITS = {
+    0.01: "centimetres",
+    0.001: "millimetres",
+    published.NO_RETURN_M: "parts of the far plane, 0 to 1",
+}
+
+
+def check_measurements(
+    dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
+) -> list[Finding]:
+    """Check some of the frames.
+
+    tables: the published rows of all frames; units: factors that may turn depth into metres; the
+    factor is taken that makes points and boxes agree best."""
+    frames = np.unique(
+        np.linspace(0, len(dataset) - 1, min(len(dataset), MAX_CHECKED_FRAMES)).astype(int)
+    ).tolist()
+    raw, findings = read_images(dataset, frames)
+    # only dslices is in doubt
+    shared = [channel.depth_index is not None for channel in dataset.channels]
+    examined = []
+    for unit in units:
+        views = []
+        for view, doubt in zip(raw, shared, strict=True):
+            metres = view.depth * np.float32(unit if doubt else 1.0)
+            far = min(view.sensor.model.max_range, published.NO_RETURN_M)
+            in_reach = np.where(metres < far * 0.999, metres, np.float32(0))
+            views.append(replace(view, depth=in_reach))
+        examined.append(Examination(dataset.site, views, tables, frames))
+    best = max(range(len(units)), key=lambda i: examined[i].explained)
+    if units[best] != 1:
+        largest = max(
+            float(view.depth.max(initial=0))
+            for view, doubt in zip(raw, shared, strict=True)
+            if doubt
+        )
+        evidence = (
+            f"the largest number is {largest:g}, the far plane lies at {published.NO_RETURN_M:g} m"
+        )
+        words = f"depth in {_UNITS.get(units[best], 'another unit')} instead of metres"
+        findings.append(report_error("dslices", words, evidence, f"multiply by {units[best]:g}"))
+    exam = examined[best]
+    findings += [*_suspect_blind(exam.views, frames), *exam.disagreements()]
+    findings += [*_suspect_posture(exam), *_suspect_floating(exam), *_suspect_unseen(exam)]
+    return [*findings, *failing_sensors(exam.views, exam.rows, dataset.site, frames)]
+
+
+def _suspect_blind(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
+    """Find sensors that never see anything, and frames in which no sensor does."""
+    blind = [view.sensor.name for view in views if not view.depth.any()]
+    for name in blind:
+        remedy = "check its images and their unit, or leave it out"
+        yield report_error(
+            f"sensor {name}", "no points", f"not one pixel of {len(frames)} frames returned", remedy
+        )
+    has_points = np.zeros(len(frames), bool)
+    for view in views:
+        has_points |= view.depth.any(axis=1)
+    dark = [k for i, k in enumerate(frames) if not has_points[i]]
+    if dark and len(blind) < len(views):
+        evidence = (
+            f"{len(dark)} of {len(frames)} frames that were looked at, the first is {dark[0]}"
+        )
+        yield report_error(
+            f"frame {dark[0]}",
+            "frames without points",
+            evidence,
+            "restore their images or leave them out",
+        )
+
+
+def _suspect_posture(exam: Examination) -> Iterator[Finding]:
+    """Find sensors under the ground, upside down, or facing away from the detection area.
+
+    Sensors whose pose is explained otherwise are skipped."""
+    site = exam.site
+    for view in exam.views:
+        sensor = view.sensor
+        where = f"sensor {view.sensor.name}"
+        if exam.doubts.get(sensor.name) is not None:
+            continue
+        ahead = sensor.world_SE3_body[:2, 0]
+        up = sensor.world_SE3_body[2, 2]
+        height = float(sensor.position[2] - site.ground(sensor.position[:2]))
+        if height < 0:
+            yield report_error(
+                where,
+                "it stands under the ground",
+                f"height {height:.2f} m",
+                "check z and signs of its pose",
+            )
+        if up < -0.1:
+            yield report_error(
+                where,
+                "it hangs upside down",
+                f"its up has z {up:.2f}",
+                "check the signs in its pose",
+            )
+        points = np.concatenate([view.points(frame) for frame in range(min(len(view.depth), 5))])
+        inside = in_area(points[:, :2], site)
+        if len(points) and site.name != UNKNOWN_SITE and inside.mean() < MIN_INSIDE_SHARE:
+            to_centre = (site.area[:2] + site.area[2:]) / 2 - sensor.position[:2]
+            cross = ahead[0] * to_centre[1] - ahead[1] * to_centre[0]
+            turn = np.rad2deg(np.arctan2(cross, ahead @ to_centre))
+            left = f"whose centre lies {turn:.0f} degrees to its left"
+            evidence = f"{inside.mean():.1%} of its points in the area, {left}"
+            yield report_error(
+                where,
+                "it looks away from the detection area",
+                evidence,
+                "check its heading and the area",
+            )
+
+
+def _suspect_floating(exam: Examination) -> Iterator[Finding]:
+    """Find boxes whose floor is off the ground around them."""
+    gaps = []
+    for objects, cloud in exam.clouds():
+        points = level_rows(cloud[::4], exam.site.relief.slope)
+        for x, y, z, length, width, height, _ in level_rows(objects.boxes, exam.site.relief.slope):
+            away = np.hypot(points[:, 0] - x, points[:, 1] - y)
+            radius = np.hypot(length, width) / 2
+            ground_heights = points[(away > radius) & (away < radius + 2), 2]
+            if len(ground_heights) >= 20:
+                gaps.append(z - height / 2 - np.percentile(ground_heights, 10))
+    if len(gaps) >= 10 and abs(np.median(gaps)) > MAX_FLOATING_M:
+        gap = float(np.median(gaps))
+        word, side = ("float above", "above") if gap > 0 else ("are sunk into", "below")
+        evidence = f"their floor is {abs(gap):.2f} m {side} it, median of {len(gaps)} boxes"
+        remedy = f"add {-gap:.2f} m to column 2 (z) of objects"
+        yield report_error("objects", f"the boxes {word} the ground", evidence, remedy)
+
+
+def _suspect_unseen(exam: Examination) -> Iterator[Finding]:
+    """Find objects in the area without a point, if they are too many to be hidden."""
+    counts = [np.zeros(0, np.int64)]  # points on each object
+    for objects, points in exam.clouds() if exam.site.name != UNKNOWN_SITE else ():
+        if len(points):
+            inside = objects[in_area(objects.boxes[:, :2], exam.site)]
+            counts.append(count_on_ground(points, inside.boxes, exam.site))
+    unseen = np.concatenate(counts) == 0
+    if len(unseen) >= 10 and unseen.mean() > MAX_UNSEEN_SHARE:
+        evidence = f"{unseen.sum()} of {len(unseen)} objects in the detection area"
+        remedy = "check poses and boxes, and that images and objects belong to the same frames"
+        yield Finding(
+            "warning", "objects", "objects without a point from any sensor", evidence, remedy
+        )

@@ -1,0 +1,105 @@
+"""Sensors that miss boxes.
+
+A box is missed if a sensor sees the ground just in front of the box, but no point on it. Every
+sensor misses a few. If one misses many that others see, its pose is wrong or its points were
+lost."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64, Mask, Points
+from toolkit.boxes import count_points
+from toolkit.calibration.ground import Ground
+from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.sensor_clouds import sensor_names
+from toolkit.frame import SensorCloud
+
+MIN_FRONT_POINTS = 5  # on the ground in front of a box, which show that a sensor sees it
+FRONT_M = 2.0
+MARGIN_M = 0.1  # that a point may be outside its box
+GROUND_BAND_M = 0.2
+MIN_MISSED_SHARE = 0.5
+MAX_USUAL_MISSED_SHARE = 0.2
+
+
+class _Visibility(NamedTuple):
+    """For each box of a frame: whether a sensor must see it, and whether a point is on it."""
+
+    must_see: Mask
+    hit: Mask
+
+
+def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
+    """Find sensors without points on boxes that they must see and other sensors see."""
+    names = sensor_names([seen_frame.sample for seen_frame in seen])
+    if len(names) < 2:
+        return
+    must_see = dict.fromkeys(names, 0)
+    missed = dict.fromkeys(names, 0)
+    for seen_frame in seen:
+        sample = seen_frame.sample
+        ground = seen_frame.ground
+        if ground is None or not len(sample.objects):
+            continue
+        views = {cloud.name: _look(cloud, sample.objects.boxes, ground) for cloud in sample.clouds}
+        for name, view in views.items():
+            other_hits = [
+                other_view.hit for other_name, other_view in views.items() if other_name != name
+            ]
+            is_expected = view.must_see & np.any(
+                [np.zeros(len(view.hit), bool), *other_hits], axis=0
+            )
+            must_see[name] += int(is_expected.sum())
+            missed[name] += int((is_expected & ~view.hit).sum())
+    shares = {
+        name: missed[name] / must_see[name] for name in names if must_see[name] >= MIN_FITTED_BOXES
+    }
+    usual = [name for name, share in shares.items() if share <= MAX_USUAL_MISSED_SHARE]
+    for name, share in shares.items():
+        if share >= MIN_MISSED_SHARE and usual:
+            evidence = (
+                f"{missed[name]} of {must_see[name]} boxes in front of which it sees the ground"
+            )
+            words = "boxes hold points of other sensors, and none of this one"
+            remedy = "check its pose, its times, and whether its points are whole"
+            yield Finding("error", f"sensor {name}", words, evidence, remedy)
+
+
+def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
+    """Return the boxes (world frame) that a sensor must see, and the boxes that it hits.
+
+    It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the
+    box and within its inner half as seen from the sensor."""
+    points = cloud.in_world()
+    heights = points[:, 2] - ground.height(points[:, :2])
+    grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
+    above_ground = points[heights > GROUND_BAND_M]
+    hit = count_points(above_ground, grown) > 0
+    level_points = points[np.abs(heights) < GROUND_BAND_M]
+    position = cloud.world_SE3_sensor[:2, 3]
+    must_see = [_sees_front(level_points, position, box) for box in boxes]
+    return _Visibility(np.array(must_see, bool), hit)
+
+
+def _sees_front(
+    level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]
+) -> bool:
+    """Return True if points on the ground are just in front of a box, as seen from a position."""
+    to_box = box[:2] - position
+    distance = float(np.hypot(*to_box))
+    ahead = to_box / max(distance, 1e-9)
+    aside = np.array([-ahead[1], ahead[0]])
+    heading = np.array([np.cos(box[6]), np.sin(box[6])])
+    across = np.array([-heading[1], heading[0]])
+    depth = abs(heading @ ahead) * box[3] / 2 + abs(across @ ahead) * box[4] / 2
+    width = abs(heading @ aside) * box[3] / 2 + abs(across @ aside) * box[4] / 2
+    if distance <= depth + FRONT_M:
+        return False
+    offsets = level_points[:, :2] - position
+    along = offsets @ ahead
+    near = (along > distance - depth - FRONT_M) & (along < distance - depth)
+    inner = np.abs(offsets @ aside) < width / 2
+    return int((near & inner).sum()) >= MIN_FRONT_POINTS

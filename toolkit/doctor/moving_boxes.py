@@ -1,0 +1,45 @@
+"""Moving boxes of a frame, by their tracks in the frames next to it."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64, Int64
+from toolkit.frame import Frame
+from toolkit.geometry import invert, transform
+
+MIN_MOVING_SPEED_MPS = 2.0
+MAX_TRACK_SPEED_MPS = 60.0  # a faster track has jumped
+
+
+class MovingBoxes(NamedTuple):
+    """Moving boxes of a frame, their velocities (m/s) and tracks."""
+
+    boxes: BoxRows
+    velocities: Float64[np.ndarray, "n 2"]
+    ids: Int64[np.ndarray, " n"]
+
+
+def find_moving(samples: Sequence[Frame], k: int) -> MovingBoxes:
+    """Find the moving boxes of frame k by their tracks in the frames before and after."""
+    frame = samples[k]
+    rows = list[int]()
+    velocities = list[np.ndarray]()
+    neighbours = [samples[index] for index in (k + 1, k - 1) if 0 <= index < len(samples)]
+    for row, track in enumerate(frame.objects.ids):
+        for neighbour in neighbours:
+            match = np.flatnonzero(neighbour.objects.ids == track)
+            seconds = neighbour.time - frame.time
+            if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
+                in_map = transform(neighbour.map_SE3_world, neighbour.objects.boxes[match, :3])
+                position = transform(invert(frame.map_SE3_world), in_map)[0, :2]
+                velocity = (position - frame.objects.boxes[row, :2]) / seconds
+                if MIN_MOVING_SPEED_MPS < np.linalg.norm(velocity) < MAX_TRACK_SPEED_MPS:
+                    rows.append(row)
+                    velocities.append(velocity)
+                break
+    moving = np.array(rows, np.int64)
+    return MovingBoxes(
+        frame.objects.boxes[moving], np.array(velocities).reshape(-1, 2), frame.objects.ids[moving]
+    )

@@ -1,0 +1,17 @@
+"""Faults of a recording's sensors, compared with each other."""
+
+from collections.abc import Sequence
+
+from toolkit.doctor.box_fits import GroundView
+from toolkit.doctor.buried_points import suspect_buried_points
+from toolkit.doctor.findings import Finding
+from toolkit.doctor.late_sensors import suspect_late_sensors
+from toolkit.doctor.missed_boxes import suspect_missed_boxes
+
+
+def diagnose_sensors(seen: Sequence[GroundView], *, timely: bool) -> list[Finding]:
+    """Return faults of sensors, as the labels of consecutive frames show them if they are right.
+
+    timely: whether `diagnose_times` found nothing; only then a late sensor can be recognised."""
+    late = [*suspect_late_sensors(seen)] if timely else []
+    return [*late, *suspect_missed_boxes(seen), *suspect_buried_points(seen)]

@@ -1,0 +1,45 @@
+"""Objects inside and outside the detection area of their site."""
+
+import numpy as np
+
+from toolkit.datasets import published_layout as published
+from toolkit.doctor.findings import Finding, report_error
+from toolkit.geometry import transform
+from toolkit.sites.site import Site
+
+UNKNOWN_SITE = "somewhere"  # name of a site whose detection area is unknown
+MIRROR_Y = "negate columns 1 (y) and 5 (yaw) of objects"
+
+
+def find_misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
+    """Find objects outside the site, perhaps by a mirrored axis.
+
+    Returns the rows without that mistake too."""
+    centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
+    mirror_y = np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])
+    near = _share_near(centres, site)
+    if near >= 0.5 or site.name == UNKNOWN_SITE:
+        return [], rows
+    mirrored_near = _share_near(centres * mirror_y[:3], site)
+    evidence = f"{near:.0%} of {len(centres)} objects in or near the area of {site.name!r}"
+    if mirrored_near < 0.5:
+        remedy = "pass the site where this was recorded, or check the coordinates"
+        return [report_error("objects", "objects elsewhere than the site", evidence, remedy)], rows
+    evidence += f", {mirrored_near:.0%} with y negated"
+    mirrored = report_error("objects", "mirrored y axis", evidence, MIRROR_Y)
+    return [mirrored], [table * mirror_y for table in rows]
+
+
+def _share_near(centres: np.ndarray, site: Site) -> float:
+    """Share of places (CARLA's frame) within 15 m of the site's area, 1 without any."""
+    if not len(centres):
+        return 1.0
+    site_from_carla = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
+    places = transform(site_from_carla, centres)
+    return float(in_area(places[:, :2], site, margin=15.0).mean())
+
+
+def in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
+    """Mask of places within a margin (m) of the detection area."""
+    inside: np.ndarray = (xy >= site.area[:2] - margin) & (xy <= site.area[2:] + margin)
+    return np.asarray(inside.all(axis=1))

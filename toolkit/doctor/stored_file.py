@@ -1,0 +1,129 @@
+"""Doctor of a file of images: its tables of objects, its times and its measurements."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+
+from toolkit.datasets import published_layout as published
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.image_file import check_kinds, object_rows, open_file
+from toolkit.datasets.stored_site import UnknownSite
+from toolkit.doctor.findings import Finding, report_error
+from toolkit.doctor.frame_times import suspect_times
+from toolkit.doctor.measurements import check_measurements
+from toolkit.doctor.site_area import UNKNOWN_SITE
+from toolkit.runtime import hdf5
+from toolkit.sites.site import Site
+
+
+def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
+    """Diagnose a dataset, ours or a published one; no findings for a healthy one.
+
+    All tables of objects are checked, and the measurements of some frames. Raises FileNotFoundError
+    for a missing file; all other damage is a finding."""
+    try:
+        with open_file(path) as file:
+            check_kinds(file)
+            units = _depth_units(file)
+            stored = _read_tables(file)
+        try:
+            dataset = CoopDataset(path, site)
+        except UnknownSite:  # any site serves to check the file
+            dataset = CoopDataset(path, Site(UNKNOWN_SITE, np.array([-1.0, -1, 1, 1])))
+        with dataset:
+            if not len(dataset):
+                remedy = "record some, or restore the file"
+                return [report_error("dslices", "no frames", "it has 0 frames", remedy)]
+            findings = stored.findings
+            if dataset.times is not None:
+                findings += suspect_times(dataset.times)
+            findings += _suspect_repetitions(stored.tables, stored.is_readable)
+            return findings + check_measurements(dataset, stored.tables, units)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as error:
+        return [report_error(str(path), "it cannot be read", str(error), "repair it or restore it")]
+
+
+def _depth_units(file: h5py.File) -> tuple[float, ...]:
+    """Factors that may turn the file's depth into metres, by its largest number."""
+    if not hdf5.contains(file, "dslices"):
+        return (1.0,)
+    images = hdf5.dataset(file, "dslices", kinds="fiub")
+    if images.ndim != 4 or not len(images):
+        return (1.0,)
+    image = hdf5.rows(images, "dslices", len(images) // 2).astype(np.float64)
+    largest = float(np.max(image, where=np.isfinite(image), initial=0.0))
+    if 0 < largest <= 1.0:
+        return (published.NO_RETURN_M,)  # CARLA's encoding, parts of the far plane
+    if largest <= 1.01 * published.NO_RETURN_M:
+        return (1.0,)
+    return tuple(
+        unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN_M
+    ) or (0.001,)
+
+
+class _StoredTables(NamedTuple):
+    """Published rows of all frames, which frames are readable, and findings."""
+
+    tables: list[np.ndarray]
+    is_readable: list[bool]
+    findings: list[Finding]
+
+
+def _read_tables(file: h5py.File) -> _StoredTables:
+    """Read the objects of all frames; only the first three unreadable frames become findings."""
+    images = [*hdf5.find_kinds(file, ("dslices", "coview/time"))]
+    shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
+    tables: list[np.ndarray] = []
+    faults: list[str] = []
+    for k in range(shape[0] if shape else 0):
+        table = np.zeros((0, len(published.OBJECT_COLUMNS)))
+        fault = ""
+        try:
+            rows = object_rows(file, f"objects/{k}")
+            words = published.wrong_rows(rows)
+            published.parse_rows(rows[words == ""], np.eye(4))
+            table = np.asarray(rows[words == ""], np.float64)
+            if (words != "").any():
+                fault = f"row {int((words != '').argmax())} {words[words != ''][0]}"
+        except (ValueError, OSError) as error:
+            fault = str(error).removeprefix("objects ")
+        tables.append(table)
+        faults.append(fault)
+    damaged = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
+    remedy = "repair or leave out the frame"
+    findings = [report_error(where, "damaged objects", fault, remedy) for where, fault in damaged]
+    return _StoredTables(tables, [not fault for fault in faults], findings)
+
+
+def _suspect_repetitions(
+    tables: Sequence[np.ndarray], is_readable: Sequence[bool]
+) -> list[Finding]:
+    """Find frames without objects, and frames that occur twice."""
+    findings = []
+    empty = [k for k, table in enumerate(tables) if is_readable[k] and not len(table)]
+    if empty:
+        evidence = f"{len(empty)} of {len(tables)} frames, the first is {empty[0]}"
+        remedy = "right if nothing was there, else restore their objects"
+        findings.append(
+            Finding("warning", f"objects/{empty[0]}", "frames without objects", evidence, remedy)
+        )
+    first: dict[bytes, int] = {}
+    twins = [
+        (first.setdefault(table.tobytes(), k), k) for k, table in enumerate(tables) if len(table)
+    ]
+    twins = [(original, copy) for original, copy in twins if original != copy]
+    if twins:
+        evidence = (
+            f"{len(twins)} of {len(tables)} frames, frame {twins[0][1]} has the objects of frame "
+            f"{twins[0][0]}"
+        )
+        remedy = "leave the copies out, or they count twice in training and AP"
+        findings.append(
+            Finding("warning", f"objects/{twins[0][1]}", "duplicated frames", evidence, remedy)
+        )
+    return findings

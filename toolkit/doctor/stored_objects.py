@@ -1,0 +1,74 @@
+"""Mistakes in stored objects: each classic mistake is undone and the fits are compared."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Pose
+from toolkit.doctor.moving_points import Rows, Witness, collect_clouds, share_on_boxes
+from toolkit.doctor.object_mistakes import LIFTED, OBJECT_MISTAKES
+from toolkit.doctor.suspicions import (
+    MIN_CLEAR_GAIN,
+    MIN_EXPLAINED_FIT,
+    MIN_MOVING_POINTS,
+    Mistake,
+    Suspicion,
+)
+from toolkit.sensors.sensor import Sensor
+
+_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
+
+
+class UndoneObjects(NamedTuple):
+    """Mistakes of objects, the rows without them, and their fit."""
+
+    suspicions: list[Suspicion]
+    rows: list[Rows]
+    fit: float
+
+
+def suspect_objects(
+    witnesses: Sequence[Witness],
+    sensors: Sequence[Sensor],
+    rows: Sequence[Rows],
+    map_SE3_site: Pose,
+) -> UndoneObjects:
+    """Find the mistake, or pair of mistakes, in the objects.
+
+    Without one, the rows stay as they are."""
+    clouds = collect_clouds(witnesses, sensors, len(rows))
+    if sum(map(len, clouds)) < MIN_MOVING_POINTS:
+        return UndoneObjects([], list(rows), 1.0)
+    current = share_on_boxes(clouds, rows, map_SE3_site)
+    for attempts in (
+        list(combinations(OBJECT_MISTAKES + LIFTED, 1)),
+        list(combinations(OBJECT_MISTAKES, 2)),
+    ):
+        undone = [_undo_all(mistakes, rows) for mistakes in attempts]
+        fits = [share_on_boxes(clouds, tables, map_SE3_site) for tables in undone]
+        best = int(np.argmax(fits))
+        if fits[best] >= current + MIN_CLEAR_GAIN and fits[best] >= MIN_EXPLAINED_FIT:
+            suspicions = [
+                Suspicion(mistake, remedy, current, fits[best])
+                for mistake, remedy, _ in attempts[best]
+            ]
+            return UndoneObjects(suspicions, undone[best], fits[best])
+        if current >= MIN_EXPLAINED_FIT:
+            break
+    return UndoneObjects([], list(rows), current)
+
+
+def _undo_all(mistakes: Sequence[Mistake], tables: Sequence[Rows]) -> list[Rows]:
+    """Return the tables of all frames without some mistakes."""
+    return [_without(mistakes, table) for table in tables]
+
+
+def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
+    """Return one frame's rows without some mistakes."""
+    for mistake in mistakes:
+        table = dict(zip(_COLUMNS, rows.T, strict=True))
+        table |= mistake.undo(table)
+        rows = np.column_stack([table[name] for name in _COLUMNS])
+    return rows

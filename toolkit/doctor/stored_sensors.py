@@ -1,0 +1,67 @@
+"""Mistakes in a sensor's stored pose or depth."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.arrays import Pose
+from toolkit.datasets import published_layout as published
+from toolkit.doctor.moving_points import Rows, Witness, share_on_boxes
+from toolkit.doctor.suspicions import MIN_CLEAR_GAIN, MIN_EXPLAINED_FIT, Suspicion
+from toolkit.geometry import invert, transform
+from toolkit.sensors.sensor import Sensor
+
+# axes x right, y down, z forward
+_FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+_FOR_ANOTHER = "its extrinsic is for a right-handed world and a camera with"
+_SENSOR_MISTAKES = {  # with their remedies
+    "its extrinsic is camera → world, the inverse of what belongs there": (
+        "store the inverse of extrinsic"
+    ),
+    f"{_FOR_ANOTHER} x right, y down, z forward": (
+        "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up"
+    ),
+    f"{_FOR_ANOTHER} x forward, y left, z up": (
+        "negate y of the world and of the camera in extrinsic"
+    ),
+    "its depth is the distance along the ray, not along the optical axis": (
+        "divide each depth by the length of its ray whose X is 1"
+    ),
+    "it looks away: in the opposite direction": (
+        "turn extrinsic by 180 degrees about the camera's Z"
+    ),
+}
+
+
+def suspect_sensor(
+    witnesses: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Pose
+) -> tuple[Suspicion | None, float]:
+    """Find the pose or depth mistake of one sensor by its witnesses. Returns its fit too."""
+    stored = published.extrinsic(sensor.pose, map_SE3_site)
+
+    def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
+        pose = published.parse_extrinsic(matrix, map_SE3_site)
+        clouds = []
+        for witness in witnesses:
+            rays = witness.rays
+            if along_ray:
+                rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+            clouds.append(transform(pose, rays * witness.depth[:, None]))
+        return share_on_boxes(clouds, [rows[witness.frame] for witness in witnesses], map_SE3_site)
+
+    current = measure_fit(stored)
+    if current > 1 - MIN_CLEAR_GAIN:
+        return None, current
+    right_handed = published.MAP_FROM_CARLA
+    undone = (
+        measure_fit(invert(stored)),
+        measure_fit(_FORWARD_FIRST @ stored @ right_handed),
+        measure_fit(right_handed @ stored @ right_handed),
+        measure_fit(stored, along_ray=True),
+        measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),
+    )
+    pairs = zip(_SENSOR_MISTAKES.items(), undone, strict=True)
+    attempts = [Suspicion(mistake, remedy, current, after) for (mistake, remedy), after in pairs]
+    best = max(attempts, key=lambda suspicion: suspicion.after)
+    is_clear = best.after >= max(MIN_EXPLAINED_FIT, current + MIN_CLEAR_GAIN)
+    return best if is_clear else None, current

@@ -1,0 +1,154 @@
+"""Ground of a site from above: lanes, footways, solids, and names of streets."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.plots import palette
+from toolkit.plots.canvas import plain, shorten
+from toolkit.plots.line_style import Entry, PlotStyle
+from toolkit.plots.palette import GROUND, INK, PAPER_WHITE, SOLID
+from toolkit.sites.site import Site, Solid
+from toolkit.sites.streets import find_lane_arrows, find_street_names
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LANE_ARROW_M = 4.0
+LANE_ARROW_INK = "#6b6b70"
+LONGEST_STREET_NAME = 40  # letters on a map
+_Place = Float64[np.ndarray, "2"]
+
+
+def draw_ground(axes: "Axes", site: Site) -> None:
+    """Draw lanes, footways and solids."""
+    for kind, colour in GROUND.items():
+        fill_polygons(
+            axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0
+        )
+    by_kind: dict[str, list[shapely.Polygon]] = {kind: [] for kind in ("other", *SOLID)}
+    for solid in site.solids:
+        by_kind[solid.kind if solid.kind in SOLID else "other"].append(
+            shapely.Polygon(solid.footprint)
+        )
+    for rank, (kind, shapes) in enumerate(by_kind.items()):
+        fill_polygons(axes, shapes, SOLID.get(kind, palette.OTHER_SOLID), order=1.5 + 0.01 * rank)
+    drawn = shapely.union_all([shapely.Polygon(solid.footprint) for solid in _drawn_solids(site)])
+    hatched: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK}
+    for part in shapely.get_parts(drawn):
+        outline = shapely.get_coordinates(part.exterior)
+        axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatched)
+
+
+def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
+    """Draw the names of streets, and arrows in the lanes' directions, between two corners of a
+    map."""
+    from matplotlib.patheffects import withStroke
+
+    head: PlotStyle = {"color": LANE_ARROW_INK, "linewidth": 0.7, "zorder": 1.3}
+    for x, y, angle in find_lane_arrows(site, low, high).tolist():
+        along = np.array([np.cos(angle), np.sin(angle)])
+        aside = np.array([-np.sin(angle), np.cos(angle)])
+        tip = np.array([x, y]) + LANE_ARROW_M / 2 * along
+        corners = [
+            tip - 0.4 * LANE_ARROW_M * along + side * 0.2 * LANE_ARROW_M * aside for side in (1, -1)
+        ]
+        axes.plot(*np.stack([tip - LANE_ARROW_M * along, tip]).T, **head)
+        axes.plot(*np.stack([corners[0], tip, corners[1]]).T, **head)
+    halo = [withStroke(linewidth=2.2, foreground=PAPER_WHITE)]
+    for street in find_street_names(site, low, high):
+        text: PlotStyle = {
+            "fontsize": 7.0,
+            "ha": "center",
+            "va": "center",
+            "rotation_mode": "anchor",
+            "zorder": 4.5,
+        }
+        rotation = float(np.rad2deg(street.angle))
+        name = plain(shorten(street.name, LONGEST_STREET_NAME))
+        axes.text(
+            street.x,
+            street.y,
+            name,
+            rotation=rotation,
+            color=INK,
+            path_effects=halo,
+            clip_on=True,
+            **text,
+        )
+
+
+def _drawn_solids(site: Site) -> list[Solid]:
+    """Solids that maps hatch: drawn ones, unless the whole site is drawn."""
+    return [
+        s
+        for s in site.solids
+        if s.origin == "drawn" and s.kind != "trunk" and site.road_origin != "drawn"
+    ]
+
+
+def fill_polygons(
+    axes: "Axes",
+    shapes: Sequence[shapely.Geometry],
+    colour: str,
+    *,
+    order: float,
+    alpha: float = 1.0,
+    edge: float = 0.4,
+) -> None:
+    """Fill the union of polygons in one colour. Its holes stay empty. edge: width of the outline in
+    points."""
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    parts = [
+        part
+        for part in shapely.get_parts(shapely.union_all(list(shapes)))
+        if part.geom_type == "Polygon"
+    ]
+    turned = [shapely.geometry.polygon.orient(part) for part in parts]
+    # holes run the other way round
+    rings = [ring for part in turned for ring in (part.exterior, *part.interiors)]
+    if not rings:
+        return
+    outline = Outline.make_compound_path(
+        *(Outline(shapely.get_coordinates(ring), closed=True) for ring in rings)
+    )
+    filled = to_rgba(colour, alpha)
+    axes.add_patch(
+        PathPatch(outline, facecolor=filled, edgecolor=colour, linewidth=edge, zorder=order)
+    )
+
+
+def ground_entries(site: Site) -> list[Entry]:
+    """Legend entries of the ground and the area's outline."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    kinds = {solid.kind for solid in site.solids}
+    present_kinds: tuple[tuple[str, str, object], ...] = (
+        *(("lane", GROUND["lanes"], site.lanes), ("footway", GROUND["footways"], site.footways)),
+        *((kind, SOLID[kind], kind in kinds) for kind in ("building", "pond")),
+        ("trees, hedges", SOLID["tree"], kinds & {"tree", "hedge"}),
+    )
+    edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
+    entries = [
+        (Patch(facecolor=colour, **edge), name)
+        for name, colour, is_drawn in present_kinds
+        if is_drawn
+    ]
+    if _drawn_solids(site):
+        drawn: PlotStyle = {
+            "hatch": palette.DRAWN_HATCH,
+            "edgecolor": palette.DRAWN_INK,
+            "linewidth": 0.5,
+        }
+        entries.append((Patch(facecolor="white", **drawn), "drawn, in no map"))
+    return [
+        (Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"),
+        *entries,
+    ]

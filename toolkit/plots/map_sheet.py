@@ -1,0 +1,146 @@
+"""Sheet of a map from above, under its title, without sensors.
+
+The strip below the map holds scale bar, north arrow and legend, so that they do not cover
+the map."""
+
+from collections.abc import Sequence
+from math import ceil, floor, log10
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+from toolkit.plots.canvas import add_legend, blank_figure, plain
+from toolkit.plots.ground_map import draw_ground, draw_streets
+from toolkit.plots.line_style import Entry, PlotStyle
+from toolkit.plots.north_arrow import draw_north, north
+from toolkit.plots.palette import INK
+from toolkit.sites.site import Site
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+AROUND = 10.0  # m around the area
+MOST_INCHES = 10.0  # size of the map, in both directions
+# inches around the map, and of a row of the legend
+LEFT = 0.62
+RIGHT = 0.2
+HEAD = 0.62
+AXIS = 0.5
+LEGEND_ROW = 0.22
+SCALE_WIDTH = 2.6  # inches of scale bar and north arrow
+
+
+class MapSheet(NamedTuple):
+    """A figure with the axes of a map (m, site frame), and the points (1/72 inch) per metre."""
+
+    figure: "Figure"
+    axes: "Axes"
+    points_per_metre: float
+
+
+def map_sheet(
+    site: Site,
+    title: str,
+    subtitle: str = "",
+    *,
+    holds: Float[np.ndarray, "n 2"] | None = None,
+    legend: Sequence[Entry] = (),
+    inches: float = MOST_INCHES,
+) -> MapSheet:
+    """Draw the site from above under its title, without sensors.
+
+    holds: places that the map must include besides the area; legend: its entries, in order; inches:
+    longer side of the map."""
+    low, high = extent(site, holds)
+    scale = inches / float((high - low).max())
+    width, height = ((high - low) * scale).tolist()
+    full = max(width + LEFT + RIGHT, 6.5)
+    inner = full - LEFT - RIGHT
+    columns = _count_columns(legend, inner)
+    strip = AXIS + max(0.55, LEGEND_ROW * ceil(len(legend) / columns) + 0.1)
+    total = HEAD + height + strip
+    figure = blank_figure(full, total)
+
+    def add_part(left: float, bottom: float, width: float, height: float) -> "Axes":  # inches
+        return figure.add_axes((left / full, bottom / total, width / full, height / total))
+
+    axes = add_part(LEFT + (inner - width) / 2, strip, width, height)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+    draw_ground(axes, site)
+    draw_streets(axes, site, low, high)
+    draw_area(axes, site.area)
+    left = LEFT / full
+    heading: PlotStyle = {"fontsize": 12, "fontweight": "bold", "va": "center"}
+    figure.text(left, 1 - 0.26 / total, plain(title), **heading)
+    figure.text(left, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
+    below = add_part(LEFT, 0.05, inner, strip - AXIS - 0.05)
+    below.set_axis_off()
+    below.set(xlim=(0, inner), ylim=(-(strip - AXIS - 0.05), 0))
+    _draw_scale(below, scale_length(min(1.6, width) / scale), scale)
+    draw_north(below, (2.2, -0.25), north(site))
+    if legend:
+        _draw_legend(below, legend, columns)
+    return MapSheet(figure, axes, 72 * scale)
+
+
+def _count_columns(legend: Sequence[Entry], inner: float) -> int:
+    """Number of the legend's columns in a strip of some inches."""
+    longest = max((len(label) for _, label in legend), default=1)
+    column_inches = 0.058 * longest + 0.58
+    return max(1, min(len(legend), int((inner - SCALE_WIDTH) / column_inches)))
+
+
+def _draw_scale(axes: "Axes", length: float, scale: float) -> None:
+    """Draw a scale bar of two halves. length: metres; scale: inches per metre."""
+    for start, colour in ((0.0, INK), (0.5, "white")):
+        left = start * length * scale
+        right = (start + 0.5) * length * scale
+        bar = [left, right, right, left]
+        axes.fill(bar, [-0.2, -0.2, -0.12, -0.12], facecolor=colour, edgecolor=INK, linewidth=0.8)
+    for share, label in ((0.0, "0"), (1.0, f"{length:g} m")):
+        alignment = "center" if share else "left"
+        axes.text(share * length * scale, -0.25, label, ha=alignment, va="top", fontsize=8)
+
+
+def _draw_legend(axes: "Axes", legend: Sequence[Entry], columns: int) -> None:
+    """Draw the legend right of the scale bar."""
+    style: PlotStyle = {
+        "bbox_to_anchor": (SCALE_WIDTH, 0.0),
+        "bbox_transform": axes.transData,
+        "loc": "upper left",
+        "borderaxespad": 0.0,
+        "columnspacing": 1.4,
+        "handlelength": 2.8,
+    }
+    handles, labels = zip(*legend, strict=True)
+    add_legend(axes, handles, [plain(label) for label in labels], ncols=columns, **style)
+
+
+def draw_area(axes: "Axes", area: Float64[np.ndarray, "4"]) -> None:
+    """Draw the outline of the detection area."""
+    xmin, ymin, xmax, ymax = area
+    outline = np.array([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax], [xmin, ymin]])
+    axes.plot(*outline.T, color=INK, linewidth=1.1, dashes=(8, 2, 2, 2), zorder=2.0)
+
+
+def extent(
+    site: Site, holds: Float[np.ndarray, "n 2"] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the area and the places, with a margin."""
+    low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
+    if holds is not None and len(holds):
+        low, high = (
+            np.minimum(low, holds.min(axis=0) - AROUND / 2),
+            np.maximum(high, holds.max(axis=0) + AROUND / 2),
+        )
+    return low, high
+
+
+def scale_length(metres: float) -> float:
+    """Largest length up to this one that is 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** floor(log10(metres))
+    return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= metres * (1 + 1e-9))

@@ -1,0 +1,80 @@
+"""Objects and outcomes on a map.
+
+An object is filled by its class. Each outcome has a line besides a colour: a hit is solid, a miss
+dashed with a cross, a false alarm dash-dotted with a triangle, an object that does not count
+dotted."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.arrays import Shaped
+from toolkit.boxes import footprints
+from toolkit.objects import LABELS, Objects
+from toolkit.plots.line_style import Entry, Outcome, PlotStyle
+from toolkit.plots.palette import CLASS, INK, OUTCOME, PAPER_WHITE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def draw_objects(axes: "Axes", objects: Objects) -> None:
+    """Draw boxes filled by class."""
+    for label, name in enumerate(LABELS):
+        class_boxes = objects.boxes[objects.labels == label]
+        for corners in footprints(class_boxes):
+            axes.fill(*corners.T, facecolor=CLASS[name], edgecolor=INK, linewidth=0.5, zorder=2.6)
+
+
+def draw_outcome(axes: "Axes", boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
+    """Draw boxes that share an outcome: outline, a line from centre to front, and the outcome's
+    mark."""
+    style = OUTCOME[outcome]
+    line: PlotStyle = {
+        "color": style.colour,
+        "linestyle": style.line,
+        "linewidth": style.width,
+        "zorder": style.order,
+    }
+    for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
+        centre = corners.mean(axis=0)
+        nose = (
+            centre
+            + np.array([np.cos(yaw), np.sin(yaw)]) * np.linalg.norm(corners[0] - centre) * 0.9
+        )
+        axes.plot(*np.vstack([corners, corners[:1]]).T, **line)
+        axes.plot(
+            *np.vstack([centre, nose]).T, color=style.colour, linewidth=0.8, zorder=style.order
+        )
+    if style.marker and len(boxes):
+        mark: PlotStyle = {
+            "markerfacecolor": style.colour,
+            "markeredgecolor": PAPER_WHITE,
+            "markeredgewidth": 0.8,
+        }
+        axes.plot(
+            *boxes[:, :2].T, style.marker, markersize=style.size, zorder=style.order + 0.5, **mark
+        )
+
+
+def text_colour(background: str) -> str:
+    """Black or white, whichever is more legible on a colour by its luminance."""
+    red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return (
+        INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE
+    )
+
+
+def outcome_entry(outcome: Outcome, label: str) -> Entry:
+    """Legend entry of the boxes of one outcome."""
+    from matplotlib.lines import Line2D
+
+    style = OUTCOME[outcome]
+    mark: PlotStyle = {
+        "marker": style.marker,
+        "markersize": 0.8 * style.size,
+        "markeredgecolor": "white",
+    }
+    return Line2D(
+        [], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark
+    ), label

@@ -1,0 +1,84 @@
+"""Palette of all pictures: colours of sensors, classes, grounds and outcomes."""
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+from toolkit.plots.line_style import Dashes, LineStyle, Outcome
+
+if TYPE_CHECKING:
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+INK = "#1a1a1a"
+PAPER_WHITE = "#ffffff"
+FAINT = "#6b6b6b"
+SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e21978", "#4463f6")
+BAR = SENSORS[7]  # colour of bars in charts
+CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
+GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
+# lowest solid first
+SOLID = {
+    "pond": "#cfe4ee",
+    "island": "#d9d9d2",
+    "kerb": "#bdb9b0",
+    "building": "#c9c2b8",
+    "hedge": "#cfe0c3",
+    "tree": "#cfe0c3",
+}
+OTHER_SOLID = "#9a958c"
+POLE_INK = "#1a1a1a"
+# over solids that coview drew
+DRAWN_INK = "#a05a9c"
+DRAWN_HATCH = "//////"
+# darker where blindness matters more
+BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}
+OUTCOME: dict[Outcome, LineStyle] = {
+    "hit": LineStyle("#004a3a", "solid", 1.7, order=4.0),
+    "missed": LineStyle("#f21c09", (0, (3.5, 1.6)), 2.1, "X", 10.0, 4.4),
+    "false alarm": LineStyle("#5600f4", (0, (7, 1.6, 1.2, 1.6)), 1.9, "^", 9.0, 4.2),
+    "not scored": LineStyle(FAINT, (0, (1, 1.4)), 1.3, order=3.8),
+    "detection": LineStyle(INK, (0, (4, 1.5)), 1.4, order=4.0),
+}
+# colours and dashes of curves; neighbours differ in both
+LINES: tuple[tuple[str, Dashes], ...] = tuple(
+    (
+        SENSORS[k % 8],
+        ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (7, 1.5, 1.5, 1.5)))[(k + k // 8) % 4],
+    )
+    for k in (7, 1, 2, 5, 0, 3, 4, 6, 15, 9, 10, 13, 8, 11, 12, 14)
+)
+POINT_STEPS = (1, 2, 5, 10, 20, 50, 100)  # counts of points at which the colour changes
+VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 3 or more sensors
+
+
+def sensor_colour(index: int) -> str:
+    """Colour of a sensor's points in every picture."""
+    return SENSORS[index % len(SENSORS)]
+
+
+def point_scale() -> "tuple[ListedColormap, BoundaryNorm]":
+    """Colour map and norm for counts of points. It has a step for 0, then one for
+    each of `POINT_STEPS`, ever darker."""
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    steps = colormaps["viridis_r"](np.linspace(0.0, 1.0, len(POINT_STEPS)))
+    return ListedColormap(["#ededed", *map(tuple, steps)]), BoundaryNorm(
+        [0, *POINT_STEPS, 1e9], len(POINT_STEPS) + 1
+    )
+
+
+def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"]:
+    """RGBA for counts of points."""
+    colours, norm = point_scale()
+    return np.asarray(colours(norm(points)), np.float64)
+
+
+def point_names() -> list[str]:
+    """Names of the steps of the scale."""
+    ends = [
+        f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)
+    ]
+    return ["0", *ends, f"{POINT_STEPS[-1]}+"]

@@ -1,0 +1,1 @@
+"""Points in files: PCD and PLY, with named columns as a cloud's attributes."""

@@ -1,0 +1,70 @@
+"""Error profile: the error terms of a recording's sensors under one name."""
+
+import zlib
+from collections import Counter
+from dataclasses import asdict, dataclass, is_dataclass
+from functools import cached_property
+
+import numpy as np
+
+from toolkit.runtime.cache import make_key
+from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
+
+
+@dataclass(frozen=True)
+class ErrorProfile:
+    """Error terms under a name, in the order they act. Raises ValueError for a term that is no
+    `ErrorTerm`."""
+
+    name: str
+    terms: tuple[ErrorTerm, ...]
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise ValueError(
+                "an error profile needs a name, got an empty one: results say which it was"
+            )
+        for term in self.terms:
+            if not (is_dataclass(term) and isinstance(term, ErrorTerm)) or isinstance(term, type):
+                raise ValueError(
+                    f"terms must be error terms such as Calibration(), got {term!r}: see ErrorTerm"
+                )
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all terms and their numbers, whatever the name."""
+        described = []
+        for term in self.terms:
+            numbers = {
+                k: v.item() if isinstance(v, np.generic) else v for k, v in asdict(term).items()
+            }
+            described.append([type(term).__module__, type(term).__qualname__, numbers])
+        return make_key(described).hex()
+
+    @property
+    def modules(self) -> list[str]:
+        """Modules that define the terms."""
+        return sorted({type(term).__module__ for term in self.terms})
+
+    @property
+    def needs_velocities(self) -> bool:
+        """True if a term depends on the speed of objects."""
+        return any(term.needs_velocities for term in self.terms)
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Name and digest, for results."""
+        return {"profile": self.name, "digest": self.digest}
+
+    def read(self, truth: TrueImage, *, seed: int, sensor: int, frame: int) -> Reading:
+        """Apply all terms to a true image.
+
+        seed: seed of the recording's errors; sensor, frame: their numbers."""
+        reading = Reading.of(truth)
+        before = Counter[str]()
+        for term in self.terms:
+            kind = type(term).__qualname__
+            stream = zlib.crc32(f"{kind} {before[kind]}".encode())
+            before[kind] += 1
+            reading = term.apply(reading, Draws(seed, sensor, frame, stream))
+        return reading

@@ -1,0 +1,192 @@
+"""Readings: measurements of sensors as they report them, with the poses they are believed to have.
+
+An error term makes one `Reading` of another. The true measurement (`TrueImage`), as rendered, never
+changes. A random number depends on the seed, the error term and what it is drawn for, never on how
+many were drawn before, so that a sensor measures the same in any order of sensors, frames and
+processes."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+
+from toolkit.arrays import Float64, ImageMask, ImageRanges, ImageVectors, Int64, Pose, Rng
+from toolkit.boxes import points_in_boxes
+from toolkit.objects import Objects
+from toolkit.sensors.sensor import Sensor, is_return
+
+_SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is drawn for
+SKIN_M = 0.05  # by which a box is larger than its object, so that it holds surface points
+FOOT_MARGIN_M = 0.05  # above the foot of a box, below which points are of the ground
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Random numbers of one error term of one sensor in one frame, identified by four numbers."""
+
+    seed: int
+    sensor: int
+    frame: int
+    term: int
+
+    def own_noise(self) -> Rng:
+        """Generator of the noise of the sensor's model, which other errors do not change."""
+        return np.random.default_rng([self.seed, self.frame, self.sensor])
+
+    def of_frame(self) -> Rng:
+        """Generator for this sensor in this frame."""
+        return np.random.default_rng([self.seed, _FRAME, self.frame, self.sensor, self.term])
+
+    def of_sensor(self) -> Rng:
+        """Generator for this sensor, the same in every frame."""
+        return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
+
+    def of_pole(self, position: Float64[np.ndarray, "3"]) -> Rng:
+        """Generator for all sensors over one point of the ground (cm), the same in every frame."""
+        x, y = (int(np.rint(metres * 100)) & 0xFFFFFFFF for metres in position[:2].tolist())
+        return np.random.default_rng([self.seed, _POLE, x, y, self.term])
+
+    def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        """Number in [0, 1) for each track id."""
+        words = [self.seed, _OBJECT, self.term]
+        drawn = [
+            np.random.default_rng([*words, int(track) & 0xFFFFFFFFFFFFFFFF]).random()
+            for track in ids.tolist()
+        ]
+        return np.array(drawn, np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class TrueImage:
+    """Measurement without error at the true pose.
+
+    Attributes:
+        sensor: the sensor, at its true pose.
+        measurement: its image.
+        objects: objects of the frame.
+        time: time of the frame (s).
+        velocities: velocities of the objects (m/s), None if unknown.
+    """
+
+    sensor: Sensor
+    measurement: ImageRanges
+    objects: Objects
+    time: float = 0.0
+    velocities: Float64[np.ndarray, "n 3"] | None = None
+
+    @cached_property
+    def valid(self) -> ImageMask:
+        """Mask of pixels that return anything."""
+        return is_return(self.measurement, self.sensor.model.max_range)
+
+    @cached_property
+    def ray_lengths(self) -> ImageRanges:
+        """Range (m) per measured metre: 1 for models that measure ranges."""
+        return np.linalg.norm(self.sensor.model.rays(), axis=2).astype(np.float32)
+
+    @cached_property
+    def ranges(self) -> ImageRanges:
+        """Distance from the sensor to the surface of each pixel (m), 0 for none."""
+        return np.where(self.valid, self.measurement * self.ray_lengths, np.float32(0))
+
+    @cached_property
+    def points(self) -> Float64[np.ndarray, "pixels 3"]:
+        """Point of each pixel, world frame, row after row; the sensor itself for no return."""
+        flat = np.where(self.valid, self.measurement, np.float32(0)).ravel().astype(np.float64)
+        return (self.sensor.world_rays * flat).T.astype(np.float64) + self.sensor.position
+
+    @cached_property
+    def owners(self) -> Int64[np.ndarray, "rows columns"]:
+        """Row of the object whose box holds each pixel's point, above its foot, else -1."""
+        owners = np.full(self.measurement.size, -1, np.int64)
+        if len(self.objects):
+            boxes = self.objects.boxes.copy()
+            boxes[:, 2] += (FOOT_MARGIN_M + SKIN_M) / 2
+            boxes[:, 3:5] += 2 * SKIN_M
+            boxes[:, 5] = np.maximum(boxes[:, 5] + SKIN_M - FOOT_MARGIN_M, 1e-3)
+            pixels = np.flatnonzero(self.valid)
+            within = points_in_boxes(self.points[pixels], boxes)
+            owners[pixels] = np.where(within.any(axis=1), within.argmax(axis=1), -1)
+        return owners.reshape(self.measurement.shape)
+
+    @cached_property
+    def cosines(self) -> ImageRanges:
+        """Cosine of the angle between each ray and the surface's normal, 1 if that is unknown.
+
+        Differences to the nearer neighbours across and along give the normal."""
+        rays = self.sensor.model.rays().astype(np.float64)
+        points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
+        normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
+        area = np.linalg.norm(normal, axis=2)
+        is_known = self.valid & (area > 0)
+        product = np.abs(np.einsum("ijk,ijk->ij", normal, rays))
+        cosine = product / np.where(is_known, area * self.ray_lengths, 1)
+        return np.where(is_known, np.clip(cosine, 0, 1), 1).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Measurement of a sensor as it reports it.
+
+    Attributes:
+        truth: measurement without error.
+        measurement: image, 0 for no return.
+        pose: believed world_SE3_sensor.
+        shift: displacement of each pixel's point off its ray (m, world frame), None for zero.
+    """
+
+    truth: TrueImage
+    measurement: ImageRanges
+    pose: Pose
+    shift: ImageVectors | None = None
+
+    @staticmethod
+    def of(truth: TrueImage) -> "Reading":
+        """Reading without error; NaN and infinity become 0, no return."""
+        image = np.asarray(truth.measurement, np.float32)
+        finite = np.isfinite(image)
+        if not finite.all():
+            image = np.where(finite, image, np.float32(0))
+        return Reading(truth, image, truth.sensor.pose)
+
+    @property
+    def valid(self) -> ImageMask:
+        """Mask of pixels that return anything now."""
+        return is_return(self.measurement, self.truth.sensor.model.max_range)
+
+    def without(self, lost: ImageMask) -> "Reading":
+        """Remove the returns of some pixels."""
+        if not lost.any():
+            return self
+        return self.measuring(np.where(lost, np.float32(0), self.measurement))
+
+    def measuring(self, measurement: ImageRanges) -> "Reading":
+        """Replace the image."""
+        return replace(self, measurement=measurement)
+
+
+def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
+    """Step from each point to its nearer neighbour."""
+    step = np.diff(points, axis=axis)
+    both = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
+    length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
+    widths = [[side, (0, 0)] if axis == 0 else [(0, 0), side] for side in ((0, 1), (1, 0))]
+    after, before = (np.pad(length, width, constant_values=np.inf) for width in widths)
+    step = np.where(both[..., None], step, 0)
+    ahead, behind = (np.pad(step, [*width, (0, 0)]) for width in widths)
+    return np.where((after <= before)[..., None], ahead, behind)
+
+
+@runtime_checkable
+class ErrorTerm(Protocol):
+    """One kind of error: a frozen dataclass of numbers."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def needs_velocities(self) -> bool:
+        """True if it depends on the speed of objects."""
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """Apply the error."""

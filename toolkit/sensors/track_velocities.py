@@ -1,0 +1,37 @@
+"""Velocities of objects, from their tracks in neighbouring frames."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.objects import Objects
+
+MOST_APART = 0.5  # s between frames from which velocities are known
+
+
+def velocities(
+    objects: Objects, time: float, around: Sequence[tuple[Objects, float]]
+) -> Float64[np.ndarray, "n 3"]:
+    """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before
+    and after.
+
+    It is their mean, 0 for a track in neither. time: time of the frame (s); around: objects and
+    time of its neighbours. Raises ValueError without neighbours and for one farther off than
+    `MOST_APART`."""
+    gaps = [abs(neighbour_time - time) for _, neighbour_time in around]
+    if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
+        intervals = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
+        remedy = "leave the clock's offset out, or record more often"
+        raise ValueError(
+            f"velocities need frames at most {MOST_APART} s apart, got {intervals}: {remedy}"
+        )
+    total = np.zeros((len(objects), 3))
+    count = np.zeros(len(objects))
+    for neighbour, neighbour_time in around:
+        _, rows, neighbour_rows = np.intersect1d(objects.ids, neighbour.ids, return_indices=True)
+        total[rows] += (neighbour.boxes[neighbour_rows, :3] - objects.boxes[rows, :3]) / (
+            neighbour_time - time
+        )
+        count[rows] += 1
+    return total / np.maximum(count, 1)[:, None]

@@ -1,0 +1,148 @@
+"""Drawing of frames, on level ground if wanted."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64
+from toolkit.calibration.place import Place, Stand
+from toolkit.detection.detect import Detected, detect_frames
+from toolkit.frame import Frame, OtherObjects, SensorCloud
+from toolkit.objects import LABELS, Detections, Detector, label_index
+from toolkit.plots.line_style import Outcome
+from toolkit.viewing.drawn import OTHERS, DrawnCloud, DrawnSample, Tag, sort_kinds
+from toolkit.viewing.outcomes import MARKED, Marked, sort_outcomes
+
+GROUND_PERCENTILE = 5.0  # percentile of heights that is the ground of a cloud, if not levelled
+
+
+@dataclass(frozen=True, eq=False)
+class _Lift:
+    """Move points and boxes from the world to a drawing, on level ground if that was found.
+
+    stand: ground and area of the frame; origin: origin (m, world) of the drawing."""
+
+    stand: Stand
+    origin: Float64[np.ndarray, "3"]
+
+    def points(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Return points (world) in the drawing."""
+        middle = np.array([*self.stand.middle, 0.0])
+        near = points - middle
+        if self.stand.ground is not None and len(near):
+            near = self.stand.ground.points(near)
+        return near + (middle - self.origin)
+
+    def boxes(self, boxes: BoxRows) -> BoxRows:
+        """Return boxes (world) in the drawing."""
+        middle = np.array([*self.stand.middle, 0.0])
+        near = boxes - np.array([*middle, 0, 0, 0, 0])
+        if self.stand.ground is not None and len(near):
+            near = self.stand.ground.boxes(near)
+        return near + np.array([*(middle - self.origin), 0, 0, 0, 0])
+
+    def cloud(self, cloud: SensorCloud) -> DrawnCloud:
+        """Return a sensor's cloud in the drawing."""
+        points = self.points(cloud.in_world()).astype(np.float32)
+        position = self.points(cloud.world_SE3_sensor[None, :3, 3])[0]
+        return DrawnCloud(cloud.name, points, position, cloud.time, cloud.intensity)
+
+    def tags(self, outcome: Outcome, kind: str, rows: Detections) -> list[Tag]:
+        """Return tags of boxes (world) of one outcome and class."""
+        tags = []
+        boxes = self.boxes(rows.boxes).tolist()
+        for (x, y, z, _, _, height, _), score in zip(boxes, rows.scores, strict=True):
+            text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
+            if outcome == "false alarm":
+                text += " false"
+            tags.append(Tag(kind, outcome, text, (x, y, z + height / 2)))
+        return tags
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Options for drawing frames.
+
+    Attributes:
+        detector: its boxes are drawn too.
+        place: area and ground for the detector.
+        least_score: score below which no box is drawn.
+        classes: classes that are drawn, all if None.
+        sensors: sensors whose clouds are drawn, all if None.
+    """
+
+    detector: Detector | None = None
+    place: Place = Place("none")
+    least_score: float = 0.0
+    classes: Sequence[str] | None = None
+    sensors: Sequence[int | str] | None = None
+
+    def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
+        """Origin (m, world) for a recording that begins with this frame.
+
+        It is the middle of the sensors, at the height of their ground if that is not levelled."""
+        points = sample.points()
+        keeps_heights = self.place.level == "none" and len(points) > 0
+        low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if keeps_heights else 0.0
+        return np.array([*self.place.find_middle(sample), low], np.float64)
+
+    def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
+        """Draw a frame. Raises ValueError for an unknown levelling."""
+        detected = self._detect(sample)
+        frame = detected.frame
+        lift = _Lift(detected.stand, origin)
+        truth = sort_kinds(lift.boxes(frame.objects.boxes), frame.objects.labels)
+        if len(frame.others.boxes):
+            truth[OTHERS] = lift.boxes(frame.others.boxes)
+        rows = detected.detections
+        by_outcome = {} if self.detector is None else sort_outcomes(detected)
+        outcomes: dict[Marked, dict[str, np.ndarray]] = {}
+        tags: list[Tag] = []
+        for name, by_kind in by_outcome.items():
+            outcomes[name] = {}
+            for kind, kind_rows in by_kind.items():
+                outcomes[name][kind] = lift.boxes(kind_rows.boxes)
+                tags += lift.tags(MARKED[name], kind, kind_rows)
+        if not any(by_outcome.values()):
+            for label in set(rows.labels):
+                tags += lift.tags("detection", LABELS[label], rows[rows.labels == label])
+        return DrawnSample(
+            frame.name,
+            frame.time,
+            tuple(lift.cloud(cloud) for cloud in frame.clouds),
+            truth,
+            sort_kinds(lift.boxes(rows.boxes), rows.labels),
+            warning=detected.stand.warning,
+            outcomes=outcomes,
+            tags=tuple(tags),
+        )
+
+    def _detect(self, sample: Frame) -> Detected:
+        """Frame and detections, restricted to the sensors, classes and scores that are drawn."""
+        if self.sensors is not None:
+            sample = sample.seen_by(self.sensors)
+        detector = self.detector or (lambda points: Detections.empty())
+        (detected,) = detect_frames([sample], detector, self.place)
+        detections = detected.detections[detected.detections.scores >= self.least_score]
+        if self.classes is None:
+            return replace(detected, detections=detections)
+        labels = [label_index(label) for label in self.classes]
+        frame = detected.frame.of(np.isin(detected.frame.objects.labels, labels))
+        return replace(
+            detected,
+            frame=replace(frame, others=OtherObjects()),
+            detections=detections[np.isin(detections.labels, labels)],
+        )
+
+    def draw_all(
+        self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
+    ) -> list[DrawnSample]:
+        """Draw frames from the origin of the first."""
+        drawn: list[DrawnSample] = []
+        origin: np.ndarray | None = None
+        for sample in samples:
+            origin = self.origin(sample) if origin is None else origin
+            drawn.append(self.draw(sample, origin))
+            progress(len(drawn))
+        return drawn

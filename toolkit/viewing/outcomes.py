@@ -1,0 +1,56 @@
+"""Outcomes of detections and labels, by class.
+
+They follow the rule `measured` of `toolkit.detection.evaluation`: a detection is true if its IoU by
+volume with a label of its class, which no surer detection took, is at least
+`toolkit.detection.metrics.TRUE_IOU`."""
+
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from toolkit.detection.breakdown import select_truth
+from toolkit.detection.detect import Detected
+from toolkit.detection.metrics import TRUE_IOU, matches, second_labels
+from toolkit.objects import LABELS, Detections
+from toolkit.plots.line_style import Outcome
+
+Marked = Literal["hits", "missed", "false alarms", "ignored"]
+_OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (
+    ("hits", "hit"),
+    ("missed", "missed"),
+    ("false alarms", "false alarm"),
+)
+MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
+
+
+def sort_outcomes(detected: Detected) -> dict[Marked, dict[str, Detections]]:
+    """Detections of each outcome and class, world frame, and labelled boxes that were missed, with
+    scores NaN.
+
+    Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or
+    on an object that does not count. The second label of an object is a false alarm."""
+    by_outcome: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
+    if not len(detected.frame.objects):
+        return {}
+    truth = select_truth(detected.frame, detected.stand.corners)
+    detections = detected.detections
+    outside = ~truth.inside(detected.detections)
+    match_class = partial(
+        matches, detections, truth.objects, counted=truth.counted, outside=outside
+    )
+    second = second_labels(detections, truth.objects, counted=truth.counted, outside=outside)
+    for label, name in enumerate(LABELS):
+        (what,) = match_class([TRUE_IOU[label]], label=label)
+        of_class = detections.labels == label
+        false = (~what.ignored & (what.truth < 0)) | (second & of_class)
+        missed = truth.objects[what.scored & ~what.hit]
+        rows: dict[Marked, Detections] = {
+            "hits": detections[~what.ignored & (what.truth >= 0)],
+            "missed": Detections(missed.boxes, np.full(len(missed), np.nan), missed.labels),
+            "false alarms": detections[false],
+            "ignored": detections[what.ignored & of_class & ~second],
+        }
+        for outcome, so_far in by_outcome.items():
+            so_far |= {name: rows[outcome]} if len(rows[outcome]) else {}
+    return by_outcome

@@ -1,0 +1,154 @@
+"""Page of recorded frames: one file of HTML that works from disk, without server or network.
+
+It holds frames, switches and the scene. The scene has separate nodes for every frame; the page
+shows one frame at a time and plays them. Points are stored once, whatever they are coloured by, and
+thinned to what a page can hold."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolkit.plots.palette import OUTCOME, sensor_colour
+from toolkit.runtime.writing import write_text
+from toolkit.viewing import pages, scene
+from toolkit.viewing.colouring import Scales, list_colourings
+from toolkit.viewing.drawn import BOX_KINDS, DrawnSample
+from toolkit.viewing.outcomes import MARKED
+from toolkit.viewing.recording_scene import (
+    BOXES,
+    GRID_NODE,
+    OUTCOME_NODES,
+    TAGS,
+    SceneStyle,
+    add_grid,
+    add_groups,
+    add_sample,
+    find_view_area,
+    list_sensors,
+    nodes_of_kind,
+)
+
+TAGS_NAME = "class and score"
+PAGE_FRAMES = 20  # frames of a recording by default
+PAGE_POINTS = 600_000  # in all clouds of all frames together
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A part that a reader can hide."""
+
+    name: str
+    nodes: str
+    colour: str | None = None
+    checked: bool = True
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """Contents of a page.
+
+    Attributes:
+        title: its title.
+        html: the scene.
+        switches: a switch for each part.
+        colourings: switches of the colourings of points; one is on at a time.
+        frames: nodes of each frame.
+        names: a line of text for each frame.
+        points: number of all points.
+        drawn: number of the points on the page.
+    """
+
+    title: str
+    html: str
+    switches: tuple[Switch, ...]
+    colourings: tuple[Switch, ...]
+    frames: tuple[tuple[str, ...], ...]
+    names: tuple[str, ...]
+    points: int
+    drawn: int
+
+
+def page_content(
+    samples: Sequence[DrawnSample], title: str, *, max_points: int = PAGE_POINTS
+) -> PageContent:
+    """Contents of a page of some frames.
+
+    max_points: limit on its points. Raises ValueError without a frame, and ImportError without
+    viser."""
+    if not samples:
+        raise ValueError("there is no sample to view: check the path and the layout")
+    sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
+    max_cloud_points = max(max_points // max(len(sizes), 1), 1)
+    style = SceneStyle(
+        list_sensors(samples),
+        list_colourings(samples),
+        Scales.of(samples[0]),
+        max_cloud_points,
+        "float16",
+    )
+    area = find_view_area(samples[0])
+    nodes: list[tuple[str, ...]] = []
+    with scene.viser_server() as server:
+        add_grid(server.scene, area)
+        add_groups(server.scene, style)
+        for frame, sample in enumerate(samples):
+            handles = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
+            nodes.append(tuple(handle.name for handle in handles))
+        scene.set_view(server, *scene.overview(area))
+        html = scene.scene_html(server)
+    return PageContent(
+        title=title,
+        html=html,
+        switches=tuple(_list_switches(samples, style)),
+        colourings=tuple(_list_colour_switches(style)),
+        frames=tuple(nodes),
+        names=tuple(sample.describe() for sample in samples),
+        points=sum(sizes),
+        drawn=sum(min(size, max_cloud_points) for size in sizes),
+    )
+
+
+def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Switch]:
+    """Switches of sensors, boxes, outcomes, tags, kinds and the grid."""
+    switches = []
+    for k, name in enumerate(style.sensors):
+        switches.append(Switch(name, f"/sensors/{k}", sensor_colour(k)))
+    has_outcomes = any(sample.outcomes for sample in samples)
+    all_scored = all(sample.outcomes for sample in samples)
+    for group, colour in BOXES.items():
+        if group != "detections" or not all_scored:
+            switches.append(Switch(group, f"/{group}", colour))
+    for marked, outcome in MARKED.items() if has_outcomes else ():
+        switches.append(Switch(marked, f"/{OUTCOME_NODES[marked]}", OUTCOME[outcome].colour))
+    if any(sample.tags for sample in samples):
+        switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
+    present_kinds = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
+    for kind in BOX_KINDS:
+        if kind in present_kinds:
+            switches.append(Switch(kind, " ".join(nodes_of_kind(kind, outcomes=has_outcomes))))
+    return [*switches, Switch("grid of 10 m", GRID_NODE)]
+
+
+def _list_colour_switches(style: SceneStyle) -> list[Switch]:
+    """A switch for each colouring of points; only the first is on."""
+    switches = []
+    for colouring in style.colourings:
+        nodes = [f"/sensors/{number}/{colouring}" for number in range(len(style.sensors))]
+        is_first = colouring == style.colourings[0]
+        name = style.scales.describe(colouring)
+        switches.append(Switch(name, " ".join(nodes), checked=is_first))
+    return switches
+
+
+def page_html(content: PageContent) -> str:
+    """The page. Raises ImportError without jinja2."""
+    data = {"html": content.html, "frames": content.frames, "names": content.names}
+    return pages.render_page(Path(__file__).parent / "page.html.j2", data, content=content)
+
+
+def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
+    """Write frames as a page, whole or not at all; return its contents. The same frames give the
+    same bytes."""
+    content = page_content(samples, title)
+    write_text(out, page_html(content))
+    return content
