@@ -16,7 +16,7 @@ from examples.differences.messages import (
     check_differences,
 )
 from toolkit.arrays import ImageMask
-from toolkit.calibration.pixel_clusters import SCENE_SIGMAS as SIGMAS
+from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground
 from toolkit.detection.link.foreground import Restored
@@ -35,7 +35,7 @@ class ForegroundDifferences(foreground.SendsForeground):
     step: float = 0.02
     refers_to: RefersTo = "previous"
     key_every: int = DEFAULT_KEY_EVERY
-    sigmas: float = SIGMAS
+    sigmas: float = SCENE_SIGMAS
     name: str = "differences"
 
     def __post_init__(self) -> None:

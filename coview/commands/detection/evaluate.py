@@ -21,9 +21,10 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import find_profile
 
 if TYPE_CHECKING:
-    from toolkit.calibration.poses import FoundPose
-    from toolkit.calibration.registration import Surface
-    from toolkit.detection.evaluation import Comparison, Evaluation
+    from toolkit.calibration.found_pose import FoundPose
+    from toolkit.calibration.reference_surface import Surface
+    from toolkit.detection.comparison import Comparison
+    from toolkit.detection.evaluation_result import Evaluation
     from toolkit.frame import Recording
     from toolkit.objects import Detector
 
@@ -220,7 +221,7 @@ def _correct_poses(
     if reference is None:
         return recording, ()
     poses = find_poses(recording, surface, frames=frames)
-    return Corrected.of(recording, poses), poses
+    return Corrected.from_poses(recording, poses), poses
 
 
 def _select_frames(
@@ -249,7 +250,7 @@ def _check_truths(evaluation: "Evaluation", labels: Sequence[str], count: int) -
 
 def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
     """Return the comparison that the rules describe."""
-    from toolkit.detection.evaluation import Comparison
+    from toolkit.detection.comparison import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps
 

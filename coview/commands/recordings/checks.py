@@ -198,6 +198,6 @@ def calibrate_command(
             write_corrected(Part(recording, total) if has_clouds else recording, found_poses, out)
     if poses is not None:
         save_poses(poses, found_poses)
-    figures = {pose.sensor.name: pose.described() for pose in found_poses}
+    figures = {pose.sensor.name: pose.as_dict() for pose in found_poses}
     print_result(figures, "\n".join(map(str, found_poses)), as_json=writing.json)
     return OK if all(pose.registration is not None for pose in found_poses) else SUSPECTED

@@ -827,7 +827,7 @@ def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
     ):
         known.check_race(2, 0.0, np.arange(24))
     divided = Judge((Detected(frames, street.detected.detector, "early"),), Cases(levels=2))
-    worst = judging._Options(street.objective, found, divided)
+    worst = judged_options.JudgedOptions(street.objective, found, divided)
     worst.judge_rows([2])
     worst.check_race(2, 0.0, np.arange(24))  # the worst of several cases is not compared
 
