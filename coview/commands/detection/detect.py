@@ -10,15 +10,8 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
-from coview.detectors import (
-    NO_BACKGROUND,
-    QUICK,
-    check_detector,
-    learns_background,
-    parse_detector,
-    place_detector,
-    recording_detector,
-)
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -69,10 +62,11 @@ def detect(
     check_least("--frames", frames, 1, "leave it out for all")
     if not clouds:
         raise ValueError("give clouds to detect in: files, folders or bags")
-    check_detector(detector)
+    spec = DetectorSpec.from_name(detector)
+    check_detector(spec)
     levelled = replace(place, level=place.level or "map")
-    quick = detector + QUICK
-    network = None if parse_detector(quick).known else place_detector(quick, levelled)
+    quick = spec.in_bfloat16()
+    network = None if quick.knows_background() else open_detector(quick, levelled)
     if format == "boxes":
         check_ending(out, (".json",), "a file of boxes")
     check = check_file if format == "boxes" else check_new_folder
@@ -82,16 +76,16 @@ def detect(
         opened = [Part(recording, frames) for recording in recordings]
         scenes = []
         for recording, part in zip(recordings, opened, strict=True):
-            learns_scene = recording.site is None and learns_background(detector)
+            learns_scene = recording.site is None and spec.learns_scene
             scenes.append(learn_standing_scene(part) if learns_scene else None)
         at_scene = network
         if any(scene is not None for scene in scenes):
-            at_scene = place_detector(detector + NO_BACKGROUND + QUICK, levelled)
+            at_scene = open_detector(quick.without_background(), levelled)
         detectors: list[tuple[Detector, Place]] = []
         for recording, scene in zip(recordings, scenes, strict=True):
             site = recording.site if place.at(recording.site) else None
-            if network is None or parse_detector(quick, site).known:
-                detectors.append((recording_detector(quick, recording, place), place))
+            if network is None or quick.knows_background(site):
+                detectors.append((open_detector(quick, recording, place), place))
             elif scene is None or at_scene is None:
                 detectors.append((network, levelled))
             else:

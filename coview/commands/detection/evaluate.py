@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from coview import arguments
-from coview.detectors import check_detector, recording_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -141,8 +142,9 @@ def evaluate(
             check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
     sets = [arguments.sensor_set(names_of_set) for names_of_set in rules.sensors]
-    if subject.detector is not None:
-        check_detector(subject.detector, place)
+    spec = None if subject.detector is None else DetectorSpec.from_name(subject.detector)
+    if spec is not None:
+        check_detector(spec, place)
     surface = None if subject.calibrate in (None, TOGETHER) else read_surface(subject.calibrate)
     with ExitStack() as stack:
         recording = opened = stack.enter_context(opening.open(dataset))
@@ -167,7 +169,7 @@ def evaluate(
                 names = [name for names_of_set in sets for name in names_of_set or ()]
                 frames_read = _Seen(frames_read, tuple(names))
         scenes = Scenes(ReadRecording(frames_read, reads) if is_known else frames_read)
-        detect = recording_detector(subject.detector, frames_read, place, scenes)
+        detect = open_detector(spec, frames_read, place, scenes)
         labels = rules.classes or known_labels(detect) or ("vehicle",)
         check_known(detect, labels)
         check_outputs(may_overwrite, labels)

@@ -9,7 +9,8 @@ import numpy as np
 from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
-from coview.detectors import BACKGROUND, GENERAL, check_detector, recording_detector
+from coview.detector_spec import GENERAL, DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import CARD_KIND, OK, Writing, check_file, check_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -143,7 +144,8 @@ def adapt(
     check_least("--seed", settings.seed, 0)
     check_least("--frames", settings.frames, MIN_ADAPT_FRAMES)
     check_least("--seconds", settings.seconds, 1)
-    check_detector(settings.start, place)
+    start = DetectorSpec.from_name(settings.start)
+    check_detector(start, place)
     check_folder(
         out, holds=WEIGHTS, inputs=[recording, *opening.files], overwrite=writing.overwrite
     )
@@ -157,7 +159,7 @@ def adapt(
                 f"there must be {MIN_ADAPT_FRAMES} frames at least to adapt to, got {len(opened)}"
             )
         _check_times(opened, recording)
-        background_detector = recording_detector(settings.start + BACKGROUND, opened, place)
+        background_detector = open_detector(start.with_background(), opened, place)
         assert isinstance(background_detector, KnownBackground)
         area = background_detector.detector.area  # type: ignore[attr-defined]
         read: Recording = opened

@@ -8,7 +8,8 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, sensor_set
-from coview.detectors import check_detector, place_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -87,8 +88,9 @@ def view(
         raise ValueError("--out writes a page, --still a picture: give one of them")
     if still is not None:
         check_picture(still)
-    if shown.detector is not None:
-        check_detector(shown.detector)
+    spec = None if shown.detector is None else DetectorSpec.from_name(shown.detector)
+    if spec is not None:
+        check_detector(spec)
     if still is None:
         check_viser()
     with opening.open(recording) as opened:
@@ -96,7 +98,7 @@ def view(
         samples = Part(opened, frames, shown.every)
         default_level: Level = "map" if opened.site is None else "none"
         place = Place(shown.level or default_level, area=shown.area)
-        network = None if shown.detector is None else place_detector(shown.detector, place)
+        network = None if spec is None else open_detector(spec, place)
         sensors = None if shown.sensors is None else sensor_set(shown.sensors)
         drawing = Drawing(network, place, shown.score, shown.classes, sensors)
         if still is not None and shown.frame >= len(samples):
