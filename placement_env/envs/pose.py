@@ -151,7 +151,7 @@ class _PoseScenarios(EpisodeSource):
             visibility = previous[1]
         seen = _see_again(preparation, candidates, visibility, is_still)
         return Scenario(
-            Objective.of_moved(preparation, candidates, seen, self.config.setting.weights),
+            Objective.from_view(preparation, candidates, seen, self.config.setting.weights),
             self.slots,
         )
 

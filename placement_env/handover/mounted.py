@@ -289,6 +289,31 @@ def build_load(
     return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
 
+def measure_links(
+    candidates: Candidates,
+    kbit: Float64[np.ndarray, "C frames"],
+    link_share: float,
+    *,
+    limited: bool,
+) -> tuple[LinkLoad, ...]:
+    """Load of the link of each mount that carries a candidate.
+
+    kbit: data of each candidate in each frame; link_share, limited: as in `format_sensors` and
+    `link_loads`."""
+    mbit_s = kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
+    means = mbit_s.mean(axis=1)
+    peaks = mbit_s.max(axis=1, initial=0)
+    shares = link_load(mbit_s, link_share)
+    loads = []
+    for mount in np.unique(candidates.mount).tolist():
+        on_mount = candidates.mount == mount
+        mean, peak, load = (float(rates[on_mount].sum()) for rates in (means, peaks, shares))
+        pole = candidates.mounts[mount]
+        capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
+        loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
+    return tuple(loads)
+
+
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
     """Load of each pole's link; loads and peaks of sensors that share one add up.
 

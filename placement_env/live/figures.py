@@ -28,8 +28,8 @@ from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
-from placement_env.handover.mounted import FRAME_RATE_HZ, KBIT_PER_MBIT, LinkLoad, build_load
-from placement_env.links import link_load, max_load
+from placement_env.handover.mounted import LinkLoad, measure_links
+from placement_env.links import max_load
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -141,7 +141,7 @@ class Meter:
     def objective(self, candidates: Candidates, visibility: Visibility) -> Objective:
         """Objective of sensors whose view is known."""
         preparation = self.preparation
-        return Objective.of_moved(preparation, candidates, visibility, preparation.setting.weights)
+        return Objective.from_view(preparation, candidates, visibility, preparation.setting.weights)
 
     def judge(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
@@ -216,12 +216,10 @@ class Meter:
     def _block(self) -> Int64[np.ndarray, " O"]:
         return self.unseen.frame // BLOCK_FRAMES
 
-    @cached_property
+    @property
     def unseen(self) -> Visibility:
         """The road users that count, seen by no sensor."""
-        return Visibility.unseen(
-            self.preparation.traffic, (), self.preparation.setting.counted.labels
-        )
+        return self.preparation.unseen
 
     def _by_class(
         self,
@@ -313,23 +311,10 @@ class Meter:
         self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
     ) -> tuple[LinkLoad, ...]:
         setting = self.preparation.setting
-        loads = []
-        kbit = (
-            sent_per_frame(seen, setting.fusion, setting.codec)
-            * is_working[:, None]
-            * FRAME_RATE_HZ
-            / KBIT_PER_MBIT
+        kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]
+        return measure_links(
+            candidates, kbit, setting.link_share, limited=setting.fusion.sends_points
         )
-        for mount in np.unique(candidates.mount).tolist():
-            rows = kbit[candidates.mount == mount]
-            pole = candidates.mounts[mount]
-            mean = float(rows.mean(axis=1).sum())
-            peak = float(rows.max(axis=1, initial=0).sum())
-            load = float(link_load(rows, setting.link_share).sum())
-            capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
-            limited = setting.fusion.sends_points
-            loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
-        return tuple(loads)
 
 
 def _list_problems(objective: Objective) -> tuple[str, ...]:

@@ -79,7 +79,7 @@ class LiveScorer:
         self.setting = setting
         self.preparation = preparation.plain
         if before is not None:
-            self.preparation.take_traffic(before)
+            self.preparation = self.preparation.in_traffic_of(before)
         self._meter = Meter(self.preparation, self._currency)
         self._answers = dict[Variant, LiveAnswer]()
         if live_before is None or live_before is not self.preparation.live:
@@ -135,10 +135,8 @@ class LiveScorer:
 
     def _list_problems(self, variant: Variant) -> tuple[str, ...]:
         """Problems that no figure shows: sensors in keep-out areas, and too many of them."""
-        problems = []
-        for sensor in variant.sensors:
-            if self._yard.bars(variant, self._yard.find_mount(variant, sensor.mount)):
-                problems.append(f"{sensor.name} hangs in a keep-out area")
+        barred_names = self._yard.list_barred(variant)
+        problems = [f"{name} hangs in a keep-out area" for name in barred_names]
         if len(variant.sensors) > self._max_sensors:
             problems.append(
                 f"it has {len(variant.sensors)} sensors, more than the {self._max_sensors} of "

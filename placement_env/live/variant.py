@@ -321,6 +321,14 @@ class Yard:
             shapely.Polygon(corners).distance(point) < KERB_GAP for corners in variant.keep_out
         )
 
+    def list_barred(self, variant: Variant) -> list[str]:
+        """Names of the sensors of a variant whose poles are in its keep-out areas."""
+        names = []
+        for sensor in variant.sensors:
+            if variant.keep_out and self.bars(variant, self.find_mount(variant, sensor.mount)):
+                names.append(sensor.name)
+        return names
+
     def refuse(self, spot: tuple[float, float]) -> str:
         """Say why no pole may stand at a place, "" where one may."""
         point = shapely.Point(spot)

@@ -220,7 +220,7 @@ def build_pose_scorer(
                 labels=preparation.setting.counted.labels,
                 run=quiet_run,
             )
-        objective = Objective.of_moved(preparation, candidates, seen, weights)
+        objective = Objective.from_view(preparation, candidates, seen, weights)
         owner = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
         subsets = owner == np.arange(len(sets))[:, None]
         objective.scores(subsets)

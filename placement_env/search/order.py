@@ -366,7 +366,7 @@ def _answer(order: SearchOrder, objective: Objective, result: Result, narrowing:
 
 def _find_first(order: SearchOrder, preparation: Preparation) -> Score:
     """Report greedy's answer on the first frames and return its score there."""
-    objective = Objective.of_moved(
+    objective = Objective.from_view(
         preparation, preparation.setting.pool, preparation.visibility, order.setting.weights
     )
     best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best

@@ -728,7 +728,7 @@ def plan(question: Question) -> content.Planned:
             reasons = sentences.refuse_traffic(question, missing, frames, "simulated")
             return _refuse(question, reasons, pool)
     all_objectives = [
-        Objective.of_moved(preparation, preparation.setting.pool, preparation.visibility, AP_ONLY)
+        Objective.from_view(preparation, preparation.setting.pool, preparation.visibility, AP_ONLY)
         for preparation in prepared
     ]
     excluded = describe_exclusions(all_objectives[0], question.max_kbit, question.currency)
@@ -740,7 +740,7 @@ def plan(question: Question) -> content.Planned:
     if obstacles or not buildable_names:
         return _refuse(question, obstacles or excluded, pool)
     objectives = [
-        Objective.of_moved(preparation, *view, AP_ONLY)
+        Objective.from_view(preparation, *view, AP_ONLY)
         for preparation, view in zip(prepared, buildable, strict=True)
     ]
     objective = objectives[0]
@@ -821,7 +821,7 @@ def _search(
     if not question.cases.plain:
         entrant_lists += [
             keep_entrants(
-                Objective.of_moved(preparation.plain, *view, AP_ONLY),
+                Objective.from_view(preparation.plain, *view, AP_ONLY),
                 effort,
                 run.memo,
                 depends_on=preparation.traffic.digest(),
