@@ -17,7 +17,7 @@ import numpy as np
 
 from placement_env.analysis.shrinkage import shrink
 from placement_env.subsets import Sets
-from toolkit.arrays import Float64, Int64, Rng
+from toolkit.arrays import Float64, Int64, Mask, Rng
 
 # returns a figure, such as AP, of each of n sensor sets from some frames
 PartialScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]]
@@ -188,6 +188,34 @@ class _Dropped(NamedTuple):
     figures: Float64[np.ndarray, " _"]
     frames: int
 
+    def repeat_frames(self) -> Int64[np.ndarray, " _"]:
+        """Number of frames of each set."""
+        return np.full(len(self.rows), self.frames)
+
+
+class _Ranked(NamedTuple):
+    """Sets on one rung of a race, best first.
+
+    Attributes:
+        rows: Rows of the sets.
+        figures: Likeliest figures, given the frames and the predictions.
+        scored: Figures from the frames alone.
+        resamples: Resamples of the likeliest figures.
+        blocks: Number of blocks of frames.
+        frames: Number of frames if it is smaller than requested, else None.
+    """
+
+    rows: Int64[np.ndarray, " n"]
+    figures: Float64[np.ndarray, " n"]
+    scored: Float64[np.ndarray, " n"]
+    resamples: Float64[np.ndarray, "n resamples"]
+    blocks: float
+    frames: int | None
+
+    def drop(self, is_leaving: Mask, frames: int) -> _Dropped:
+        """Sets that leave the race after a number of frames."""
+        return _Dropped(self.rows[is_leaving], self.scored[is_leaving], frames)
+
 
 def race_until(
     scores: ResampledScores,
@@ -222,52 +250,34 @@ def race_until(
     dropped: list[_Dropped] = []
     rungs: list[Rung] = []
     expected = np.zeros(len(sets))
-    while True:
+    is_over = False
+    while not is_over:
         frame_count = min(frames, max(rules.first, used_frames * rules.eta))
-        resampled = scores(sets[running], order[:frame_count])
-        counted = frame_count if resampled.frames is None else resampled.frames
+        ranked = _rank(scores, sets, running, order[:frame_count], predicted)
+        counted = frame_count if ranked.frames is None else ranked.frames
         spent = spent + len(running) * (counted - used_frames)
         used_frames = counted
-        figures_measured = resampled.figure
-        if predicted is not None:
-            shrunk = shrink(
-                resampled.figure, resampled.resamples, predicted[running], resampled.blocks
-            )
-            resampled = resampled._replace(figure=shrunk.figure, resamples=shrunk.resamples)
-        expected[running] = resampled.figure
-        ranked = np.argsort(-resampled.figure, kind="stable")
-        resampled = resampled._replace(
-            figure=resampled.figure[ranked], resamples=resampled.resamples[ranked]
-        )
-        running = running[ranked]
-        figures_measured = figures_measured[ranked]
-        rungs.append(Rung(running, resampled.resamples))
-        by_chance = 0.0 if resampled.frames is None or len(sets) == 1 else 0.5**resampled.blocks
-        confidence = 1 - max(by_chance, _doubt(rungs, int(running[0]), rules.tolerance))
-        if (
-            used_frames == frames
-            or used_frames < frame_count
-            or (confidence >= rules.confidence and used_frames >= rules.least)
-        ):
-            dropped.append(_Dropped(running, figures_measured, used_frames))
-            break
-        lead = resampled.resamples - resampled.resamples[0]
-        is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
-        is_running[0] = True
-        next_frames = min(frames, used_frames * rules.eta) - used_frames
-        is_running &= np.cumsum(is_running) <= max(1.0, (rules.most - spent) / next_frames)
-        if used_frames >= rules.least and is_running.sum() == 1:  # more frames would change no rank
-            dropped.append(_Dropped(running, figures_measured, used_frames))
-            break
-        dropped.append(_Dropped(running[~is_running], figures_measured[~is_running], used_frames))
-        running = running[is_running]
+        expected[ranked.rows] = ranked.figures
+        rungs.append(Rung(ranked.rows, ranked.resamples))
+        by_chance = 0.0 if ranked.frames is None or len(sets) == 1 else 0.5**ranked.blocks
+        confidence = 1 - max(by_chance, _doubt(rungs, int(ranked.rows[0]), rules.tolerance))
+        is_sure = confidence >= rules.confidence and used_frames >= rules.least
+        is_over = used_frames == frames or used_frames < frame_count or is_sure
+        if not is_over:
+            next_frames = min(frames, used_frames * rules.eta) - used_frames
+            max_sets = max(1.0, (rules.most - spent) / next_frames)
+            is_running = _find_running(ranked.resamples, risk, max_sets)
+            # with one set left, more frames would change no rank
+            is_over = used_frames >= rules.least and is_running.sum() == 1
+        is_leaving = np.ones(len(ranked.rows), np.bool_) if is_over else ~is_running
+        dropped.append(ranked.drop(is_leaving, used_frames))
+        running = ranked.rows[~is_leaving]
     dropped.reverse()
     ranking = np.concatenate([group.rows for group in dropped])
-    counts = np.array([group.frames for group in dropped], np.int64)
     return Contest(
         ranking=ranking,
         figures=np.concatenate([group.figures for group in dropped]),
-        frames=np.repeat(counts, [len(group.rows) for group in dropped]),
+        frames=np.concatenate([group.repeat_frames() for group in dropped]),
         confidence=max(0.0, confidence),
         spent=spent,
         expected=expected[ranking],
@@ -275,6 +285,42 @@ def race_until(
         tolerance=rules.tolerance,
         by_chance=by_chance,
     )
+
+
+def _rank(
+    scores: ResampledScores,
+    sets: Sets,
+    running: Int64[np.ndarray, " n"],
+    order: Int64[np.ndarray, " frames"],
+    predicted: Float64[np.ndarray, " n"] | None,
+) -> _Ranked:
+    """Score the sets that are still in a race, and rank them. predicted: prior figures."""
+    resampled = scores(sets[running], order)
+    figures = resampled.figure
+    resamples = resampled.resamples
+    if predicted is not None:
+        shrunk = shrink(figures, resamples, predicted[running], resampled.blocks)
+        figures = shrunk.figure
+        resamples = shrunk.resamples
+    ranks = np.argsort(-figures, kind="stable")
+    return _Ranked(
+        rows=running[ranks],
+        figures=figures[ranks],
+        scored=resampled.figure[ranks],
+        resamples=resamples[ranks],
+        blocks=resampled.blocks,
+        frames=resampled.frames,
+    )
+
+
+def _find_running(
+    resamples: Float64[np.ndarray, "n resamples"], risk: float, max_sets: float
+) -> Mask:
+    """Mask of the ranked sets that go on: those that lead often enough, and the first."""
+    lead = resamples - resamples[0]
+    is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
+    is_running[0] = True
+    return np.asarray(is_running & (np.cumsum(is_running) <= max_sets))
 
 
 def _doubt(
