@@ -9,8 +9,7 @@ def set_fields(instance: object, **values: object) -> None:
 
     Raises AttributeError for a name that is not a field."""
     names = {field.name for field in fields(instance)}  # type: ignore[arg-type]
-    _check_names(instance, values, names)
-    vars(instance).update(values)
+    _write(instance, values, names)
 
 
 def set_cached(instance: object, **values: object) -> None:
@@ -20,10 +19,10 @@ def set_cached(instance: object, **values: object) -> None:
     names = {
         name for name in values if isinstance(getattr(type(instance), name, None), cached_property)
     }
-    _check_names(instance, values, names)
-    vars(instance).update(values)
+    _write(instance, values, names)
 
 
-def _check_names(instance: object, values: dict[str, object], names: set[str]) -> None:
+def _write(instance: object, values: dict[str, object], names: set[str]) -> None:
     if unknown := sorted(set(values) - names):
         raise AttributeError(f"{type(instance).__name__} has no such value: {', '.join(unknown)}")
+    vars(instance).update(values)

@@ -28,6 +28,7 @@ import numpy as np
 
 from placement_env.analysis.intervals import Interval
 from toolkit.arrays import Float64
+from toolkit.frozen import set_fields
 from toolkit.plots.canvas import blank_figure
 from toolkit.runtime.files import read_own_table, writing
 
@@ -192,7 +193,7 @@ class Compared:
 
     def __post_init__(self) -> None:
         if self.interval is not None and isnan(self.interval.low):
-            object.__setattr__(self, "interval", None)
+            set_fields(self, interval=None)
 
     @property
     def difference(self) -> float | None:
