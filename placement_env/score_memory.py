@@ -65,7 +65,7 @@ class ScoreMemory:
         return memory
 
     def figures(self, subsets: Sets) -> SetFigures:
-        """Figures of sets, of which only new ones are scored.
+        """Figures of sets; only new sets are scored.
 
         Raises ValueError if there is no object to detect."""
         if len(self._known) > MAX_REMEMBERED:
