@@ -74,7 +74,7 @@ class PlannedSensor:
 
 
 @dataclass(frozen=True)
-class LinkLoad:
+class PoleLoad:
     """Load of one pole's link at `FRAME_RATE_HZ`, and its capacity (`placement_env.links`).
 
     Attributes:
@@ -283,10 +283,10 @@ def _letter(number: int) -> str:
 
 def build_load(
     pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool
-) -> LinkLoad:
+) -> PoleLoad:
     """Load of one link from its amounts (Mbit/s). limited: as in `link_loads`."""
     fits = load <= max_load(capacity) or not limited
-    return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
+    return PoleLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
 
 def measure_links(
@@ -295,7 +295,7 @@ def measure_links(
     link_share: float,
     *,
     limited: bool,
-) -> tuple[LinkLoad, ...]:
+) -> tuple[PoleLoad, ...]:
     """Load of the link of each mount that carries a candidate.
 
     kbit: data of each candidate in each frame; link_share, limited: as in `format_sensors` and
@@ -314,7 +314,7 @@ def measure_links(
     return tuple(loads)
 
 
-def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
+def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[PoleLoad, ...]:
     """Load of each pole's link; loads and peaks of sensors that share one add up.
 
     limited: whether the scheme sends points; only points count against the capacity."""
@@ -329,7 +329,7 @@ def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[Li
     return tuple(loads)
 
 
-def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SHARE) -> str:
+def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SHARE) -> str:
     """Sentence on the links that cannot carry their load, with remedies; "" if all can."""
     narrow = [load for load in loads if not load.fits]
     if not narrow:

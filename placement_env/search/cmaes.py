@@ -238,7 +238,7 @@ def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
     spots = np.array([sensor.position[:2] for sensor in sensors])
     mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
     numbered = [replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors)]
-    return Candidates.of_poses(
+    return Candidates.from_poses(
         numbered, mount, np.array([angles(sensor) for sensor in sensors]), pool
     )
 
