@@ -12,6 +12,7 @@ import numpy as np
 from coview.studies.paper.comparison import PAPER_SITES, sensor_sets, set_name
 from coview.studies.paper.reproduction import rank_correlation
 from placement_env.fidelity.table import Table, TableFidelity, best_sets, load_table
+from tests.benchmarks.figures import record
 
 WANTED = {"early": 0.95, "late": 0.90}
 
@@ -30,29 +31,35 @@ def compare(table: Table) -> None:
         rows, ours["early"], ours["late"], strict=True
     ):
         print(f"{set_name(chosen):18}{early:14.4f}{mine_early:8.4f}{late:14.4f}{mine_late:8.4f}")
+    ranks: list[str] = []
+    agreements: list[str] = []
     for column, (scheme, wanted) in enumerate(WANTED.items(), 1):
         rank = rank_correlation([row[column] for row in rows], ours[scheme])
         print(f"{scheme}: Spearman {rank:.3f} over {len(rows)} sets, at least {wanted:.2f} wanted")
-        best_of_paper(table, scheme, column)
+        ranks.append(f"{rank:.3f}")
+        agreements.append(best_of_paper(table, scheme, column))
+    page_name = {"tjunction": "T-junction"}.get(table.origin.site, table.origin.site)
+    record("paper-ranks", page_name, [f"{len(rows)}", *ranks, *agreements], "`site`")
 
 
-def best_of_paper(table: Table, scheme: str, column: int) -> None:
-    """Print per size the best set of the paper's list and ours of all, and where the paper's stands
-    among ours."""
+def best_of_paper(table: Table, scheme: str, column: int) -> str:
+    """Print the best set of the paper's list and of all ours by size; return how many agree."""
     best, rows = (
         best_sets(table, scheme, top=1 << len(table.origin.sensors)),
         sensor_sets(table.origin.site).rows,
     )
-    agree = 0
+    same: list[str] = []
     for size, sets in best.items():
         theirs = max((row for row in rows if len(row[0]) == size), key=lambda row: row[column])[0]
         place = [each.sensors for each in sets].index(theirs) + 1
-        agree += place == 1
+        if place == 1:
+            same.append(set_name(theirs))
         print(
             f"  best of {size}: paper {set_name(theirs):16} ours {set_name(sets[0].sensors):16} "
             f"the paper's is number {place} of {len(sets)} here"
         )
-    print(f"  {agree} of {len(best)} best sets agree")
+    print(f"  {len(same)} of {len(best)} best sets agree")
+    return f"{len(same)} of {len(best)} ({'; '.join(same)})"
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ from toolkit.boxes import count_points, iou_3d, nms
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import Detections, Objects
 
+BENCH = "toolkit/bench_boxes.py"
+
 
 def cars(n: int, rng: np.random.Generator) -> np.ndarray:
     place = rng.uniform([-40, -20, 0.6], [40, 20, 0.9], (n, 3))
@@ -30,13 +32,19 @@ def scene(rng: np.random.Generator) -> tuple[Detections, Objects]:
 def main() -> None:
     rng = np.random.default_rng(0)
     a, b = cars(300, rng), cars(300, rng)
-    report("iou_3d of 300 x 300 boxes", lambda: iou_3d(a, b), limit_ms=20.0)
+    report(
+        "iou_3d of 300 x 300 boxes",
+        lambda: iou_3d(a, b),
+        limit_ms=20.0,
+        row=("`iou_3d`, 300 × 300 boxes", BENCH),
+    )
     points = rng.uniform([-40, -20, 0], [40, 20, 4], (80_000, 3)).astype(np.float32)
     boxes = cars(30, rng)
     report(
         "count_points of 80,000 points in 30 boxes",
         lambda: count_points(points, boxes),
         limit_ms=5.0,
+        row=("`count_points`, 80,000 points in 30 boxes", BENCH),
     )
     crowd = cars(20, rng)[rng.integers(0, 20, 300)] + rng.normal(0, 0.05, (300, 7))
     scores = rng.random(300)
@@ -47,6 +55,7 @@ def main() -> None:
         lambda: evaluate(detections, truths, iou_thresholds=[0.7]),
         limit_ms=2000.0,
         repeats=3,
+        row=("AP of 1000 frames × 100 detections", BENCH),
     )
 
 

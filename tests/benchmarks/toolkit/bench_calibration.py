@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 
+from tests.benchmarks.figures import record
 from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.calibration.poses import find_pose
 from toolkit.calibration.registration import scene_points, site_surface
@@ -48,6 +49,9 @@ def main() -> None:
     parser.add_argument("recording")
     parser.add_argument("--site")
     parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument(
+        "--row", nargs=2, help="site and sensors, as the page of figures names them"
+    )
     asked = parser.parse_args()
     with CoopDataset(asked.recording, load_site(asked.site) if asked.site else None) as recording:
         surface, off = site_surface(recording.site), []
@@ -75,6 +79,11 @@ def main() -> None:
             f"{recording.site.name}, {len(off)} poses: median {np.median(turned):.4f}°, "
             f"{np.median(moved):.2f} cm; worst {turned.max():.3f}°, {moved.max():.2f} cm"
         )
+        if asked.row:
+            middle = f"{np.median(turned):.3f}°, {np.median(moved):.1f} cm"
+            worst = f"{turned.max():.3f}°, {moved.max():.1f} cm"
+            site_name, sensors = asked.row
+            record("calibration", site_name, [sensors, middle, worst])
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.benchmarks.figures import record
 from toolkit.calibration.empty_scene import (
     Scenes,
     learn_empty_scenes,
@@ -146,6 +147,7 @@ def print_bytes(folder: Path) -> None:
         f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} "
         f"{'ms':>6s} {'95 %':>6s}"
     )
+    shown: dict[str, list[str]] = {}
     for site in SITES:
         rows = list(as_rows(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))
         if not rows:
@@ -172,6 +174,13 @@ def print_bytes(folder: Path) -> None:
             print(
                 f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET_BYTES).mean():10.4f} {took}"
             )
+            interval = f"{kbit.mean():.2f} ({low:.2f}–{high:.2f})"
+            cells = [interval, f"{(sizes <= PACKET_BYTES).mean():.1%}".replace("%", " %")]
+            shown.setdefault(name, []).extend(cells)
+    for name, cells in shown.items():
+        scheme, _, step = name.partition(" ")
+        if scheme == "foreground" and len(cells) == 2 * len(SITES):
+            record("messages", step, cells)
 
 
 def as_rows(path: Path) -> Iterator[dict[str, Any]]:

@@ -3,12 +3,27 @@
 from collections.abc import Callable
 from time import perf_counter
 
+from tests.benchmarks.figures import record
+
 
 def report(
-    name: str, call: Callable[[], object], limit_ms: float | None = None, repeats: int = 50
+    name: str,
+    call: Callable[[], object],
+    limit_ms: float | None = None,
+    repeats: int = 50,
+    row: tuple[str, str] | None = None,
 ) -> float:
-    """Print the best and median milliseconds of a call that was warmed up; return the best, which
-    other programs on the machine disturb least, and which the limit is held against."""
+    """Print the best and median milliseconds of a call that was warmed up, and return the best.
+
+    Other programs on the machine disturb the best least, so the limit is held against it.
+
+    Args:
+        name: What is printed.
+        call: What is timed.
+        limit_ms: Milliseconds that the best may take.
+        repeats: Number of calls.
+        row: Row of the page's table of speeds and the benchmark that measures it, if it has one.
+    """
     call()
     times = []
     for _ in range(repeats):
@@ -22,4 +37,6 @@ def report(
         else f"   limit {limit_ms:g} ms{'' if best <= limit_ms else '  MISSED'}"
     )
     print(f"{name:43s} {best:8.2f} ms (median {median:.2f}){limit}")
+    if row is not None:
+        record("speed", row[0], [f"{best:.3g} ms, {median:.3g} ms", f"`{row[1]}`"])
     return best
