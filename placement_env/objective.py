@@ -162,7 +162,7 @@ class Objective(FeasibleSets):
         weights: Weights,
     ) -> "Objective":
         """Objective of other candidates with known visibility, in a preparation's traffic."""
-        fidelity = preparation.fidelity_over(candidates, visibility)
+        fidelity = preparation.build_fidelity(candidates, visibility)
         setting = preparation.setting.with_candidates(
             candidates, fidelity=fidelity, weights=weights
         )

@@ -302,7 +302,7 @@ class Preparation:
             set_cached(preparation, detector=detector)
         return preparation
 
-    def in_traffic_of(self, preparation: "Preparation") -> "Preparation":
+    def share_traffic(self, preparation: "Preparation") -> "Preparation":
         """Preparation in the traffic of another one at this site.
 
         It has the other's live view if the same classes count."""
@@ -311,7 +311,7 @@ class Preparation:
             set_cached(shared, live=preparation.live)
         return shared
 
-    def fidelity_over(self, candidates: Candidates, visibility: Visibility) -> Fidelity:
+    def build_fidelity(self, candidates: Candidates, visibility: Visibility) -> Fidelity:
         """Fidelity of the setting for other candidates, with a known view of the same traffic."""
         if self._empty_surrogate is not None:
             return self._empty_surrogate.over(visibility)

@@ -79,7 +79,7 @@ class LiveScorer:
         self.setting = setting
         self.preparation = preparation.plain
         if before is not None:
-            self.preparation = self.preparation.in_traffic_of(before)
+            self.preparation = self.preparation.share_traffic(before)
         self._meter = Meter(self.preparation, self._currency)
         self._answers = dict[Variant, LiveAnswer]()
         if live_before is None or live_before is not self.preparation.live:
