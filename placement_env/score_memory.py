@@ -78,9 +78,14 @@ class ScoreMemory:
             for key, row in zip(new_rows, columns.tolist(), strict=True):
                 self._known[key] = tuple(row)
         rows = np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width)
-        ap, recall, kbit = rows.T[:3]
-        class_ap = rows[:, 3:] if self._width > 3 else rows[:, :1]
-        return SetFigures(ap, recall, kbit, class_ap, cache_hit, len(new_rows))
+        return SetFigures(
+            ap=rows[:, 0],
+            recall=rows[:, 1],
+            kbit=rows[:, 2],
+            class_ap=rows[:, 3:] if self._width > 3 else rows[:, :1],
+            cache_hit=cache_hit,
+            scored=len(new_rows),
+        )
 
     def _score(self, subsets: Sets) -> Float64[np.ndarray, "n w"]:
         """AP, recall, kbit and the AP of several classes of each set."""

@@ -303,11 +303,13 @@ def measure_links(
     mbit_s = kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
     means = mbit_s.mean(axis=1)
     peaks = mbit_s.max(axis=1, initial=0)
-    shares = link_load(mbit_s, link_share)
+    sensor_loads = link_load(mbit_s, link_share)
     loads = []
     for mount in np.unique(candidates.mount).tolist():
         on_mount = candidates.mount == mount
-        mean, peak, load = (float(rates[on_mount].sum()) for rates in (means, peaks, shares))
+        mean = float(means[on_mount].sum())
+        peak = float(peaks[on_mount].sum())
+        load = float(sensor_loads[on_mount].sum())
         pole = candidates.mounts[mount]
         capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
         loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
