@@ -147,9 +147,9 @@ def live(
 ) -> "coview.live_start.LiveSession":
     """Serve a page on which sensors of a site, a setting or a plan's folder are moved by hand.
 
-    In Jupyter the page is shown in the cell. frames, seed: of the traffic; by default the plan's,
-    or 60 and 3. Raises ValueError if no surrogate scores the setting, OSError for a plan whose
-    detector is gone, ImportError without viser."""
+    In Jupyter the page is shown in the cell. frames, seed: number of frames and seed of the
+    traffic; by default the plan's, or 60 and 3. Raises ValueError if no surrogate scores the
+    setting, OSError for a plan whose detector is gone, ImportError without viser."""
     from dataclasses import replace
 
     from coview.live_start import LiveSession

@@ -230,9 +230,9 @@ def _check_long(recording: "Recording") -> None:
     if number < MIN_LEARNING_FRAMES or 0 < seconds < MIN_LEARNING_S:
         duration = f" in {seconds:.0f} s" if seconds > 0 else ""
         raise ValueError(
-            f"{number} frames{duration} do not tell what waits from what belongs to the site: give "
-            f"at least {MIN_LEARNING_FRAMES} frames over {MIN_LEARNING_S:.0f} s, or leave "
-            "+background out"
+            f"{number} frames{duration} do not distinguish what waits from what belongs to the "
+            f"site: give at least {MIN_LEARNING_FRAMES} frames over {MIN_LEARNING_S:.0f} s, or "
+            "leave +background out"
         )
 
 
@@ -269,7 +269,7 @@ def _load_network(spec: DetectorSpec, site: "Site") -> "Detector":
     """Load the detector of a base name for a site."""
     if spec.base == CLUSTER:
         raise ValueError(
-            "detector cluster learns from a recording, of which there is none here: take voxelnet"
+            "detector cluster learns from a recording, and here is no recording: take voxelnet"
         )
     if spec.is_imported:
         from toolkit.detection.detect import ImportedDetector

@@ -44,11 +44,11 @@ class LiveCameras:
         def fit(
             _: Handle,
         ) -> None:  # the panel docks, or the window changes: fit what nobody has moved
-            away, aspect, phone, position = self.aimed[client.client_id]
+            away, aspect, _, position = self.aimed[client.client_id]
             if abs(camera.aspect - aspect) > 0.01 and np.allclose(
                 camera.position, position, atol=0.1
             ):
-                self.aim(client, away, phone=phone)
+                self.aim(client, away)
 
         camera.on_update(fit)
 

@@ -170,7 +170,7 @@ def _share_covered(
 ) -> Float64[np.ndarray, " n"]:
     """Share of each place that geometries cover, up to 1."""
     tree = shapely.STRtree(covers)
-    touched, cover = tree.query(places, predicate="intersects")
+    touched, cover = tree.query(places)
     areas = shapely.area(shapely.intersection(places[touched], tree.geometries[cover]))
     return np.minimum(
         np.bincount(touched, areas, minlength=len(places)) / shapely.area(places), 1.0

@@ -11,6 +11,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = _TABLE["groups"]
 COMMANDS: dict[str, str] = {}  # modules of commands by name
 for _group in GROUPS.values():
     COMMANDS.update((_name, _row[0]) for _name, _row in _group.items())
+STUDIES = frozenset(GROUPS["Studies"])
 PACKAGES = ("toolkit", "models", "placement_env")
 USAGE: str = _TABLE["usage"]
 
@@ -84,7 +85,7 @@ def _call(arguments: Sequence[str]) -> int:
     import tyro
 
     from coview.outputs import say
-    from coview.refusals import describe_near, describe_refusal, recorded_refusals
+    from coview.refusals import describe_near, describe_refusal, record_refusals
 
     if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
         remedy = describe_near(arguments[0], list(COMMANDS))
@@ -98,9 +99,11 @@ def _call(arguments: Sequence[str]) -> int:
         return wraps(load)(lambda *args, **options: partial(load, *args, **options))
 
     tyro_output = io.StringIO()
-    names = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
+    names = [name for name in arguments[:1] if name in COMMANDS]
+    if not names:
+        names = [name for name in COMMANDS if name not in STUDIES]  # a wheel has no studies
     try:
-        with redirect_stderr(tyro_output), recorded_refusals() as events:
+        with redirect_stderr(tyro_output), record_refusals() as events:
             call = tyro.extras.subcommand_cli_from_dict(
                 {name: delay(command(name)) for name in names},
                 prog="coview",
@@ -140,10 +143,16 @@ def _find_refusal(stopped: SystemExit) -> ValueError | None:
 
 
 def command(name: str) -> Callable[..., int]:
-    """Load the function of a command."""
+    """Load the function of a command. Raises ImportError for a study that is not here."""
     from importlib import import_module
 
-    return getattr(import_module(f"coview.commands.{COMMANDS[name]}"), name.replace("-", "_"))
+    if name in STUDIES:
+        from coview.studies import import_study
+
+        module = import_study(COMMANDS[name])
+    else:
+        module = import_module(f"coview.commands.{COMMANDS[name]}")
+    return getattr(module, f"{name.replace('-', '_')}_command")
 
 
 def refuse_hidden_packages() -> None:

@@ -96,7 +96,7 @@ class CandidateOptions:
         The currency is "" for prices in ordinary poles. Raises ValueError for options that do not
         fit, and what the files raise."""
         if self.candidates == "paper" and not site.sensors:
-            raise ValueError(f"site {site.name!r} has no sensors of its own: say --candidates pool")
+            raise ValueError(f"site {site.name!r} has no sensors: pass --candidates pool")
         for option, value in (("--model", self.model), ("--sensors", self.sensors)):
             if self.candidates == "paper" and value:
                 raise ValueError(
@@ -104,9 +104,7 @@ class CandidateOptions:
                     "theirs"
                 )
         if self.model and self.sensors is not None:
-            raise ValueError(
-                "--model and --sensors both say what may be mounted: leave one of them out"
-            )
+            raise ValueError("--model and --sensors both name what may be mounted: leave one out")
         keep_out = () if self.keep_out is None else load_keep_out(self.keep_out, site)
         if self.sensors is None:
             models = [find_model(name) for name in self.model]
@@ -149,8 +147,7 @@ class SettingOptions:
         Raises ValueError for options that do not fit."""
         if self.fidelity == "table" and self.candidates.candidates != "paper":
             raise ValueError(
-                "--fidelity table knows the built-in sites' own sensors only: say --candidates "
-                "paper"
+                "--fidelity table knows only the sensors of built-in sites: pass --candidates paper"
             )
         pool, currency = self.candidates.build(site)
         setting = Setting(
@@ -180,5 +177,5 @@ def load_own_detector(name: str | None, site: Site, run: Run) -> Detector | None
         return None
     detector = open_detector(DetectorSpec.from_name(name), site)
     if run.cache is not None:
-        check_digest(name, detector, ": add one, or say --cache None")
+        check_digest(name, detector, ": add one, or pass --cache None")
     return detector

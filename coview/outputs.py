@@ -35,7 +35,7 @@ FILE_KINDS = {  # files that take long to make again, by a key that no other has
     "decoded": CARD_KIND,
 }
 MAX_JSON_BYTES = 100_000_000
-OURS = ("coview", "placement_env", "models", "toolkit")
+OURS = ("coview", "examples", "placement_env", "models", "toolkit")
 REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"
 
 
@@ -123,7 +123,7 @@ def check_folder(
     check_file(out / holds, inputs=inputs, overwrite=overwrite, kind=kind)
 
 
-def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
+def check_empty_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
     """Check that a folder is empty or new, or that coview wrote it and may overwrite it."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")

@@ -67,7 +67,7 @@ class Opening:
         try:
             yield recording
         except InvalidObjects as error:
-            raise ValueError(f"{error}: say --drop-invalid") from error
+            raise ValueError(f"{error}: pass --drop-invalid") from error
         finally:
             close = getattr(recording, "close", None)
             if close is not None:

@@ -28,7 +28,7 @@ def describe_near(word: str, words: Sequence[str]) -> str:
 
 
 @contextmanager
-def recorded_refusals() -> Iterator[list[Any]]:
+def record_refusals() -> Iterator[list[Any]]:
     """Yield a list to which the parser adds its refusals, as events.
 
     tyro's module of errors is private. If it no longer reports refusals, the list stays empty, and

@@ -3,9 +3,11 @@
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, SupportsFloat
 
+from models.anchor_kind import AnchorKind
 from toolkit.objects import LABELS
 
 MAX_COLUMNS = 5_000_000  # in the grid, with maps of some 300 bytes per column
@@ -37,44 +39,6 @@ _LIGHT: dict[str, Any] = {
 _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
 # entries that calibration fits
 FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds", "rival_shares")
-
-
-@dataclass(frozen=True)
-class AnchorKind:
-    """Anchors of one class: in every cell, one for each yaw (rad). Raises ValueError for impossible
-    values.
-
-    Attributes:
-        label: Class.
-        size: Length, width and height (m).
-        z: Height of the centres (m).
-        yaws: Yaw of each anchor of a cell (rad).
-        margin: Metres by which length and width of anchors and objects grow during matching, so
-            that a small object matches more than one anchor.
-        positive: IoU threshold of positive anchors in that matching.
-        negative: IoU threshold of negative anchors in that matching.
-    """
-
-    label: str
-    size: tuple[float, float, float]  # length width height, m
-    z: float  # height of the centres, m
-    yaws: tuple[float, ...] = (0.0, math.pi / 2)
-    margin: float = 0.0
-    positive: float = 0.5
-    negative: float = 0.35
-
-    def __post_init__(self) -> None:
-        if len(self.size) != 3 or min(self.size) <= 0 or not self.yaws:
-            raise ValueError(
-                f"anchors need three sizes above 0 and a yaw, got {self.size} and {self.yaws}"
-            )
-        if self.margin < 0 or not 0 <= self.negative <= self.positive <= 1:
-            got = f"got {self.margin}, {self.negative} and {self.positive}"
-            raise ValueError(
-                f"anchors need a margin of at least 0 and 0 <= negative <= positive <= 1, {got}"
-            )
-
-
 ROAD_USERS = (
     AnchorKind("vehicle", (3.9, 1.56, 1.6), 0.8),
     AnchorKind("heavy", (9.0, 2.5, 3.2), 1.6, positive=0.45, negative=0.3),
@@ -219,7 +183,7 @@ class VoxelNetConfig:
             shares += row
         if not all(0 <= share < 1 for share in shares):
             raise ValueError(
-                f"thresholds and rival_shares must lie in 0..1, got {self.score_threshold}, "
+                f"thresholds and rival_shares must be within 0..1, got {self.score_threshold}, "
                 f"{by_label}"
             )
         if not set(map(len, by_label)) <= {0, size}:
@@ -268,8 +232,8 @@ class VoxelNetConfig:
             )
 
     @classmethod
-    def published(cls, site: str, **changes: Any) -> "VoxelNetConfig":
-        """The paper's network for "tjunction" or "roundabout", in the site's frame."""
+    def from_paper(cls, site: str, **changes: Any) -> "VoxelNetConfig":
+        """Return the paper's network for "tjunction" or "roundabout", in the site's frame."""
         if site not in SITE_AREAS:
             raise ValueError(
                 f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}"
@@ -278,7 +242,7 @@ class VoxelNetConfig:
 
     @classmethod
     def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> "VoxelNetConfig":
-        """CPU default for any area: a quarter of the width, the height folded, no 3x3 head."""
+        """Return the CPU default for any area: a quarter of the width, no 3x3 head."""
         return cls(**{"area": tuple(float(side) for side in area), **_LIGHT, **changes})
 
     @property
@@ -339,7 +303,7 @@ class VoxelNetConfig:
     def from_dict(cls, values: object) -> "VoxelNetConfig":
         """Configuration from `to_dict`'s values as JSON returns them. Raises ValueError for
         others."""
-        example = asdict(_EXAMPLE)
+        example = _make_example()
         if not isinstance(values, dict):
             raise ValueError(
                 f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}"
@@ -392,6 +356,22 @@ def select_anchors(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
     return tuple(by_label[label] for label in labels)
 
 
+@cache
+def _make_example() -> dict[str, Any]:
+    """Return the values of a configuration in which no entry is empty, for their types."""
+    example = VoxelNetConfig(
+        (0.0, 0.0, 1.0, 1.0),
+        faces=("vehicle",),
+        calibration=((1.0, 0.0),),
+        rivalry=((1.0, 0.0, 0.0),),
+        known=((1.0, 0.0, 0.0),),
+        thresholds=(0.1,),
+        known_thresholds=(0.1,),
+        rival_shares=(0.1,),
+    )
+    return asdict(example)
+
+
 def _parse(value: Any, example: Any, name: str) -> Any:
     """Value with its lists as tuples. Raises ValueError unless it has the type of the example."""
     got = str(value)[:60]
@@ -410,17 +390,5 @@ def _parse(value: Any, example: Any, name: str) -> Any:
             ):
                 raise ValueError(f"{name} must be a number like {example}, got {got}")
             if not -_MAX_VALUE <= value <= _MAX_VALUE:
-                raise ValueError(f"{name} must lie within ±{_MAX_VALUE:g}, got {got}")
+                raise ValueError(f"{name} must be within ±{_MAX_VALUE:g}, got {got}")
     return value
-
-
-_EXAMPLE = VoxelNetConfig(
-    (0.0, 0.0, 1.0, 1.0),
-    faces=("vehicle",),
-    calibration=((1.0, 0.0),),
-    rivalry=((1.0, 0.0, 0.0),),
-    known=((1.0, 0.0, 0.0),),
-    thresholds=(0.1,),
-    known_thresholds=(0.1,),
-    rival_shares=(0.1,),
-)

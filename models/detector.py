@@ -30,7 +30,7 @@ from toolkit.sites.site import check_area
 SHIFT_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 MAX_PHASES = 16
 MIN_KNOWN_SCORE = 0.05  # if detections are scored again because the empty site is known
-MIN_UNKNOWN_PERSON_SCORE = 0.4  # of a pedestrian at a site that nothing is known of
+MIN_UNKNOWN_PERSON_SCORE = 0.4  # for a pedestrian at an unknown site
 BLOCK_CELLS = 512  # side of a block of a wide area, a multiple of the coarsest stride
 MARGIN_CELLS = 128  # around a block, a multiple of the coarsest stride
 SAME_BOX_IOU = 0.3  # footprint overlap above which boxes of several grids are averaged
@@ -43,8 +43,8 @@ class VoxelNetDetector:
 
     Points outside the network's area are ignored, and so are boxes with their centre outside.
     score_threshold: detections at or below it are dropped; None takes the configuration's, which
-    may differ by label. nms_threshold: of two boxes of one class with a larger footprint IoU, only
-    the better scored one stays (0.1 in the paper).
+    may differ by label. nms_threshold: footprint IoU above which only the better scored of
+    two boxes of one class stays (0.1 in the paper).
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class VoxelNetDetector:
         detections = []
         for row, cloud in enumerate(clouds):
             if len(voxels[row].cells):
-                detections.append(self._finish(*candidates[row], cloud))
+                detections.append(self.finish_detections(*candidates[row], cloud))
             else:
                 detections.append(Detections.empty())
         return detections
@@ -223,7 +223,7 @@ class VoxelNetDetector:
                     best = candidates.best(
                         rows[torch.argsort(candidates.place[rows])]
                     )  # in map order
-                    yield row, self._finish(*best, join_clouds(clouds, unions[row]))
+                    yield row, self.finish_detections(*best, join_clouds(clouds, unions[row]))
 
     def at_known_site(self) -> "VoxelNetDetector":
         """Same detector with lower thresholds, for detections that `score_known` will score
@@ -268,7 +268,7 @@ class VoxelNetDetector:
         rivals = shares[detections.labels] * decoding.strongest_rivals(detections, self.config)
         return detections[detections.scores >= rivals.max(axis=1)]
 
-    def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
+    def finish_detections(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
         detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:

@@ -109,7 +109,7 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
         )
     content = proto.SerializeToString()
     card = {"decoded": False, "sha256": sha256(content).hexdigest(), **network.config.to_dict()}
-    _write(out, content, card)
+    write_network(out, content, card)
 
 
 def _import_runtime() -> Any:
@@ -121,7 +121,7 @@ def _import_runtime() -> Any:
     return onnxruntime
 
 
-def _write(out: Path, content: bytes, card: dict[str, Any]) -> None:
+def write_network(out: Path, content: bytes, card: dict[str, Any]) -> None:
     """Write a network and its card, both or none."""
     with writing(out) as network_file, writing(card_file(out)) as unfinished_card:
         network_file.write_bytes(content)
@@ -201,8 +201,8 @@ class OnnxDetector(VoxelNetDetector):
         ):
             got = f"got {self.decoded}, {nms} and {digest}"
             raise ValueError(
-                "decoded must be true or false, nms_threshold a number, sha256 that of the file, "
-                f"{got}"
+                "decoded must be true or false, nms_threshold a number, sha256 the digest of the "
+                f"file, {got}"
             )
         config = VoxelNetConfig.from_dict(card)
         self._adopt(config, "cpu", score_threshold, nms if nms_threshold is None else nms_threshold)
@@ -301,7 +301,7 @@ class OnnxDetector(VoxelNetDetector):
             names = [name for name in Prediction._fields if name in outputs]
             maps = Prediction(**{name: torch.from_numpy(outputs[name]) for name in names})
             best = candidates(maps, self.anchors, self.config, self._least_scores)[0]
-            return self._finish(*best, cloud)
+            return self.finish_detections(*best, cloud)
         boxes = outputs["boxes"]
         scores = outputs["scores"]
         labels = outputs["labels"]
@@ -317,13 +317,13 @@ class OnnxDetector(VoxelNetDetector):
                 f"{self.name} must return (m, 7), (m,) and (m,), labels below {label_count}, got "
                 f"{shapes}"
             )
-        self._check_boxes(boxes, scores)
+        self.check_outputs(boxes, scores)
         is_above = scores > np.array(self.thresholds)[labels.astype(int)]
         class_scores = scores[is_above, None] * np.eye(label_count)[labels[is_above].astype(int)]
         above = torch.from_numpy(boxes[is_above].astype(np.float32))
-        return self._finish(above, torch.from_numpy(class_scores), cloud)
+        return self.finish_detections(above, torch.from_numpy(class_scores), cloud)
 
-    def _check_boxes(self, boxes: np.ndarray, scores: np.ndarray) -> None:
+    def check_outputs(self, boxes: np.ndarray, scores: np.ndarray) -> None:
         """Raise ValueError for scores beyond 0..1, and for boxes that no road user has."""
         is_wrong = ~((scores >= 0) & (scores <= 1))
         if is_wrong.any():

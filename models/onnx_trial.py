@@ -1,4 +1,4 @@
-"""Trial of an ONNX network in another process, where its time and memory are limited.
+"""Trial of an ONNX network in another process, with limited time and memory.
 
 ONNX Runtime computes what is constant while it opens a file, and stops between operators only: no
 limit inside the process that asks holds a network to its time, and one that ends the process ends
@@ -42,8 +42,8 @@ class TrialLimits:
 def try_network(content: bytes, inputs: Mapping[str, np.ndarray], limits: TrialLimits) -> None:
     """Open a network and run it once in another process.
 
-    content: of the ONNX file. inputs: arrays by name; a network that takes others is opened only.
-    Raises ValueError if it fails or passes a limit."""
+    content: content of the ONNX file; inputs: arrays by name; a network that takes others is opened
+    only. Raises ValueError if it fails or passes a limit."""
     payload = BytesIO()
     arrays: dict[str, Any] = {"network": np.frombuffer(content, np.uint8), **inputs}
     np.savez(payload, **arrays)
@@ -87,15 +87,15 @@ def _run_trial(memory_bytes: int) -> None:
     arrays = dict(np.load(BytesIO(sys.stdin.buffer.read())))
     content = arrays.pop("network").tobytes()
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # each thread maps memory of its own
+    options.intra_op_num_threads = 1  # each thread maps more memory
     options.log_severity_level = 4
     try:
         with limit_memory(memory_bytes):
             session = onnxruntime.InferenceSession(content, options, ["CPUExecutionProvider"])
-            names = {taken.name for taken in session.get_inputs()}
+            names = {tensor.name for tensor in session.get_inputs()}
             if names <= arrays.keys():
                 session.run(None, {name: arrays[name] for name in names})
-    except Exception as error:  # of ONNX Runtime, which share no class
+    except Exception as error:  # errors of ONNX Runtime share no class
         sys.exit(str(error))
 
 

@@ -61,7 +61,7 @@ def load_published(
     """
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
-    network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
+    network = VoxelNet(replace(VoxelNetConfig.from_paper(site), area=AREA[site]))
     checkpoint = load_tensors(path)
     weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
     if not isinstance(weights, dict) or not all(
@@ -191,8 +191,7 @@ def from_network(boxes: BoxRows, site: str) -> BoxRows:
 def from_published(
     weights: dict[str, Tensor], network: VoxelNet, origin: str | Path
 ) -> dict[str, Tensor]:
-    """Rename published tensors. Raises ValueError unless all of them are present in the right
-    shapes."""
+    """Rename published tensors. Raises ValueError unless all are present in the right shapes."""
     ours = network.state_dict()
     linear = {
         name: tensor[..., None, None]

@@ -8,29 +8,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import torch
 
+from models.config import VoxelNetConfig
 from models.detector import relocate, weights_file
 from models.network.voxelnet import VoxelNet
-from models.training import loop
-from models.training.loop import (
-    ANYWHERE,
-    CHECKPOINT,
-    LOG,
-    LOG_STEPS,
-    PRESETS,
-    Preset,
-    Progress,
-    train,
-)
+from models.training.loop import CHECKPOINT, LOG_STEPS, Machine, Progress, train
 from models.training.options import TrainingOptions, parse_arguments
-from models.training.packed import PackedFrames
+from models.training.packed import Area, PackedFrames
+from models.training.preset import Preset
+from models.training.presets import ANYWHERE, PRESETS, choose_area, make_config
 from models.training.second_stage import compute_recording_ap, fit_calibration, train_faces, widen
+from models.training.training_log import LOG
 from models.weight_files import WeightsHeader, load_weights, save_weights
 from toolkit.runtime.files import check_output
 from toolkit.runtime.resumable import ShardFolder
@@ -40,7 +33,7 @@ from toolkit.sites.files import load_site
 WEIGHTS = "weights.safetensors"
 
 
-def run(
+def run_training(
     site: str | None, options: TrainingOptions, *, progress: Progress | None = None
 ) -> tuple[Path, dict[str, float]]:
     """Train or resume with the options of `coview train`; return the weights file and the last
@@ -50,74 +43,137 @@ def run(
     the errors of `train`, and FileExistsError if the folder holds other weights, or another run
     trains there.
     """
-    preset = options.preset or ("general" if site == "general" else "fast")
+    task = _read_task(site, options)
+    weights = options.out / WEIGHTS
+    inputs = [weights_file(options.start)] if options.start else []
+    check_output(weights, inputs=inputs, overwrite=True)
+    with ShardFolder(options.out, {}).lock():
+        _prepare_folder(options)
+        start = None if task.start is None else widen(task.start, task.config)
+        validation = None
+        if options.validate:
+            frames = PackedFrames(options.validate)
+            validation = Validation(frames, options.validate_frames, task.machine.device)
+        if options.threads:
+            torch.set_num_threads(options.threads)
+        network = train(
+            options.data,
+            task.config,
+            task.preset,
+            options.out,
+            start=start,
+            machine=task.machine,
+            validate=validation,
+            progress=progress,
+        )
+        network = _train_second_stages(network, task.stages, options, validation)
+        figures = {} if validation is None else validation.figures
+        header = WeightsHeader(task.trained_for, options.seed, commit(), figures)
+        save_weights(weights, relocate(network, task.area, "general"), header)
+    return weights, figures
+
+
+class _Task(NamedTuple):
+    """Training that the options ask for.
+
+    Attributes:
+        area: Area to train for.
+        trained_for: Name of the area in the weights file.
+        preset: Settings of the training.
+        config: Shape of the network.
+        stages: Classes and second stages.
+        start: Network to start from.
+        machine: Hardware.
+    """
+
+    area: Area
+    trained_for: str
+    preset: Preset
+    config: VoxelNetConfig
+    stages: "SecondStages"
+    start: VoxelNet | None
+    machine: Machine
+
+
+def _read_task(site: str | None, options: TrainingOptions) -> _Task:
+    """Read the options, and the files that they name."""
+    name = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     site_map = None if site in (None, "general") else load_site(site)
     if site_map:
         area = tuple(site_map.area.tolist())
+        trained_for = site_map.name
     else:
-        area = loop.choose_area("general" if site else preset, options.data)
-    settings = _change_preset(PRESETS[preset], options)
-    start_network = load_weights(weights_file(options.start))[0] if options.start else None
-    stages = second_stages(options, start_network)
-    config = loop.make_config(area, preset, options.size, stages.classes)
+        area = choose_area("general" if site else name, options.data)
+        trained_for = "general" if area == ANYWHERE else options.data.stem
+    preset = _change_preset(PRESETS[name], options)
+    start = load_weights(weights_file(options.start))[0] if options.start else None
+    stages = second_stages(options, start)
+    config = make_config(area, name, options.size, stages.classes)
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
-    weights = options.out / WEIGHTS
-    check_output(
-        weights, inputs=[weights_file(options.start)] if options.start else [], overwrite=True
+    machine = Machine(
+        device,
+        options.bfloat16 or device == "cuda",
+        options.workers,
+        options.checkpoint_s,
+        options.seconds,
     )
-    with ShardFolder(options.out, {}).lock():
-        if options.overwrite:
-            for name in (CHECKPOINT, LOG):
-                (options.out / name).unlink(missing_ok=True)
-        elif not (options.out / CHECKPOINT).exists():
-            check_output(weights)
-        start = None if start_network is None else widen(start_network, config)
-        validation = PackedFrames(options.validate) if options.validate else None
-        count = options.validate_frames
-        if options.threads:
-            torch.set_num_threads(options.threads)
-        figures: dict[str, float] = {}
+    return _Task(area, trained_for, preset, config, stages, start, machine)
 
-        def measure(network: VoxelNet) -> dict[str, float]:
-            assert validation is not None
-            figures.update(compute_recording_ap(network, validation, count=count, device=device))
-            return dict(figures)
 
-        machine = loop.Machine(
-            device,
-            options.bfloat16 or device == "cuda",
-            options.workers,
-            options.checkpoint_s,
-            options.seconds,
+def _prepare_folder(options: TrainingOptions) -> None:
+    """Remove a run to overwrite. Raises FileExistsError for weights without a checkpoint."""
+    if options.overwrite:
+        for name in (CHECKPOINT, LOG):
+            (options.out / name).unlink(missing_ok=True)
+    elif not (options.out / CHECKPOINT).exists():
+        check_output(options.out / WEIGHTS)
+
+
+@dataclass
+class Validation:
+    """Score of networks on other frames.
+
+    Attributes:
+        frames: The frames.
+        count: Number of frames to use.
+        device: Device of PyTorch.
+        figures: Figures of the last network.
+    """
+
+    frames: PackedFrames
+    count: int | None
+    device: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+    def __call__(self, network: VoxelNet) -> dict[str, float]:
+        """Score a network, and return its figures."""
+        self.figures |= compute_recording_ap(
+            network, self.frames, count=self.count, device=self.device
         )
-        watch = None if validation is None else measure
-        fit = partial(
-            train, options.data, config, settings, options.out, start=start, machine=machine
-        )
-        network = fit(validate=watch, progress=progress)
-        if stages.faces:
-            data = PackedFrames(options.data)
-            network = train_faces(network, data, stages.faces, seed=options.seed)
-        if stages.calibrate and validation is not None:
-            network = fit_calibration(network, validation, count=count)
-        if validation is not None and (stages.faces or stages.calibrate):
-            measure(network)
-        if site_map:
-            trained_for = site_map.name
-        else:
-            trained_for = "general" if area == ANYWHERE else options.data.stem
-        save_weights(
-            weights,
-            relocate(network, area, "general"),
-            WeightsHeader(trained_for, options.seed, commit(), figures),
-        )
-    return weights, figures
+        return dict(self.figures)
+
+
+def _train_second_stages(
+    network: VoxelNet,
+    stages: "SecondStages",
+    options: TrainingOptions,
+    validation: Validation | None,
+) -> VoxelNet:
+    """Train the second stages of a network, and score it again."""
+    if stages.faces:
+        data = PackedFrames(options.data)
+        network = train_faces(network, data, stages.faces, seed=options.seed)
+    if stages.calibrate and validation is not None:
+        network = fit_calibration(network, validation.frames, count=validation.count)
+    if validation is not None and (stages.faces or stages.calibrate):
+        validation(network)
+    return network
 
 
 def _change_preset(preset: Preset, options: TrainingOptions) -> Preset:
-    """Preset with the values that the options give."""
+    """Return a preset with the values that the options give."""
     named_options = {name: getattr(options, name) for name in ("epochs", "batch", "learning_rate")}
     changes = {name: value for name, value in named_options.items() if value}
     examples = replace(preset.examples, windows=options.windows)
@@ -139,7 +195,7 @@ class SecondStages(NamedTuple):
 
 
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> SecondStages:
-    """Classes and second stages of a training, by default as in `start`.
+    """Choose the classes and second stages of a training, by default as in `start`.
 
     Raises ValueError for faces of other classes."""
     classes = options.classes
@@ -159,7 +215,7 @@ def second_stages(options: TrainingOptions, start: VoxelNet | None) -> SecondSta
 
 
 def commit() -> str:
-    """Commit of this checkout, "unknown" outside one."""
+    """Return the commit of this checkout, "unknown" outside one."""
     here = Path(__file__).parent
     try:
         process = subprocess.run(
@@ -170,7 +226,7 @@ def commit() -> str:
     return process.stdout.strip() or "unknown"
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def train_from_command_line(arguments: Sequence[str] | None = None) -> None:
     """Train from the command line of a bare machine."""
     site, options = parse_arguments(arguments)
     started = time.monotonic()
@@ -181,11 +237,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"{time.monotonic() - started:8.0f} s  step {step}/{total}  {text}", flush=True)
 
     try:
-        weights, _ = run(site, options, progress=report)
+        weights, _ = run_training(site, options, progress=report)
     except (ValueError, OSError) as error:
         sys.exit(f"models.train: {escape(' '.join(str(error).split()))}")
     print(f"written to {escape(weights)}")
 
 
 if __name__ == "__main__":
-    main()
+    train_from_command_line()

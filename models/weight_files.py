@@ -102,9 +102,34 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, WeightsHeader]:
     Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or
     of another size than in its configuration.
     """
+    path = Path(path)
+    metadata, tensors = _read_tensors(path)
+    if metadata.get("format") != FORMAT:
+        raise ValueError(
+            f"{path} is not in the format {FORMAT!r}, its header has {metadata.get('format')!r}"
+        )
+    if metadata.get("digest") != digest_tensors(tensors):
+        raise ValueError(
+            f"{path} is damaged: its tensors are not those it was saved with; fetch it again"
+        )
+    network = _build_network(path, metadata, tensors)
+    try:
+        ap = parse_json(metadata.get("ap", "{}"))
+        seed = int(metadata.get("seed", 0))
+    except ValueError as error:
+        raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
+    if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
+        raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
+    header = WeightsHeader(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
+    return network.eval(), header
+
+
+def _read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Read the header and the tensors of a file.
+
+    Raises FileNotFoundError; ValueError if the file is too large, damaged or of another kind."""
     from safetensors import SafetensorError, safe_open
 
-    path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no weights file at {path}")
     if (size := path.stat().st_size) > MAX_FILE_BYTES:
@@ -127,14 +152,11 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, WeightsHeader]:
         raise ValueError(
             f"{path} is damaged or not a safetensors file ({_reason(error)}): fetch it again"
         ) from None
-    if metadata.get("format") != FORMAT:
-        raise ValueError(
-            f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}"
-        )
-    if metadata.get("digest") != digest_tensors(tensors):
-        raise ValueError(
-            f"{path} is damaged: its tensors are not those it was saved with; fetch it again"
-        )
+    return metadata, tensors
+
+
+def _build_network(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> VoxelNet:
+    """Build the network of a header with these tensors. Raises ValueError unless they fit."""
     try:
         config = VoxelNetConfig.from_dict(parse_json(metadata["config"]))
     except (KeyError, ValueError) as error:
@@ -150,16 +172,7 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, WeightsHeader]:
     check_tensors(expected, tensors, path)
     network = VoxelNet(config)
     network.load_state_dict(tensors)
-    try:
-        ap = parse_json(metadata.get("ap", "{}"))
-        seed = int(metadata.get("seed", 0))
-    except ValueError as error:
-        raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
-    if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
-        raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
-    return network.eval(), WeightsHeader(
-        metadata.get("site", ""), seed, metadata.get("commit", ""), ap
-    )
+    return network
 
 
 def _reason(error: Exception) -> str:

@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 import tomllib
 from importlib import import_module
 from itertools import pairwise
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import pytest
 import tyro
+from examples.studies.stress.conditions import KINDS
 
 from coview.main import COMMANDS, command
 
@@ -154,6 +156,12 @@ def test_commands_pictures_and_pages_are_where_readers_find_them():
     assert sorted(listed) == sorted(
         str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages
     )
+
+
+def test_the_table_of_stress_has_every_kind():
+    text = (ROOT / "docs" / "how-to" / "stress.md").read_text()
+    rows = re.findall(r"^\| (`[a-z`, ]+`) \| ", text, re.MULTILINE)
+    assert sorted(re.findall("[a-z]+", " ".join(rows))) == sorted(KINDS)
 
 
 def anchors(page):
@@ -424,5 +432,7 @@ def test_commands_of_a_page_run_in_their_order(page, tmp_path, taken_for_granted
             if path.exists():
                 (shutil.rmtree if path.is_dir() else Path.unlink)(path)
         run = outcome_of_server if serves(words) else outcome
-        outcomes[" ".join(words)] = run(("-m", "coview", *words), tmp_path)
-    assert {line: said for line, said in outcomes.items() if said} == {}
+        line, start_s = shlex.join(words), time.monotonic()
+        outcomes[line] = run(("-m", "coview", *words), tmp_path)
+        print(f"{time.monotonic() - start_s:6.0f} s  coview {line}\n{outcomes[line]}", flush=True)
+    assert [line for line, said in outcomes.items() if said] == []

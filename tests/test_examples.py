@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = sorted(Path(__file__).parents[1].glob("examples/*.py"))
+FOLDER = Path(__file__).parents[1] / "examples"
+EXAMPLES = sorted([*FOLDER.glob("*.py"), *FOLDER.glob("*/__main__.py")])
 
 
 # what they show is tested elsewhere; the others take what README and pages take
@@ -19,7 +20,7 @@ SLOW = ("02", "10")
         pytest.param(path, marks=[pytest.mark.slow] * path.name.startswith(SLOW))
         for path in EXAMPLES
     ],
-    ids=lambda path: path.stem,
+    ids=lambda path: str(path.relative_to(FOLDER)),
 )
 def test_example(example, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -16,7 +16,7 @@ import numpy as np
 from models.config import VoxelNetConfig
 from models.training.packing import pack, recording
 from models.weight_files import save_atomically
-from models.training.loop import add_figures
+from models.training.training_log import add_figures
 from models.network.voxelnet import VoxelNet
 from models.weight_files import WeightsHeader, save_weights
 from placement_env.fidelity.hit_model import SURROGATE_FOLDER, load_models, save_models

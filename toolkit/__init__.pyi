@@ -32,16 +32,6 @@ from .detection.evaluation import (
     evaluate_recording as evaluate_recording,
     format_table as format_table,
 )
-from .detection.link.channel import (
-    LinkChannel as LinkChannel,
-    Tracks as Tracks,
-    delay_frames as delay_frames,
-)
-from .detection.link.differences import (
-    DifferenceReader as DifferenceReader,
-    DifferenceSender as DifferenceSender,
-    MissedReference as MissedReference,
-)
 from .detection.link.foreground import (
     Foreground as Foreground,
     decode_foreground as decode_foreground,
@@ -55,7 +45,6 @@ from .detection.metrics import (
 )
 from .detection.scheme import Fused as Fused, Scheme as Scheme
 from .detection.schemes import find_scheme as find_scheme, fuse_frame as fuse_frame
-from .detection.sensor_monitor import Fault as Fault, SensorMonitor as SensorMonitor, Shown as Shown
 from .detection.survey import survey as survey
 from .detection.view import View as View, suppress as suppress
 from .frame import Frame as Frame, empty_scene as empty_scene, select_sensors as select_sensors

@@ -157,37 +157,47 @@ def nms(
     kept_rows = np.zeros(0, np.int64)
     for start in range(0, len(boxes), _AT_ONCE):
         rows = np.arange(start, min(start + _AT_ONCE, len(boxes)))
-        if start:
+        if start:  # what the boxes kept so far suppress
             i, j = _near(boxes[kept_rows], boxes[rows])
-            same = label_of_box[kept_rows[i]] == label_of_box[rows[j]]
-            i, j = kept_rows[i[same]], rows[j[same]]
-            rows = np.setdiff1d(rows, j[_iou_pairs(boxes[i], boxes[j], "bev") > iou_threshold])
-        kept_rows = np.append(
-            kept_rows, rows[_keep_best(boxes[rows], label_of_box[rows], iou_threshold)]
-        )
+            better, worse = kept_rows[i], rows[j]
+            same_label = label_of_box[better] == label_of_box[worse]
+            better, worse = better[same_label], worse[same_label]
+            overlap = _iou_pairs(boxes[better], boxes[worse], "bev")
+            rows = np.setdiff1d(rows, worse[overlap > iou_threshold])
+        is_kept = _keep_best(boxes[rows], label_of_box[rows], iou_threshold)
+        kept_rows = np.append(kept_rows, rows[is_kept])
     return best_first[kept_rows]
 
 
-def _keep_best(boxes: np.ndarray, alike: np.ndarray, iou_threshold: float) -> np.ndarray:
-    """Mask of the boxes, best first, that `nms` keeps."""
+def _keep_best(boxes: np.ndarray, labels: np.ndarray, iou_threshold: float) -> np.ndarray:
+    """Return the mask of the boxes that `nms` keeps.
+
+    Args:
+        boxes: Best first.
+        labels: Only boxes of one label suppress each other.
+        iou_threshold: A box that overlaps a better kept one by more than this is dropped.
+    """
     keep = np.ones(len(boxes), bool)
-    i, j = _near(boxes, boxes)
-    rivals = (i < j) & (alike[i] == alike[j])
-    i, j = i[rivals], j[rivals]
-    while len(i):  # everywhere at once, a box better than all around it stays, and its rivals go
-        beaten = np.zeros(len(boxes), bool)
-        beaten[j] = True
-        by_best = ~beaten[i]
-        rivals = j[by_best]
-        keep[rivals[_iou_pairs(boxes[i[by_best]], boxes[rivals], "bev") > iou_threshold]] = False
-        open_yet = ~by_best & keep[i] & keep[j]
-        i, j = i[open_yet], j[open_yet]
+    better, worse = _near(boxes, boxes)
+    rivals = (better < worse) & (labels[better] == labels[worse])
+    better, worse = better[rivals], worse[rivals]
+    # in each round, boxes that no undecided box may suppress stay, and suppress their rivals
+    while len(better):
+        is_contested = np.zeros(len(boxes), bool)
+        is_contested[worse] = True
+        decided = ~is_contested[better]
+        suppressed = worse[decided]
+        overlap = _iou_pairs(boxes[better[decided]], boxes[suppressed], "bev")
+        keep[suppressed[overlap > iou_threshold]] = False
+        undecided = ~decided & keep[better] & keep[worse]
+        better, worse = better[undecided], worse[undecided]
     return keep
 
 
 def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n m"]:
-    """Mask (n, m) of the points inside each box; faces belong to the box, points that are not
-    finite to none.
+    """Return the mask (n, m) of the points inside each box.
+
+    Faces belong to the box; points that are not finite belong to none.
 
     >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
     [[True], [False]]
@@ -200,36 +210,40 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
 
 
 def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
-    """Rows of the points in each box (`points_in_boxes`), in no order.
+    """Return the rows of the points in each box (`points_in_boxes`), in no order.
 
-    Points are sorted by their slice along x, so that a box looks at its own slices only. Those few
-    are measured from the box's centre in float64, which keeps map coordinates of a million metres
-    exact."""
+    Points are sorted into 4096 slices along x, and a box looks only at the slices that it reaches.
+    Those points are measured from the box's centre in float64, which keeps map coordinates of a
+    million metres exact.
+    """
     points = _points(points)
     boxes = check_boxes(boxes)
     if not len(boxes):
         return []
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    half = boxes[:, 3:6] / 2 + FACE_TOLERANCE
-    reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + FACE_TOLERANCE
-    west = boxes[:, 0] - reach
-    east = boxes[:, 0] + reach
+    half = boxes[:, 3:6] / 2 + FACE_TOLERANCE  # of length, width and height
+    reach_x = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + FACE_TOLERANCE
+    reach_y = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
+    west = boxes[:, 0] - reach_x
+    east = boxes[:, 0] + reach_x
+    min_x, max_x = west.min(), east.max()
     x = points[:, 0].astype(np.float64)
-    candidates = np.flatnonzero((x >= west.min()) & (x <= east.max()))
-    lowest = west.min()
-    scale = 4096 / (east.max() - west.min())
-    first, x_slice, last = (
-        ((places - lowest) * scale).astype(np.uint16) for places in (west, x[candidates], east)
-    )
-    order = np.argsort(x_slice, kind="stable")  # a radix sort, for 16 bit numbers
+    candidates = np.flatnonzero((x >= min_x) & (x <= max_x))
+    slices_per_m = 4096 / (max_x - min_x)
+
+    def slice_numbers(positions: np.ndarray) -> np.ndarray:
+        return ((positions - min_x) * slices_per_m).astype(np.uint16)
+
+    point_slices = slice_numbers(x[candidates])
+    order = np.argsort(point_slices, kind="stable")  # a radix sort, for 16 bit numbers
+    sorted_slices = point_slices[order]
     rows = candidates[order]
-    first = np.searchsorted(x_slice[order], first)
-    last = np.searchsorted(x_slice[order], last, side="right")
+    first = np.searchsorted(sorted_slices, slice_numbers(west))
+    last = np.searchsorted(sorted_slices, slice_numbers(east), side="right")
     y = points[rows, 1].astype(np.float64)
-    reach = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
     inside_rows = []
     for k, box in enumerate(boxes):
-        near = np.flatnonzero(np.abs(y[first[k] : last[k]] - box[1]) <= reach[k]) + first[k]
+        near = np.flatnonzero(np.abs(y[first[k] : last[k]] - box[1]) <= reach_y[k]) + first[k]
         dx, dy, dz = (points[rows[near]].astype(np.float64) - box[:3]).T
         ahead = dx * cos[k] + dy * sin[k]
         aside = dy * cos[k] - dx * sin[k]
@@ -248,7 +262,10 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]
 
 
 def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x and y, (n, 4) each, of the footprint's corners about its centre, turned by `angle`."""
+    """Return x and y, (n, 4) each, of footprints' corners from their centres.
+
+    Corners run anticlockwise. angle: rad, in place of the boxes' yaw.
+    """
     front = boxes[:, 3:4] / 2 * _FRONT
     left = boxes[:, 4:5] / 2 * _LEFT
     cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
@@ -256,19 +273,22 @@ def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _matrix(
-    a: ArrayLike, b: ArrayLike, figure: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    a: ArrayLike, b: ArrayLike, measure_pairs: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Figure of each box of `a` with each of `b`, 0 for those apart."""
+    """Return a measure (n, m) of each of n boxes `a` with each of m boxes `b`.
+
+    Only pairs that may overlap are measured, row by row, by `measure_pairs`; others get 0.
+    """
     a = check_boxes(a, "a")
     b = check_boxes(b, "b")
-    figures = np.zeros((len(a), len(b)))
+    measures = np.zeros((len(a), len(b)))
     i, j = _near(a, b)
-    figures[i, j] = figure(a[i], b[j])
-    return figures
+    measures[i, j] = measure_pairs(a[i], b[j])
+    return measures
 
 
 def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
-    """IoU of `a` with `b`, row by row."""
+    """Return the IoU of each row of `a` with the same row of `b`."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
     overlap = _overlap_area(a, b)
@@ -284,48 +304,72 @@ def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
 
 
 def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap: the circles around their
-    footprints meet."""
+    """Return the pairs of boxes that may overlap: rows i of `a`, ascending, and j of `b`.
+
+    The circles around their footprints meet. `b` is sorted along x, so that each box of `a` is
+    compared only with one run of that order.
+    """
     radius_a = np.hypot(a[:, 3], a[:, 4]) / 2
     radius_b = np.hypot(b[:, 3], b[:, 4]) / 2
-    along_x = np.argsort(b[:, 0])
+    order = np.argsort(b[:, 0])
     reach = radius_a + radius_b.max(initial=0)
-    first = np.searchsorted(b[along_x, 0], a[:, 0] - reach)
-    count = np.searchsorted(b[along_x, 0], a[:, 0] + reach, side="right") - first
-    i = np.repeat(np.arange(len(a)), count)
-    j = along_x[np.arange(len(i)) + np.repeat(first - np.cumsum(count) + count, count)]
-    apart = (a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2
-    near = apart <= (radius_a[i] + radius_b[j]) ** 2
+    run_start = np.searchsorted(b[order, 0], a[:, 0] - reach)
+    run_length = np.searchsorted(b[order, 0], a[:, 0] + reach, side="right") - run_start
+    i = np.repeat(np.arange(len(a)), run_length)
+    pairs_before = np.cumsum(run_length) - run_length  # of the boxes of `a` before this one
+    j = order[np.arange(len(i)) + np.repeat(run_start - pairs_before, run_length)]
+    squared_distance = (a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2
+    near = squared_distance <= (radius_a[i] + radius_b[j]) ** 2
     return i[near], j[near]
 
 
 def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Area shared by footprints, row by row."""
+    """Area that footprints share, row by row, (n,) in m².
+
+    In the frame of `b` its footprint is the rectangle |x| <= length/2, |y| <= width/2. The area
+    inside it is the line integral of -y dx around the outline of `a`, whose corners run
+    anticlockwise, with x and y clipped to the rectangle. Along an edge the clipped y is constant,
+    then linear, then constant, so its mean needs only the two places where the edge crosses
+    y = -width/2 and y = width/2.
+    """
     if len(a) > _PAIRS_AT_ONCE:
         blocks = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
         return np.concatenate([_overlap_area(a[rows], b[rows]) for rows in blocks])
-    (dx, dy), cos, sin = (a[:, :2] - b[:, :2]).T, np.cos(b[:, 6]), np.sin(b[:, 6])
-    x, y = _corner_offsets(a, a[:, 6] - b[:, 6])
-    x, y = x + (dx * cos + dy * sin)[:, None], y + (dy * cos - dx * sin)[:, None]
+    length_a, width_a, yaw_a = a[:, 3], a[:, 4], a[:, 6]
+    yaw_b = b[:, 6]
     half_length = b[:, 3:4] / 2
     half_width = b[:, 4:5] / 2
-    run = np.roll(x, -1, axis=1) - x
-    rise = np.roll(y, -1, axis=1) - y
 
-    start = np.clip(x, -half_length, half_length)
-    end = np.roll(start, -1, axis=1)
+    # corners of a, (n, 4), in the frame of b
+    dx, dy = (a[:, :2] - b[:, :2]).T
+    cos, sin = np.cos(yaw_b), np.sin(yaw_b)
+    corner_x, corner_y = _corner_offsets(a, yaw_a - yaw_b)
+    corner_x = corner_x + (dx * cos + dy * sin)[:, None]
+    corner_y = corner_y + (dy * cos - dx * sin)[:, None]
+    run = np.roll(corner_x, -1, axis=1) - corner_x
+    rise = np.roll(corner_y, -1, axis=1) - corner_y
+
+    # every edge cut off at |x| <= length/2
+    start_x = np.clip(corner_x, -half_length, half_length)
+    end_x = np.roll(start_x, -1, axis=1)
     slope = rise / _nonzero(run)
-    y_start = y + (start - x) * slope
-    y_end = y + (end - x) * slope
-    climb = _nonzero(y_end - y_start)
-    # position on the edge where y passes -w/2 ...
-    below = np.clip((-half_width - y_start) / climb, 0, 1)
-    above = np.clip((half_width - y_start) / climb, 0, 1)  # ... and +w/2
-    turn = below + above
-    start_y, end_y = (np.clip(y, -half_width, half_width) for y in (y_start, y_end))
-    mean_y = (start_y * turn + end_y * (2 - turn)) / 2
-    area = ((start - end) * mean_y).sum(axis=1)
-    return np.clip(area, 0, np.minimum(a[:, 3] * a[:, 4], b[:, 3] * b[:, 4]))
+    start_y = corner_y + (start_x - corner_x) * slope
+    end_y = corner_y + (end_x - corner_x) * slope
+
+    # mean over an edge of y clipped to |y| <= width/2; crossings as shares of the edge, 0 to 1
+    climb = _nonzero(end_y - start_y)
+    crossing_right = np.clip((-half_width - start_y) / climb, 0, 1)
+    crossing_left = np.clip((half_width - start_y) / climb, 0, 1)
+    crossings = crossing_right + crossing_left
+    clipped_start_y = np.clip(start_y, -half_width, half_width)
+    clipped_end_y = np.clip(end_y, -half_width, half_width)
+    mean_y = (clipped_start_y * crossings + clipped_end_y * (2 - crossings)) / 2
+
+    area = ((start_x - end_x) * mean_y).sum(axis=1)
+    # rounding may leave a trace below 0 or above the smaller footprint
+
+    smaller = np.minimum(length_a * width_a, b[:, 3] * b[:, 4])
+    return np.clip(area, 0, smaller)
 
 
 def _nonzero(divisor: np.ndarray) -> np.ndarray:

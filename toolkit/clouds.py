@@ -45,8 +45,10 @@ def from_depth(
     rng: Rng | None = None,
     sensor_id: int = 0,
 ) -> PointCloud:
-    """Cloud, world frame, of one depth or lidar range image (paper equations 1 and 2). rng draws
-    its noise first."""
+    """Return the cloud, world frame, of one depth or lidar range image (paper equations 1 and 2).
+
+    rng draws its noise first; without one the image is taken as it is.
+    """
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
     xyz, valid = unproject(sensor, measurement)
@@ -54,8 +56,11 @@ def from_depth(
 
 
 def from_points(points: Points, sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
-    """Return a cloud of points from one sensor, or each from its own. float32 and float64 positions
-    keep their type."""
+    """Return a cloud of points (n, 3).
+
+    sensor_id: number of the sensor that measured them, one for all or one for each. float32 and
+    float64 positions keep their type.
+    """
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
@@ -67,16 +72,14 @@ def from_points(points: Points, sensor_id: int | Int[np.ndarray, " n"] = 0) -> P
 
 
 def positions(cloud: PointCloud) -> Points:
-    """Points of a cloud in shared memory, maybe (0, 3)."""
-    return (
-        cloud.point.positions.cpu().numpy()
-        if "positions" in cloud.point
-        else np.zeros((0, 3), np.float32)
-    )
+    """Return the points (n, 3) of a cloud, in shared memory; (0, 3) if it has none."""
+    if "positions" not in cloud.point:
+        return np.zeros((0, 3), np.float32)
+    return cloud.point.positions.cpu().numpy()
 
 
 def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
-    """Sensor number of each point, 0 without one."""
+    """Return the sensor number of each point, 0 for a cloud without numbers."""
     if "sensor" not in cloud.point:
         return np.zeros(len(positions(cloud)), np.int32)
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
@@ -85,16 +88,22 @@ def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
 def from_attributes(
     attributes: Mapping[str, np.ndarray], sensor_id: int | None = None
 ) -> PointCloud:
-    """Return a cloud of positions (n, 3) and other attributes of n rows. All points get `sensor_id`
-    if given, else their own `sensor`, 0 without one. Raises ValueError if the lengths differ."""
-    sensor_column = (
-        attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
-    )
-    number = sensor_column.reshape(-1).astype(np.int32)
+    """Return a cloud of positions (n, 3) and other attributes of n rows.
+
+    Args:
+        attributes: Columns by name, "positions" among them.
+        sensor_id: Sensor number of all points; by default each has the one in the column "sensor",
+            or 0 if there is no such column.
+
+    Raises:
+        ValueError: The lengths differ.
+    """
+    column = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.array([sensor_id])
+    numbers = column.reshape(-1).astype(np.int32)
     points = attributes["positions"]
-    cloud = from_points(
-        points, np.broadcast_to(number, len(points)) if len(number) == 1 else number
-    )
+    if len(numbers) == 1:
+        numbers = np.broadcast_to(numbers, len(points))
+    cloud = from_points(points, numbers)
     for name, column in attributes.items():
         if name in ("positions", "sensor"):
             continue
@@ -108,22 +117,28 @@ def from_attributes(
 
 
 def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
-    """Attributes of a cloud, with positions, in shared memory."""
+    """Return all attributes of a cloud by name, positions included, in shared memory."""
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 
 def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> PointCloud:
     """Join the points of all clouds, in order, each with the number of its sensor.
 
-    clouds: Open3D's, tensor or legacy, or arrays of x, y, z (n, 3) or x, y, z, intensity (n, 4), in
-    m. A cloud without an attribute `sensor` gets its place in the list as its number. poses: for
-    each cloud the motion (4, 4) from its frame into the common one, with which positions become
-    float64 and normals turn. Without poses the clouds must be in one frame already, and a warning
-    names the clouds that neither a pose nor a number of a sensor vouches for.
+    Attributes that all clouds have stay; a warning names the others, also those of unequal width.
+    Clouds without points do not count.
 
-    Attributes that all clouds have stay; a warning names the others, also for other widths. Clouds
-    without points do not count. Raises ValueError for what is no cloud or no pose, for unequal
-    numbers of both, and where a cloud would get the number of another's sensor."""
+    Args:
+        clouds: Open3D's, tensor or legacy, or arrays of x, y, z (n, 3) or x, y, z, intensity
+            (n, 4), in m. A cloud without an attribute `sensor` gets its place in the list as its
+            number.
+        poses: For each cloud the motion (4, 4) from its frame into the common one; positions become
+            float64, and normals turn. Without poses the clouds must be in one frame already, and a
+            warning names the clouds that have neither a pose nor a sensor number.
+
+    Raises:
+        ValueError: Something is no cloud or no pose, their numbers differ, or a cloud would get the
+            number of another's sensor.
+    """
     if isinstance(clouds, PointCloud | o3d.geometry.PointCloud) or getattr(clouds, "ndim", 3) == 2:
         raise ValueError(
             "fuse takes a list of clouds, got a single one: give fuse([first, second, ...])"
@@ -157,6 +172,7 @@ def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> Poi
 
 
 def _join(parts: Sequence[Attributes]) -> PointCloud:
+    """Return one cloud of parts that have points and sensor numbers, with what all of them have."""
     if not parts:
         return from_points(np.zeros((0, 3), np.float32))
     names = {name for part in parts for name in part} - {"sensor"}
@@ -181,25 +197,24 @@ def _have_one_width(parts: Sequence[Attributes], name: str) -> bool:
 
 
 def _move(part: Attributes, pose: Pose) -> Attributes:
-    moved = {"positions": transform(pose, part["positions"].astype(np.float64))}
+    """Return the attributes with positions, in float64, and normals moved by a pose."""
+    moved = dict(part)
+    moved["positions"] = transform(pose, part["positions"].astype(np.float64))
     if "normals" in part:
         moved["normals"] = part["normals"] @ pose[:3, :3].T.astype(part["normals"].dtype)
-    return {**part, **moved}
+    return moved
 
 
 def cloud_attributes(cloud: AnyCloud) -> Attributes:
-    """Return the attributes of a cloud of Open3D, tensor or legacy, or of an array (n, 3), or (n,
-    4) with intensity.
+    """Return the attributes of any cloud that `fuse` takes, by name.
 
-    Raises ValueError for anything else; a warning names the covariances of a legacy cloud, which
-    are left out."""
+    Covariances of a legacy cloud are left out, with a warning.
+
+    Raises:
+        ValueError: It is neither a cloud of Open3D nor an array (n, 3), or (n, 4) with intensity.
+    """
     if isinstance(cloud, PointCloud):
-        columns = attributes(cloud)
-        return (
-            columns
-            if "positions" in columns
-            else {**columns, "positions": np.zeros((0, 3), np.float32)}
-        )
+        return {"positions": np.zeros((0, 3), np.float32), **attributes(cloud)}
     if isinstance(cloud, o3d.geometry.PointCloud):
         columns = {"positions": np.array(cloud.points)}
         if cloud.has_normals():
@@ -221,26 +236,29 @@ def cloud_attributes(cloud: AnyCloud) -> Attributes:
 
 
 def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
-    """Keep one point of each sensor in each cube of edge `voxel_m` (m), in their order, with all
-    its attributes.
+    """Keep one point of each sensor in each cube of edge `voxel_m` (m), with all its attributes.
 
-    cloud: any that `fuse` takes. It is the point nearest to the mean of the sensor's points there,
-    the first of equals. Sensors are thinned separately, so that sets of sensors stay comparable."""
+    It is the point nearest to the mean of the sensor's points in the cube, the first of equals, and
+    points keep their order. Sensors are thinned separately, so that sets of sensors stay
+    comparable. cloud: any that `fuse` takes.
+    """
     if not 0 < voxel_m < np.inf:
         raise ValueError(f"voxel_m must be above 0 m, got {voxel_m}")
     cloud = _tensor_cloud(cloud)
     points = positions(cloud).astype(np.float64)
     if not len(points):
         return _select(cloud, np.zeros(0, bool))
-    cells = np.column_stack([np.floor(points / voxel_m), sensor_numbers(cloud)])
-    cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)[1:]
-    cell = cell.reshape(-1)
-    middle = np.stack([np.bincount(cell, column) for column in points.T], axis=1) / count[:, None]
-    away = ((points - middle[cell]) ** 2).sum(axis=1)
-    order = np.lexsort((np.arange(len(points)), away.round(12), cell))
-    first = order[np.append(0, np.cumsum(count)[:-1])]
+    cubes = np.column_stack([np.floor(points / voxel_m), sensor_numbers(cloud)])
+    _, cube, count = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
+    cube = cube.reshape(-1)  # number of each point's cube
+    totals = np.stack([np.bincount(cube, column) for column in points.T], axis=1)
+    means = totals / count[:, None]
+    squared_distance = ((points - means[cube]) ** 2).sum(axis=1)
+    # by cube, then distance, then place in the cloud; rounded, so that equals count as equal
+    order = np.lexsort((np.arange(len(points)), squared_distance.round(12), cube))
+    nearest = order[np.append(0, np.cumsum(count)[:-1])]
     keep = np.zeros(len(points), bool)
-    keep[first] = True
+    keep[nearest] = True
     return _select(cloud, keep)
 
 
@@ -249,8 +267,12 @@ def crop(
 ) -> PointCloud:
     """Keep the points inside an area, at floor < z < height.
 
-    cloud: any that `fuse` takes; area: a site, or xmin, ymin, xmax, ymax (m); height: the site's by
-    default, else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
+    Args:
+        cloud: Any that `fuse` takes.
+        area: Site, or xmin, ymin, xmax, ymax (m).
+        height: m; the site's by default, else 4 m (paper section II-B).
+        floor: m. On a site that slopes, z counts from its plane.
+    """
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
     cloud = _tensor_cloud(cloud)
@@ -258,15 +280,24 @@ def crop(
 
 
 def points_per_box(cloud: AnyCloud, boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box, the paper's point density. cloud: any that `fuse` takes."""
+    """Return the number of points in each box, the paper's point density.
+
+    cloud: any that `fuse` takes.
+    """
     return count_points(cloud_attributes(cloud)["positions"], boxes)
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
-    """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible,
-    and ValueError for another kind of file and for a cloud without points, which these formats
-    cannot hold. A warning states the origin that a pcd far from the world's origin is counted from,
-    and what the file cannot hold."""
+    """Write a cloud as ply, pcd or npz, whole or not at all.
+
+    A warning states the origin from which a pcd far from the world's origin counts, and what the
+    file cannot hold.
+
+    Raises:
+        OSError: The file cannot be written.
+        ValueError: The ending is another one, or the cloud has no points, which these formats
+            cannot hold.
+    """
     path = Path(path)
     if not len(positions(cloud)):
         raise ValueError(
@@ -298,8 +329,12 @@ def save(cloud: PointCloud, path: str | Path) -> None:
 
 
 def load(path: str | Path) -> PointCloud:
-    """Read a ply, pcd or npz with all its attributes, sensor 0 where it names none. Raises
-    FileNotFoundError, and ValueError for a file without a cloud."""
+    """Read a ply, pcd or npz with all its attributes; sensor 0 if it names none.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file holds no cloud.
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")

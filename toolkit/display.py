@@ -24,9 +24,16 @@ Table = Mapping[str, Sequence[Any] | np.ndarray]  # columns of one length by nam
 
 @dataclass(frozen=True)
 class Card:
-    """Content of what a noun shows. facts: short phrases; tables: by name, built when needed, the
-    first is shown; drawing: "module:function" that writes a picture, called with the noun and the
-    name of a PNG file."""
+    """Content that a noun shows.
+
+    Attributes:
+        title: Name of its class, mostly.
+        facts: Short phrases.
+        tables: Functions that build a table when it is needed, by its name; notebooks show the
+            first.
+        drawing: "module:function" that draws a picture, called with the noun and the name of a PNG
+            file to write.
+    """
 
     title: str
     facts: tuple[str, ...] = ()
@@ -62,8 +69,11 @@ class Displayed:
         )
 
     def to_frame(self, table: str = "") -> Any:
-        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when
-        empty. Raises ValueError for an unknown table, ImportError without pandas."""
+        """Return a table as a pandas DataFrame.
+
+        table: its name; "" for the one that notebooks show. Raises ValueError for an unknown table,
+        ImportError without pandas.
+        """
         tables = self._card().tables
         if table and table not in tables:
             raise ValueError(f"table must be one of {', '.join(tables)}, got {table!r}")
@@ -77,8 +87,9 @@ class Displayed:
 
 
 def figure_digits(objects: int, max_digits: int = 3) -> int:
-    """Number of decimals that a share of this many objects supports: one object more or less
-    changes the last.
+    """Return the number of decimals that a share of this many objects supports.
+
+    One object more or less changes the last.
 
     >>> [figure_digits(objects) for objects in (6, 60, 600, 6000)]
     [2, 2, 3, 3]
@@ -87,8 +98,7 @@ def figure_digits(objects: int, max_digits: int = 3) -> int:
 
 
 def format_share(share: float, objects: int, *, signed: bool = False) -> str:
-    """Return AP, recall or their change, a share of so many objects, with the decimals that these
-    support.
+    """Return AP, recall or their change with the decimals that so many objects support.
 
     >>> format_share(0.91234, 60), format_share(0.91234, 600), format_share(0.02, 60, signed=True)
     ('0.91', '0.912', '+0.02')
@@ -102,7 +112,7 @@ def describe_count(number: int, thing: str, things: str = "") -> str:
 
 
 def _draw(noun: object, card: Card) -> str:
-    """Picture of a noun as an <img>, or the reason why there is none."""
+    """Return a picture of a noun as an <img>, or the reason why there is none."""
     if not card.drawing:
         return ""
     from PIL import Image
@@ -124,11 +134,13 @@ def _draw(noun: object, card: Card) -> str:
 
 
 def _format_row(row: Iterable[object]) -> str:
+    """Return a <tr> of a table's row."""
     cells = (f"<td style={_CELL!r}>{escape(_format_value(value))}</td>" for value in row)
     return f"<tr>{''.join(cells)}</tr>"
 
 
 def _format_table(table: Table) -> str:
+    """Return the first rows as a <table>, with a note if there are more; "" for an empty table."""
     count = max(map(len, table.values()), default=0)
     if not count:
         return ""

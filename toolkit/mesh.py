@@ -30,70 +30,90 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
-    """Skin over s closed rings of p points each, with both ends capped. Outwards where a ring runs
-    counter-clockwise seen against the direction in which the rings follow each other."""
-    s, p, _ = rings.shape
-    vertices = np.concatenate(
-        [rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]]
-    )
-    return Mesh(vertices.astype(np.float64), _loft_triangles(s, p).copy())
+    """Return a closed skin over a row of rings, with both ends capped.
+
+    Args:
+        rings: s closed rings of p points each. Faces point outwards if every ring runs
+            counter-clockwise as seen from the last ring.
+    """
+    ring_count, points_per_ring, _ = rings.shape
+    bottom_centre = rings[0].mean(0)[None]
+    top_centre = rings[-1].mean(0)[None]
+    vertices = np.concatenate([rings.reshape(-1, 3), bottom_centre, top_centre])
+    triangles = _loft_triangles(ring_count, points_per_ring)
+    return Mesh(vertices.astype(np.float64), triangles.copy())  # the cached ones stay as they are
 
 
 @lru_cache(maxsize=256)
-def _loft_triangles(s: int, p: int) -> Int64[np.ndarray, "m 3"]:
-    ring, point = np.meshgrid(np.arange(s - 1) * p, np.arange(p), indexing="ij")
-    a = (ring + point).ravel()
-    b = (ring + (point + 1) % p).ravel()
-    first = s * p
-    last = s * p + 1
-    around = np.arange(p)
-    onward = (np.arange(p) + 1) % p
-    bottom = (onward, around, np.full(p, first))
-    top = (around + (s - 1) * p, onward + (s - 1) * p, np.full(p, last))
-    columns = (a, b, b + p), (a, b + p, a + p), bottom, top  # of the skin, then of the caps
-    return np.concatenate([np.stack(three, axis=1) for three in columns]).astype(np.int64)
+def _loft_triangles(ring_count: int, points_per_ring: int) -> Int64[np.ndarray, "m 3"]:
+    """Return the triangles of `loft`: two for each piece of the skin, then both caps.
+
+    Vertices are the points ring by ring, then the centres of the first and of the last ring.
+    """
+    point = np.arange(points_per_ring)
+    next_point = (point + 1) % points_per_ring
+    ring_start = np.arange(ring_count - 1)[:, None] * points_per_ring
+    a = (ring_start + point).ravel()
+    b = (ring_start + next_point).ravel()
+    above_a = a + points_per_ring
+    above_b = b + points_per_ring
+    bottom_centre = np.full(points_per_ring, ring_count * points_per_ring)
+    top_centre = bottom_centre + 1
+    top_start = (ring_count - 1) * points_per_ring
+    corners = [
+        (a, b, above_b),
+        (a, above_b, above_a),
+        (next_point, point, bottom_centre),
+        (point + top_start, next_point + top_start, top_centre),
+    ]
+    triangles = [np.stack(corner_columns, axis=1) for corner_columns in corners]
+    return np.concatenate(triangles).astype(np.int64)
 
 
 def tube(
     path: np.typing.ArrayLike, radii: np.typing.ArrayLike, sides: int = 8, flat: float = 1.0
 ) -> Mesh:
-    """Round bar along `path` (s, 3), of one radius or s `radii`. flat: scale of its breadth along y
-    (x, if along y)."""
+    """Return a round bar along a line.
+
+    Args:
+        path: Points (s, 3) of the line, m.
+        radii: One radius, or one for each point, m.
+        sides: Number of sides of its cross-section.
+        flat: Scale of its breadth along y, or along x for a bar that runs along y.
+    """
     line = np.asarray(path, np.float64)
-    along = np.concatenate(
+    radius = np.broadcast_to(np.asarray(radii, np.float64), len(line))
+    tangent = np.concatenate(
         [line[1:2] - line[:1], (line[2:] - line[:-2]) / 2, line[-1:] - line[-2:-1]]
     )
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    reference = (
-        np.array([0.0, 1.0, 0.0]) if np.abs(along[:, 1]).max() < 0.95 else np.array([0.0, 0.0, 1.0])
-    )
-    across = _cross(reference[None], along)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-    aside = _cross(along, across) * flat
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    runs_along_y = np.abs(tangent[:, 1]).max() >= 0.95
+    reference = np.array([0.0, 0.0, 1.0]) if runs_along_y else np.array([0.0, 1.0, 0.0])
+    # two directions of the cross-section, perpendicular to the line and to each other
+    first_axis = _cross(reference[None], tangent)
+    first_axis /= np.maximum(np.linalg.norm(first_axis, axis=1, keepdims=True), 1e-9)
+    second_axis = _cross(tangent, first_axis) * flat
     angle = np.arange(sides) * 2 * np.pi / sides
-    circle = across[:, None] * np.cos(angle)[:, None] + aside[:, None] * np.sin(angle)[:, None]
-    return loft(
-        line[:, None]
-        + circle * np.broadcast_to(np.asarray(radii, np.float64), len(line))[:, None, None]
-    )
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    circle = first_axis[:, None] * cos + second_axis[:, None] * sin
+    return loft(line[:, None] + circle * radius[:, None, None])
 
 
 def ellipsoid(centre: Vector, radii: Vector, rings: int = 5, sides: int = 8) -> Mesh:
-    """Ellipsoid with poles along z."""
+    """Return an ellipsoid with its poles along z; `rings` between the poles, of `sides` points."""
     return loft(_unit_sphere(rings, sides) * radii + centre)
 
 
 @lru_cache(maxsize=64)
 def _unit_sphere(rings: int, sides: int) -> Float64[np.ndarray, "_ _ 3"]:
-    polar = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[:, None]
-    polar[[0, -1]] *= 0.999
-    around = (np.arange(sides) * 2 * np.pi / sides)[None]
-    unit = np.stack(
-        np.broadcast_arrays(
-            np.cos(polar) * np.cos(around), np.cos(polar) * np.sin(around), np.sin(polar)
-        )
-    )
-    return np.moveaxis(unit, 0, -1)
+    """Return rings (rings + 2, sides, 3) of a sphere of radius 1, from south to north."""
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[:, None]
+    latitude[[0, -1]] *= 0.999  # rings about the poles, not points
+    longitude = (np.arange(sides) * 2 * np.pi / sides)[None]
+    x = np.cos(latitude) * np.cos(longitude)
+    y = np.cos(latitude) * np.sin(longitude)
+    z = np.sin(latitude)
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
 
 
 def _cross(
@@ -105,42 +125,49 @@ def _cross(
 
 
 def box(size: Vector, centre: Vector = (0, 0, 0)) -> Mesh:
-    """Cuboid with edges along the axes."""
+    """Return a cuboid with edges along the axes."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
     rings = np.stack([corners - [0, 0, 0.5], corners - [0, 0, -0.5]])
     return loft(rings * size + centre)
 
 
 def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
-    """Vertical prism over a simple polygon without holes."""
+    """Return a vertical prism from z = base to z = top over a simple polygon without holes."""
     outline = shapely.geometry.polygon.orient(shapely.Polygon(polygon))
-    ring = np.asarray(outline.exterior.coords)[:-1]
-    walls = loft(np.stack([np.column_stack([ring, np.full(len(ring), z)]) for z in (base, top)]))
+    ring = np.asarray(outline.exterior.coords)[:-1]  # the last corner repeats the first
+    walls = loft(np.stack([_lift(ring, base), _lift(ring, top)]))
+    # without the caps of loft, which are wrong for outlines that are not convex
     sides = Mesh(walls.vertices, walls.triangles[: 2 * len(ring)])
-    lid = triangulate(outline)
-    low, high = (
-        np.column_stack([lid.vertices[:, :2], np.full(len(lid.vertices), z)]) for z in (base, top)
-    )
-    return merge([sides, Mesh(high, lid.triangles), Mesh(low, lid.triangles[:, ::-1])])
+    cap = triangulate(outline)
+    roof = Mesh(_lift(cap.vertices[:, :2], top), cap.triangles)
+    floor = Mesh(_lift(cap.vertices[:, :2], base), cap.triangles[:, ::-1])
+    return merge([sides, roof, floor])
+
+
+def _lift(plan: Float[np.ndarray, "n 2"], z: float) -> Float[np.ndarray, "n 3"]:
+    return np.column_stack([plan, np.full(len(plan), z)])
 
 
 def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
-    """Triangles of polygons with holes, z = 0, facing up."""
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
-    if len(parts) == 0:
+    """Return triangles of polygons, holes left out, at z = 0 and facing up."""
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
+    if len(pieces) == 0:
         return merge([])
-    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
-    (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
-    corners = np.where((ax * by - ay * bx < 0)[:, None, None], corners[:, ::-1], corners)
-    flat = np.concatenate([corners.reshape(-1, 2), np.zeros((3 * len(corners), 1))], axis=1)
-    return Mesh(flat, np.arange(3 * len(corners)).reshape(-1, 3))
+    # an outline of a triangle has four coordinates, the last of which repeats the first
+    corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    ax, ay = (corners[:, 1] - corners[:, 0]).T
+    bx, by = (corners[:, 2] - corners[:, 0]).T
+    is_clockwise = ax * by - ay * bx < 0
+    corners = np.where(is_clockwise[:, None, None], corners[:, ::-1], corners)
+    vertices = np.concatenate([corners.reshape(-1, 2), np.zeros((3 * len(corners), 1))], axis=1)
+    return Mesh(vertices, np.arange(3 * len(corners)).reshape(-1, 3))
 
 
 def place(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
-    """Turn a mesh by `yaw` (rad), then move it."""
+    """Turn a mesh by `yaw` (rad, counter-clockwise) about z, then move it by x, y and z (m)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return Mesh(mesh.vertices @ turn + [x, y, z], mesh.triangles)
+    rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])  # of row vectors
+    return Mesh(mesh.vertices @ rotation + [x, y, z], mesh.triangles)
 
 
 def scale_mesh(mesh: Mesh, factors: float | Sequence[float]) -> Mesh:

@@ -15,7 +15,7 @@ VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
 
 
 def label_index(label: str | int) -> int:
-    """Class number of a name or number in `LABELS`."""
+    """Return the class number of a name or number in `LABELS`, or raise ValueError."""
     if isinstance(label, str) and label in LABELS:
         return LABELS.index(label)
     if (
@@ -29,11 +29,11 @@ def label_index(label: str | int) -> int:
     )
 
 
-_Taken = TypeVar("_Taken", bound="_Rows")
+_Selected = TypeVar("_Selected", bound="_Rows")
 
 
 class _Rows(Displayed):
-    """Columns of one length."""
+    """Base of dataclasses whose fields are columns of one length, a row for each box."""
 
     boxes: Shaped[np.ndarray, "n 7"]
     labels: Shaped[np.ndarray, " n"]
@@ -41,8 +41,8 @@ class _Rows(Displayed):
     def __len__(self) -> int:
         return len(self.boxes)
 
-    def __getitem__(self: _Taken, rows: object) -> _Taken:
-        """Return what is at a mask, slice or index array."""
+    def __getitem__(self: _Selected, rows: object) -> _Selected:
+        """Return the rows at a mask, slice or index array."""
         return type(self)(*(column[rows] for column in vars(self).values()))
 
     def _card(self) -> Card:
@@ -56,22 +56,28 @@ class _Rows(Displayed):
         )
 
     def _table(self) -> Table:
-        boxes = zip(("x", "y", "z", "length", "width", "height", "yaw"), self.boxes.T, strict=True)
+        labels = {"label": [LABELS[label] for label in self.labels]}
         further_columns = {
-            name[:-1]: column
+            name.removesuffix("s"): column
             for name, column in vars(self).items()
             if name not in ("boxes", "labels")
         }
-        return {"label": [LABELS[label] for label in self.labels]} | further_columns | dict(boxes)
+        box_columns = ("x", "y", "z", "length", "width", "height", "yaw")
+        boxes = dict(zip(box_columns, self.boxes.T, strict=True))
+        return labels | further_columns | boxes
 
 
 @dataclass(frozen=True)
 class Objects(_Rows):
-    """Ground truth of one frame: boxes (n, 7), see `toolkit.boxes`; class numbers (or names) of
-    `LABELS`; track ids.
+    """Ground truth of one frame.
 
-    All are kept as float64 and int64, whatever their type. Raises ValueError where shapes or labels
-    do not fit.
+    Attributes:
+        boxes: (n, 7), see `toolkit.boxes`, kept as float64.
+        labels: Class numbers or names of `LABELS`, kept as int64; all vehicles by default.
+        ids: Track numbers, kept as int64; 0 to n - 1 by default.
+
+    Raises:
+        ValueError: Shapes or labels do not fit.
 
     >>> Objects(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array(["vehicle"])).labels
     array([0])
@@ -95,8 +101,13 @@ class Objects(_Rows):
 
 @dataclass(frozen=True)
 class Detections(_Rows):
-    """Detector output of one frame. scores: (n,) float64, higher is surer; boxes and labels as in
-    `Objects`."""
+    """Detector output of one frame.
+
+    Attributes:
+        boxes: As in `Objects`.
+        scores: (n,), kept as float64; higher is surer.
+        labels: As in `Objects`.
+    """
 
     boxes: Shaped[np.ndarray, "n 7"]
     scores: Shaped[np.ndarray, " n"]
@@ -123,8 +134,10 @@ class Detections(_Rows):
 @runtime_checkable
 class Detector(Protocol):
     """Anything that turns the points of one frame into detections, both in the world frame.
-    Optional attributes: `labels`, names of the classes it knows, and `digest`, a text that changes
-    with all it depends on."""
+
+    Optional attributes: `labels`, the names of the classes it knows, and `digest`, a text that
+    changes whenever its detections may change.
+    """
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""
@@ -132,23 +145,31 @@ class Detector(Protocol):
 
 @runtime_checkable
 class UnionDetector(Detector, Protocol):
-    """Detector that is fast for unions of the same clouds."""
+    """Detector that is fast for many unions of the same clouds."""
 
     def unions(
         self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> Sequence[Detections]:
-        """Detect in each union, as `__call__` up to rounding."""
+        """Return the detections in each union of C clouds, as `__call__` up to rounding.
+
+        unions: a row for each, True for its clouds.
+        """
 
 
 def quick_detector(detector: Detector) -> Detector:
-    """The detector as it compares: less exact in much less time, by its method `quick`, or itself
-    without one."""
+    """Return a faster and less exact version of a detector, for comparing sensor sets.
+
+    That is what its method `quick` returns, or the detector itself if it has none.
+    """
     quick = getattr(detector, "quick", None)
     return quick() if callable(quick) else detector
 
 
 def known_labels(detector: Detector) -> tuple[str, ...] | None:
-    """Classes that a detector's attribute `labels` names, or None."""
+    """Return the classes that a detector's attribute `labels` names, in the order of `LABELS`.
+
+    None if it has no such attribute. Raises ValueError for anything but names of `LABELS`.
+    """
     labels = getattr(detector, "labels", None)
     if labels is None:
         return None
@@ -178,6 +199,7 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
 
 
 def _boxes(boxes: ArrayLike) -> np.ndarray:
+    """Return boxes (n, 7) as float64; an empty list counts as none. Raises ValueError else."""
     boxes = np.asarray(boxes, np.float64)
     if boxes.size == 0 and boxes.ndim < 2:
         return np.zeros((0, 7))
@@ -189,6 +211,7 @@ def _boxes(boxes: ArrayLike) -> np.ndarray:
 
 
 def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
+    """Return the class numbers of n boxes as int64, vehicles for None. Raises ValueError else."""
     if labels is None:
         return np.zeros(n, np.int64)
     labels = np.asarray(labels)
@@ -211,6 +234,7 @@ def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
 
 
 def _rows(column: Shaped[np.ndarray, "..."], name: str, n: int) -> np.ndarray:
+    """Return a column with one entry for each of n boxes, or raise ValueError by its name."""
     if column.shape != (n,):
         raise ValueError(
             f"{name} must have one entry for each of the {n} boxes, got shape {column.shape}"

@@ -94,61 +94,91 @@ class _Parsed(NamedTuple):
 
 
 def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
-    """Return a cloud's attributes from named columns: `positions` (n, 3) in metres, float32 or
-    float64, `normals` and `colors` where present, every other column of numbers under its own name.
-    Raises ValueError if `find_axes` does."""
-    left = {name: np.asarray(column) for name, column in columns.items()}
-    axes = find_axes(list(left))
-    if odd := [name for name in axes.names if left[name].dtype.kind not in "fiub"]:
-        raise ValueError(
-            f"column {odd[0]} must hold real numbers, got {left[odd[0]].dtype}: save it as float64"
-        )
-    positions = _together(left, *axes.names)
-    if positions.dtype not in (np.float32, np.float64):
-        positions = positions.astype(np.float64)
-    if axes.scales_m != (1.0, 1.0, 1.0):
-        positions = positions.astype(np.float64) * axes.scales_m
+    """Return a cloud's attributes from named columns of n rows.
+
+    These are `positions` (n, 3) in metres, float32 or float64; `normals` (n, 3) and `colors` (n, 3)
+    if there are any; and every other column of numbers, (n, columns), under its name.
+
+    Raises:
+        ValueError: The coordinates are not real numbers, or `find_axes` does not find them.
+    """
+    unread = {name: np.asarray(column) for name, column in columns.items()}
+    positions = _pop_positions(unread)
     attributes: Attributes = {"positions": positions}
-    if three := next((names for names in NORMALS if set(names) <= left.keys()), None):
-        attributes["normals"] = _together(left, *three).astype(positions.dtype)
-    for packed in ("rgb", "rgba"):
-        if (
-            packed in left
-            and left[packed].dtype.itemsize == 4
-            and left[packed].shape[1:] in ((), (1,))
-        ):
-            word = np.ascontiguousarray(left.pop(packed)).reshape(-1).view(np.uint32)
-            attributes["colors"] = np.stack([word >> 16, word >> 8, word], axis=1).astype(np.uint8)
-    if "colors" not in attributes and (
-        three := next((names for names in COLOURS if set(names) <= left.keys()), None)
-    ):
-        values = _together(left, *three)
-        is_byte = values == np.clip(np.trunc(values.astype(np.float64)), 0, 255)
-        attributes["colors"] = values.astype(np.uint8 if is_byte.all() else np.float32)
+    normal_names = _first_present(NORMALS, unread)
+    if normal_names:
+        attributes["normals"] = _pop_together(unread, normal_names).astype(positions.dtype)
+    colours = _pop_colours(unread)
+    if colours is not None:
+        attributes["colors"] = colours
     reserved = {"positions", "normals", "colors"}
-    for name, column in left.items():
+    for name, column in unread.items():
         if column.dtype.kind in "fiub" and column.ndim <= 2 and name and name not in reserved:
             attributes[name] = column if column.ndim == 2 else column[:, None]
     return attributes
 
 
+def _pop_positions(unread: dict[str, np.ndarray]) -> np.ndarray:
+    """Take x, y and z out of the columns; return them in metres, float32 or float64."""
+    axes = find_axes(list(unread))
+    for name in axes.names:
+        dtype = unread[name].dtype
+        if dtype.kind not in "fiub":
+            raise ValueError(
+                f"column {name} must hold real numbers, got {dtype}: save it as float64"
+            )
+    positions = _pop_together(unread, axes.names)
+    if positions.dtype not in (np.float32, np.float64):
+        positions = positions.astype(np.float64)
+    if axes.scales_m != (1.0, 1.0, 1.0):
+        positions = positions.astype(np.float64) * axes.scales_m
+    return positions
+
+
+def _pop_colours(unread: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Take colours out of the columns; return red, green and blue, None if there are none.
+
+    They are bytes, or float32 if the columns hold anything but whole numbers from 0 to 255.
+    """
+    colours = None
+    for name in ("rgb", "rgba"):  # packed into the four bytes of one number
+        column = unread.get(name)
+        if column is not None and column.dtype.itemsize == 4 and column.shape[1:] in ((), (1,)):
+            word = np.ascontiguousarray(unread.pop(name)).reshape(-1).view(np.uint32)
+            colours = np.stack([word >> 16, word >> 8, word], axis=1).astype(np.uint8)
+    channel_names = _first_present(COLOURS, unread)
+    if colours is not None or channel_names is None:
+        return colours
+    channels = _pop_together(unread, channel_names)
+    is_byte = channels == np.clip(np.trunc(channels.astype(np.float64)), 0, 255)
+    return channels.astype(np.uint8 if is_byte.all() else np.float32)
+
+
+def _first_present(
+    name_sets: Iterable[tuple[str, str, str]], columns: Mapping[str, object]
+) -> tuple[str, str, str] | None:
+    """Return the first set of names that the columns have all of, or None."""
+    return next((names for names in name_sets if set(names) <= columns.keys()), None)
+
+
 def find_axes(names: Sequence[str]) -> CoordinateColumns:
-    """Return which columns are x, y and z. Raises ValueError with the columns if that is not said
-    by their names.
+    """Return which columns are x, y and z, and their units.
+
+    Raises ValueError with the list of columns if their names do not state it.
 
     >>> find_axes(["intensity", "x_m", "y_m", "z_m"]).names
     ('x_m', 'y_m', 'z_m')
     >>> find_axes(["X (mm)", "Y (mm)", "Z (mm)"]).scales_m
     (0.001, 0.001, 0.001)
     """
-    for spelled in (names, [name.lower() for name in names]):
+    lower_names = [name.lower() for name in names]
+    for spelled in (names, lower_names):
         if all(spelled.count(axis) == 1 for axis in "xyz"):
             x, y, z = (names[spelled.index(axis)] for axis in "xyz")
-            return CoordinateColumns((x, y, z), (1.0, 1.0, 1.0))
+            return CoordinateColumns(names=(x, y, z), scales_m=(1.0, 1.0, 1.0))
     sets = _coordinate_sets(names)
+    listed = ", ".join(names)[:MAX_LISTED]
     if len(sets) != 1:
-        listed = ", ".join(names)[:MAX_LISTED]
-        lower_names = [name.lower() for name in names]
         missing = ", ".join(axis for axis in "xyz" if axis not in lower_names)
         finding = (
             f"{len(sets)} sets of coordinates" if sets or not missing else f"no column {missing}"
@@ -156,20 +186,23 @@ def find_axes(names: Sequence[str]) -> CoordinateColumns:
         raise ValueError(
             f"it has {finding}, only {listed}: name its coordinates x, y and z, in metres"
         )
-    by_axis = sets[0]
-    units = [by_axis[axis][1] for axis in range(3)]
-    if foreign := next((unit for unit in units if unit in FOREIGN_UNITS), None):
-        listed = ", ".join(names)[:MAX_LISTED]
+    x_column, y_column, z_column = sets[0]
+    unit = x_column.template.unit  # the same for all three
+    if unit in FOREIGN_UNITS:
         raise ValueError(
-            f"its coordinates are in {foreign}, its columns {listed}: convert them to metres"
+            f"its coordinates are in {unit}, its columns {listed}: convert them to metres"
         )
-    first, second, third = (UNITS_M[unit] if unit else 1.0 for unit in units)
-    return CoordinateColumns((by_axis[0][0], by_axis[1][0], by_axis[2][0]), (first, second, third))
+    scale_m = UNITS_M[unit] if unit else 1.0
+    return CoordinateColumns(
+        names=(x_column.name, y_column.name, z_column.name), scales_m=(scale_m, scale_m, scale_m)
+    )
 
 
 def warn_of_offset(comments: Iterable[str]) -> None:
-    """Warn of an offset that another program left in a comment: no format gives it a meaning to
-    apply."""
+    """Warn of an offset that another program left in a comment.
+
+    It is not applied, because no format defines it.
+    """
     for comment in comments:
         stated = STATED_OFFSET.search(comment)
         if stated is not None:
@@ -180,24 +213,28 @@ def warn_of_offset(comments: Iterable[str]) -> None:
             warnings.warn(message, stacklevel=3)
 
 
-def _coordinate_sets(names: Iterable[str]) -> list[dict[int, tuple[str, str]]]:
-    """Sets of three columns of one template and unit, each as name and unit by axis."""
+def _coordinate_sets(names: Iterable[str]) -> list[list[_Parsed]]:
+    """Return every x, y and z column, in this order, whose names differ in nothing but the axis.
+
+    Names with axes by number count only if none has letters.
+    """
     templates: dict[_Template, list[_Parsed]] = {}
     for name in names:
         parsed = _parse(name)
         if parsed is not None:
             templates.setdefault(parsed.template, []).append(parsed)
-    lettered: list[dict[int, tuple[str, str]]] = []
-    numbered: list[dict[int, tuple[str, str]]] = []
+    lettered: list[list[_Parsed]] = []
+    numbered: list[list[_Parsed]] = []
     for template, columns in templates.items():
-        by_axis = {column.axis: (column.name, template.unit) for column in columns}
-        if len(columns) == len(by_axis) == 3:
-            (numbered if template.numbered else lettered).append(by_axis)
+        columns.sort(key=lambda column: column.axis)
+        if [column.axis for column in columns] == [0, 1, 2]:
+            (numbered if template.numbered else lettered).append(columns)
     return lettered or numbered
 
 
 def _parse(name: str) -> _Parsed | None:
-    """Parts of a column's name; None if it names no coordinate."""
+    """Return the parts of a column's name; None if it names no coordinate."""
+    # "posX" -> "pos X", "Xcoord" -> "X coord", "xPos" -> "x Pos"
     separated = re.sub(
         r"(?<=[a-z])(?=[XYZ]\b)|(?<=\b[XYZ])(?=[A-Z]?[a-z])|(?<=\b[xyz])(?=[A-Z])", " ", name
     )
@@ -220,5 +257,6 @@ def _parse(name: str) -> _Parsed | None:
     return _Parsed(name, axis, _Template(" ".join(words), unit, numbered))
 
 
-def _together(left: dict[str, np.ndarray], *names: str) -> np.ndarray:
-    return np.stack([left.pop(name).reshape(-1) for name in names], axis=1)
+def _pop_together(unread: dict[str, np.ndarray], names: Iterable[str]) -> np.ndarray:
+    """Take named columns out of `unread`; return them side by side, (n, columns)."""
+    return np.stack([unread.pop(name).reshape(-1) for name in names], axis=1)

@@ -37,8 +37,9 @@ Columns = dict[str, np.ndarray]  # each (n,)
 
 
 def choose_origin(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
-    """Return an origin (m) from which float32 holds `points`: zeros, or whole kilometres if they
-    are far away.
+    """Return an origin (m) from which float32 holds `points` exactly enough.
+
+    It is zero on each axis, or whole kilometres if they are far away on it.
 
     >>> choose_origin(np.array([[692012.0, 5336044.0, 520.0]]))
     array([ 692000., 5336000.,       0.])
@@ -52,8 +53,7 @@ def choose_origin(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
 
 
 def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]:
-    """Format a cloud's attributes as a binary PCD file; return it with the origin that was taken
-    off (m)."""
+    """Return a cloud's attributes as a binary PCD file, and the origin subtracted from it (m)."""
     points = attributes["positions"]
     origin = choose_origin(points) if points.dtype == np.float64 else np.zeros(3)
     near = (points - origin.astype(points.dtype)).astype(np.float32)
@@ -61,7 +61,7 @@ def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]
     if "normals" in attributes:
         columns |= _split(NORMALS[0], attributes["normals"].astype(np.float32))
     if "colors" in attributes:
-        red, green, blue = _bytes_of_colours(attributes["colors"]).astype(np.uint32).T
+        red, green, blue = _as_bytes(attributes["colors"]).astype(np.uint32).T
         columns["rgb"] = red << 16 | green << 8 | blue
     columns |= _single_columns(attributes, columns)
     comment = (
@@ -71,12 +71,12 @@ def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]
 
 
 def format_ply(attributes: Attributes) -> bytes:
-    """Format a cloud's attributes as a binary little-endian PLY file."""
+    """Return a cloud's attributes as a binary little-endian PLY file."""
     columns = dict(zip("xyz", attributes["positions"].T, strict=True))
     if "normals" in attributes:
         columns |= _split(NORMALS[1], attributes["normals"])
     if "colors" in attributes:
-        columns |= _split(COLOURS[0], _bytes_of_colours(attributes["colors"]))
+        columns |= _split(COLOURS[0], _as_bytes(attributes["colors"]))
     for name, column in _single_columns(attributes, columns).items():
         fitting = _fit_ply(name, column)
         if fitting is not None:
@@ -92,7 +92,11 @@ def format_ply(attributes: Attributes) -> bytes:
 
 
 def _single_columns(attributes: Attributes, columns_in_use: Mapping[str, object]) -> Columns:
-    """Further attributes of one number a point, by names that a header can hold."""
+    """Return attributes of one number a point, by names that a header can hold.
+
+    Positions, normals and colours are not among them. Others that do not fit are left out, with a
+    warning.
+    """
     columns: Columns = {}
     for name, values in attributes.items():
         if name in ("positions", "normals", "colors"):
@@ -108,7 +112,7 @@ def _single_columns(attributes: Attributes, columns_in_use: Mapping[str, object]
 
 
 def _fit_ply(name: str, column: Shaped[np.ndarray, " n"]) -> np.ndarray | None:
-    """Column of a type that PLY has; None, with a warning, if none holds its numbers."""
+    """Return a column in a type that PLY has; None, with a warning, if none holds its numbers."""
     if column.dtype.str[1:] in PLY_NAMES:
         return column
     lowest = int(column.min())
@@ -125,11 +129,12 @@ def _fit_ply(name: str, column: Shaped[np.ndarray, " n"]) -> np.ndarray | None:
 
 
 def _split(names: tuple[str, str, str], rows: Shaped[np.ndarray, "n 3"]) -> Columns:
+    """Return the three columns of rows by their names."""
     return dict(zip(names, np.ascontiguousarray(rows.T), strict=True))
 
 
-def _bytes_of_colours(colours: Shaped[np.ndarray, "n 3"]) -> np.ndarray:
-    """Colours as bytes; floats are shares of full intensity."""
+def _as_bytes(colours: Shaped[np.ndarray, "n 3"]) -> np.ndarray:
+    """Return colours as bytes; floats are shares of full intensity."""
     if colours.dtype.kind != "f":
         return np.clip(colours, 0, 255).astype(np.uint8)
     shares = np.nan_to_num(colours, nan=0.0)

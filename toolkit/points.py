@@ -43,12 +43,19 @@ def frame_points(
     height: float | None = None,
     rng: Rng | None = None,
 ) -> list[Float32[np.ndarray, "_ 3"]]:
-    """Points of each sensor inside the detection area, world frame: an (n, 3) array per sensor.
+    """Return the points of each sensor inside the detection area, world frame, (n, 3) each.
 
-    sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points
-    with 0 < z < height stay, by default the site's own height, else 4 m; z counts from the plane of
-    a site that slopes. rng draws the sensors' noise; without one the measurements are taken as they
-    are. Raises ValueError for an unknown sensor or an empty area."""
+    Args:
+        frame: Measurements of all sensors at one time.
+        sensors: Indices or names; None for all.
+        area: Site, or xmin, ymin, xmax, ymax (m).
+        height: Points with 0 < z < height (m) stay; the site's by default, else 4 m. On a site that
+            slopes, z counts from its plane.
+        rng: Draws the sensors' noise; without one the measurements are taken as they are.
+
+    Raises:
+        ValueError: A sensor is unknown, or the area is empty.
+    """
     crop = Crop.of(area, height)
     return [
         crop_sensor(frame, index, crop, rng) for index in select_sensors(frame.sensors, sensors)
@@ -58,7 +65,10 @@ def frame_points(
 def crop_sensor(
     frame: Frame, index: int, crop: "Crop", rng: Rng | None = None
 ) -> Float32[np.ndarray, "_ 3"]:
-    """Points of one sensor inside a crop, see `frame_points`."""
+    """Return the points (n, 3) of sensor number `index` inside a crop, world frame.
+
+    rng draws the noise of an image; clouds that were recorded have theirs.
+    """
     sensor = frame.sensors[index]
     measurement = frame.measurements[index]
     if isinstance(measurement, SensorCloud):
@@ -66,10 +76,9 @@ def crop_sensor(
         return points[crop.holds(points)].astype(np.float32)
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
-    xyz, keep = crop_image(
-        sensor, measurement, crop, shift=frame.shifts[index] if frame.shifts else None
-    )
-    return np.ascontiguousarray(xyz.take(keep, axis=1).T)
+    shift = frame.shifts[index] if frame.shifts else None
+    xyz, pixels = crop_image(sensor, measurement, crop, shift=shift)
+    return np.ascontiguousarray(xyz.take(pixels, axis=1).T)
 
 
 class Crop(NamedTuple):
@@ -81,21 +90,23 @@ class Crop(NamedTuple):
 
     @staticmethod
     def of(place: Area, height: float | None = None) -> "Crop":
-        """Crop of a site or an area below `height`, by default the site's own, else 4 m (paper
-        section II-B)."""
+        """Return the crop of a site or an area (xmin, ymin, xmax, ymax, m) below `height` (m).
+
+        The height is the site's by default, else 4 m (paper section II-B).
+        """
         if height is not None and np.isnan(height):
             raise ValueError("height must be a number of metres, got NaN")
-        area, default_height = (
-            (place.area, place.height) if isinstance(place, Site) else (check_area(place), 4.0)
-        )
-        return Crop(
-            tuple(area.tolist()), default_height if height is None else height, get_slope(place)
-        )
+        if isinstance(place, Site):
+            area, default_height = place.area, place.height
+        else:
+            area, default_height = check_area(place), 4.0
+        top = default_height if height is None else height
+        return Crop(tuple(area.tolist()), height=top, slope=get_slope(place))
 
     def holds(self, points: Points, floor: float = 0.0) -> Mask:
-        """Mask of kept points (world). floor: in place of ground."""
-        level = points if self.slope == LEVEL else level_rows(points, self.slope)
-        return is_inside(level, np.array(self.area), self.height, floor)
+        """Return the mask of points (world frame) inside, at floor < z < height."""
+        levelled = points if self.slope == LEVEL else level_rows(points, self.slope)
+        return is_inside(levelled, np.array(self.area), self.height, floor)
 
 
 def crop_image(
@@ -105,7 +116,10 @@ def crop_image(
     *,
     shift: ImageVectors | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
-    """x, y, z in the world of every pixel, and rows of the kept ones. shift: see `Frame.shifts`."""
+    """Return x, y, z in the world of every pixel, and the numbers of those inside the crop.
+
+    Pixels are numbered row by row. shift: motion of each pixel during the sweep (`Frame.shifts`).
+    """
     xyz, valid = unproject(sensor, measurement, shift)
     return xyz, np.flatnonzero(valid & crop.holds(xyz.T))
 
@@ -113,8 +127,11 @@ def crop_image(
 def is_inside(
     points: Points, area: Float64[np.ndarray, "4"], height: float = 4.0, floor: float = 0.0
 ) -> Mask:
-    """Mask of points in the area, its edge included, and between `floor` and `height`, both
-    excluded, as published."""
+    """Return the mask of points in the area and between `floor` and `height` (m).
+
+    The area's edge (xmin, ymin, xmax, ymax, m) is included, floor and height are not, as in the
+    published code.
+    """
     x, y, z = points.T
     xmin, ymin, xmax, ymax = area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)
@@ -123,7 +140,7 @@ def is_inside(
 def count_on_ground(
     points: Points, boxes: Float64[np.ndarray, "m 7"], place: Area
 ) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box, levelled on a slope."""
+    """Return the number of points in each box, on level ground if the place slopes."""
     slope = get_slope(place)
     return count_points(level_rows(points, slope), level_rows(boxes, slope))
 
@@ -131,7 +148,7 @@ def count_on_ground(
 def detect_on_ground(
     detector: Detector, points: Float32[np.ndarray, "n 3"], place: Area
 ) -> Detections:
-    """Run a detector of level ground on ground that slopes."""
+    """Run a detector on levelled points, and return its boxes on the ground of the place."""
     slope = get_slope(place)
     if slope == LEVEL:
         return detector(points)
@@ -145,9 +162,13 @@ def detect_unions_on_ground(
     unions: Bool[np.ndarray, "U C"],
     place: Area,
 ) -> list[Detections]:
-    """Run `detect_on_ground` on many unions of the same clouds."""
+    """Return the detections in each union of the clouds, as `detect_on_ground` for one.
+
+    unions: a row for each, True for its clouds.
+    """
     slope = get_slope(place)
-    level_detections = detector.unions([level_rows(cloud, slope) for cloud in clouds], unions)
+    level_clouds = [level_rows(cloud, slope) for cloud in clouds]
+    level_detections = detector.unions(level_clouds, unions)
     return [
         replace(detections, boxes=tilt_rows(detections.boxes, slope))
         for detections in level_detections
@@ -157,13 +178,13 @@ def detect_unions_on_ground(
 def join_clouds(
     clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]
 ) -> Points:
-    """Join the clouds of a union, in their order."""
+    """Return the points of the clouds that `union` marks, in their order."""
     members = [cloud for cloud, is_member in zip(clouds, union, strict=True) if is_member]
     return np.concatenate(members) if members else np.zeros((0, 3), np.float32)
 
 
 def has_centre_inside(boxes: BoxRows, area: Float64[np.ndarray, "4"]) -> Mask:
-    """Mask of boxes with their centre in the area."""
+    """Return the mask of boxes with their centre in the area (xmin, ymin, xmax, ymax, m)."""
     (x, y), (xmin, ymin, xmax, ymax) = boxes[:, :2].T, area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
 
@@ -171,28 +192,32 @@ def has_centre_inside(boxes: BoxRows, area: Float64[np.ndarray, "4"]) -> Mask:
 def is_beyond(
     points: Points, sensor: Sensor | Pose, radius: float, metric: Distance = "horizontal"
 ) -> Mask:
-    """Mask of points outside a circle of `radius` (m) about a sensor or a camera's pose (paper
-    section II-E). "horizontal" measures in the world's horizontal plane, as the paper says;
-    "published" in the plane of the sensor's forward and sideways axes, tilted with it, as its code
-    does."""
+    """Return the mask of points outside a circle about a sensor (paper section II-E).
+
+    Args:
+        points: World frame.
+        sensor: Sensor, or the pose of a camera (world_SE3_camera).
+        radius: m.
+        metric: "horizontal" measures in the world's horizontal plane, as the paper states;
+            "published" in the plane of the sensor's forward and sideways axes, which tilts with
+            it, as its code does.
+    """
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0 m, got {radius}")
-    if metric == "horizontal":  # a sensor stands where its body does
-        across = (
-            points[:, :2] - np.asarray(sensor.pose if isinstance(sensor, Sensor) else sensor)[:2, 3]
-        )
+    if metric == "horizontal":  # camera and body of a sensor have one position
+        pose = sensor.pose if isinstance(sensor, Sensor) else sensor
+        offsets = points[:, :2] - np.asarray(pose)[:2, 3]
     elif metric == "published":
-        body = (
-            sensor.world_SE3_body
-            if isinstance(sensor, Sensor)
-            else sensor @ invert(BODY_SE3_CAMERA)
-        )
-        across = (points - body[:3, 3]) @ body[:3, :2]
+        if isinstance(sensor, Sensor):
+            world_SE3_body = sensor.world_SE3_body
+        else:
+            world_SE3_body = sensor @ invert(BODY_SE3_CAMERA)
+        offsets = (points - world_SE3_body[:3, 3]) @ world_SE3_body[:3, :2]
     else:
         raise ValueError(f'metric must be "horizontal" or "published", got {metric!r}')
-    return np.einsum("ij,ij->i", across, across) > radius**2
+    return np.einsum("ij,ij->i", offsets, offsets) > radius**2
 
 
 def get_slope(place: Area) -> Slope:
-    """Slope of a place (m per m)."""
+    """Return the slope of a site's ground (m per m along x and y); level for a plain area."""
     return place.relief.slope if isinstance(place, Site) else LEVEL

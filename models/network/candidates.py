@@ -144,7 +144,9 @@ def suppress_boxes(
     xmin, ymin, xmax, ymax = config.area
     x = boxes[:, 0]
     y = boxes[:, 1]
-    is_inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)
+    is_inside_x = (x >= xmin) & (x <= xmax)
+    is_inside_y = (y >= ymin) & (y <= ymax)
+    is_inside = is_inside_x & is_inside_y & torch.isfinite(boxes).all(1)
     best, label = scores[is_inside].max(1)
     labels = np.array([label_index(name) for name in config.labels])[label.cpu().numpy()]
     detections = Detections(
@@ -244,7 +246,9 @@ def rescore(
 
     rows: slope, intercept and weights, for each score or one for all.
     """
-    return sigmoid(rows[:, 0] * logit(scores) + rows[:, 1] - (rows[:, 2:] * rivals).sum(axis=1))
+    log_odds = rows[:, 0] * logit(scores) + rows[:, 1]
+    penalty = (rows[:, 2:] * rivals).sum(axis=1)
+    return sigmoid(log_odds - penalty)
 
 
 def logit(scores: _Scores) -> _Scores:

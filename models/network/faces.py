@@ -111,7 +111,8 @@ def move_faces(
     front, rear = np.split(end, 2)
     left, right = np.split(side, 2)
     boxes = boxes.copy()
-    grown = np.maximum(np.stack([front + rear, left + right, top], axis=1), -0.8 * boxes[:, 3:6])
+    growth = np.stack([front + rear, left + right, top], axis=1)
+    grown = np.maximum(growth, -0.8 * boxes[:, 3:6])
     ahead = (front - rear) / 2
     aside = (left - right) / 2
     cos = np.cos(boxes[:, 6])
@@ -155,12 +156,10 @@ def face_features(
     u = x * cos + y * sin
     v = y * cos - x * sin
     t = z + height / 2
-    is_near = (
-        (np.abs(u) < length / 2 + last_bin_m)
-        & (np.abs(v) < width / 2 + last_bin_m)
-        & (t > FLOOR_GAP_M)
-        & (t < height + last_bin_m)
-    )
+    is_near_along = np.abs(u) < length / 2 + last_bin_m
+    is_near_across = np.abs(v) < width / 2 + last_bin_m
+    is_near_height = (t > FLOOR_GAP_M) & (t < height + last_bin_m)
+    is_near = is_near_along & is_near_across & is_near_height
     row = row[is_near]
     u = u[is_near]
     v = v[is_near]

@@ -165,7 +165,9 @@ def decode(
     scale = torch.cat((diagonal, diagonal, size[..., 2:]), -1)
     centre = anchors[..., :3] + residuals[..., :3] * scale
     angle = residuals[..., 6:]
-    delta = angle if angle.shape[-1] == 1 else torch.atan2(angle[..., :1], angle[..., 1:]) / 2
+    delta = angle
+    if angle.shape[-1] != 1:
+        delta = torch.atan2(angle[..., :1], angle[..., 1:]) / 2
     if direction is not None:
         delta = delta + math.pi * direction[..., None]
     yaw = anchors[..., 6:] + delta

@@ -85,13 +85,14 @@ def is_quick_at_bfloat16(device: torch.device) -> bool:
     exact = []
     coarse = []
     for _ in range(5):
-        exact.append(_time_layer(torch.float32))
-        coarse.append(_time_layer(torch.bfloat16))
+        exact.append(time_layer(torch.float32))
+        coarse.append(time_layer(torch.bfloat16))
     return min(coarse) < 0.8 * min(exact)
 
 
 @torch.inference_mode()
-def _time_layer(dtype: torch.dtype) -> float:
+def time_layer(dtype: torch.dtype) -> float:
+    """Time a layer as the networks have it (s)."""
     layer = nn.Conv2d(48, 48, 3, padding=1).to(dtype)
     x = torch.ones(1, 64, 96, 48, dtype=dtype).movedim(3, 1)
     layer(x)  # channels last, as in the network
@@ -113,7 +114,8 @@ def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tupl
     """Weight and bias of a layer and its BatchNorm."""
     scale, shift = scale_and_shift(norm)
     bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
-    return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
+    scale_by_output = scale.view(-1, *(1,) * (layer.weight.ndim - 1))
+    return layer.weight.detach() * scale_by_output, bias
 
 
 def _fold_layer(layer: Any) -> nn.Conv2d | nn.ConvTranspose2d:
@@ -158,9 +160,8 @@ class FoldedRegionProposal(nn.Module):
             for layer in order:
                 x = torch.relu_(block[layer](x))
             maps.append(x)
-        return Prediction(
-            *torch.split(cell_by_cell(self.outputs, self.join(maps)).float(), self.channels, 1)
-        )
+        outputs = cell_by_cell(self.outputs, self.join(maps)).float()
+        return Prediction(*torch.split(outputs, self.channels, 1))
 
 
 class PlainJoin(nn.Module):
@@ -174,16 +175,11 @@ class PlainJoin(nn.Module):
         if rpn.add:
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
-            self.upsample = nn.ModuleList(
-                make_conv(
-                    layer.weight * scale[:, None, None],
-                    bias,
-                    layer.stride[0],
-                    layer.padding[0],
-                    transposed=True,
-                )
-                for layer, bias in zip(layers, (shift, None, None), strict=True)
-            )
+            self.upsample = nn.ModuleList()
+            for layer, bias in zip(layers, (shift, None, None), strict=True):
+                weight = layer.weight * scale[:, None, None]
+                conv = make_conv(weight, bias, layer.stride[0], layer.padding[0], transposed=True)
+                self.upsample.append(conv)
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
         """Feature map of the head."""
@@ -216,10 +212,8 @@ class LinearHead(nn.Module):
         at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)
         self.conv3x3 = make_conv(at_fine, _bias(head.conv3x3), padding=1)
         self.middle = make_conv(_compose(middle.weight, at_middle), None, 2, 1, transposed=True)
-        biases = (
-            torch.cat((at_coarse, at_middle), 1)
-            * torch.cat((coarse.bias, middle.bias))[:, None, None]
-        )
+        joined_bias = torch.cat((coarse.bias, middle.bias))
+        biases = torch.cat((at_coarse, at_middle), 1) * joined_bias[:, None, None]
         ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
         weight = torch.cat(
             (
@@ -293,7 +287,7 @@ class SparseColumns(nn.Module):
 
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of
     its map, depending on whether its row and column are even or odd. Each of the nine taps serves
-    the columns of one such kind and sends no two of them to the same cell. Cells without a column
+    the columns of one such kind and sends no two columns to the same cell. Cells without a column
     hold the bias.
     """
 
@@ -386,7 +380,7 @@ class SparseMiddle(nn.Module):
     A convolution is linear: its output is the output for an empty grid plus the output for the
     difference between its input and an empty grid's. The difference is zero wherever no point
     reaches, so only rows of reached cells are kept and multiplied. An empty grid's response varies
-    only at its borders, so a small empty grid describes all of it. Channels are last in memory,
+    only at its borders, so a small empty grid describes it. Channels are last in memory,
     level by level (`channel_order`).
     """
 
@@ -414,10 +408,8 @@ class SparseMiddle(nn.Module):
         position = plane.place(item, ix, iy)
         mask = torch.zeros(self.shape[2], plane.size, dtype=torch.bool, device=features.device)
         mask[iz, position] = True
-        reached = Reached(
-            mask,
-            torch.empty_like(features).index_copy_(0, count_before(mask)[iz, position], features),
-        )
+        order = count_before(mask)[iz, position]
+        reached = Reached(mask, torch.empty_like(features).index_copy_(0, order, features))
         for layer in self.layers:
             reached, values = layer(reached, plane)
         level, position = torch.nonzero(reached.mask, as_tuple=True)
@@ -451,7 +443,8 @@ class SparseConvolution(nn.Module):
         empty = self.empty[level, _kind(ix, plane.nx), _kind(iy, plane.ny)]
         sums = empty.clone()
         step = torch.arange(-1, 2, dtype=torch.int32, device=position.device)
-        neighbours = position.int()[:, None] + (step[:, None] * (plane.ny + 2) + step).view(-1)
+        offsets = (step[:, None] * (plane.ny + 2) + step).view(-1)
+        neighbours = position.int()[:, None] + offsets
         inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())
         rows = mask.sum(1).tolist()
         level_sums = torch.split(sums, rows)
@@ -480,7 +473,8 @@ class SparseConvolution(nn.Module):
         x = _kind(torch.arange(plane.nx, device=self.empty.device), plane.nx)
         y = _kind(torch.arange(plane.ny, device=self.empty.device), plane.ny)
         small = torch.relu(self.empty).permute(1, 2, 0, 3).contiguous()
-        return small[x[:, None], y].expand(plane.items, -1, -1, -1, -1).contiguous()
+        response = small[x[:, None], y]
+        return response.expand(plane.items, -1, -1, -1, -1).contiguous()
 
 
 def count_before(mask: Bool[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:

@@ -104,12 +104,11 @@ class PlacedClouds(NamedTuple):
             is_reached_x = (from_x >= size - before) | (dx == 0)
             is_reached_y = (from_y >= size - before) | (dy == 0)
             is_reached = is_reached_x & is_reached_y
-            tile_rows = torch.nonzero(is_reached & (tx + dx < grid[0]) & (ty + dy < grid[1]))[:, 0]
+            is_on_grid = (tx + dx < grid[0]) & (ty + dy < grid[1])
+            tile_rows = torch.nonzero(is_reached & is_on_grid)[:, 0]
             rows.append(tile_rows)
-            keys.append(
-                ((tx[tile_rows] + dx) * grid[1] + ty[tile_rows] + dy) * self.clouds
-                + self.cloud[tile_rows]
-            )
+            tile = (tx[tile_rows] + dx) * grid[1] + ty[tile_rows] + dy
+            keys.append(tile * self.clouds + self.cloud[tile_rows])
         row = torch.cat(rows)
         key = torch.cat(keys)
         order = torch.argsort(key * max(len(self.points), 1) + row)
@@ -257,9 +256,12 @@ def tileable(network: SparseVoxelNet) -> bool:
 
 def choose_size(rows: int, columns: int) -> int:
     """Side of the tiles that compute the fewest cells of a map, including their borders."""
-    return min(
-        TILE_SIZES, key=lambda size: -(-rows // size) * -(-columns // size) * (size + 2) ** 2
-    )
+
+    def count_cells(size: int) -> int:
+        tiles = -(-rows // size) * -(-columns // size)
+        return tiles * (size + 2) ** 2
+
+    return min(TILE_SIZES, key=count_cells)
 
 
 class TiledVoxelNet:
@@ -377,9 +379,8 @@ class TiledVoxelNet:
             x: Tensor = middle(
                 self._network.features(voxels), local, (wide, wide, self.config.grid_shape[2])
             )
-            return self._within(
-                x.permute(0, 2, 3, 1)[:, 1:, 1:].to(self._finest.weight.dtype), tiles
-            )
+            cells = x.permute(0, 2, 3, 1)[:, 1:, 1:]
+            return self._within(cells.to(self._finest.weight.dtype), tiles)
 
         return entries.bank(convolve)
 

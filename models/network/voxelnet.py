@@ -262,12 +262,11 @@ class Head(nn.Module):
         """Raw maps."""
         if self.conv3x3 is not None:
             x = torch.relu(self.conv3x3(x))
-        return Prediction(
-            self.classes(x),
-            self.residuals(x),
-            None if self.direction is None else self.direction(x),
-            None if self.quality is None else self.quality(x),
-        )
+        classes = self.classes(x)
+        residuals = self.residuals(x)
+        direction = None if self.direction is None else self.direction(x)
+        quality = None if self.quality is None else self.quality(x)
+        return Prediction(classes, residuals, direction, quality)
 
 
 def conv_norm_relu(conv: nn.Conv2d | nn.Conv3d) -> nn.Sequential:

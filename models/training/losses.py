@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from models.config import AnchorKind
+from models.anchor_kind import AnchorKind
 from models.network.grid import decode, encode_residuals, faces_back, per_anchor
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, BoxRows, Float, Int64, Mask, Rng, Shaped
@@ -63,16 +63,17 @@ def assign(
         size = _snap_size(anchors[window])
         box_size = _snap_size(box)
         gap = np.abs(anchors[window][..., :2] - box[:2])
-        overlap_area = (
-            np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
-        )
+        smaller = np.minimum(size, box_size)
+        shared_sides = np.minimum(smaller, (size + box_size) / 2 - gap).clip(0)
+        overlap_area = shared_sides.prod(-1)
         iou = overlap_area / (size.prod(-1) + box_size.prod() - overlap_area)
         is_better = iou > overlap[window]
         overlap[window][is_better] = iou[is_better]
         owner[window][is_better] = row
         if iou.size and iou.max() >= best:
             i, j, yaw = map(int, np.unravel_index(np.argmax(iou), iou.shape))
-            best_anchors.append(((window[0].start + i, window[1].start + j, yaw), row))
+            cell = (window[0].start + i, window[1].start + j)
+            best_anchors.append(((*cell, yaw), row))
     labels = np.where(overlap <= negative, NEGATIVE, IGNORED)
     labels = np.where(overlap > positive, POSITIVE, labels).astype(np.int8)
     for anchor, row in best_anchors:
@@ -86,7 +87,8 @@ def assign(
         ahead = np.abs(dx * cos + dy * sin)
         aside = np.abs(dy * cos - dx * sin)
         is_within = (ahead <= box[3] / 2) & (aside <= box[4] / 2)
-        labels[window][(labels[window] == NEGATIVE) & is_within] = IGNORED
+        is_negative = labels[window] == NEGATIVE
+        labels[window][is_negative & is_within] = IGNORED
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
@@ -99,7 +101,8 @@ def assign_by_kind(
 ) -> Assignment:
     """Match anchors to objects of their class; owners are rows of `boxes`.
 
-    is_required: objects that should be detected; negatives on the others of that class are ignored.
+    is_required: objects that should be detected; negatives on other objects of the class are
+    ignored.
     """
     parts = []
     first_anchor = 0
@@ -130,7 +133,9 @@ def sample(
     for kind, max_count in ((POSITIVE, positives), (NEGATIVE, size)):
         rows = np.flatnonzero(flat == kind)
         room = min(max_count, size - int((labels == POSITIVE).sum()))
-        labels[rows if len(rows) <= room else rng.choice(rows, room, replace=False)] = kind
+        if len(rows) > room:
+            rows = rng.choice(rows, room, replace=False)
+        labels[rows] = kind
     return Assignment(labels.reshape(assignment.labels.shape), assignment.owner)
 
 
@@ -143,8 +148,9 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
 
 
 def _snap_size(boxes: np.ndarray) -> np.ndarray:
-    across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
-    return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
+    yaw = boxes[..., 6:]
+    is_across = np.abs(np.sin(yaw)) > np.abs(np.cos(yaw))
+    return np.where(is_across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 
 
 def paper_loss(
@@ -184,7 +190,7 @@ def quality_loss(
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]
     maps = Prediction(
-        *(per_anchor(share_each, count) for share_each in prediction if share_each is not None)
+        *(per_anchor(channels, count) for channels in prediction if channels is not None)
     )
     assert maps.direction_logits is not None
     assert maps.quality_logits is not None
@@ -192,9 +198,8 @@ def quality_loss(
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
     number = torch.bincount(kind[positive[3]], minlength=int(kind.max()) + 1).clamp(min=1)
     share = 1 / number[kind]  # weight of one anchor of its class, per anchor of a cell
-    classes_lost = focal_loss(
-        maps.class_logits[..., 0], labels == POSITIVE, share * (labels != IGNORED)
-    )
+    counted_share = share * (labels != IGNORED)
+    class_loss = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, counted_share)
     share_each = share[positive[3]]
     anchor = anchors[positive[1:]]
     target_boxes = boxes[positive]
@@ -203,16 +208,21 @@ def quality_loss(
     quality = maps.quality_logits[..., 0][positive]
     is_backwards = faces_back(target_boxes, anchor)
     overlap = nearly_aligned_iou(decode(residuals, anchor, is_backwards), target_boxes)
-    box = F.smooth_l1_loss(
-        residuals, encode_residuals(target_boxes, anchor), beta=0.02, reduction="none"
-    ).sum(1)
+    target_residuals = encode_residuals(target_boxes, anchor)
+    box_losses = F.smooth_l1_loss(residuals, target_residuals, beta=0.02, reduction="none").sum(1)
     cross_entropy = partial(F.binary_cross_entropy_with_logits, reduction="sum")
+    # gradients are added in the reverse of this order
+    box_loss = 2 * (share_each * box_losses).sum()
+    iou_loss = (share_each * (1 - overlap)).sum()
+    direction_loss = 0.2 * cross_entropy(direction, is_backwards.float(), share_each)
+    quality_target = overlap.detach().clamp(0, 1)
+    predicted_loss = 0.5 * cross_entropy(quality, quality_target, share_each)
     return {
-        "class": classes_lost,
-        "box": 2 * (share_each * box).sum(),
-        "iou": (share_each * (1 - overlap)).sum(),
-        "direction": 0.2 * cross_entropy(direction, is_backwards.float(), share_each),
-        "quality": 0.5 * cross_entropy(quality, overlap.detach().clamp(0, 1), share_each),
+        "class": class_loss,
+        "box": box_loss,
+        "iou": iou_loss,
+        "direction": direction_loss,
+        "quality": predicted_loss,
     }
 
 
@@ -241,11 +251,10 @@ def nearly_aligned_iou(
     gap = torch.stack((dx * cos + dy * sin, dy * cos - dx * sin, dz), 1).abs()
     size = boxes[:, 3:6]
     target = targets[:, 3:6]
-    turned = torch.sin(boxes[:, 6] - targets[:, 6]).abs()[:, None] * target[:, [1, 0]] / 4
+    sin_difference = torch.sin(boxes[:, 6] - targets[:, 6]).abs()
+    turned = sin_difference[:, None] * target[:, [1, 0]] / 4
     lost = torch.cat((turned, torch.zeros_like(turned[:, :1])), 1)
-    shared = (
-        (torch.minimum(torch.minimum(size, target), (size + target) / 2 - gap) - lost)
-        .clamp(min=0)
-        .prod(1)
-    )
+    smaller = torch.minimum(size, target)
+    shared_sides = torch.minimum(smaller, (size + target) / 2 - gap) - lost
+    shared = shared_sides.clamp(min=0).prod(1)
     return shared / (size.prod(1) + target.prod(1) - shared)

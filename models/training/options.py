@@ -31,9 +31,9 @@ class TrainingOptions:
             from.
         preset: fast, general, varied (thinner clouds, uneven ground) or paper; general at site
             general, else fast.
-        classes: Classes to detect: vehicle, heavy, cyclist, pedestrian; those of --start, or
-            vehicle, when left out.
-        faces: Classes with boxes measured by a second stage; those of --start when left out.
+        classes: Classes to detect: vehicle, heavy, cyclist, pedestrian; the classes of
+            --start, or vehicle, when left out.
+        faces: Classes with boxes measured by a second stage; as in --start when left out.
         calibrate: Fit scores and thresholds on the frames of --validate; implied if --start is
             calibrated.
         size: The light network, or one as wide as the published.
@@ -52,7 +52,7 @@ class TrainingOptions:
         device: cpu or cuda; cuda if present when left out.
         bfloat16: Multiply in bfloat16 on the CPU as on cuda: faster on a CPU that supports it, else
             slower.
-        threads: Threads of PyTorch; fewer are faster beside other programs.
+        threads: Threads of PyTorch; fewer are faster next to other programs.
         workers: Processes that prepare examples.
         checkpoint_s: Seconds between checkpoints.
         overwrite: Replace another training in the folder."""
@@ -97,9 +97,7 @@ class TrainingOptions:
             if value is not None and not 0 < value < float("inf"):
                 raise ValueError(f"{option(name)} must be above 0, got {value}")
         if self.epochs is not None and self.seconds is not None:
-            raise ValueError(
-                "--epochs and --seconds both say when the training ends: leave one of them out"
-            )
+            raise ValueError("--epochs and --seconds both end the training: leave one out")
         if self.seed < 0 or self.workers < 0:
             raise ValueError(
                 f"--seed and --workers must not be negative, got {self.seed} and {self.workers}"

@@ -9,13 +9,13 @@ its layout, flat arrays that need only numpy and h5py:
                                 after the other: uint32 pixel number (row · columns + column),
                                 float32 measurement (m)
     rigs/{r}/ends               (s,) ends of the pixels of each sensor
-    frames/rig, frames/ends     (t,) rig of each frame, and (t, s + 1) where the changed pixels of
-                                each sensor begin and the last ones end
+    frames/rig, frames/ends     (t,) rig of each frame, and (t, s + 1) begin of the changed
+                                pixels of each sensor, and end of the last ones
     pixels, steps               (p,) changed pixels, and their measurement in 1/512 m, 0 for none
-    boxes, labels, box_ends     objects of all frames, and (t + 1,) where those of each frame begin
-    clouds/frames, ends, points where there are frames of recorded clouds: (f,) which, (f, s + 1)
-                                where the points of each sensor begin and the last ones end, (p, 3)
-                                the points in 1/512 m, on level ground
+    boxes, labels, box_ends     objects of all frames, and (t + 1,) begin of each frame's
+    clouds/frames, ends, points for frames of recorded clouds: (f,) their numbers, (f, s + 1) begin
+                                of the points of each sensor and end of the last ones, (p, 3) the
+                                points in 1/512 m, on level ground
 """
 
 import math
@@ -178,7 +178,7 @@ class Rig:
         area: xmin ymin xmax ymax (m).
         height: Height of the crop (m).
         pixels: Pixels of each sensor that see the empty site in the crop.
-        depth: Measurement of each of these pixels (m).
+        depth: Measurement of each pixel (m).
         slope: Slope of the ground.
     """
 
@@ -246,13 +246,10 @@ class Rig:
         """Mask of points in the crop, widened by a margin (m)."""
         x, y, z = level_rows(points, self.slope).T
         xmin, ymin, xmax, ymax = self.area
-        is_inside = (
-            (x >= xmin - margin)
-            & (x <= xmax + margin)
-            & (y >= ymin - margin)
-            & (y <= ymax + margin)
-        )
-        return is_inside & (z > -margin) & (z < self.height + margin)
+        is_inside_x = (x >= xmin - margin) & (x <= xmax + margin)
+        is_inside_y = (y >= ymin - margin) & (y <= ymax + margin)
+        is_inside_z = (z > -margin) & (z < self.height + margin)
+        return is_inside_x & is_inside_y & is_inside_z
 
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
@@ -305,7 +302,10 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
 def _ascends(ends: np.ndarray, total: int) -> bool:
     """True if the numbers ascend, row after row, from 0 or more to at most the total."""
     flat = ends.ravel().astype(np.int64)
-    return not len(flat) or bool((np.diff(flat) >= 0).all() and flat[0] >= 0 and flat[-1] <= total)
+    if not len(flat):
+        return True
+    is_within = flat[0] >= 0 and flat[-1] <= total
+    return bool((np.diff(flat) >= 0).all() and is_within)
 
 
 def _check_pixels(pixels: np.ndarray, sensor: Sensor, name: str) -> None:

@@ -41,8 +41,8 @@ _MAX_SPEEDS_M_S = np.array([14.0, 7.0, 1.8, 12.0])  # by class
 def random_errors(rng: Rng) -> ErrorProfile:
     """Draw sensor errors, from none to beyond `poor`."""
 
-    def strength(chance: float, most: float) -> float:
-        return float(rng.uniform(0, most)) if rng.random() < chance else 0.0
+    def strength(chance: float, maximum: float) -> float:
+        return float(rng.uniform(0, maximum)) if rng.random() < chance else 0.0
 
     terms: tuple[ErrorTerm, ...] = (
         error_terms.Glass(share=strength(0.6, 1.0)),
@@ -95,9 +95,8 @@ def with_errors(
         truth = TrueImage(sensor, image, objects, velocities=velocities)
         reading = errors.read(truth, seed=seed, sensor=s, frame=k)
         measured = reading.measurement.ravel()
-        seen = np.flatnonzero(
-            reading.valid.ravel() & ((flat < outside_m) | (measured < 0.9 * outside_m))
-        ).astype(np.uint32)
+        is_inside = (flat < outside_m) | (measured < 0.9 * outside_m)
+        seen = np.flatnonzero(reading.valid.ravel() & is_inside).astype(np.uint32)
         believed_rig = Rig(
             (Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ()
         )
@@ -115,11 +114,8 @@ def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
     """
     rng = np.random.default_rng([seed, 7])
     yaw = objects.boxes[:, 6]
-    speed = (
-        rng.uniform(0, 1, len(objects))
-        * _MAX_SPEEDS_M_S[objects.labels]
-        * (rng.random(len(objects)) < 0.5)
-    )
+    max_speed = rng.uniform(0, 1, len(objects)) * _MAX_SPEEDS_M_S[objects.labels]
+    speed = max_speed * (rng.random(len(objects)) < 0.5)
     return np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), np.zeros(len(yaw))])
 
 
@@ -252,12 +248,12 @@ class Samples(torch.utils.data.Dataset[Batch]):
         window = grid[2:] - grid[:2]
         middle = (area[:2] + area[2:]) / 2
         room = ((area[2:] - area[:2] - window) / 2).clip(0)
-        target = (
-            targets[rng.integers(len(targets))] if len(targets) else rng.uniform(area[:2], area[2:])
-        )
-        centre = np.clip(
-            target + rng.uniform(-window / 2, window / 2), middle - room, middle + room
-        )
+        if len(targets):
+            target = targets[rng.integers(len(targets))]
+        else:
+            target = rng.uniform(area[:2], area[2:])
+        offset = rng.uniform(-window / 2, window / 2)
+        centre = np.clip(target + offset, middle - room, middle + room)
         if recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)
         if recipe.thinned and rng.random() < recipe.thinned:
@@ -310,15 +306,12 @@ def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray
         move = rng.normal(0, 0.5, 2)
         old = boxes[index, :2].copy()
         is_other = np.arange(len(boxes)) != index
-        if (
-            np.linalg.norm(boxes[is_other, :2] - (old + move), axis=1)
-            < reach[is_other] + reach[index]
-        ).any():
+        distances = np.linalg.norm(boxes[is_other, :2] - (old + move), axis=1)
+        if (distances < reach[is_other] + reach[index]).any():
             continue
         is_in_object = is_in_box[:, index]
-        points[is_in_object, :2] = (
-            (points[is_in_object, :2] - old) @ plane_rotation(turn).T + old + move
-        )
+        offsets = points[is_in_object, :2] - old
+        points[is_in_object, :2] = offsets @ plane_rotation(turn).T + old + move
         boxes[index, :2] += move
         boxes[index, 6] += turn
     return points, boxes

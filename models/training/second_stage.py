@@ -147,11 +147,9 @@ def compute_recording_ap(
         by_iou = evaluate(
             detections, truths, iou_thresholds=thresholds, counted=counted, label=label
         )
-        figures |= {
-            f"{prefix}AP@{at_iou:g}": figures_at.ap
-            for at_iou, figures_at in by_iou.items()
-            if figures_at.truths or is_vehicle
-        }
+        for iou, result in by_iou.items():
+            if result.truths or is_vehicle:
+                figures[f"{prefix}AP@{iou:g}"] = result.ap
     return figures
 
 
@@ -217,12 +215,10 @@ def platt(
     def lost(answer: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = rows @ answer
         deviation = answer - neutral
-        loss = float(
-            np.logaddexp(0.0, log_odds).sum()
-            - log_odds[hits].sum()
-            + _RIDGE / 2 * deviation @ deviation
-        )
-        return loss, rows.T @ (sigmoid(log_odds) - hits) + _RIDGE * deviation
+        likelihood = np.logaddexp(0.0, log_odds).sum() - log_odds[hits].sum()
+        loss = float(likelihood + _RIDGE / 2 * deviation @ deviation)
+        slope = rows.T @ (sigmoid(log_odds) - hits) + _RIDGE * deviation
+        return loss, slope
 
     bounds = [(_MIN_SLOPE, None), (None, None), *((0.0, None) for _ in rivals.T)]
     solution = minimize(
@@ -260,8 +256,8 @@ def fit_calibration(
     """Network with calibration, rivalry and a threshold per class.
 
     Each threshold is the lowest above which `MIN_PRECISION` of the detections are true, over the
-    first `count` frames (None: all) of a file that training did not use. Some of them are seen by
-    some of the sensors or by sensors with errors."""
+    first `count` frames (None: all) of a file that training did not use. Some frames are seen
+    by a part of the sensors or by sensors with errors."""
     bare = rebuild(network, score_threshold=MIN_FIT_SCORE, **dict.fromkeys(FITTED, ()))
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
@@ -371,8 +367,8 @@ def face_examples(
 ) -> FaceExamples:
     """Collect examples of the first `count` frames (None: all).
 
-    Half of them are seen by a random subset of the sensors, some by sensors with errors. network:
-    detects them, without a second stage; None for only randomly displaced boxes.
+    Half of the frames are seen by a random subset of the sensors, some by sensors with errors.
+    network: detects them, without a second stage; None for only randomly displaced boxes.
     """
     detector_in = (
         None if network is None else detector_by_area(network, score_threshold=MIN_EXAMPLE_SCORE)

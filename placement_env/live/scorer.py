@@ -128,7 +128,7 @@ class LiveScorer:
             coarse=view.coarse or self.all_frames.are_awaited,
             problems=answer.problems + self._list_problems(variant),
         )
-        if len(self._answers) > MAX_ANSWERS:
+        if len(self._answers) >= MAX_ANSWERS:
             self._answers.clear()
         self._answers[variant] = answer
         return answer

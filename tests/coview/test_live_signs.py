@@ -44,8 +44,9 @@ def test_poles_streets_north_and_scale_are_signs(site):
     drawn, poles = Scene(), site.mounts[:3]
     labels = add_signs(drawn, site, poles)
     assert sorted(labels) == sorted(pole.name for pole in poles)
-    top = labels[poles[0].name].position[2]
-    assert top == pytest.approx(poles[0].position[2] + poles[0].max_height)
+    for pole in poles:
+        top = pole.position + np.array([0.0, 0.0, pole.max_height])
+        np.testing.assert_allclose(labels[pole.name].position, top)
     assert drawn.added["/signs/north/letter"].values == ("N",)
     assert drawn.added["/signs/scale/length"].values == ("20 m",)
     ends = drawn.added["/signs/scale"].values[0][0]
@@ -56,7 +57,54 @@ def test_poles_streets_north_and_scale_are_signs(site):
 
 def test_many_poles_have_no_names(site):
     many = [Mount(f"p{k}", np.array([0.1 * k, 0.0, 0.0])) for k in range(61)]
+    assert len(add_signs(Scene(), site, many[:60])) == 60
     assert add_signs(Scene(), site, many) == {}
+
+
+def test_signs_are_on_the_map_with_its_free_poles(site):
+    drawn = Scene()
+    add_signs(drawn, site, site.mounts[:3])
+    assert "/site/poles in use" not in drawn.added
+    fewer = Scene()
+    add_signs(fewer, site, site.mounts[:1])
+    counts = [len(made.added["/site/free poles"].values[0]) for made in (drawn, fewer)]
+    assert counts[0] == 3 * counts[1] > 0
+
+
+def test_on_bare_ground_north_is_in_the_far_corner_and_the_scale_in_the_near_one():
+    site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]))
+    drawn = Scene()
+    add_signs(drawn, site, ())
+    shaft, *heads = drawn.added["/signs/north"].values[0]
+    np.testing.assert_allclose(shaft, [[16.0, 10.0, 0.15], [16.0, 18.0, 0.15]], atol=1e-5)
+    assert sorted(head[0][0] for head in heads) == pytest.approx([15.0, 17.0])
+    assert [head[0][1] for head in heads] == pytest.approx([16.0, 16.0])
+    letter = drawn.added["/signs/north/letter"]
+    np.testing.assert_allclose(letter.position, [16.0, 19.5, 0.15])
+    line, *ticks = drawn.added["/signs/scale"].values[0]
+    np.testing.assert_allclose(line, [[-20.0, -19.0, 0.15], [-10.0, -19.0, 0.15]], atol=1e-5)
+    for end, tick in zip(line, ticks, strict=True):
+        np.testing.assert_allclose(tick[:, 0], [end[0]] * 2)
+        np.testing.assert_allclose(tick[:, 1], [-19.8, -18.2], atol=1e-5)
+    length = drawn.added["/signs/scale/length"]
+    assert length.values == ("10 m",)
+    np.testing.assert_allclose(length.position, line[1], atol=1e-5)
+    assert (length.anchor, letter.anchor) == ("center-left", "center-center")
+    assert letter.font_screen_scale > 1.0
+
+
+def test_names_of_poles_and_streets_are_smaller_than_north():
+    pole = Mount("p", np.array([0.0, 5.0, 0.0]))
+    drawn = Scene()
+    labels = add_signs(
+        drawn, Site("s", np.array([-20.0, -10.0, 20.0, 10.0]), network=STREETS), [pole]
+    )
+    streets = [sign for node, sign in drawn.added.items() if node.startswith("/signs/streets/")]
+    letter = drawn.added["/signs/north/letter"]
+    for sign in (labels["p"], *streets):
+        assert sign.font_screen_scale < 1.0 < letter.font_screen_scale
+    assert labels["p"].anchor == "bottom-center"
+    assert {sign.anchor for sign in streets} == {"center-center"}
 
 
 def test_signs_are_where_no_solid_is(site):
@@ -180,6 +228,7 @@ def test_a_picture_lies_where_it_was_placed(tmp_path):
     ground = float(site.ground(np.array([3.0, 4.0])))
     np.testing.assert_allclose(sign.position, (3.0, 4.0, ground), atol=0.1)
     assert sign.position[2] > ground
+    assert sign.cast_shadow is False
     np.testing.assert_allclose(sign.wxyz, (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
 
 

@@ -58,7 +58,7 @@ def test_an_error_by_its_type(error, code, debug, run, monkeypatch):
     def fail(dataset: str) -> int:
         raise error
 
-    monkeypatch.setattr(coview.commands.recordings.checks, "doctor", fail)
+    monkeypatch.setattr(coview.commands.recordings.checks, "doctor_command", fail)
     result, _, err = run("doctor", *["--debug"] * debug, "--dataset", "x")
     assert result == code
     assert ("Traceback" in err) == ((debug or code == 70) and code != 141)

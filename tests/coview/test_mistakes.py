@@ -128,7 +128,7 @@ def test_an_argument_is_refused_before_an_old_answer(
         ),
         (
             "detect CLOUDS/folder --detector general+background --out b.json",
-            "1 frames do not tell what waits from what belongs to the site",
+            "1 frames do not distinguish what waits from what belongs to the site",
         ),
         ("survey CLOUDS/note.txt", "is no recording: its ending is none of .hdf5, .h5, .bag"),
         ("view REC --sensors 9 --still CLOUDS/old.png", "no sensor 9: choose among 0..5 or d0"),
@@ -186,7 +186,7 @@ def test_an_argument_is_refused_before_an_old_answer(
         ("doctor REC --frames 0", "--frames must be at least 1, got 0"),
         (
             "view REC --out a.html --still a.png",
-            "--out writes a page, --still a picture: give one of them",
+            "--out writes a page, --still a picture: give only one",
         ),
         ("view REC --port 99999", "port must lie in 1..65535, got 99999"),
         ("site show tjunction --out t.txt", "a picture's name must end in .png or .svg, got t.txt"),
@@ -219,7 +219,7 @@ def test_an_argument_is_refused_before_an_old_answer(
                 f"site import --osm {MAP} --centre 8 49.5 --size 70 50 --out j.json --bearing 60 "
                 "--heading-deg 30"
             ),
-            "--bearing and --heading-deg are two directions of one axis: give one of them",
+            "--bearing and --heading-deg are two directions of one axis: give only one",
         ),
         (
             f"site import --osm {MAP} --centre 8 49.5 --size 70 50 --out j.json --bearing 600",
@@ -272,7 +272,10 @@ def test_an_argument_is_refused_before_an_old_answer(
             "a table's file must end in .npz, by which it is loaded, got t.json",
         ),
         ("surrogate tjunction --out s.npz", "the name of a surrogate must end in .json, got s.npz"),
-        ("surrogate --out s.json", "there is no site to fit to: name one, or say --random-sites 8"),
+        (
+            "surrogate --out s.json",
+            "there is no site to fit to: name one, or pass --random-sites 8",
+        ),
         ("stress tjunction", "tjunction is a site, no recording"),
         ("fuse nowhere.pcd --out f.ply", "give cloud files and --poses, or --argoverse LOG"),
         ("serch tjunction", "unknown command 'serch': did you mean search?"),

@@ -80,7 +80,6 @@ def test_no_time_left_is_zero_while_it_goes_on(monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     with progress_bar("frames", 5, hidden=True) as bar:
         now[0] = 10.0
-        bar._bar.total = 5
-        bar.to(5)
+        bar.stage("frames", 5, 5)
         now[0] = 30.0
         assert bar.describe() == "frames: 5 of 5, finishing for 30 s"

@@ -44,7 +44,7 @@ def test_an_object_without_width_is_refused_or_dropped(command, recording, tmp_p
     code, err = apart(*arguments)
     assert (code, err.count("\n")) == (2, 1), err
     assert "frame 1: objects/1 row 0 has half extents" in err
-    assert err.endswith("say --drop-invalid\n")
+    assert err.endswith("pass --drop-invalid\n")
     assert sorted(path.name for path in tmp_path.iterdir() if ".detections" not in path.name) == [
         "damaged.hdf5"
     ]

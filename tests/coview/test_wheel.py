@@ -44,7 +44,7 @@ def wheel(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def installed(wheel, tmp_path_factory):
+def environment(wheel, tmp_path_factory):
     """Runs a command of a fresh environment that holds the wheel, and for all else borrows what is
     installed here."""
     home = tmp_path_factory.mktemp("environment")
@@ -56,17 +56,33 @@ def installed(wheel, tmp_path_factory):
     # its own .pth files are not read
     (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
     outside = tmp_path_factory.mktemp("outside")
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
     def run(program, *arguments):
         command = [home / "bin" / program, *map(str, arguments)]
-        done = subprocess.run(
-            command, cwd=outside, env=environment, capture_output=True, text=True, check=False
+        return subprocess.run(
+            command, cwd=outside, env=variables, capture_output=True, text=True, check=False
         )
+
+    return run
+
+
+@pytest.fixture
+def installed(environment):
+    """Runs a command that must succeed, and returns what it prints."""
+
+    def run(program, *arguments):
+        done = environment(program, *arguments)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     return run
+
+
+def test_studies_are_named_with_their_remedy(environment):
+    done = environment("coview", "stress", "two.hdf5")
+    assert done.returncode == 3
+    assert "clone the repository" in done.stderr
 
 
 def test_it_holds_everything_that_is_not_python_too(wheel):

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from models.config import ROAD_USERS, AnchorKind, VoxelNetConfig, road_users, select_anchors
+from models.anchor_kind import AnchorKind
+from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
 from models.network.voxelnet import VoxelNet
 
 
@@ -27,21 +28,27 @@ def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
     assert (config.grid_shape, config.map_shape) == (grid, maps)
 
 
-def test_published_sizes_and_classes_survive_json():
-    assert VoxelNetConfig.published("tjunction").map_shape == (200, 100)
-    assert VoxelNetConfig.published("roundabout").grid_shape == (240, 240, 10)
+def test_published_networks_have_their_sizes():
+    assert VoxelNetConfig.from_paper("tjunction").map_shape == (200, 100)
+    assert VoxelNetConfig.from_paper("roundabout").grid_shape == (240, 240, 10)
     parameters = sum(
-        each.numel() for each in VoxelNet(VoxelNetConfig.published("tjunction")).parameters()
+        each.numel() for each in VoxelNet(VoxelNetConfig.from_paper("tjunction")).parameters()
     )
     assert parameters == 9_460_194
     with pytest.raises(ValueError, match="'crossing'"):
-        VoxelNetConfig.published("crossing")
+        VoxelNetConfig.from_paper("crossing")
+
+
+def test_classes_survive_json():
     with pytest.raises(ValueError, match="depth"):
         VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "depth": 3})
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(CLASSES.to_dict()))) == CLASSES
     assert CLASSES.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
     assert CLASSES.anchor_labels == (0, 0, 1, 1, 2, 2, 3)
     assert CLASSES.classes == 1
+
+
+def test_defaults_of_new_entries_are_left_out():
     light = VoxelNetConfig.light((-8, -8, 8, 8))
     assert (
         not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"}
@@ -55,6 +62,9 @@ def test_published_sizes_and_classes_survive_json():
         0.8,
         light.anchor_yaws,
     )
+
+
+def test_anchors_are_selected_in_order():
     assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
     for wrong in (("tram",), (), ("vehicle", "vehicle")):
         with pytest.raises(
@@ -65,7 +75,7 @@ def test_published_sizes_and_classes_survive_json():
 
 
 @pytest.mark.parametrize(
-    "config", [VoxelNetConfig.published("roundabout"), VoxelNetConfig.light(np.arange(4))]
+    "config", [VoxelNetConfig.from_paper("roundabout"), VoxelNetConfig.light(np.arange(4))]
 )
 def test_a_configuration_survives_json(config):
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
@@ -81,7 +91,7 @@ def test_a_configuration_survives_json(config):
 )
 def test_what_makes_no_network_is_refused(changes, said):
     with pytest.raises(ValueError, match=said):
-        VoxelNetConfig.published("tjunction", **changes)
+        VoxelNetConfig.from_paper("tjunction", **changes)
 
 
 CLASSES = VoxelNetConfig.light(

@@ -286,7 +286,7 @@ EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
         *(CONFIG, dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), averaging=0.7)),
         dataclasses.replace(CONFIG, max_points=2),  # voxels of some unions are crowded
         dataclasses.replace(
-            VoxelNetConfig.published("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)
+            VoxelNetConfig.from_paper("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)
         ),
     ],
     ids=["light", "classes, faces", "crowded", "published"],
@@ -318,7 +318,7 @@ def test_unions_may_have_many_candidates_or_none(monkeypatch):
 def test_bfloat16_is_quick_where_it_takes_less_time(monkeypatch):
     def quick_at(seconds, device="cpu"):
         monkeypatch.setattr(
-            "models.network.sparse._time_layer", lambda dtype: seconds[dtype == torch.bfloat16]
+            "models.network.sparse.time_layer", lambda dtype: seconds[dtype == torch.bfloat16]
         )
         is_quick_at_bfloat16.cache_clear()
         return is_quick_at_bfloat16(torch.device(device))

@@ -77,9 +77,9 @@ def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, monkeypatch)
     with monkeypatch.context() as patch:
         patch.setattr("pathlib.Path.write_text", fill_disk)
         with pytest.raises(OSError, match=r"No space left|cannot write"):
-            onnx_files._write(tmp_path / "t.onnx", b"network", {"decoded": False})
+            onnx_files.write_network(tmp_path / "t.onnx", b"network", {"decoded": False})
     assert list(tmp_path.iterdir()) == []
-    onnx_files._write(tmp_path / "t.onnx", b"network", {"decoded": False})
+    onnx_files.write_network(tmp_path / "t.onnx", b"network", {"decoded": False})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.onnx", "t.onnx.json"]
 
 
@@ -168,7 +168,7 @@ def test_a_network_of_others_follows_its_card(tmp_path):
         ({**CARD, "labels": ["lorry"]}, {}, "labels must be different ones"),
         ({**CARD, "decoded": 1}, {}, "decoded must be true or false"),
         ({**CARD, "colour": 1}, {}, "has no colour"),
-        ({**CARD, "sha256": "0"}, {}, "sha256 that of the file"),
+        ({**CARD, "sha256": "0"}, {}, "sha256 the digest of the file"),
         ({**CARD, "faces": ["vehicle"]}, {}, "lack the networks of the card's faces"),
         ({**CARD, "decoded": False}, {}, "and return class_logits residuals"),
         (CARD, {"outputs": ("boxes", "scores")}, "returns boxes scores"),
@@ -246,5 +246,5 @@ def test_scores_and_boxes_that_no_network_should_return_are_refused(boxes, score
     detector = object.__new__(OnnxDetector)
     detector.name = "net.onnx"
     with pytest.raises(ValueError, match=said):
-        detector._check_boxes(np.array(boxes, float), np.array(scores))
-    detector._check_boxes(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array([1.0]))
+        detector.check_outputs(np.array(boxes, float), np.array(scores))
+    detector.check_outputs(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array([1.0]))

@@ -216,7 +216,7 @@ def test_the_layout_is_the_documented_one_however_it_was_trained(network, tmp_pa
     state = network.state_dict()
     assert len(state) == 145
     assert sum(parameter.numel() for parameter in network.parameters()) == 9_460_194
-    ours = VoxelNet(config.VoxelNetConfig.published("tjunction")).state_dict()
+    ours = VoxelNet(config.VoxelNetConfig.from_paper("tjunction")).state_dict()
     assert {published.name_in_paper(name) for name in ours} == set(state)
     prefixed = {f"module.{name}": tensor for name, tensor in network.state_dict().items()}
     assert (
@@ -241,7 +241,7 @@ def test_frames_turn_alike_and_digests_change():
     np.testing.assert_allclose(
         published.to_network(to_site(carla, "tjunction"), "tjunction"), there, atol=1e-4
     )
-    network = VoxelNet(config.VoxelNetConfig.published("tjunction"))
+    network = VoxelNet(config.VoxelNetConfig.from_paper("tjunction"))
 
     def digest(**settings):
         return published.PublishedDetector(network, "tjunction", **settings).digest

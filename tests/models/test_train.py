@@ -16,7 +16,7 @@ import torch
 from coview.main import main
 from models.config import VoxelNetConfig, road_users
 from models.network.voxelnet import VoxelNet
-from models.train import WEIGHTS, commit, run, second_stages
+from models.train import WEIGHTS, commit, run_training, second_stages
 from models.training.loop import CHECKPOINT
 from models.training.options import TrainingOptions
 from models.training.second_stage import widen
@@ -74,7 +74,7 @@ def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_p
         validate=packed_file,
         **chosen,
     )
-    weights, figures = run(None, options)
+    weights, figures = run_training(None, options)
     network, header = load_weights(weights)
     assert network.config.labels == ("vehicle", "heavy")
     assert network.config.faces == ("vehicle",)
@@ -82,7 +82,7 @@ def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_p
     assert {"AP@0.7", "AP@0.9", "heavy AP@0.5"} <= header.ap.keys()
     assert header.ap == figures
     np.testing.assert_array_less(network.faces.prior, np.inf)
-    again, _ = load_weights(run(None, replace(options, out=tmp_path / "b"))[0])
+    again, _ = load_weights(run_training(None, replace(options, out=tmp_path / "b"))[0])
     for name, tensor in network.state_dict().items():
         assert torch.equal(again.state_dict()[name], tensor)
     assert again.config == network.config
@@ -131,7 +131,7 @@ def test_weights_that_no_training_here_made_are_kept(packed_file, tmp_path):
     (tmp_path / WEIGHTS).write_text("somebody's")
     options = TrainingOptions(data=packed_file, out=tmp_path, epochs=0.4, device="cpu")
     with pytest.raises(FileExistsError):
-        run("general", options)
+        run_training("general", options)
     assert (tmp_path / WEIGHTS).read_text() == "somebody's"
 
 

@@ -13,7 +13,7 @@ import torch
 from models.config import VoxelNetConfig, road_users
 from models.network.voxelnet import VoxelNet
 from models.published import load_published
-from models.training.loop import PRESETS
+from models.training.presets import PRESETS
 from models.weight_files import WeightsHeader, save_weights
 
 

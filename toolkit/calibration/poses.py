@@ -198,10 +198,12 @@ def find_poses(
         if count < LEAST_FRAMES:
             problem = f"{count} frames are too few to tell what stands still from who passes"
             raise ValueError(f"{problem}: give {LEAST_FRAMES} or more")
+        sensors = recording[0].sensors
+        if surface is None:
+            _check_several(sensors)
         seen = [
             scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)
         ]
-        sensors = recording[0].sensors
         stay = select_sensors(sensors, held)
         if detector is not None:
             numbers = np.unique(
@@ -221,6 +223,16 @@ def find_poses(
         if progress is not None:
             progress(len(found_poses))
     return tuple(found_poses)
+
+
+def _check_several(sensors: Sequence[Sensor]) -> None:
+    """Refuse to fit a single sensor to others."""
+    if len(sensors) < 2:
+        names = ", ".join(sensor.name for sensor in sensors) or "none"
+        raise ValueError(
+            f"sensors are fitted to each other, for which two or more are needed, got {names}: "
+            "give a reference"
+        )
 
 
 def find_pose(
@@ -257,7 +269,8 @@ def align_clouds(
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its
     sensor's frame. held: numbers of sensors that stay; more: see
-    `toolkit.calibration.poses.align`."""
+    `toolkit.calibration.poses.align`. Raises ValueError for fewer than two sensors."""
+    _check_several(sensors)
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
     found_poses = []

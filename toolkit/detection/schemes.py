@@ -1,4 +1,4 @@
-"""Built-in fusion schemes: early, late, hybrid, foreground and differences."""
+"""Built-in fusion schemes: early, late, hybrid and foreground."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32
 from toolkit.detection.codec import PAPER, Codec, Parameters, check_codec
-from toolkit.detection.link.differences import DEFAULT_KEY_EVERY, ForegroundDifferences, RefersTo
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Counts, DetectsOnce, Fused, Scheme
 from toolkit.detection.view import NMS_IOU, View, frame_view
@@ -116,18 +115,13 @@ class Hybrid(Parameters):
         return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS_M
 
 
-_BUILT_IN: tuple[Scheme, ...] = Early(), Late(), Hybrid(), Foreground(), ForegroundDifferences()
+_BUILT_IN: tuple[Scheme, ...] = Early(), Late(), Hybrid(), Foreground()
 SCHEMES = {scheme.name: scheme for scheme in _BUILT_IN}
 
 
-def schemes_in_steps(
-    step: float, *, refers_to: RefersTo = "previous", key_every: int = DEFAULT_KEY_EVERY
-) -> dict[str, Scheme]:
-    """Return the schemes by name, with messages in steps of `step` (m).
-
-    refers_to, key_every: see `toolkit.detection.link.differences.DifferenceSender`."""
-    differences = ForegroundDifferences(step, refers_to, key_every)
-    return {**SCHEMES, "foreground": Foreground(step), "differences": differences}
+def schemes_in_steps(step: float) -> dict[str, Scheme]:
+    """Return the schemes by name, with messages in steps of `step` (m)."""
+    return {**SCHEMES, "foreground": Foreground(step)}
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:

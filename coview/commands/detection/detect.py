@@ -1,25 +1,31 @@
 """`coview detect`: find road users in recordings in any layout."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
 from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector, open_detector
-from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
+from coview.outputs import OK, Writing, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Place
 from toolkit.objects import Detector
 
+if TYPE_CHECKING:
+    from toolkit.datasets.recordings import Part
+    from toolkit.detection.detect import Detected
+    from toolkit.detection.standing import StandingScene
+    from toolkit.frame import Recording
 
-def detect(
+
+def detect_command(
     clouds: Positional[tuple[Path, ...]],
     /,
     *,
@@ -42,21 +48,15 @@ def detect(
         clouds: Cloud files, folders, bags or recordings.
         out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
         detector: general, another shipped network, a file of weights or in ONNX, or
-            package.module:callable; +background, which plan.json names too, drops what stands at
-            the recording's site or in its empty scene; general has it where the site is known, or
-            learns it where the sensors stand still over ten frames and more; general-background has
-            not; +phases4 detects on four shifted grids; +float32 in exact numbers where the
-            processor has quicker ones.
+            package.module:callable; +background, which plan.json names too, drops what is
+            always at the recording's site or in its empty scene; general has it if the site is
+            known, or learns it if the sensors stand still over ten frames and more;
+            general-background has not; +phases4 detects on four shifted grids; +float32 in exact
+            numbers even if the processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti."""
     from toolkit.datasets.recordings import Part
-    from toolkit.detection.detect import (
-        Detected,
-        describe_summary,
-        detect_frames,
-        summarise,
-        write_detections,
-    )
+    from toolkit.detection.detect import describe_summary, summarise, write_detections
     from toolkit.detection.standing import learn_standing_scene
 
     check_least("--frames", frames, 1, "leave it out for all")
@@ -64,56 +64,92 @@ def detect(
         raise ValueError("give clouds to detect in: files, folders or bags")
     spec = DetectorSpec.from_name(detector)
     check_detector(spec)
-    levelled = replace(place, level=place.level or "map")
-    quick = spec.in_bfloat16()
-    network = None if quick.knows_background() else open_detector(quick, levelled)
+    detectors = _Detectors(spec, place)
     if format == "boxes":
         check_ending(out, (".json",), "a file of boxes")
-    check = check_file if format == "boxes" else check_new_folder
+    check = check_file if format == "boxes" else check_empty_folder
     check(out, inputs=[*clouds, *opening.files], overwrite=writing.overwrite)
     with ExitStack() as stack:
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
-        opened = [Part(recording, frames) for recording in recordings]
-        scenes = []
-        for recording, part in zip(recordings, opened, strict=True):
+        parts = [Part(recording, frames) for recording in recordings]
+        scenes: list[StandingScene | None] = []
+        for recording, part in zip(recordings, parts, strict=True):
             learns_scene = recording.site is None and spec.learns_scene
             scenes.append(learn_standing_scene(part) if learns_scene else None)
-        at_scene = network
-        if any(scene is not None for scene in scenes):
-            at_scene = open_detector(quick.without_background(), levelled)
-        detectors: list[tuple[Detector, Place]] = []
-        for recording, scene in zip(recordings, scenes, strict=True):
-            site = recording.site if place.at(recording.site) else None
-            if network is None or quick.knows_background(site):
-                detectors.append((open_detector(quick, recording, place), place))
-            elif scene is None or at_scene is None:
-                detectors.append((network, levelled))
-            else:
-                detectors.append((at_scene, levelled))
-        level = detectors[0][1].level or "none"
-        bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
-
-        def watch() -> Iterator[Detected]:
-            """Yield the detections of each frame, and warn once of a missing ground."""
-            warned = False
-            done = 0
-            for part, placed, scene in zip(opened, detectors, scenes, strict=True):
-                left_out = 0
-                for detected in detect_frames(part, *placed, scene):
-                    if detected.stand.warning is not None and not warned:
-                        warned = True
-                        warnings.warn(
-                            f"{detected.frame.name}: {detected.stand.warning}", stacklevel=2
-                        )
-                    done = done + 1
-                    left_out = left_out + detected.left_out
-                    bar.to(done)
-                    yield detected
-                if scene is not None and left_out:
-                    warnings.warn(scene.describe(left_out), stacklevel=2)
-
-        figures = summarise(write_detections(watch(), out, format, detector=detector, level=level))
+        placed = detectors.choose(recordings, scenes)
+        level = placed[0].place.level or "none"
+        bar = stack.enter_context(progress_bar("cloud", sum(map(len, parts)), hidden=writing.json))
+        jobs = list(zip(parts, placed, scenes, strict=True))
+        written = write_detections(
+            _detect(jobs, bar.to), out, format, detector=detector, level=level
+        )
+        figures = summarise(written)
     print_result(
         figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json
     )
     return OK
+
+
+class _PlacedDetector(NamedTuple):
+    """Detector, and how its frames are put on level ground."""
+
+    detector: Detector
+    place: Place
+
+
+class _Detectors:
+    """Detectors by what is known about a recording.
+
+    spec: parsed name of the detector; place: area and ground as the options give them."""
+
+    def __init__(self, spec: DetectorSpec, place: Place) -> None:
+        self.spec = spec.in_bfloat16()
+        self.place = place
+        self.levelled = replace(place, level=place.level or "map")
+        self.network: Detector | None = None
+        if not self.spec.knows_background():
+            self.network = open_detector(self.spec, self.levelled)
+
+    def choose(
+        self, recordings: "Sequence[Recording]", scenes: "Sequence[StandingScene | None]"
+    ) -> list[_PlacedDetector]:
+        """Return the detector for each recording, with its standing scene if that is learnt."""
+        with_scene = self.network
+        if any(scene is not None for scene in scenes):
+            with_scene = open_detector(self.spec.without_background(), self.levelled)
+        placed = []
+        for recording, scene in zip(recordings, scenes, strict=True):
+            site = recording.site if self.place.at(recording.site) else None
+            if self.network is None or self.spec.knows_background(site):
+                known = open_detector(self.spec, recording, self.place)
+                placed.append(_PlacedDetector(known, self.place))
+            elif scene is None or with_scene is None:
+                placed.append(_PlacedDetector(self.network, self.levelled))
+            else:
+                placed.append(_PlacedDetector(with_scene, self.levelled))
+        return placed
+
+
+def _detect(
+    jobs: "Sequence[tuple[Part, _PlacedDetector, StandingScene | None]]",
+    progress: Callable[[int], None],
+) -> "Iterator[Detected]":
+    """Yield the detections of each frame, and warn once of a missing ground.
+
+    jobs: frames of each recording, with detector and standing scene."""
+    from toolkit.detection.detect import detect_frames
+
+    warned = False
+    done = 0
+    for frames, placed, scene in jobs:
+        left_out = 0
+        for result in detect_frames(frames, placed.detector, placed.place, scene):
+            if result.stand.warning is not None and not warned:
+                warned = True
+                warnings.warn(f"{result.frame.name}: {result.stand.warning}", stacklevel=2)
+            done += 1
+            left_out += result.left_out
+            progress(done)
+            yield result
+        if scene is not None and left_out:
+            warnings.warn(scene.describe(left_out), stacklevel=2)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -22,8 +23,10 @@ from toolkit.sensors.error_profiles import find_profile
 
 if TYPE_CHECKING:
     from toolkit.calibration.poses import FoundPose
-    from toolkit.detection.evaluation import Comparison
-    from toolkit.frame import Frame
+    from toolkit.calibration.registration import Surface
+    from toolkit.detection.evaluation import Comparison, Evaluation
+    from toolkit.frame import Recording
+    from toolkit.objects import Detector
 
 
 @dataclass(frozen=True)
@@ -35,11 +38,6 @@ class Link:
     foreground does."""
     step: float = 0.02
     """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08."""
-    refers_to: Literal["previous", "key"] = "previous"
-    """Reference of differences: the previous message, or the last whole image where messages may be
-    lost."""
-    key_every: int = 10
-    """Maximum number of messages from one whole image to the next, where differences are sent."""
     rate: float | None = None
     """Frame rate (Hz); prints each scheme's load on the link."""
 
@@ -49,8 +47,8 @@ class Rules:
     """Rules of scoring."""
 
     schemes: tuple[str, ...] | None = None
-    """Fusion schemes: early, late, hybrid, foreground, differences; when left out, the first three
-    at a known site."""
+    """Fusion schemes: early, late, hybrid, foreground; when left out, the first three at a
+    known site."""
     sensors: tuple[str, ...] = ("all",)
     """Sensor sets, each a comma-separated list of numbers or names, or all."""
     classes: tuple[arguments.Label, ...] | None = None
@@ -85,7 +83,7 @@ class Subject:
     glare, typical-clock, poor."""
 
 
-def evaluate(
+def evaluate_command(
     dataset: Positional[Path],
     /,
     *,
@@ -101,7 +99,7 @@ def evaluate(
 
     A second table shows, class by class, what the detector's threshold yields. The usual detector
     is the network of the site's sensors, elsewhere general. Without a known site all clouds are
-    fused at once.
+    fused together.
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
@@ -115,99 +113,148 @@ def evaluate(
             layout.
         out: Folder for table.json and the PR curves."""
     from toolkit.calibration.empty_scene import Scenes
-    from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
-    from toolkit.calibration.registration import read_surface
-    from toolkit.datasets.recordings import Part, ReadRecording, Reads
-    from toolkit.datasets.records import check_labels
-    from toolkit.detection.evaluation import curve_files, evaluate_recording, save_evaluation
-    from toolkit.frame import select_sensors
+    from toolkit.datasets.recordings import ReadRecording, Reads
+    from toolkit.detection.evaluation import evaluate_recording, save_evaluation
     from toolkit.objects import check_known, known_labels
 
+    _check_options(rules, subject)
+    sets = [arguments.sensor_set(names) for names in rules.sensors]
+    spec = None if subject.detector is None else DetectorSpec.from_name(subject.detector)
+    if spec is not None:
+        check_detector(spec, place)
+    surface = _read_reference(subject.calibrate)
+    reads = Reads(subject.errors, run.seed, run.frames)
+    inputs = [dataset, *opening.files]
+    check_outputs = partial(_check_outputs, out, inputs, rules)
+    with ExitStack() as stack:
+        opened = stack.enter_context(opening.open(dataset))
+        is_known = place.at(opened.site)
+        comparison = _compare(rules, is_known=is_known)
+        _check_recording(opened, reads.count(opened), sets)
+        settings = (inputs, subject, rules, place, run)
+        claimed = claim(out, settings, check_outputs, overwrite=writing.overwrite)
+        may_overwrite = stack.enter_context(claimed)
+        recording, poses = _correct_poses(opened, subject.calibrate, surface, reads.frames)
+        frames = recording if is_known else _select_frames(recording, sets, run.frames)
+        scenes = Scenes(ReadRecording(frames, reads) if is_known else frames)
+        detector = open_detector(spec, frames, place, scenes)
+        labels = rules.classes or known_labels(detector) or ("vehicle",)
+        check_known(detector, labels)
+        check_outputs(may_overwrite, labels)
+        count = reads.count(recording)
+        comparison = replace(comparison, classes=labels)
+        with progress_bar("frame", count, hidden=writing.json) as bar:
+            run = replace(run, progress=bar.stage)
+            evaluation = evaluate_recording(
+                recording, detector, comparison, place=place, reads=reads, scenes=scenes, run=run
+            )
+        _check_truths(evaluation, labels, count)
+        evaluation = replace(evaluation, poses=poses)
+        save_evaluation(evaluation, out)
+    text = f"{evaluation.text()}\nwritten to {out}/table.json, PR curves next to it"
+    if not subject.detector:
+        text = f"{_describe_default(detector)}\n\n{text}"
+    print_result(evaluation.as_dict(), text, as_json=writing.json)
+    return OK
+
+
+def _describe_default(detector: "Detector") -> str:
+    """Describe the detector that is chosen without --detector."""
+    return f"detector {getattr(detector, 'name', 'general')}, as --detector is left out"
+
+
+def _check_options(rules: Rules, subject: Subject) -> None:
+    """Raise ValueError for rules that cannot be followed, and for unknown errors."""
     for name in ("schemes", "sensors", "classes", "iou"):
         arguments.check_each_once(f"--{name}", getattr(rules, name))
     arguments.check_ious(rules.iou or ())
     arguments.check_schemes(rules.schemes or ())
     arguments.check_least("--radius", rules.radius, 0.0)
     arguments.check_positive("--rate", rules.link.rate)
-    arguments.check_least("--key-every", rules.link.key_every, 1)
     arguments.check_share("--step", rules.link.step)
     find_profile(subject.errors)
-    inputs = [dataset, *opening.files]
-    reads = Reads(subject.errors, run.seed, run.frames)
 
-    def check_outputs(
-        overwrite: bool, labels: Sequence[str] = rules.classes or ("vehicle",)
-    ) -> None:
-        for name in ("table.json", *curve_files(labels, rules.iou)):
-            check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
-    sets = [arguments.sensor_set(names_of_set) for names_of_set in rules.sensors]
-    spec = None if subject.detector is None else DetectorSpec.from_name(subject.detector)
-    if spec is not None:
-        check_detector(spec, place)
-    surface = None if subject.calibrate in (None, TOGETHER) else read_surface(subject.calibrate)
-    with ExitStack() as stack:
-        recording = opened = stack.enter_context(opening.open(dataset))
-        is_known = place.at(opened.site)
-        comparison = _compare(rules, is_known=is_known)
-        check_labels(opened, reads.count(opened))
-        sensors = opened[0].sensors if len(opened) else ()
-        for names_of_set in sets if len(opened) else ():
-            select_sensors(sensors, names_of_set)
-        claimed = claim(
-            out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite
+def _read_reference(reference: str | None) -> "Surface | None":
+    """Read the surface that poses are fitted to, None without one."""
+    from toolkit.calibration.poses import TOGETHER
+    from toolkit.calibration.registration import read_surface
+
+    return None if reference in (None, TOGETHER) else read_surface(reference)
+
+
+def _check_outputs(
+    out: Path,
+    inputs: Sequence[Path],
+    rules: Rules,
+    overwrite: bool,
+    labels: Sequence[str] | None = None,
+) -> None:
+    """Check that the table and the curves of these classes may be written."""
+    from toolkit.detection.evaluation import curve_files
+
+    labels = labels or rules.classes or ("vehicle",)
+    for name in ("table.json", *curve_files(labels, rules.iou)):
+        check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
+
+
+def _check_recording(
+    recording: "Recording", count: int, sets: Sequence[Sequence[int | str] | None]
+) -> None:
+    """Raise ValueError for labels that cannot be scored, and for unknown sensors."""
+    from toolkit.datasets.records import check_labels
+    from toolkit.frame import select_sensors
+
+    check_labels(recording, count)
+    if len(recording):
+        for sensors in sets:
+            select_sensors(recording[0].sensors, sensors)
+
+
+def _correct_poses(
+    recording: "Recording", reference: str | None, surface: "Surface | None", frames: int | None
+) -> "tuple[Recording, tuple[FoundPose, ...]]":
+    """Return a recording with the poses found by a reference, if any, and these."""
+    from toolkit.calibration.poses import Corrected, find_poses
+
+    if reference is None:
+        return recording, ()
+    poses = find_poses(recording, surface, frames=frames)
+    return Corrected.of(recording, poses), poses
+
+
+def _select_frames(
+    recording: "Recording", sets: Sequence[Sequence[int | str] | None], count: int | None
+) -> "Recording":
+    """Return the first frames, with the sensors of the sets only."""
+    from toolkit.datasets.recordings import Part
+
+    if not len(recording):
+        return recording
+    part = Part(recording, count)
+    if None in sets:
+        return part
+    names = [name for sensors in sets for name in sensors or ()]
+    return _Seen(part, tuple(names))
+
+
+def _check_truths(evaluation: "Evaluation", labels: Sequence[str], count: int) -> None:
+    """Raise ValueError if there is no object to find."""
+    if not any(row.truths for row in evaluation):
+        raise ValueError(
+            f"there is no AP, since no {' and no '.join(labels)} is to be found in "
+            f"{describe_count(count, 'frame')}: take more frames, other --classes or another area"
         )
-        may_overwrite = stack.enter_context(claimed)
-        poses: tuple[FoundPose, ...] = ()
-        if subject.calibrate is not None:
-            poses = find_poses(opened, surface, frames=reads.frames)
-            recording = Corrected.of(opened, poses)
-        frames_read = recording
-        if len(recording) and not is_known:
-            frames_read = Part(recording, run.frames)
-            if None not in sets:
-                names = [name for names_of_set in sets for name in names_of_set or ()]
-                frames_read = _Seen(frames_read, tuple(names))
-        scenes = Scenes(ReadRecording(frames_read, reads) if is_known else frames_read)
-        detect = open_detector(spec, frames_read, place, scenes)
-        labels = rules.classes or known_labels(detect) or ("vehicle",)
-        check_known(detect, labels)
-        check_outputs(may_overwrite, labels)
-        with progress_bar("frame", reads.count(recording), hidden=writing.json) as bar:
-            evaluation = evaluate_recording(
-                recording,
-                detect,
-                replace(comparison, classes=labels),
-                place=place,
-                reads=reads,
-                scenes=scenes,
-                run=replace(run, progress=bar.stage),
-            )
-        if not any(row.truths for row in evaluation):
-            raise ValueError(
-                f"there is no AP, since no {' and no '.join(labels)} is to be found in "
-                f"{describe_count(reads.count(recording), 'frame')}: take more frames, other "
-                "--classes or another area"
-            )
-        evaluation = replace(evaluation, poses=poses)
-        save_evaluation(evaluation, out)
-    text = f"{evaluation.text()}\nwritten to {out}/table.json, PR curves beside it"
-    if not subject.detector:
-        name = getattr(detect, "name", "general")
-        text = f"detector {name}, as --detector is left out\n\n{text}"
-    print_result(evaluation.as_dict(), text, as_json=writing.json)
-    return OK
 
 
 def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
+    """Return the comparison that the rules describe."""
     from toolkit.detection.evaluation import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps
 
     link = rules.link
-    schemes_by_name = schemes_in_steps(
-        link.step, refers_to=link.refers_to, key_every=link.key_every
-    )
+    schemes_by_name = schemes_in_steps(link.step)
     default_schemes: tuple[str, ...] = PAPER_SCHEMES if is_known else ()
     schemes = [schemes_by_name[name] for name in rules.schemes or default_schemes]
     return Comparison(
@@ -225,7 +272,7 @@ def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
 
 @dataclass(frozen=True, eq=False)
 class _Seen(RecordingView):
-    """A recording as seen by some of its sensors."""
+    """Recording as some of its sensors see it."""
 
     sensors: tuple[int | str, ...]
 

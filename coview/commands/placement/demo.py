@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from coview.arguments import check_least
-from coview.commands.detection.evaluate import Subject, evaluate
-from coview.commands.placement.plan import Goal, StockOptions, plan
-from coview.commands.recordings.simulate import simulate
+from coview.commands.detection.evaluate import Subject, evaluate_command
+from coview.commands.placement.plan import Goal, StockOptions, plan_command
+from coview.commands.recordings.simulate import simulate_command
 from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector, open_detector
 from coview.options import Output
@@ -18,10 +18,10 @@ from toolkit.runtime.run import Run
 RECORDING = "tjunction.hdf5"
 PLAN = "plan"  # folder
 CACHE = "cache"  # folder
-PLAN_SENSORS = 3  # of the site's six
+PLAN_SENSORS = 3  # from the site's six
 
 
-def demo(
+def demo_command(
     *,
     out: Path = Path("out/demo"),
     frames: int = 100,
@@ -40,7 +40,7 @@ def demo(
         plan_frames: Number of frames of each part of the plan's traffic; 0 for no plan.
         seed: Seed of the traffic.
         detector: Detector, as in coview evaluate.
-        overwrite: Replace existing files; those of another demo are replaced anyway."""
+        overwrite: Replace existing files; files of another demo are replaced anyway."""
     from toolkit.detection.evaluation import curve_files, draw_example
 
     check_least("--frames", frames, 1)
@@ -56,18 +56,18 @@ def demo(
     for name in sorted(files):
         check_folder(out, holds=name, overwrite=may_overwrite)
     writing = Writing(overwrite=may_overwrite)
-    simulate(
+    simulate_command(
         "tjunction",
         out=out / RECORDING,
         run=Run(frames=frames, seed=seed, workers=None),
         writing=writing,
     )
-    evaluate(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
+    evaluate_command(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
     with open_recording(out / RECORDING, None) as recording:
         draw_example(recording, open_detector(spec, recording), out / "birds_eye.png", seed=seed)
     say(f"pictures in {out}: birds_eye.png, pr_0.7.png")
     if plan_frames:
-        plan(
+        plan_command(
             "tjunction",
             goal=Goal(budget=PLAN_SENSORS),
             stock=StockOptions(candidates="paper"),

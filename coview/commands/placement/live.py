@@ -110,7 +110,7 @@ class Serving:
     """Open the browser."""
 
 
-def what_if(
+def what_if_command(
     plan: Positional[str],
     /,
     *,
@@ -144,7 +144,7 @@ def what_if(
     return OK
 
 
-def live(
+def live_command(
     site: Positional[str] = "",
     /,
     *,
@@ -156,11 +156,11 @@ def live(
     serving: Annotated[Serving, tyro.conf.arg(name="")] = Serving(),
     writing: Writing = Writing(),
 ) -> int:
-    """Move sensors by hand in the browser, and see at once what it does.
+    """Move sensors by hand in the browser, and see immediately what it does.
 
     Sensors are dragged by their handles; AP, intervals, approaches, data, price and the worst
     failure follow. Every change is kept in the project file, from which the next start goes on.
-    Served to this machine alone until Ctrl-C.
+    Served to this machine only, until Ctrl-C.
 
     Example: coview live tjunction
 
@@ -190,7 +190,7 @@ def live(
     session = LiveSession(begin, port=serving.port, folder=keeping.out)
     with interrupted_by_sigterm(), closing(session):
         project = str(find_project(site) if site else keeping.out)
-        serving_note = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {project})"
+        serving_note = f"{session.url} (this machine only; Ctrl-C ends it; kept in {project})"
         print_result({"url": session.url, "project": project}, serving_note, as_json=writing.json)
         sys.stdout.flush()
         if serving.browser:

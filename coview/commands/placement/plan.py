@@ -29,14 +29,29 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from placement_env.report.content import Judgement, Plan
 
-PLAN_STEPS = {  # shares of a plan's time, measured at imported crossings
+# shares of the time of a plan, as measured at imported crossings
+PLAN_STEPS = {
     "poses rendered": 0.15,
     "searches": 0.25,
     "set sizes compared": 0.35,
+    "frames of the closest sets": 0.15,
     "frames of the chosen set": 0.1,
     "frames of the fusion schemes": 0.1,
     "frames of the order of building": 0.05,
 }
+# likewise, of a plan with --min-ap
+PRICE_STEPS = {
+    "poses rendered": 0.1,
+    "searches": 0.28,
+    "frames of the first look": 0.22,
+    "sets judged by price": 0.1,
+    "frames of the chosen set": 0.08,
+    "frames of the fusion schemes": 0.18,
+    "frames of the order of building": 0.04,
+}
+DEFAULT_CLASSES = ClassOptions()
+DEFAULT_OUTPUT = Output(out=Path("out/plan"))
+DEFAULT_RUN = Run(cache=Path("out/cache"), workers=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,32 +145,7 @@ class StockOptions:
         )
 
 
-# shares of the time of a plan, as measured at imported crossings
-PLAN_STEPS = {
-    "poses rendered": 0.15,
-    "searches": 0.25,
-    "set sizes compared": 0.35,
-    "frames of the closest sets": 0.15,
-    "frames of the chosen set": 0.1,
-    "frames of the fusion schemes": 0.1,
-    "frames of the order of building": 0.05,
-}
-# likewise, of a plan with --min-ap
-PRICE_STEPS = {
-    "poses rendered": 0.1,
-    "searches": 0.28,
-    "frames of the first look": 0.22,
-    "sets judged by price": 0.1,
-    "frames of the chosen set": 0.08,
-    "frames of the fusion schemes": 0.18,
-    "frames of the order of building": 0.04,
-}
-DEFAULT_CLASSES = ClassOptions()
-DEFAULT_OUTPUT = Output(out=Path("out/plan"))
-DEFAULT_RUN = Run(cache=Path("out/cache"), workers=2)
-
-
-def plan(
+def plan_command(
     site: Positional[str],
     /,
     *,
@@ -169,19 +159,15 @@ def plan(
     """Plan which sensors to build, and write a report with the reasons.
 
     A fast estimate searches the sets, the detector compares the best ones on fresh traffic, and the
-    answer is judged on other traffic again. Each of these three parts has --frames frames (60, 120
-    and 120 when left out). The cases say under which conditions sets are compared and must reach
-    --min-ap. An interrupted plan resumes.
+    answer is judged on other traffic again. Each part has --frames frames (60, 120 and 120 when
+    left out). The cases are the conditions under which sets are compared and must reach --min-ap.
+    An interrupted plan resumes.
 
     Example: coview plan tjunction --budget 4 --min-ap 0.9 --out out/plan
 
     Args:
         site: tjunction, roundabout, or a site file."""
-    from placement_env.report.planning.planning import (
-        PLAN_FILES,
-        plan as answer_question,
-        write_plan,
-    )
+    from placement_env.report.planning.planning import PLAN_FILES, plan, write_plan
 
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
@@ -212,7 +198,7 @@ def plan(
     )
     steps = PLAN_STEPS if goal.min_ap is None else PRICE_STEPS
     with claimed, progress_bar("", hidden=output.json, steps=steps) as bar:
-        planned = answer_question(replace(question, run=replace(run, progress=bar.stage)))
+        planned = plan(replace(question, run=replace(run, progress=bar.stage)))
         written = write_plan(planned, out)
     text = (
         f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"

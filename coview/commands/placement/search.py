@@ -76,7 +76,7 @@ class SearchOptions:
         check_share("--confidence", self.confidence)
 
 
-def search(
+def search_command(
     site: Positional[str],
     /,
     *,
@@ -171,9 +171,7 @@ def _check(query: SearchOptions, setting: SettingOptions) -> str:
     )
     for option, value in portfolio_options:
         if value is not None and method != "portfolio":
-            raise ValueError(
-                f"{option} is for --method portfolio, got {method}: leave one of them out"
-            )
+            raise ValueError(f"{option} is for --method portfolio, got {method}: leave one out")
     is_judged = method == "portfolio" and query.judge in (None, "detector")
     detects = "detector" in (setting.fidelity, query.verify) or is_judged
     has_errors = setting.cases.errors != USUAL_CASES.errors
@@ -181,6 +179,6 @@ def _check(query: SearchOptions, setting: SettingOptions) -> str:
     for option, is_given in (("--errors", has_errors), ("--detector", has_detector)):
         if is_given and not detects:
             raise ValueError(
-                f"{option} is for --fidelity, --verify or --judge detector: say one of them"
+                f"{option} is for --fidelity, --verify or --judge detector: pass one of these"
             )
     return method

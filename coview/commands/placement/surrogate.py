@@ -54,7 +54,7 @@ class SurrogateFit:
             check_iou(iou)
 
 
-def surrogate(
+def surrogate_command(
     sites: Positional[tuple[str, ...]],
     /,
     *,
@@ -65,7 +65,7 @@ def surrogate(
 ) -> int:
     """Fit a fast surrogate of a detector: it predicts AP from points on each object.
 
-    Choose another --seed than that of the traffic on which the surrogate will be judged.
+    Choose another --seed than for the traffic on which the surrogate will be judged.
 
     Example: coview surrogate tjunction --detector tjunction --classes vehicle pedestrian
         --out people.json
@@ -88,12 +88,12 @@ def surrogate(
     fitted_sites = [load_site(name) for name in sites]
     fitted_sites += [random_site(run.seed + number) for number in range(fit.random_sites)]
     if not fitted_sites:
-        raise ValueError("there is no site to fit to: name one, or say --random-sites 8")
+        raise ValueError("there is no site to fit to: name one, or pass --random-sites 8")
     spec = DetectorSpec.from_name(fit.detector)
     detectors = {site.name: open_detector(spec, site) for site in fitted_sites}
     if run.cache is not None:
         first_detector = detectors[fitted_sites[0].name]
-        check_digest(fit.detector, first_detector, ": add one, or say --cache None")
+        check_digest(fit.detector, first_detector, ": add one, or pass --cache None")
     names = ", ".join(site.name for site in fitted_sites[: len(sites)])
     random_names = f"{fit.random_sites} random sites" if fit.random_sites else ""
     site_names = " and ".join(filter(None, (names, random_names)))

@@ -40,7 +40,7 @@ class TableData:
         find_profile(self.errors)
 
 
-def table(
+def table_command(
     dataset: Positional[Path],
     /,
     *,

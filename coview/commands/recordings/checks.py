@@ -8,13 +8,13 @@ from tyro.conf import Positional
 from coview.arguments import Label, check_least, sensor_set, site_file
 from coview.detector_spec import DetectorSpec
 from coview.detectors import open_detector
-from coview.outputs import OK, SUSPECTED, Writing, check_file, check_new_folder, print_result
+from coview.outputs import OK, SUSPECTED, Writing, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
 from toolkit.sensors.error_profiles import find_profile
 
 
-def survey(
+def survey_command(
     dataset: Positional[Path],
     /,
     *,
@@ -29,7 +29,7 @@ def survey(
     """Count what a recording holds: objects per frame, kbit of early fusion, points on the objects
     of each class.
 
-    Counted is the site's area where that is known, else all that is there.
+    Objects in the site's area are counted, or all objects if the site is unknown.
 
     Example: coview survey tjunction.hdf5 --sensors 4 3,4 0,2,5 all
 
@@ -44,7 +44,7 @@ def survey(
         seed: Seed of the sensors' noise and errors.
         json: Print as JSON."""
     from toolkit.datasets.recordings import Reads
-    from toolkit.detection.survey import survey as count
+    from toolkit.detection.survey import survey
     from toolkit.frame import select_sensors
 
     find_profile(errors)
@@ -54,14 +54,14 @@ def survey(
             raise ValueError("there is no frame to survey: check the path and the layout")
         selections = [select_sensors(recording[0].sensors, sensor_set(names)) for names in sensors]
         with progress_bar("frame", total, hidden=json) as bar:
-            counted = count(
+            counted = survey(
                 recording, classes=classes, reads=Reads(errors, seed, total), progress=bar.to
             )
     print_result(counted.as_dict(selections), counted.text(selections), as_json=json)
     return OK
 
 
-def doctor(
+def doctor_command(
     dataset: Positional[Path],
     /,
     *,
@@ -71,8 +71,8 @@ def doctor(
     frames: int = 20,
     json: bool = False,
 ) -> int:
-    """Check a recording for the classic mistakes and say which are suspected and why. Exit code 1
-    if any is.
+    """Check a recording for the classic mistakes, and name those suspected and why. Exit code 1 if
+    any is.
 
     Example: coview doctor my-recording.hdf5
 
@@ -84,7 +84,7 @@ def doctor(
         reference: Reference, as in coview calibrate, against which the sensors' poses are checked
             too.
         layout: Layout, as in coview evaluate.
-        frames: Number of first frames whose labels are checked; of hdf5 all are.
+        frames: Number of first frames whose labels are checked; all for hdf5.
         json: Print as JSON."""
     from toolkit.calibration.poses import check_drift
     from toolkit.detection.label_doctor import diagnose
@@ -133,7 +133,7 @@ class Fit:
     reference."""
 
 
-def calibrate(
+def calibrate_command(
     dataset: Positional[Path],
     /,
     *,
@@ -143,13 +143,13 @@ def calibrate(
     reading: Reading = Reading(),
     writing: Writing = Writing(),
 ) -> int:
-    """Find again where the sensors of a recording are, by what stands still there. Exit code 1 if
-    one cannot be found.
+    """Find the poses of a recording's sensors again, by what stands still there. Exit code 1 if one
+    cannot be found.
 
-    Each sensor learns its empty scene from its own frames and is registered against the reference,
-    from up to 5° and half a metre off. What the scene cannot say, such as moves along a bare plane,
-    is named and kept. Lidars known by their clouds are found by range images of these, on a vehicle
-    or in fewer than five frames by one sweep.
+    Each sensor learns its empty scene from its frames and is registered against the reference,
+    from up to 5° and half a metre off. Moves that the scene does not show, such as those along a
+    bare plane, are named and kept. Lidars known by their clouds are found by range images made from
+    them, on a vehicle or in fewer than five frames by one sweep.
 
     Example: coview calibrate monday.hdf5 --reference tjunction --out corrected.hdf5
         --poses poses.json
@@ -177,7 +177,7 @@ def calibrate(
         total = frame_count(recording, reading.frames)
         has_clouds = total and not recording[0].has_images
         if out is not None:
-            check = check_new_folder if has_clouds else check_file
+            check = check_empty_folder if has_clouds else check_file
             check(out, inputs=inputs, overwrite=writing.overwrite)
         pose_inputs = [*inputs, out] if out else inputs
         check_file(poses, inputs=pose_inputs, overwrite=writing.overwrite)

@@ -1,6 +1,6 @@
 """`coview convert`, `fuse` and `pack`: files of recordings."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, cast
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_ending, check_least, check_positive
-from coview.outputs import OK, Writing, check_file, check_new_folder, claim, print_result
+from coview.outputs import OK, Writing, check_empty_folder, check_file, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
 from toolkit.bodies.fleet import fleet_named
@@ -26,6 +26,7 @@ from toolkit.sensors.error_profiles import find_profile
 if TYPE_CHECKING:
     from models.training.packing import PackedRecording
     from toolkit.datasets.dataset import CoopDataset
+    from toolkit.frame import Recording
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Contents:
     """Seed of these errors."""
 
 
-def convert(
+def convert_command(
     recording: Positional[Path],
     /,
     *,
@@ -62,8 +63,8 @@ def convert(
 
     Args:
         recording: Recording in any layout.
-        to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5
-            keeps everything.
+        to: Layout to write: one that --layout takes, or one of a plug-in; rosbag has no labels,
+            hdf5 keeps everything.
         out: Folder to write, or file for hdf5."""
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:
@@ -74,7 +75,7 @@ def convert(
         check_ending(out, (".hdf5", ".h5"), f"a recording in layout {to}")
     if not target.file and out.suffix.lower() in (".hdf5", ".h5", ".json", ".zip"):
         raise ValueError(
-            f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or say "
+            f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or pass "
             "--to hdf5"
         )
     write = target.write
@@ -87,7 +88,7 @@ def convert(
             check = partial(check_file, out, inputs=inputs)
             claimed = claim(out, settings, check, overwrite=writing.overwrite)
         else:
-            check_new_folder(out, inputs=inputs, overwrite=writing.overwrite)
+            check_empty_folder(out, inputs=inputs, overwrite=writing.overwrite)
         errors = contents.errors
         read = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
         read_frames = Part(read, contents.frames)
@@ -114,7 +115,7 @@ class CropOptions:
     """Keep one point of each sensor in every cube of this size (m)."""
 
 
-def fuse(
+def fuse_command(
     clouds: Positional[tuple[Path, ...]] = (),
     /,
     *,
@@ -138,7 +139,7 @@ def fuse(
         poses: One file with all poses, or one per cloud; pipes such as <(...) work too.
         inverted: Take the poses as world to sensor (extrinsics) instead of sensor to world.
         out: File for the fused cloud (ply, pcd or npz).
-        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded
+        argoverse: Log with two lidars; prints its points per labelled cuboid next to the recorded
             counts."""
     from toolkit.clouds import down_sample, save
 
@@ -158,7 +159,7 @@ def fuse(
     check_file(out, inputs=[*clouds, *poses], overwrite=writing.overwrite)
     cloud = fuse_files(clouds, load_poses(clouds, poses, inverted=inverted))
     if crop.area is not None:
-        pose_remedy = "say --inverted if the poses are world to sensor"
+        pose_remedy = "pass --inverted if the poses are world to sensor"
         if inverted:
             pose_remedy = "leave out --inverted"
         remedy = f"give another --area, --height or --floor, or {pose_remedy}"
@@ -191,7 +192,7 @@ class RandomSites:
     47, each a little stretched (catalogue)."""
 
 
-def pack(
+def pack_command(
     datasets: Positional[tuple[Path, ...]] = (),
     /,
     *,
@@ -205,8 +206,8 @@ def pack(
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
 
-    At a known site what differs from the empty site is kept; of other recordings their points, on
-    level ground. If killed while drawing random sites, it resumes and writes the same bytes. Of
+    At a known site what differs from the empty site is kept; from other recordings their points,
+    on level ground. If killed while drawing random sites, it resumes and writes the same bytes. Of
     each random site 20 frames are recorded when --frames is left out.
 
     Example: coview pack tjunction.hdf5 --out tjunction.packed
@@ -220,15 +221,6 @@ def pack(
         out: Packed file to write.
         packed: Packed files whose frames are appended, to train on simulated and recorded frames
             together."""
-    from models.training.packing import (
-        dataset_recording,
-        drawn_file,
-        join_packed,
-        pack as write,
-        read_recordings,
-        sample_recordings,
-    )
-
     random_sites = sites.random_sites
     check_least("--random-sites", random_sites, 0)
     if not (datasets or packed or random_sites):
@@ -236,44 +228,65 @@ def pack(
     if random_sites and (datasets or packed):
         raise ValueError("give recordings and --packed files, or --random-sites N, not both")
     if sites.at and not random_sites:
-        raise ValueError("--at needs --random-sites N: say how many recordings to make there")
+        raise ValueError("--at needs --random-sites N: give the number of recordings to make there")
     check = partial(check_file, out, inputs=[*datasets, *packed, *sites.at, *opening.files])
     if random_sites:
-        from toolkit.datasets.simulation import random_recordings_file
-
         was_interrupted = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
         check(overwrite=writing.overwrite or was_interrupted)
-        with progress_bar("site", random_sites, hidden=writing.json) as bar:
-            total = random_recordings_file(
-                random_sites,
-                out,
-                run=replace(run, progress=bar.stage),
-                encode=drawn_file,
-                join=join_packed,
-                fleet=fleet_named(sites.fleet),
-                sites=sites.at,
-                overwrite=writing.overwrite,
-            )
+        total = _pack_random_sites(sites, out, run, writing)
     else:
         for path in datasets:
             check_links(path)
-        with ExitStack() as stack:
-            settings = (datasets, packed, opening, place, run)
-            stack.enter_context(claim(out, settings, check, overwrite=writing.overwrite))
-            opened = [stack.enter_context(opening.open(path)) for path in datasets]
-            count = sum(frame_count(recording, run.frames) for recording in opened)
-            bar = stack.enter_context(progress_bar("frame", count, hidden=writing.json))
-            streams = list[Iterable["PackedRecording"]]()
-            for recording in opened:
-                if place.at(recording.site):
-                    dataset = cast("CoopDataset", recording)
-                    streams.append([dataset_recording(dataset, run.frames)])
-                else:
-                    frames = level_frames(Part(recording, run.frames), place)
-                    streams.append(sample_recordings(frames))
-            streams += map(read_recordings, packed)
-            total = write(chain.from_iterable(streams), out, progress=bar.to)
+        settings = (datasets, packed, opening, place, run)
+        with claim(out, settings, check, overwrite=writing.overwrite), ExitStack() as stack:
+            recordings = [stack.enter_context(opening.open(path)) for path in datasets]
+            total = _pack_recordings(recordings, packed, out, place, run.frames, writing)
     megabytes = out.stat().st_size / 1e6
     summary = {"file": str(out), "frames": total, "mb": megabytes}
     print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=writing.json)
     return OK
+
+
+def _pack_random_sites(sites: RandomSites, out: Path, run: Simulation, writing: Writing) -> int:
+    """Record random junctions, or the given sites in turn, and return the number of frames."""
+    from models.training.packing import drawn_file, join_packed
+    from toolkit.datasets.simulation import random_recordings_file
+
+    with progress_bar("site", sites.random_sites, hidden=writing.json) as bar:
+        return random_recordings_file(
+            sites.random_sites,
+            out,
+            run=replace(run, progress=bar.stage),
+            encode=drawn_file,
+            join=join_packed,
+            fleet=fleet_named(sites.fleet),
+            sites=sites.at,
+            overwrite=writing.overwrite,
+        )
+
+
+def _pack_recordings(
+    recordings: "Sequence[Recording]",
+    packed: Sequence[Path],
+    out: Path,
+    place: Place,
+    count: int | None,
+    writing: Writing,
+) -> int:
+    """Pack recordings and the frames of packed files, and return the number of frames.
+
+    count: number of first frames of each recording, None for all."""
+    from models.training.packing import dataset_recording, pack, read_recordings, sample_recordings
+
+    total = sum(frame_count(recording, count) for recording in recordings)
+    with progress_bar("frame", total, hidden=writing.json) as bar:
+        streams = list[Iterable["PackedRecording"]]()
+        for recording in recordings:
+            if place.at(recording.site):
+                dataset = cast("CoopDataset", recording)
+                streams.append([dataset_recording(dataset, count)])
+            else:
+                frames = level_frames(Part(recording, count), place)
+                streams.append(sample_recordings(frames))
+        streams += map(read_recordings, packed)
+        return pack(chain.from_iterable(streams), out, progress=bar.to)

@@ -31,7 +31,7 @@ class Bodies:
     walls and cars."""
 
 
-def simulate(
+def simulate_command(
     site: Positional[str],
     /,
     *,

@@ -24,7 +24,7 @@ class ImportMap:
     """Make a site from a real map: roads and footways, buildings, trees, furniture, signals and
     parking that it holds.
 
-    What is beside the road and in no map is drawn at random, marked as drawn in the site file, and
+    What is along the road and in no map is drawn at random, marked as drawn in the site file, and
     listed, unless --furnish none. The site has no sensors, unless --sensors gives their number:
     coview plan and coview search find which to build.
 
@@ -44,7 +44,7 @@ class ImportMap:
         lefthand: Let traffic keep left; without it and --righthand, traffic keeps the side that the
             map's roads (driving_side) or their country keep to (OpenStreetMap only).
         righthand: Let traffic keep right (OpenStreetMap only).
-        furnish: Draw nothing, or where the map is silent uneven ground, trees along kerbs and
+        furnish: Draw nothing, or if the map is silent uneven ground, trees along kerbs and
             street furniture (light), also houses, gardens, works and parked cars (dense).
         seed: Seed of the surroundings.
         sensors: Number of cameras to place by greedy coverage, to try the site with.
@@ -74,7 +74,7 @@ class ImportMap:
         if self.opendrive is not None and (self.lefthand or self.righthand):
             option = "--lefthand" if self.lefthand else "--righthand"
             raise ValueError(
-                f"{option} is for --osm: an OpenDRIVE map says itself which side traffic keeps to"
+                f"{option} is for --osm: an OpenDRIVE map gives the side that traffic keeps to"
             )
         if self.lefthand and self.righthand:
             raise ValueError("traffic keeps one side: give --lefthand or --righthand")
@@ -83,7 +83,7 @@ class ImportMap:
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(
-            maps[0], self.centre, self.size, radians(self._find_heading()), seed, self.furnish
+            maps[0], self.centre, self.size, radians(self.find_heading()), seed, self.furnish
         )
         check_file(self.out, inputs=maps, overwrite=self.overwrite, kind=SITE_KIND)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
@@ -108,11 +108,11 @@ class ImportMap:
         say(placed)
         return code
 
-    def _find_heading(self) -> float:
+    def find_heading(self) -> float:
         """Return the heading of the area's x axis (degrees counter-clockwise from east)."""
         if self.bearing is not None and self.heading_deg is not None:
             raise ValueError(
-                "--bearing and --heading-deg are two directions of one axis: give one of them"
+                "--bearing and --heading-deg are two directions of one axis: give only one"
             )
         if self.bearing is not None:
             return 90.0 - check_bearing(self.bearing, "--bearing")
@@ -208,7 +208,7 @@ class ShowSite:
         return OK
 
 
-def site(
+def site_command(
     command: Annotated[ImportMap, subcommand("import")]
     | Annotated[RandomSite, subcommand("random")]
     | Annotated[ShowSite, subcommand("show")]

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +16,7 @@ from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.datasets.recordings import Part
 from toolkit.detection.place import Corners, Level, Place
-from toolkit.frame import select_sensors
+from toolkit.frame import Frame, select_sensors
 from toolkit.plots.canvas import check_picture
 from toolkit.viewing.drawn import Drawing
 from toolkit.viewing.recording_scene import PAGE_FRAMES, view_live, write_page
@@ -24,7 +25,7 @@ from toolkit.viewing.still import write_still
 
 
 @dataclass(frozen=True)
-class Shown:
+class ViewOptions:
     """Contents of the view."""
 
     detector: str | None = None
@@ -50,15 +51,28 @@ class Shown:
     area: Corners | None = None
     """Area of the detector, as in coview detect, and of a picture."""
 
+    @cached_property
+    def spec(self) -> DetectorSpec | None:
+        """Parsed name of the detector, None without one."""
+        return None if self.detector is None else DetectorSpec.from_name(self.detector)
 
-def view(
+    def draw(self, is_unknown: bool) -> Drawing:
+        """Return the drawing of a recording. is_unknown: whether its site is unknown."""
+        default_level: Level = "map" if is_unknown else "none"
+        place = Place(self.level or default_level, area=self.area)
+        network = None if self.spec is None else open_detector(self.spec, place)
+        sensors = None if self.sensors is None else sensor_set(self.sensors)
+        return Drawing(network, place, self.score, self.classes, sensors)
+
+
+def view_command(
     recording: Positional[Path],
     /,
     *,
     out: Path | None = None,
     still: Path | None = None,
     port: int = 8080,
-    shown: Shown = Shown(),
+    shown: ViewOptions = ViewOptions(),
     opening: Opening = Opening(),
     writing: Writing = Writing(),
 ) -> int:
@@ -67,7 +81,7 @@ def view(
 
     Frames have a slider; sensors, truth, detections and classes can be hidden; points are coloured
     by sensor, height, intensity or age. With --detector its boxes are marked as hits and false
-    alarms, and labels as missed. Served to this machine alone until Ctrl-C; with --out written as
+    alarms, and labels as missed. Served to this machine only, until Ctrl-C; with --out written as
     one page that works from disk, with --still as a picture.
 
     Example: coview view tjunction.hdf5
@@ -80,71 +94,79 @@ def view(
         recording: Recording in any layout.
         out: HTML page to write instead of serving, with at most 600,000 points.
         still: Picture (.png or .svg) of one frame from above to write instead of serving.
-        port: Port of the address in the browser; the next free one where it is taken."""
-    check_least("--frames", shown.frames, 1, "leave it out for all")
-    check_least("--every", shown.every, 1)
-    check_least("--frame", shown.frame, 0)
-    if still is not None and out is not None:
-        raise ValueError("--out writes a page, --still a picture: give one of them")
-    if still is not None:
-        check_picture(still)
-    spec = None if shown.detector is None else DetectorSpec.from_name(shown.detector)
-    if spec is not None:
-        check_detector(spec)
-    if still is None:
-        check_viser()
+        port: Port of the address in the browser; the next free one if it is taken."""
+    _check_options(shown, out, still)
     with opening.open(recording) as opened:
         frames = shown.frames if out is None else shown.frames or PAGE_FRAMES
         samples = Part(opened, frames, shown.every)
-        default_level: Level = "map" if opened.site is None else "none"
-        place = Place(shown.level or default_level, area=shown.area)
-        network = None if spec is None else open_detector(spec, place)
-        sensors = None if shown.sensors is None else sensor_set(shown.sensors)
-        drawing = Drawing(network, place, shown.score, shown.classes, sensors)
+        drawing = shown.draw(opened.site is None)
         if still is not None and shown.frame >= len(samples):
             raise ValueError(
                 f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0"
             )
         if len(samples):
-            select_sensors(samples[0].sensors, sensors)
+            select_sensors(samples[0].sensors, drawing.sensors)
         check_file(still or out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
         if still is not None:
-            sample = samples[shown.frame]
-            drawn = drawing.draw(sample, drawing.origin(sample))
-            half = None if shown.area is None else place.half
-            write_still(
-                drawn,
-                still,
-                title=f"{recording.name}, {drawn.name}",
-                colouring=shown.colour,
-                half=half,
-            )
-            description = drawn.describe()
-            summary = {"still": str(still), "said": description}
-            print_result(summary, f"{still}: {description}", as_json=writing.json)
-        elif out is None:
-
-            def print_url(url: str) -> None:
-                text = f"{url} (this machine alone; Ctrl-C ends it)"
-                print_result({"url": url}, text, as_json=writing.json)
-                sys.stdout.flush()  # here, as nothing else is printed while it is served
-
-            view_live(samples, drawing, port=port, ready=print_url)
+            _draw_still(samples[shown.frame], drawing, shown, recording.name, still, writing.json)
+        elif out is not None:
+            title = recording.name or str(recording)
+            _write_page(samples, drawing, title, out, len(opened), writing.json)
         else:
-            with progress_bar("frame", len(samples), hidden=writing.json) as bar:
-                drawn_frames = drawing.draw_all(samples, progress=bar.to)
-                page = write_page(drawn_frames, recording.name or str(recording), out)
-            figures = {
-                "out": str(out),
-                "frames": len(page.frames),
-                "points": page.points,
-                "drawn": page.drawn,
-                "of_frames": len(opened),
-                "said": list(page.names),
-            }
-            text = (
-                f"{out}: {len(page.frames)} of {len(opened)} frames, {page.drawn} of "
-                f"{page.points} points drawn"
-            )
-            print_result(figures, text, as_json=writing.json)
+            view_live(samples, drawing, port=port, ready=partial(_print_url, writing.json))
     return OK
+
+
+def _check_options(shown: ViewOptions, out: Path | None, still: Path | None) -> None:
+    """Raise ValueError for impossible options, ImportError without viser."""
+    check_least("--frames", shown.frames, 1, "leave it out for all")
+    check_least("--every", shown.every, 1)
+    check_least("--frame", shown.frame, 0)
+    if still is not None and out is not None:
+        raise ValueError("--out writes a page, --still a picture: give only one")
+    if still is not None:
+        check_picture(still)
+    if shown.spec is not None:
+        check_detector(shown.spec)
+    if still is None:
+        check_viser()
+
+
+def _draw_still(
+    sample: Frame, drawing: Drawing, shown: ViewOptions, title: str, still: Path, as_json: bool
+) -> None:
+    """Write a picture of one frame, and print what it shows."""
+    drawn = drawing.draw(sample, drawing.origin(sample))
+    half = None if shown.area is None else drawing.place.half
+    write_still(drawn, still, title=f"{title}, {drawn.name}", colouring=shown.colour, half=half)
+    description = drawn.describe()
+    summary = {"still": str(still), "said": description}
+    print_result(summary, f"{still}: {description}", as_json=as_json)
+
+
+def _write_page(
+    samples: Part, drawing: Drawing, title: str, out: Path, total: int, as_json: bool
+) -> None:
+    """Write a page of all samples, and print their number. total: frames of the recording."""
+    with progress_bar("frame", len(samples), hidden=as_json) as bar:
+        drawn_frames = drawing.draw_all(samples, progress=bar.to)
+        page = write_page(drawn_frames, title, out)
+    figures = {
+        "out": str(out),
+        "frames": len(page.frames),
+        "points": page.points,
+        "drawn": page.drawn,
+        "of_frames": total,
+        "said": list(page.names),
+    }
+    text = (
+        f"{out}: {len(page.frames)} of {total} frames, {page.drawn} of {page.points} points drawn"
+    )
+    print_result(figures, text, as_json=as_json)
+
+
+def _print_url(as_json: bool, url: str) -> None:
+    """Print the address at which a recording is served."""
+    text = f"{url} (this machine only; Ctrl-C ends it)"
+    print_result({"url": url}, text, as_json=as_json)
+    sys.stdout.flush()  # here, as nothing else is printed while it is served

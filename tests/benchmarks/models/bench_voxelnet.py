@@ -114,7 +114,7 @@ def ours_of_the_same_size() -> None:
     from models.network.voxelnet import VoxelNet
     from models.published import AREA, PublishedDetector, from_published
 
-    network = VoxelNet(replace(VoxelNetConfig.published("tjunction"), area=AREA["tjunction"]))
+    network = VoxelNet(replace(VoxelNetConfig.from_paper("tjunction"), area=AREA["tjunction"]))
     network.load_state_dict(
         from_published(random_network().state_dict(), network, "random weights")
     )
@@ -152,7 +152,7 @@ def voxelisation() -> None:
     from models.network.grid import voxelise
 
     points = np.concatenate((fused_cloud(0), fused_cloud(1)))[-80_000:]
-    config = VoxelNetConfig.published("tjunction")
+    config = VoxelNetConfig.from_paper("tjunction")
     _report("voxelisation of 80,000 points", lambda: voxelise(points, config), rounds=50)
 
 

@@ -9,8 +9,9 @@ import sys
 
 import numpy as np
 
-from coview.studies.paper.comparison import PAPER_SITES, sensor_sets, set_name
-from coview.studies.paper.reproduction import rank_correlation
+from examples.studies.paper.paper_rows import set_name
+from examples.studies.paper.paper_tables import PAPER_SITES, sensor_sets
+from examples.studies.paper.set_table import rank_correlation
 from placement_env.fidelity.table import Table, TableFidelity, best_sets, load_table
 from tests.benchmarks.figures import record
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from examples.differences.messages import DifferenceReader, DifferenceSender
 from tests.benchmarks.figures import record
 from toolkit.calibration.empty_scene import (
     Scenes,
@@ -29,7 +30,6 @@ from toolkit.calibration.empty_scene import (
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recordings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.link.differences import DifferenceReader, DifferenceSender
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground, standing_out
 from toolkit.detection.link.message import PACKET_BYTES
 from toolkit.detection.view import Captured

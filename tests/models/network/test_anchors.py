@@ -44,7 +44,7 @@ def test_anchors_of_classes_stand_in_the_middle_of_their_cells():
     expected = [(2 - x) / diagonal, (3 - y) / diagonal, (1 - z) / height]
     expected += [math.log(4 / length), math.log(2 / width), math.log(1.5 / height), 0.1 - yaw]
     np.testing.assert_allclose(encode_residuals(box, ANCHOR, doubled=False), expected)
-    config = VoxelNetConfig.published("roundabout")
+    config = VoxelNetConfig.from_paper("roundabout")
     boxes = anchors(config)
     assert boxes.shape == (*config.map_shape, 2, 7) == (120, 120, 2, 7)
     np.testing.assert_allclose(boxes[0, 1, 0, :6], [-47.6, -46.8, 1.6, 3.9, 1.56, 1.6], rtol=1e-6)

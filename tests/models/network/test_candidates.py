@@ -175,7 +175,7 @@ CONFIGS = {
     "classes, calibrated": dataclasses.replace(
         CLASSES, calibration=((1.5, 0.4), (0.7, -1.0), (9.0, 3.0), (0.1, 0.2))
     ),
-    "published": dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area),
+    "published": dataclasses.replace(VoxelNetConfig.from_paper("tjunction"), area=CONFIG.area),
 }
 
 

@@ -28,15 +28,15 @@ NARROW = {
     "rpn_widths": (32, 32, 48),
 }
 SMALL = {
-    "published": VoxelNetConfig.published(
+    "published": VoxelNetConfig.from_paper(
         "tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW
     ),
-    "published 0.4 m": VoxelNetConfig.published(
+    "published 0.4 m": VoxelNetConfig.from_paper(
         "roundabout", area=(-8.0, -8.0, 8.0, 8.0), head3x3=48, **NARROW
     ),
-    "published widths": VoxelNetConfig.published("tjunction", area=(-2.0, -2.0, 2.0, 2.0)),
+    "published widths": VoxelNetConfig.from_paper("tjunction", area=(-2.0, -2.0, 2.0, 2.0)),
     "light": VoxelNetConfig.light((-4, -4, 5, 4)),
-    "published without its 3x3 head": VoxelNetConfig.published(
+    "published without its 3x3 head": VoxelNetConfig.from_paper(
         "tjunction", area=(-4.0, -4.0, 4.0, 4.0), head3x3=0, **NARROW
     ),
     "light with 3D convolutions and a 3x3 head": VoxelNetConfig.light(
@@ -46,7 +46,7 @@ SMALL = {
         head3x3=64,
         labels=("vehicle", "cyclist"),
     ),
-    "low": VoxelNetConfig.published(
+    "low": VoxelNetConfig.from_paper(
         "tjunction", area=(-4.0, -4.0, 4.0, 4.0), height=(0.0, 2.0), **NARROW
     ),
 }
@@ -114,7 +114,9 @@ def test_cuda_gives_the_same(name, trained, cloud, assert_same):
     assert_same([None if each is None else each.cpu() for each in there], expected)
 
 
-PUBLISHED = VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0), head3x3=48, **NARROW)
+PUBLISHED = VoxelNetConfig.from_paper(
+    "tjunction", area=(-4.0, -4.0, 4.0, 4.0), head3x3=48, **NARROW
+)
 
 
 def used(norm):
@@ -191,7 +193,7 @@ def test_what_no_column_reaches_is_the_bias(trained, cloud):
     torch.testing.assert_close(got, first.bias.relu()[:, None, None].expand_as(got[0])[None])
 
 
-DEEP = VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW)
+DEEP = VoxelNetConfig.from_paper("tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW)
 PLANE = Plane(items=2, nx=4, ny=3)
 
 

@@ -225,7 +225,7 @@ def test_what_unions_see_alike_is_computed_once(trained):
     [
         *((light((0, 0, 8, 8)), True), (light((0, 0, 8, 8), head3x3=16), False)),
         (light((0, 0, 8, 8), upsample="concatenate"), False),
-        (VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0)), False),
+        (VoxelNetConfig.from_paper("tjunction", area=(-4.0, -4.0, 4.0, 4.0)), False),
     ],
 )
 def test_which_networks_it_computes(config, whether, trained):

@@ -16,7 +16,7 @@ NARROW = {
     "rpn_widths": (32, 32, 48),
 }
 SMALL = {
-    "published": VoxelNetConfig.published(
+    "published": VoxelNetConfig.from_paper(
         "tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW
     ),
     "light": VoxelNetConfig.light((-4, -4, 5, 4)),
@@ -64,7 +64,7 @@ def test_light_networks_train_in_half_precision_and_need_height():
     assert all(torch.isfinite(p.grad).all() for p in network.middle.parameters())
     with pytest.raises(ValueError, match="at least 5 voxels of height"):
         VoxelNet(
-            VoxelNetConfig.published(
+            VoxelNetConfig.from_paper(
                 "tjunction", area=(-4.0, -4.0, 4.0, 4.0), height=(0.0, 1.2), **NARROW
             )
         )

@@ -48,7 +48,7 @@ def test_borders_voxels_and_batches_are_the_published_ones():
         )
         == 1
     )
-    config = VoxelNetConfig.published("tjunction", area=(0.0, 0.0, 40.0, 80.0))
+    config = VoxelNetConfig.from_paper("tjunction", area=(0.0, 0.0, 40.0, 80.0))
     x = (np.arange(1, 200) * 0.2).astype(np.float32)
     voxels = voxelise(np.stack((x, np.full_like(x, 0.1), np.full_like(x, 0.1)), 1), config)
     np.testing.assert_array_equal(voxels.cells[voxels.voxel, 1], np.floor(x / np.float64(0.2)))

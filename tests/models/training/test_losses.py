@@ -32,7 +32,7 @@ def car(x=0.2, y=0.2, yaw=0.0, length=4.0, width=2.0):
     return np.array([[x, y, 0.8, length, width, 1.6, yaw]])
 
 
-def test_overlaps_and_thresholds_split_anchors():
+def test_thresholds_split_anchors():
     found = assign(GRID, car())
     assert found.labels[(*CELL, 0)] == POSITIVE
     assert found.labels[(*CELL, 1)] == NEGATIVE  # turned by 90° it overlaps by a third
@@ -42,12 +42,18 @@ def test_overlaps_and_thresholds_split_anchors():
     expected = np.where(iou > 0.6, POSITIVE, np.where(iou <= 0.4, NEGATIVE, IGNORED))
     np.testing.assert_array_equal(found.labels[20, :, 0], expected)
     assert set(expected) == {POSITIVE, IGNORED, NEGATIVE}
+
+
+def test_anchors_belong_to_the_object_they_overlap_most():
     boxes = np.concatenate([car(1.3, -2.0), car(-4.0, 3.0, math.pi / 2, 4.6, 1.9)])
     found = assign(GRID, boxes, positive=0.5, negative=0.5, best=2.0)
     iou = iou_bev(GRID.reshape(-1, 7), boxes)
     np.testing.assert_array_equal(found.labels.ravel() == POSITIVE, iou.max(axis=1) > 0.5)
     positive = found.labels.ravel() == POSITIVE
     np.testing.assert_array_equal(found.owner.ravel()[positive], iou.argmax(axis=1)[positive])
+
+
+def test_the_best_anchor_of_an_object_is_positive():
     found = assign(GRID, car(length=1.2, width=0.9))
     assert (found.labels == POSITIVE).sum() == 1
     assert (
@@ -55,6 +61,9 @@ def test_overlaps_and_thresholds_split_anchors():
     ).sum() == 0  # nothing reaches `best`
     assert (assign(GRID, car(x=30.0)).labels == POSITIVE).sum() == 0  # outside the grid
     assert (assign(GRID, np.zeros((0, 7))).labels == NEGATIVE).all()
+
+
+def test_neighbours_share_the_anchors_between_them():
     boxes = np.concatenate([car(0.2, 0.2), car(0.2, 2.6)])
     found = assign(GRID, boxes, positive=0.4)
     owners = found.owner[20, :, 0][found.labels[20, :, 0] == POSITIVE]

@@ -15,8 +15,8 @@ BARE = """
 import sys
 for name in ("open3d", "libsumo", "sumolib", "gymnasium", "matplotlib", "tyro", "beartype"):
     sys.modules[name] = None
-from models.train import main
-main(["--help"])
+from models.train import train_from_command_line
+train_from_command_line(["--help"])
 """
 
 EVERYTHING = (

@@ -11,10 +11,10 @@ from models.config import VoxelNetConfig, road_users
 from models.network.grid import anchors
 from models.network.voxelnet import VoxelNet
 from models.training import samples as module
-from models.training.loop import PRESETS
 from models.training.losses import IGNORED, NEGATIVE, POSITIVE
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
+from models.training.presets import PRESETS
 from models.training.samples import (
     LIFT_DEVIATION_M,
     MIN_KEPT_SHARE,
@@ -115,7 +115,7 @@ def test_errors_of_packed_frames_mix_with_what_is_outside_the_crop(scene):
     assert not np.array_equal(with_errors(packed, 2, POOR, 6, [1])[0], one[0])
 
 
-def test_random_errors_thinning_and_tilts_have_their_ranges():
+def test_random_errors_have_their_ranges():
     drawn = [random_errors(np.random.default_rng(seed)) for seed in range(300)]
     assert drawn[3].digest == random_errors(np.random.default_rng(3)).digest
     rotations = np.rad2deg(
@@ -127,6 +127,9 @@ def test_random_errors_thinning_and_tilts_have_their_ranges():
     assert max(mixed) > 0.25
     assert min(mixed) == 0
     assert [type(t) for t in drawn[0].terms] == [type(t) for t in drawn[1].terms]
+
+
+def test_thinned_clouds_keep_a_tenth_to_all_points():
     points = np.random.default_rng(0).uniform(-9, 9, (2000, 3)).astype(np.float32)
     shares = []
     for seed in range(60):
@@ -138,6 +141,9 @@ def test_random_errors_thinning_and_tilts_have_their_ranges():
     assert min(shares) < 0.2
     assert max(shares) > 0.9
     assert np.mean(shares) == pytest.approx(0.55, abs=0.1)
+
+
+def test_tilts_move_points_and_boxes_alike():
     rng = np.random.default_rng(1)
     boxes = np.column_stack(
         [rng.uniform(-20, 20, (50, 2)), rng.uniform(0, 1, 50), np.ones((50, 4))]
@@ -147,6 +153,9 @@ def test_random_errors_thinning_and_tilts_have_their_ranges():
     np.testing.assert_allclose(moved_points, moved[:, :3], atol=1e-5)
     np.testing.assert_array_equal(moved[:, [0, 1, 3, 4, 5, 6]], boxes[:, [0, 1, 3, 4, 5, 6]])
     assert points[0, 2] == np.float32(boxes[0, 2])  # what was given is as it was
+
+
+def test_tilts_have_their_spread():
     at = np.float32([[2, -1, 0], [12, -1, 0], [2, 9, 0], [12, 9, 0]])
     heights = np.array(
         [tilt(at, np.zeros((0, 7)), CENTRE, np.random.default_rng(k))[0][:, 2] for k in range(800)]

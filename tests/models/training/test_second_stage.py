@@ -14,7 +14,7 @@ from models.network.faces import SORTS, FaceNetworks, face_features, face_offset
 from models.network.grid import per_anchor, voxelise
 from models.network.voxelnet import VoxelNet
 from models.training import second_stage
-from models.training.loop import make_config
+from models.training.presets import make_config
 from models.training.second_stage import (
     MAX_FACE_SHIFT_M,
     MAX_LOST_SHARE,
@@ -288,10 +288,12 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
     # neither known nor rivalry: the share holds alone
     bare = VoxelNetDetector(VoxelNet(replace(config, known=())))
     scores = torch.as_tensor([[0.8, 0.0], [0.0, 0.3], [0.0, 0.3]])
-    kept = bare._finish(torch.as_tensor(boxes[:3]).float(), scores, np.zeros((0, 3), np.float32))
+    kept = bare.finish_detections(
+        torch.as_tensor(boxes[:3]).float(), scores, np.zeros((0, 3), np.float32)
+    )
     assert sorted(kept.boxes[:, 0].tolist()) == [0.0, 5.0]
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-    for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must lie in 0..1")):
+    for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must be within 0..1")):
         with pytest.raises(ValueError, match=said):
             replace(config, rival_shares=wrong)
 
@@ -318,12 +320,18 @@ def test_one_large_object_has_one_label_where_the_header_names_no_shares(case):
     logits = torch.zeros(3, 3)
     logits[[0, 1, 2], [0, 2, 1]] = torch.tensor([*scores, 0.95])
     detector = VoxelNetDetector(VoxelNet(config))
-    found = detector._finish(torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32))
+    found = detector.finish_detections(
+        torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32)
+    )
     wanted = [label for label, stays in zip((VEHICLE, HEAVY), kept, strict=True) if stays]
     assert sorted(found.labels.tolist()) == sorted([*wanted, PEDESTRIAN])
     every = VoxelNetDetector(VoxelNet(replace(config, rival_shares=(0.0, 0.0, 0.0))))
     assert (
-        len(every._finish(torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32)))
+        len(
+            every.finish_detections(
+                torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32)
+            )
+        )
         == 3
     )
     cars = replace(config, kinds=(), labels=("vehicle",))

@@ -9,9 +9,11 @@ import pytest
 
 from models.network.voxelnet import VoxelNet
 from models.training import second_stage as module
-from models.training.loop import ANYWHERE, LOG, PRESETS, make_config, read_curves, train
+from models.training.loop import train
 from models.training.packed import PackedFrames
+from models.training.presets import ANYWHERE, PRESETS, make_config
 from models.training.second_stage import MAX_KEPT_AREAS, compute_recording_ap, detector_by_area
+from models.training.training_log import LOG, read_curves
 from toolkit.objects import VEHICLE, Detections
 
 AREA = (-12.8, -12.8, 12.8, 12.8)

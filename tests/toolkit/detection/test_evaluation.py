@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from examples.differences.scheme import ForegroundDifferences
 from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
@@ -19,7 +20,6 @@ from toolkit.detection.evaluation import (
     format_table,
     save_evaluation,
 )
-from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate
 from toolkit.detection.schemes import fuse_frame
@@ -503,7 +503,7 @@ def test_differences_remember_from_frame_to_frame(monkeypatch):
         rows = evaluate_recording(
             Still(),
             Oracle(),
-            Comparison(schemes=["foreground", "differences"], iou_thresholds=[0.7]),
+            Comparison(schemes=["foreground", ForegroundDifferences()], iou_thresholds=[0.7]),
         )
         assert rows[1].kbit_per_sensor <= rows[0].kbit_per_sensor
     per_run = len(memories) // 2

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from examples.differences.scheme import ForegroundDifferences
 from toolkit.calibration.empty_scene import Scenes, learn_sample_scenes
 from toolkit.detection.evaluation import Comparison, evaluate_recording, save_evaluation
 from toolkit.detection.link.range_images import RangeImages
@@ -148,5 +149,5 @@ def test_schemes_of_images_learn_scenes_and_refer_to_frames_before():
         frame = replace(last if k >= 6 else before, index=k)
         stand = Stand(np.array([-50.0, -50, 50, 50]), np.zeros(2))
         view = stand_view(frame, Everything(), stand, scenes=scenes, memory=memory)
-        bits.append(SCHEMES["differences"].fuse(view, [0]).bits.item())
+        bits.append(ForegroundDifferences().fuse(view, [0]).bits.item())
     assert bits[7] == bits[8] < bits[6]

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import (
@@ -118,10 +117,7 @@ def test_schemes_by_name_send_points_and_boxes():
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
     late: Scheme = Late()
     assert late.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
-    assert schemes_in_steps(0.04)["differences"] == ForegroundDifferences(0.04)
-    named = schemes_in_steps(0.08, refers_to="key", key_every=5)
-    assert named["differences"] == ForegroundDifferences(0.08, "key", 5)
-    assert named["foreground"] == Foreground(0.08)
+    assert schemes_in_steps(0.08)["foreground"] == Foreground(0.08)
     assert PAPER_SCHEMES == tuple(SCHEMES)[:3] == ("early", "late", "hybrid")
     assert (
         len(

@@ -469,7 +469,7 @@ def _open(path: Path) -> Iterator[list[RosObject]]:
         readers = []
         with _damage(path):
             for file in _list_files(path):
-                kind = rosbag1.Reader if file.suffix.lower() == FIRST_ENDING else rosbag2.Reader
+                kind = rosbag1.Reader if _is_first_ros(file) else rosbag2.Reader
                 try:
                     readers.append(stack.enter_context(kind(file)))
                 except rosbag2.ReaderError as error:
@@ -488,6 +488,11 @@ def _enter_bag_folder(path: Path) -> Path:
         return path
     folders = [folder for folder in sorted(path.iterdir()) if lexists(folder / "metadata.yaml")]
     return folders[0] if len(folders) == 1 else path
+
+
+def _is_first_ros(path: Path) -> bool:
+    """Return whether a bag is of ROS 1: a file, since a folder named *.bag is of ROS 2."""
+    return path.suffix.lower() == FIRST_ENDING and not path.is_dir()
 
 
 def _list_files(path: Path) -> list[Path]:
@@ -547,7 +552,7 @@ def _call(parse: Callable[[bytes, str], RosObject], kind: str, data: bytes) -> R
 def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
     """Yield the messages of some kinds, of all files together, by the time of their recording."""
     with _open(path) as readers:
-        has_seq = any(file.suffix.lower() == FIRST_ENDING for file in _list_files(path))
+        has_seq = any(map(_is_first_ros, _list_files(path)))
         with _damage(path):
             message_types = {
                 connection_info.msgtype

@@ -48,18 +48,20 @@ class SendsForeground(DetectsOnce):
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Detect in all foreground that arrives."""
-        return view.fuse_points([self._send(view, sensor) for sensor in sensors])
+        return view.fuse_points([self.send(view, sensor) for sensor in sensors])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return the points on objects that count."""
         return counts.on_objects
 
-    def _send(self, view: View, sensor: int) -> Sent[Cloud]:
+    def send(self, view: View, sensor: int) -> Sent[Cloud]:
+        """Send the foreground of a sensor, and restore its cloud at the centre."""
+
         def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
             captured = view.captured(sensor)
             scene = view.scene(sensor)
             out = standing_out(captured, scene, self.sigmas)
-            message, restored = self._exchange(
+            message, restored = self.exchange(
                 view, sensor, captured.sending(out.pixels), out.missing
             )
             measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
@@ -69,10 +71,10 @@ class SendsForeground(DetectsOnce):
 
         return view.transmit(sensor, self.digest, through)
 
-    def _exchange(
+    def exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask
     ) -> "tuple[bytes, Restored]":
-        """Message of a sensor, and the image that the centre restores."""
+        """Return the message of a sensor, and the image that the centre restores."""
         raise NotImplementedError
 
 
@@ -94,9 +96,10 @@ class Foreground(SendsForeground):
                 f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000"
             )
 
-    def _exchange(
+    def exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask
     ) -> "tuple[bytes, Restored]":
+        """Encode the image and decode it again."""
         scene = view.scene(sensor)
         message = encode_foreground(image, scene, missing, step=self.step)
         return message, decode_foreground(message, scene)

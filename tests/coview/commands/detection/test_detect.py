@@ -61,7 +61,7 @@ def test_kitti_and_openlabel_text(clouds, tmp_path, run):
     assert "exists" in run("detect", cloud, "--format", "kitti", "--out", tmp_path / "kitti")[2]
 
 
-def test_what_is_refused(clouds, tmp_path, refused):
+def test_what_detect_refuses(clouds, tmp_path, refused):
     out = tmp_path / "b.json"
     assert "give clouds" in refused("detect", "--out", out)
     assert "check the path" in refused("detect", tmp_path / "none", "--out", out)
@@ -73,6 +73,9 @@ def test_what_is_refused(clouds, tmp_path, refused):
     assert "needs a site" in refused("detect", clouds, "--detector", "voxelnet", "--out", out)
     assert "--frames must be at least 1" in refused("detect", clouds, "--frames", 0, "--out", out)
     assert not out.exists()
+
+
+def test_what_evaluate_refuses(clouds, tmp_path, refused):
     evaluate = ("evaluate", clouds, "--out", tmp_path / "e")
     assert "--site does not go with layout folder" in refused(*evaluate, "--site", "tjunction")
     assert "recorded clouds have errors of their own" in refused(

@@ -169,7 +169,9 @@ def test_a_detector_that_is_none(name, message, ours, recording, refused):
         (("--codec", "zip"), "choose among paper, range-images"),
         (("--step", "0.0005"), "step must be a whole number of millimetres"),
         (("--rate", "0"), "--rate must be above 0, got 0"),
-        (("--schemes", "middle"), "choose among early, late, hybrid, foreground, differences"),
+        (("--schemes", "middle"), "choose among early, late, hybrid, foreground"),
+        (("--schemes", "differences"), "choose among early, late, hybrid, foreground"),
+        (("--key-every", "5"), "evaluate has no option --key-every"),
     ],
 )
 def test_wrong_arguments(arguments, message, recording, refused, tmp_path):
@@ -224,28 +226,6 @@ def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
     assert "loads" not in json.loads(
         run(*arguments[:6], "--schemes", "late", "--out", tmp_path / "b", "--json")[1]
     )
-
-
-def test_differences_are_taken_as_asked(recording, tmp_path, run, refused):
-    arguments = (
-        "evaluate",
-        recording,
-        "--frames",
-        1,
-        "--iou",
-        0.5,
-        "--schemes",
-        "differences",
-        "--out",
-        tmp_path,
-    )
-    assert run(*arguments, "--refers-to", "key", "--key-every", 5, "--step", 0.04)[0] == 0
-    digest = json.loads((tmp_path / "table.json").read_text())["provenance"]["schemes"][
-        "differences"
-    ]
-    assert digest.startswith("ForegroundDifferences(step=0.04, refers_to='key', key_every=5,")
-    assert "--key-every" in refused(*arguments, "--key-every", 0, "--overwrite")
-    assert "1 to 255" in refused(*arguments, "--key-every", 300, "--overwrite")
 
 
 def test_classes_restrict_the_rows_and_a_network_has_all_by_default(recording, tmp_path, run):

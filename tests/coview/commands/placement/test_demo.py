@@ -21,7 +21,7 @@ def test_twice_and_never_over_other_files(run, refused, tmp_path):
 def test_it_ends_with_a_plan_of_the_site_s_own_sensors(run, tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(
-        "coview.commands.placement.demo.plan",
+        "coview.commands.placement.demo.plan_command",
         lambda *site, **question: asked.append((site, question)),
     )
     out = tmp_path / "demo"

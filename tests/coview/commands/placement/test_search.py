@@ -92,7 +92,7 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--iou", 0.33), "no surrogate of general for early at IoU 0.33"),
         (("--method", "exhaustive"), "at most 16 candidates, got 2363"),
         (("--method", "raced"), "needs fidelity detector, got surrogate"),
-        (("--fidelity", "table"), "say --candidates paper"),
+        (("--fidelity", "table"), "pass --candidates paper"),
         (("--candidates", "paper", "--model", "telepathy"), "a site's sensors have theirs"),
         (
             ("--fidelity", "table", "--candidates", "paper", "--method", "cpsat"),
@@ -166,7 +166,7 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
             (("--money", -1), "--money must be at least 0"),
             (("--sensors", "none.toml"), "none.toml"),
         ),
-        (("--sensors", "none.toml", "--model", "depth-camera"), "leave one of them out"),
+        (("--sensors", "none.toml", "--model", "depth-camera"), "leave one out"),
         (("--sensors", "none.toml", "--candidates", "paper"), "a site's sensors have theirs"),
         (("--confidence", 1), "--confidence must lie between 0 and 1, got 1"),
         (

@@ -66,7 +66,7 @@ def test_an_area_without_a_point_is_refused_and_says_where_they_lie(
     arguments = ("--poses", tmp_path / "poses.json", *flags, "--out", tmp_path / "new" / "ab.ply")
     line = refused("fuse", *clouds, *arguments, "--area", 100, 100, 200, 200)
     assert "none of the 4 points lies in the area: they lie at x 1.0 to 50.0" in line
-    assert ("leave out --inverted" if inverted else "say --inverted") in line
+    assert ("leave out --inverted" if inverted else "pass --inverted") in line
     assert not (tmp_path / "ab.ply").exists()
 
 

@@ -39,10 +39,10 @@ def test_wrong_arguments(arguments, message, refused):
 )
 def test_an_import_is_turned_by_a_bearing_or_a_heading_by_its_name(options, heading):
     command = ImportMap(centre=(0.0, 0.0), size=(9.0, 9.0), out=Path("x.json"), **options)
-    assert command._find_heading() == pytest.approx(heading)
+    assert command.find_heading() == pytest.approx(heading)
 
 
-def test_a_site_is_replaced_only_when_told_and_an_import_has_no_sensors(run, refused, tmp_path):
+def test_a_site_is_replaced_only_when_told(run, refused, tmp_path):
     mine = tmp_path / "mine.json"
     assert run("site", "random", "--seed", 1, "--out", mine)[0] == 0
     before = mine.read_bytes()
@@ -51,6 +51,9 @@ def test_a_site_is_replaced_only_when_told_and_an_import_has_no_sensors(run, ref
     assert mine.read_bytes() == before
     assert run("site", "random", "--seed", 2, "--out", mine, "--overwrite")[0] == 0
     assert mine.read_bytes() != before
+
+
+def test_an_import_has_no_sensors(run, refused, tmp_path):
     site = tmp_path / "own.json"
     code, out, _ = run("site", "import", *OWN, "--out", site)
     assert code == 0
@@ -63,9 +66,7 @@ def test_a_site_is_replaced_only_when_told_and_an_import_has_no_sensors(run, ref
         in line
     )
     assert not (tmp_path / "own.hdf5").exists()
-    assert "has no sensors of its own" in refused(
-        "search", site, "--candidates", "paper", "--frames", 1
-    )
+    assert "has no sensors" in refused("search", site, "--candidates", "paper", "--frames", 1)
 
 
 DOCS = Path(__file__).parents[4] / "docs"

@@ -63,9 +63,7 @@ def test_one_frame_as_a_picture(clouds, tmp_path, run, refused, monkeypatch):
     )
     assert "must end in .png or .svg" in refused(*arguments, tmp_path / "b.jpg")
     assert "--overwrite" in refused(*arguments, tmp_path / "a.png")
-    assert "give one of them" in refused(
-        *arguments, tmp_path / "b.png", "--out", tmp_path / "b.html"
-    )
+    assert "give only one" in refused(*arguments, tmp_path / "b.png", "--out", tmp_path / "b.html")
     assert "no sensor 'west'" in refused(*arguments, tmp_path / "b.png", "--sensors", "west")
     assert sorted(each.name for each in tmp_path.iterdir() if each.suffix != ".py") in (
         ["a.png"],

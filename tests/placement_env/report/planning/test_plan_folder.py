@@ -213,6 +213,37 @@ def test_what_does_not_fit_is_refused_by_name(folder, damage, said):
     assert "\n" not in str(refusal.value)
 
 
+def test_what_costs_nothing_comes_back(folder):
+    path = folder / "plan.json"
+    content = json.loads(path.read_text())
+    stock = content["stock"]
+    stock["catalogue"] |= {"pole_price": 0, "years": 0, "rates": {"cable": 0}}
+    stock["poles"][0] |= {"price": 0, "min_height": 0}
+    stock["models"][0]["price"] = 0
+    content["question"] |= {"money": 0, "seed": 0}
+    path.write_text(json.dumps(content))
+    plan = read_plan_folder(folder)
+    stock = plan.setting.candidates
+    assert (stock.catalogue.pole_price, stock.catalogue.years) == (0.0, 0.0)
+    assert stock.catalogue.rates == {"cable": 0.0}
+    assert plan.setting.pool.axes.prices == (0.0, 4000.0)
+    assert (plan.setting.pool.mounts[0].price, plan.setting.pool.mounts[0].min_height) == (0.0, 0.0)
+    assert (plan.setting.most_price, plan.seed) == (0.0, 0)
+
+
+def test_a_stock_of_too_many_poses_is_refused_with_their_number(folder):
+    path = folder / "plan.json"
+    content = json.loads(path.read_text())
+    stock = content["stock"]
+    stock["headings"] = 360
+    stock["tilts_deg"] = np.linspace(0.0, 80.0, 41).tolist()
+    path.write_text(json.dumps(content))
+    poses = len(stock["poles"]) * len(stock["heights_m"]) * 360 * 41 * len(stock["models"])
+    assert len(stock["models"]) == 2
+    with pytest.raises(ValueError, match=f"at most 400000 poses, got {poses}: leave out poles"):
+        read_plan_folder(folder)
+
+
 def test_what_is_no_folder_of_a_plan_is_said(folder, tmp_path):
     assert is_plan_folder(folder)
     assert not is_plan_folder(folder / "plan.json")

@@ -112,6 +112,8 @@ def test_classes_thresholds_and_error_profiles_are_written_down(ask):
     assert ask(SITE, iou=(0.8,)).as_dict()["iou"] == 0.8
     plain = ask(SITE).as_dict()
     assert (plain["errors"], plain["errors_by"]) == (["paper"], "worst")
+    single = ask(SITE, errors=("typical",), errors_by="mean").as_dict()
+    assert (single["errors"], single["errors_by"]) == (["typical"], "worst")
     both = ask(SITE, errors=("typical", "poor"), errors_by="mean").as_dict()
     assert (both["errors"], both["errors_by"]) == (["typical", "poor"], "mean")
     question = ask(SITE, candidates="paper", errors=("typical",), seed=4, frames=3)

@@ -799,6 +799,10 @@ def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
         ValueError, match=r"AP 0\.00 in the race \(96 to find in 24 frames\), but AP 0\."
     ):
         known.check_race(2, 0.0, np.arange(24))
+    divided = Judge((Detected(frames, street.detected.detector, "early"),), Cases(levels=2))
+    worst = judging._Options(street.objective, found, divided)
+    worst.judge_rows([2])
+    worst.check_race(2, 0.0, np.arange(24))  # the worst of several cases is not compared
 
 
 def test_judging_of_the_closest_sets_and_of_the_schemes_is_counted_frame_by_frame(street):

@@ -205,3 +205,5 @@ def test_clouds_in_the_world_are_written_in_their_sensors_frame(tmp_path):
     np.testing.assert_allclose(back.clouds[0].world_SE3_sensor, placed, atol=1e-12)
     np.testing.assert_allclose(back.points(), [[7, 1, 0]], atol=1e-6)
     assert back.time == 3.5
+    (named,) = rosbag((tmp_path / "bag").rename(tmp_path / "junction.bag"))  # a folder of ROS 2
+    np.testing.assert_array_equal(named.points(), back.points())

@@ -9,10 +9,11 @@ from itertools import accumulate
 import numpy as np
 import pytest
 
+from examples.differences import messages as difference_messages
 from toolkit.boxes import check_boxes
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import Message, Origin, RangeImage
-from toolkit.detection.link import differences, foreground, image_coding, range_images
+from toolkit.detection.link import foreground, image_coding, range_images
 from toolkit.detection.link.message import MessageHeader, MessageKind, read_message, write_message
 from toolkit.detection.view import suppress
 from toolkit.geometry import pose
@@ -152,7 +153,9 @@ def masked(number):
 
 @pytest.mark.parametrize(("refers_to", "step"), [("previous", 0.02), ("key", 0.08)])
 def test_images_read_as_the_page_says(refers_to, step):
-    sender = differences.DifferenceSender(SCENE, step=step, refers_to=refers_to, key_every=10)
+    sender = difference_messages.DifferenceSender(
+        SCENE, step=step, refers_to=refers_to, key_every=10
+    )
     messages = [sender.write(image(k), masked(k)) for k in range(12)]
     assert [message[3] for message in messages] == [2, *[5] * 9, 2, 5]
     for k, (values, missing) in enumerate(read_images(messages)):
@@ -353,7 +356,10 @@ def forge(rng, message):
 
 def attack(rng, count):
     """Forged messages of each kind, and what became of them."""
-    sender, reader = differences.DifferenceSender(SCENE), differences.DifferenceReader(SCENE)
+    sender, reader = (
+        difference_messages.DifferenceSender(SCENE),
+        difference_messages.DifferenceReader(SCENE),
+    )
     whole, change = (sender.write(image(k)) for k in range(2))
     sound = {
         "range image": CODEC.encode_image(image(0)).content,

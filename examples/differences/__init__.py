@@ -1,0 +1,1 @@
+"""Fusion scheme whose messages hold only what changed since an earlier message."""
