@@ -1,32 +1,16 @@
-"""Detectors by the names that --detector takes.
+"""Detectors by name (`coview.detector_spec`), opened for a site, a place or a recording."""
 
-A name may end in these suffixes, in any order:
-
-    +background   a detector that knows the empty site and leaves out what is always there.
-                  `general` has it at a site with known scenery, `general-background` has not.
-                  For `general`, `coview detect` learns what is in most frames if the site is
-                  unknown and the sensors do not move. If nothing is known about the site,
-                  `general` reports pedestrians from a higher score on
-    +phases4      a network on four shifted grids, whose boxes are averaged
-    +bfloat16     a network in coarser numbers, in half the time, if the processor has
-                  instructions for them; `coview detect` adds it unless +float32 is given"""
-
-import re
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, SupportsFloat, cast
+from typing import TYPE_CHECKING, Literal, SupportsFloat, cast
 
-BACKGROUND = "+background"
-NO_BACKGROUND = "-background"
-CLUSTER = "cluster"
-QUICK = "+bfloat16"
-EXACT = "+float32"
-GENERAL = "general"
+from coview.detector_spec import CLUSTER, GENERAL, VOXELNET, DetectorSpec
+
 # shorter recordings would learn waiting vehicles as background
 MIN_LEARNING_FRAMES = 10
 MIN_LEARNING_S = 60.0
-_SUFFIXES = re.compile(r"(.+?)((?:\+background|-background|\+phases\d{1,3}|\+bfloat16|\+float32)*)")
+_USUAL_SPEC = DetectorSpec.from_name(GENERAL)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -140,85 +124,105 @@ def load_detector(
     return CloudDetector(network, level)
 
 
-class NamedDetector(NamedTuple):
-    """Parsed detector name: base name and options."""
-
-    bare: str
-    known: bool = False  # whether it knows the site's background
-    phases: int = 1  # number of shifted grids
-    bfloat16: bool = False
-    unknown_site: bool = False  # nothing is known about the background
-
-    def tune(self, detector: "Detector") -> "Detector":
-        """Return a detector with these grids and numbers.
-
-        Raises ValueError for a detector without a grid."""
-        from toolkit.objects import quick_detector
-
-        if self.phases != 1:
-            if not hasattr(detector, "shift_grids"):
-                raise ValueError(
-                    f"+phases shifts the grid of a network, which {self.bare} is not: leave it out"
-                )
-            detector = detector.shift_grids(self.phases)
-        if self.unknown_site:
-            detector = cast("VoxelNetDetector", detector).at_unknown_site()
-        return quick_detector(detector) if self.bfloat16 else detector
-
-
-def recording_detector(
-    name: str | None,
-    recording: "Recording",
+def open_detector(
+    spec: DetectorSpec | None,
+    at: "Site | Place | Recording",
     place: "Place | None" = None,
     scenes: "Scenes | None" = None,
 ) -> "Detector":
-    """Return the detector for a recording: cluster, or a detector of `site_detector`.
+    """Open a detector for a site, a place in any recording, or a recording.
 
-    Cluster learns the recording's empty site. With +background the detector knows the site's
-    scenery, or what the recording shows behind all that moves.
+    At a site, +background is the site's scenery. In a recording, it is what the recording shows
+    behind all that moves, and cluster learns the empty scene.
 
-    name: name of the detector; None for `find_network`, which plans use, at a known site, else for
-    general; place: place of detection, if not at the site itself; scenes: empty scenes to learn
-    from."""
+    spec: parsed name; None for the network that plans use in a recording of a known site, else for
+    general; place: place of detection in a recording, None for the site; scenes: empty scenes
+    to learn from. Raises ValueError for a detector that does not fit."""
     from toolkit.calibration.place import Place
-    from toolkit.detection.background import KnownBackground, recording_background
-    from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
+    from toolkit.sites.site import Site
 
+    if isinstance(at, Site):
+        return _open_at_site(spec or _USUAL_SPEC, at)
+    if isinstance(at, Place):
+        return _open_at_place(spec or _USUAL_SPEC, at)
     place = place or Place()
-    site = recording.site
-    at_site = site is not None and place.at(site)
-    if name is None and site is not None and at_site:
+    if at.site is not None and place.at(at.site):
+        return _open_for_known_site(spec, at, at.site)
+    return _open_for_recording(spec or _USUAL_SPEC, at, place, scenes)
+
+
+def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
+    """Raise FileNotFoundError for an unknown detector.
+
+    place: place of detection. Raises ValueError if its area differs from the area of the
+    weights."""
+    if spec.is_imported:
+        from toolkit.detection.detect import resolve_detector
+
+        resolve_detector(spec.base)
+    elif not spec.needs_site:
+        from models.detector import weights_file
+
+        if not weights_file(spec.base).is_file():
+            raise FileNotFoundError(f"no such file of weights: {spec.base}")
+        if spec.is_onnx:
+            from models.onnx_files import OnnxDetector
+
+            OnnxDetector(spec.base)
+    if place is not None and place.area is not None and not spec.needs_site:
+        _open_at_place(spec.without_suffixes(), place)
+
+
+def check_digest(name: str, detector: "Detector", remedy: str) -> None:
+    """Raise ValueError for a detector without a digest."""
+    if not hasattr(detector, "digest"):
+        raise ValueError(
+            f"detector {name} needs an attribute digest, a text that changes with all it "
+            f"uses{remedy}"
+        )
+
+
+def _open_for_known_site(
+    spec: DetectorSpec | None, recording: "Recording", site: "Site"
+) -> "Detector":
+    """Open a detector for a recording of a known site."""
+    from toolkit.detection.background import KnownBackground, recording_background
+    from toolkit.detection.cluster import ClusterDetector
+
+    if spec is None:
         from placement_env.fidelity.preparation import find_network, load_shipped_detector
 
         sensors = recording[0].sensors if len(recording) else site.sensors
         return load_shipped_detector(find_network(site, sensors), site)
-    name = name or GENERAL
-    parsed = parse_detector(name, site if at_site else None)
-    if site is not None and at_site:
-        dataset = cast("CoopDataset", recording)
-        if parsed.bare == CLUSTER:
-            return parsed.tune(ClusterDetector.of(dataset))
-        detector = _bare_detector(parsed, site)
-        if not parsed.known:
-            return detector
-        return KnownBackground(detector, recording_background(dataset))
-    if parsed.bare != CLUSTER and not parsed.known:
-        return place_detector(name, place)
+    dataset = cast("CoopDataset", recording)
+    if spec.base == CLUSTER:
+        return _tune(spec, ClusterDetector.of(dataset))
+    detector = _tune(spec, _load_network(spec, site))
+    if not spec.knows_background(site):
+        return detector
+    return KnownBackground(detector, recording_background(dataset))
 
+
+def _open_for_recording(
+    spec: DetectorSpec, recording: "Recording", place: "Place", scenes: "Scenes | None"
+) -> "Detector":
+    """Open a detector for a recording of an unknown site."""
     from toolkit.calibration import recording_scenes
+    from toolkit.detection.background import KnownBackground
+    from toolkit.detection.cluster import learn_cluster_detector
 
+    if spec.base != CLUSTER and not spec.knows_background():
+        return _open_at_place(spec, place)
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
-    if parsed.known:
+    if spec.knows_background():
         _check_long(recording)
     learnt = learn_cluster_detector(
         scenes or recording_scenes.Scenes(recording), recording[0], place
     )
-    if parsed.bare == CLUSTER:
-        return parsed.tune(learnt)
-    return KnownBackground(
-        place_detector(name.replace(BACKGROUND, NO_BACKGROUND), place), learnt.background
-    )
+    if spec.base == CLUSTER:
+        return _tune(spec, learnt)
+    return KnownBackground(_open_at_place(spec.without_background(), place), learnt.background)
 
 
 def _check_long(recording: "Recording") -> None:
@@ -230,120 +234,70 @@ def _check_long(recording: "Recording") -> None:
         raise ValueError(
             f"{number} frames{duration} do not distinguish what waits from what belongs to the "
             f"site: give at least {MIN_LEARNING_FRAMES} frames over {MIN_LEARNING_S:.0f} s, or "
-            f"leave {BACKGROUND} out"
+            "leave +background out"
         )
 
 
-def check_detector(name: str, place: "Place | None" = None) -> None:
-    """Raise FileNotFoundError for an unknown detector.
-
-    place: place of detection. Raises ValueError if its area differs from the area of the
-    weights."""
-    bare = parse_detector(name).bare
-    if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
-        from models.detector import weights_file
-
-        if not weights_file(bare).is_file():
-            raise FileNotFoundError(f"no such file of weights: {bare}")
-        if bare.endswith(".onnx"):
-            from models.onnx_files import OnnxDetector
-
-            OnnxDetector(bare)
-    if ":" in bare:
-        from toolkit.detection.detect import resolve_detector
-
-        resolve_detector(bare)
-    if place is not None and place.area is not None and bare not in ("voxelnet", CLUSTER):
-        place_detector(bare, place)
-
-
-def site_detector(name: str, site: "Site") -> "Detector":
-    """Return a detector for a site.
-
-    name: voxelnet for the site's shipped network, a shipped name, a file of weights or in ONNX, or
-    package.module:callable, with suffixes. With +background it knows the site's scenery."""
-    parsed = parse_detector(name, site)
-    detector = _bare_detector(parsed, site)
-    if not parsed.known:
-        return detector
+def _open_at_site(spec: DetectorSpec, site: "Site") -> "Detector":
+    """Open a detector for a site. Its background is the site's scenery."""
     from toolkit.detection.background import add_background
 
-    return add_background(detector, site)
+    detector = _tune(spec, _load_network(spec, site))
+    return add_background(detector, site) if spec.knows_background(site) else detector
 
 
-def _bare_detector(parsed: NamedDetector, site: "Site") -> "Detector":
-    """Return a detector for a site, without its background."""
-    from models.detector import load_detector, load_site_detector
-
-    name = parsed.bare
-    if name == CLUSTER:
-        raise ValueError(
-            "detector cluster learns from a recording, and here is no recording: take voxelnet"
-        )
-    if ":" in name:
-        from toolkit.detection.detect import ImportedDetector
-
-        return parsed.tune(ImportedDetector(name, site))
-    if name.endswith(".onnx"):
-        from models.onnx_files import OnnxDetector
-
-        return parsed.tune(OnnxDetector(name, site.area))
-    network = (
-        load_site_detector(site.name, site.area)
-        if name == "voxelnet"
-        else load_detector(name, area=site.area)
-    )
-    return parsed.tune(network)
-
-
-def place_detector(name: str, place: "Place") -> "Detector":
-    """Return a detector for frames of any recording, with points relative to the place."""
+def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
+    """Open a detector for frames of any recording, with points relative to the place."""
     import numpy as np
 
     from toolkit.sites.site import Site
 
-    parsed = parse_detector(name)
-    if parsed.known:
+    if spec.knows_background():
         raise ValueError(
-            f"{name} must see the site empty first: take coview detect, or leave {BACKGROUND} out"
+            f"{spec.name} must see the site empty first: take coview detect, or leave +background "
+            "out"
         )
-    if parsed.bare in ("voxelnet", CLUSTER):
+    if spec.needs_site:
         raise ValueError(
-            f"{name} needs a site: take general, another shipped network, a weights file or your "
-            "own"
+            f"{spec.name} needs a site: take general, another shipped network, a weights file or "
+            "your own"
         )
     x, y = place.half
-    return _bare_detector(parsed, Site("recording", np.array([-x, -y, x, y])))
+    detector = _load_network(spec, Site("recording", np.array([-x, -y, x, y])))
+    return _tune(spec, detector, is_site_unknown=spec.learns_scene)
 
 
-def parse_detector(name: str, site: "Site | None" = None) -> NamedDetector:
-    """Parse a detector's name. site: site of detection, if it is known."""
-    match = _SUFFIXES.fullmatch(name)
-    bare, suffixes = match.groups() if match else (name, "")
-    has_scenery = site is not None and len(site.solids) > 0
-    knows_by_default = bare == GENERAL and NO_BACKGROUND not in suffixes and has_scenery
-    phases = re.search(r"phases(\d+)", suffixes)
-    known = BACKGROUND in suffixes or knows_by_default
-    is_bare = NO_BACKGROUND in suffixes
-    return NamedDetector(
-        bare,
-        known=known,
-        phases=int(phases[1]) if phases else 1,
-        bfloat16=QUICK in suffixes and EXACT not in suffixes,
-        unknown_site=bare == GENERAL and site is None and not known and not is_bare,
-    )
-
-
-def learns_background(name: str) -> bool:
-    """Return whether a detector learns the background of an unknown site by default."""
-    parsed = parse_detector(name)
-    return parsed.bare == GENERAL and not parsed.known and NO_BACKGROUND not in name
-
-
-def check_digest(name: str, detector: "Detector", remedy: str) -> None:
-    """Raise ValueError for a detector without a digest."""
-    if not hasattr(detector, "digest"):
+def _load_network(spec: DetectorSpec, site: "Site") -> "Detector":
+    """Load the detector of a base name for a site."""
+    if spec.base == CLUSTER:
         raise ValueError(
-            f"detector {name} needs an attribute digest, a text that changes with all it "
-            f"uses{remedy}"
+            "detector cluster learns from a recording, and here is no recording: take voxelnet"
         )
+    if spec.is_imported:
+        from toolkit.detection.detect import ImportedDetector
+
+        return ImportedDetector(spec.base, site)
+    if spec.is_onnx:
+        from models.onnx_files import OnnxDetector
+
+        return OnnxDetector(spec.base, site.area)
+    from models import detector
+
+    if spec.base == VOXELNET:
+        return detector.load_site_detector(site.name, site.area)
+    return detector.load_detector(spec.base, area=site.area)
+
+
+def _tune(spec: DetectorSpec, detector: "Detector", *, is_site_unknown: bool = False) -> "Detector":
+    """Detector with the grids and numbers of its name. Raises ValueError if it has no grid."""
+    from toolkit.objects import quick_detector
+
+    if spec.phases != 1:
+        if not hasattr(detector, "shift_grids"):
+            raise ValueError(
+                f"+phases shifts the grid of a network, which {spec.base} is not: leave it out"
+            )
+        detector = detector.shift_grids(spec.phases)
+    if is_site_unknown:
+        detector = cast("VoxelNetDetector", detector).at_unknown_site()
+    return quick_detector(detector) if spec.numbers == "bfloat16" else detector

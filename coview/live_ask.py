@@ -6,9 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from coview.live_context import LiveContext
 from coview.live_drawings import Ghosts
-from coview.live_head import PanelHead
-from coview.live_jobs import LiveJobs
 from coview.live_tables import describe_ap, describe_suggestions, format_ap
 from placement_env.live.planner import LivePlanner
 from placement_env.live.project import export_variant, report_variant
@@ -23,26 +22,17 @@ PATIENCE_S = 1.0  # that a suggestion waits for more poles to be looked at
 
 
 class LongTasks:
-    """Do what takes long. show: shows an answer; redraw: draws all; folder: for exports and
-    reports."""
+    """Suggestions, searches, measurements and files of a page.
 
-    def __init__(
-        self,
-        planner: LivePlanner,
-        jobs: LiveJobs,
-        head: PanelHead,
-        ghosts: Ghosts,
-        *,
-        show: "Callable[[LiveAnswer], None]",
-        redraw: Callable[[], None],
-        folder: Path,
-    ) -> None:
-        self._planner = planner
-        self._jobs = jobs
-        self._head = head
+    ghosts: drawings of the suggested sensors; folder: folder of exports and reports."""
+
+    def __init__(self, context: LiveContext, ghosts: Ghosts, folder: Path) -> None:
+        self._planner = context.planner
+        self._jobs = context.jobs
+        self._head = context.head
+        self._show = context.show
+        self._redraw = context.redraw
         self._ghosts = ghosts
-        self._show = show
-        self._redraw = redraw
         self._folder = folder
 
     def add_ask_controls(self, gui: "GuiApi", find_name: Callable[[], str]) -> None:
@@ -69,7 +59,7 @@ class LongTasks:
         )
 
     def suggest(self, kind: str, name: str | None = None) -> None:
-        """Suggest changes of a kind. name: of the sensor to move."""
+        """Suggest changes of a kind. name: name of the sensor to move."""
         moved = name if kind == "move" else None
 
         def job() -> None:

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coview.live_cameras import Spot
+from coview.live_context import LiveContext
 from coview.live_drawings import AreaDrawing
-from coview.live_head import PanelHead
-from coview.live_jobs import LiveJobs
 from placement_env.live.picture import GroundPicture, keep_picture
-from placement_env.live.planner import LivePlanner
 from toolkit.display import describe_count
 from toolkit.viewing.scene import Handle
 
@@ -22,31 +20,21 @@ if TYPE_CHECKING:
 
 
 class GroundClicks:
-    """Meaning of a click on the ground, and the spots that were clicked.
+    """Clicks on the ground of a page, and what they are for.
 
-    show: shows an answer; redraw: draws all; folder: where a picture is kept.
+    areas: drawing of the keep-out areas; folder: folder of a picture that is laid under the scene.
 
     Attributes:
-        spots: that were clicked for what is awaited.
+        spots: Spots clicked so far for the present purpose.
     """
 
-    def __init__(
-        self,
-        planner: LivePlanner,
-        jobs: LiveJobs,
-        head: PanelHead,
-        areas: AreaDrawing,
-        *,
-        show: "Callable[[LiveAnswer], None]",
-        redraw: Callable[[], None],
-        folder: Path,
-    ) -> None:
-        self._planner = planner
-        self._jobs = jobs
-        self._head = head
+    def __init__(self, context: LiveContext, areas: AreaDrawing, folder: Path) -> None:
+        self._planner = context.planner
+        self._jobs = context.jobs
+        self._head = context.head
+        self._show = context.show
+        self._redraw = context.redraw
         self._areas = areas
-        self._show = show
-        self._redraw = redraw
         self._folder = folder
         self._awaited: Callable[[Spot], None] | None = None
         self.spots: list[Spot] = []

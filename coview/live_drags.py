@@ -7,33 +7,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coview.live_cameras import Spot
+from coview.live_context import LiveContext
 from coview.live_drawings import SensorDrawings
-from coview.live_jobs import LiveJobs
-from placement_env.live.planner import LivePlanner
 from toolkit.viewing.scene import Handle
 
 if TYPE_CHECKING:
-    from placement_env.live.figures import LiveAnswer
+    pass
 
 CATCH_M = 3.0  # from the pointer within which a pole catches a sensor that is carried
 
 
 class SensorDrags:
-    """Follow drags and clicks of sensors. show: shows an answer; choose: a sensor in the panel."""
+    """Drags and clicks of the sensors of a page. choose: function that chooses a sensor."""
 
     def __init__(
-        self,
-        planner: LivePlanner,
-        jobs: LiveJobs,
-        drawings: SensorDrawings,
-        *,
-        show: "Callable[[LiveAnswer], None]",
-        choose: Callable[[str], None],
+        self, context: LiveContext, drawings: SensorDrawings, choose: Callable[[str], None]
     ) -> None:
-        self._planner = planner
-        self._jobs = jobs
+        self._planner = context.planner
+        self._jobs = context.jobs
+        self._show = context.show
         self._drawings = drawings
-        self._show = show
         self._choose = choose
 
     def attach(self, name: str, housing: Handle, handle: Handle) -> None:

@@ -55,8 +55,8 @@ class LiveJobs:
         self.threads: list[threading.Thread] = []
 
     def start(self, find_idle_job: Callable[[], Job | None], refine: Job) -> None:
-        """Start the threads. find_idle_job: gives what is done while nothing is asked; refine: runs
-        in a thread of its own until `closed`."""
+        """Start the threads. find_idle_job: finds what to do while nothing is asked; refine: runs
+        in a separate thread until `closed`."""
         targets = (lambda: self._work(find_idle_job), refine, self._work_long)
         self.threads = [threading.Thread(target=target, daemon=True) for target in targets]
         for thread in self.threads:
@@ -110,7 +110,7 @@ class LiveJobs:
             self._wake.notify_all()
 
     def later(self, what: str, job: Job) -> None:
-        """Do something that takes long, in a thread of its own. what: for the note."""
+        """Do something that takes long, in a separate thread. what: text of the note."""
         with self._wake:
             self._head.begin(what)
             self._long.append(job)
@@ -183,7 +183,7 @@ class LiveJobs:
 class Refining:
     """Thread that refines coarse figures while nobody moves anything.
 
-    find_answer: gives the answer that is shown, None before; show_refined: shows it anew."""
+    find_answer: finds the answer that is shown, None before; show_refined: shows it again."""
 
     def __init__(
         self,

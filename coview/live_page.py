@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from coview.live_ask import LongTasks
 from coview.live_cameras import LiveCameras
 from coview.live_clicks import GroundClicks
+from coview.live_context import LiveContext
 from coview.live_drags import SensorDrags
 from coview.live_drawings import (
     AreaDrawing,
@@ -46,13 +47,13 @@ class LivePage:
     """Scene and panel of a planner on a server. folder: for exports and reports.
 
     Attributes:
-        head: hint, figures and note, which are there from the start.
-        jobs: what is asked, in threads.
-        panel: controls, once a browser has had time to show the figures.
-        sensors: as drawn.
-        drags: of sensors.
-        clicks: on the ground.
-        tasks: that take long.
+        head: Hint, figures and note, which are shown from the start.
+        jobs: Threads that do what is asked.
+        panel: Controls, made after a browser had time to show the figures.
+        sensors: Drawings of the sensors.
+        drags: Drags of sensors.
+        clicks: Clicks on the ground.
+        tasks: Suggestions, searches, measurements and files.
     """
 
     panel: LivePanel
@@ -86,9 +87,8 @@ class LivePage:
         api = self.server.scene
         planner = self.planner
         self.sensors = SensorDrawings(api, planner)
-        self.drags = SensorDrags(
-            planner, self.jobs, self.sensors, show=self.show, choose=self.choose
-        )
+        context = LiveContext(planner, self.jobs, self.head, self.show, self.draw)
+        self.drags = SensorDrags(context, self.sensors, self.choose)
         self.ghosts = Ghosts(
             api, planner, lambda suggestion: self.change(planner.accept, suggestion)
         )
@@ -96,24 +96,8 @@ class LivePage:
         self._picture = PictureDrawing(api, planner, picture_folder)
         self._traffic = TrafficDrawing(api, planner)
         self._maps = SeenMapDrawing(api, planner)
-        self.clicks = GroundClicks(
-            planner,
-            self.jobs,
-            self.head,
-            self.areas,
-            show=self.show,
-            redraw=self.draw,
-            folder=picture_folder,
-        )
-        self.tasks = LongTasks(
-            planner,
-            self.jobs,
-            self.head,
-            self.ghosts,
-            show=self.show,
-            redraw=self.draw,
-            folder=self.folder,
-        )
+        self.clicks = GroundClicks(context, self.areas, picture_folder)
+        self.tasks = LongTasks(context, self.ghosts, self.folder)
 
     def do(self, job: Job) -> None:
         """Do something in the page's thread, after what was asked before."""

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 from coview.arguments import Combine, Label
-from coview.detectors import check_digest, site_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_digest, open_detector
 from coview.outputs import Writing
 from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.candidates.poles import load_keep_out
@@ -174,7 +175,7 @@ def load_own_detector(name: str | None, site: Site, run: Run) -> Detector | None
     Raises ValueError for a detector without digest if its detections are kept in a cache."""
     if name is None:
         return None
-    detector = site_detector(name, site)
+    detector = open_detector(DetectorSpec.from_name(name), site)
     if run.cache is not None:
         check_digest(name, detector, ": add one, or pass --cache None")
     return detector

@@ -28,6 +28,7 @@ from placement_env.checks import check_choice, check_iou, whole
 from placement_env.classes import Classes, Combine, join_names
 from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64
+from toolkit.frozen import set_fields
 from toolkit.sensors.error_profile import ErrorProfile
 from toolkit.sensors.error_profiles import PROFILES, find_profile, only_own_noise
 
@@ -74,14 +75,13 @@ class Cases:
 
     def __post_init__(self) -> None:
         ious = _thresholds(self.iou)
-        object.__setattr__(self, "iou", ious[0] if len(ious) == 1 else ious)
         errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
         profiles = [find_profile(profile) for profile in errors]
         errors_named = tuple(
             profile.name if PROFILES.get(profile.name) == profile else profile
             for profile in profiles
         )
-        object.__setattr__(self, "errors", errors_named)
+        set_fields(self, iou=ious[0] if len(ious) == 1 else ious, errors=errors_named)
         if not whole(self.failing) or not 0 <= self.failing <= MAX_FAILING:
             raise ValueError(f"failing must be 0 to {MAX_FAILING} sensors, got {self.failing!r}")
         if not whole(self.levels) or not 1 <= self.levels <= MAX_LEVELS:
@@ -93,7 +93,7 @@ class Cases:
             names = ", ".join(self.names) or "none"
             raise ValueError(f"error profiles must be different ones, got {names}: name each once")
 
-    @property
+    @cached_property
     def ious(self) -> tuple[float, ...]:
         """IoU thresholds, ascending."""
         return self.threshold if isinstance(self.threshold, tuple) else (self.threshold,)
@@ -109,18 +109,18 @@ class Cases:
         errors = cast("tuple[str | ErrorProfile, ...]", self.errors)
         return tuple(find_profile(profile) for profile in errors)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the error profiles."""
         return tuple(profile.name for profile in self.profiles)
 
-    @property
+    @cached_property
     def plain(self) -> bool:
         """True if there is one threshold, no failures and undivided traffic, whatever the
         errors."""
         return len(self.ious) == 1 and not self.failing and self.levels == 1
 
-    @property
+    @cached_property
     def noise_only(self) -> bool:
         """True if sensors have no errors except their models' noise."""
         return all(map(only_own_noise, self.profiles))

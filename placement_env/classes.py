@@ -16,6 +16,7 @@ few centimetres (as in KITTI and Waymo).
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy as np
 from placement_env.checks import check_choice, check_iou
 from toolkit.arrays import Float64
 from toolkit.class_names import check_classes
+from toolkit.frozen import set_fields
 from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, VEHICLE, label_index
 from toolkit.runtime.cache import make_key
 
@@ -83,16 +85,18 @@ class Classes:
                 )
         order = sorted(range(len(names)), key=lambda k: LABELS.index(names[k]))
         total = float(sum(weights))
-        object.__setattr__(self, "names", tuple(names[k] for k in order))
-        object.__setattr__(self, "weights", tuple(float(weights[k]) / total for k in order))
         ordered = [ious[k] for k in order]
-        class_ious = tuple(None if iou is None else float(iou) for iou in ordered)
-        object.__setattr__(self, "ious", class_ious)
+        set_fields(
+            self,
+            names=tuple(names[k] for k in order),
+            weights=tuple(float(weights[k]) / total for k in order),
+            ious=tuple(None if iou is None else float(iou) for iou in ordered),
+        )
 
     def __len__(self) -> int:
         return len(self.names)
 
-    @property
+    @cached_property
     def labels(self) -> tuple[int, ...]:
         """Numbers in `LABELS`, ascending."""
         return tuple(label_index(name) for name in self.names)

@@ -1,47 +1,47 @@
-"""The objective that every search and environment maximises.
+"""`Objective`: the reward of sensor sets, which every search and environment maximises.
 
-Reward = AP − λ_comm · kbit per sensor − λ_price · price.
+    reward = AP - λ_comm · kbit per sensor - λ_price · price
 
 kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of
-a set sends in a frame, averaged over frames and sensors. A set is feasible if its mounts have room
-for its sensors, no sensor sends more than the link of its mount carries (`placement_env.links`),
-its mounts and sensors cost no more than the maximum price, and every mount that must carry a sensor
-has one.
+a set sends in a frame, averaged over frames and sensors. A set passes these stages:
+
+    candidates        rows of booleans by index or name     `placement_env.feasibility`
+    feasible or not   mounts, links, price, kept poles      `placement_env.feasibility`
+    figures           AP, recall and kbit by the fidelity   `placement_env.score_memory`
+    score             figures, price and reward             `Objective.scores`
 """
 
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from copy import copy
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from placement_env.candidates.candidates import Candidates, extra_prices, fit_together, room_beside
+from placement_env.candidates.candidates import Candidates
 from placement_env.cases import USUAL_CASES, iou_text
-from placement_env.classes import VEHICLES, Classes
+from placement_env.feasibility import FeasibleSets, Members
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility
-from placement_env.links import link_load, max_load
-from placement_env.protocol import ByClass, ByFrames
+from placement_env.links import link_load
+from placement_env.protocol import ByFrames
 from placement_env.racing import Race, race
+from placement_env.score_memory import ScoreMemory, SetFigures
 from placement_env.setting import Setting, Weights
-from placement_env.subsets import Sets, find_index
-from toolkit.arrays import Bool, Float64, Int64, Mask
+from placement_env.subsets import Sets
+from toolkit.arrays import Float64, Int64, Mask
 from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import scheme_codec
 from toolkit.runtime.run import Run
 from toolkit.runtime.text_values import replace_infinite
 from toolkit.sites.site import Site
 
-Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # members of a set, by index or name
 # called with better sets, their reward, and frames of a race or 0
 Observer = Callable[[tuple[int, ...], float, int], None]
-PRICE_ROUNDING_SHARE = 1e-9  # excess over a price that rounding of sums may cause
-MAX_REMEMBERED = 200_000  # sets kept in memory, which is emptied when there are more
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,24 @@ class _Weighed(NamedTuple):
     reward: Float64[np.ndarray, " n"]
 
 
-class Objective:
+class Objective(FeasibleSets):
     """Score of sets of candidate sensors for a setting, a site or the name of one.
 
     visibility: view of the candidates, for a setting with a custom fidelity. Without it, each
     candidate is scored separately to find how much it sends. stride: step between the frames of the
-    run that count. If `watch` is set, it is called with better sets as searches find them. Raises
-    ValueError if the fidelity cannot score the setting.
+    run that count. Raises ValueError if the fidelity cannot score the setting.
+
+    Attributes:
+        setting: Setting.
+        run: How it is computed.
+        visibility: View of the candidates, None if unknown.
+        preparation: Traffic and views of a fidelity given by name, else None.
+        scored_by: Fidelity.
+        site: Site, None if only candidates are known.
+        weights: Costs in the reward.
+        codec: Codec of the data sent.
+        classes: Classes that count.
+        watch: Called with better sets as searches find them, None for nobody.
     """
 
     def __init__(
@@ -112,30 +123,38 @@ class Objective:
         visibility: Visibility | None = None,
         stride: int = 1,
     ) -> None:
-        self.setting = setting if isinstance(setting, Setting) else Setting(setting)
+        setting = setting if isinstance(setting, Setting) else Setting(setting)
         self.run = run
         self.visibility = visibility
-        self._scored = 0
-        self.watch: Observer | None = None
         self.preparation: Preparation | None = None
-        if isinstance(self.setting.fidelity, str):
-            self.preparation = Preparation(self.setting, run, stride)
+        if isinstance(setting.fidelity, str):
+            self.preparation = Preparation(setting, run, stride)
             self.preparation.check()
-            if self.setting.fidelity != "table":
+            if setting.fidelity != "table":
                 self.visibility = self.preparation.visibility
             self.scored_by = self.preparation.fidelity()
         else:
-            self.scored_by = self.setting.fidelity
-        self.candidates = self.setting.pool
-        self.scheme = self.setting.fusion
-        self.codec = scheme_codec(self.scheme, self.setting.codec)
-        self.classes: Classes = getattr(self.scored_by, "classes", VEHICLES)
-        class_count = len(self.classes.names) if isinstance(self.scored_by, ByClass) else 1
-        self._width = 3 if class_count == 1 else 3 + class_count
-        self.forget()
+            self.scored_by = setting.fidelity
+        self.candidates = setting.pool
+        self.scheme = setting.fusion
+        self.codec = scheme_codec(self.scheme, setting.codec)
+        self._take(setting)
+        self._memory = ScoreMemory(self.scored_by, len(self.candidates))
+        self.classes = self._memory.classes
+
+    def _take(self, setting: Setting) -> None:
+        """Take site, costs and limits of a setting, and begin to count the sets scored."""
+        self.setting = setting
+        self.site = setting.site if isinstance(setting.site, Site) else None
+        self.weights = setting.weights
+        self.most_price = setting.most_price
+        self.keep = setting.keep
+        self.link_share = setting.link_share
+        self._scored = 0
+        self.watch: Observer | None = None
 
     @classmethod
-    def of_moved(
+    def from_view(
         cls,
         preparation: Preparation,
         candidates: Candidates,
@@ -143,68 +162,43 @@ class Objective:
         weights: Weights,
     ) -> "Objective":
         """Objective of other candidates with known visibility, in a preparation's traffic."""
-        fidelity = preparation.at(candidates, visibility).fidelity()
-        setting = replace(
-            preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights
+        fidelity = preparation.build_fidelity(candidates, visibility)
+        setting = preparation.setting.with_candidates(
+            candidates, fidelity=fidelity, weights=weights
         )
         return cls(setting, preparation.run, visibility=visibility)
 
     def __repr__(self) -> str:
-        setting = self.setting
         site_name = "" if self.site is None else f"{self.site.name!r}, "
         summary = (
             f"{site_name}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, "
             f"fidelity={self.fidelity!r}"
         )
         classes = ", ".join(self.classes.names)
-        iou = iou_text(setting.cases.threshold)
+        iou = iou_text(self.setting.cases.threshold)
         limits = "" if math.isinf(self.most_price) else f", most_price={self.most_price:g}"
-        limits += f", keep={setting.keep}" if setting.keep else ""
-        preparation = self.preparation
-        frames = (
-            "" if preparation is None else f", frames={preparation.frames}, seed={self.run.seed}"
-        )
+        limits += f", keep={self.keep}" if self.keep else ""
+        frames = ""
+        if self.preparation is not None:
+            frames = f", frames={self.preparation.frames}, seed={self.run.seed}"
         weights = f"comm={self.weights.comm:g}, price={self.weights.price:g}"
         return f"Objective({summary}, classes={classes!r}, iou={iou}, {weights}{limits}{frames})"
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "_known": self._empty(), "watch": None}
+        return {**self.__dict__, "_memory": copy(self._memory), "watch": None}
 
-    @property
-    def site(self) -> Site | None:
-        """Site, None if only candidates are known."""
-        return self.setting.site if isinstance(self.setting.site, Site) else None
-
-    @property
-    def weights(self) -> Weights:
-        """Costs in the reward."""
-        return self.setting.weights
-
-    @property
-    def most_price(self) -> float:
-        """Largest price of a set."""
-        return self.setting.most_price
-
-    def weighed(self, weights: Weights, *, most_price: float | None = None) -> "Objective":
+    def with_weights(self, weights: Weights, *, most_price: float | None = None) -> "Objective":
         """Same objective with other weights, optionally another price limit, and a separate
         memory."""
-        reweighed = copy(self)
+        objective = copy(self)
         max_price = self.most_price if most_price is None else most_price
-        reweighed.setting = replace(self.setting, weights=weights, most_price=max_price)
-        vars(reweighed.setting)["pool"] = self.candidates
-        reweighed._known = dict(self._known)
-        reweighed._scored = 0
-        reweighed.watch = None
-        return reweighed
+        objective._take(self.setting.with_costs(weights, max_price))
+        objective._memory = self._memory.fork()
+        return objective
 
     def forget(self) -> None:
         """Empty the memory of scored sets."""
-        self._known = self._empty()
-
-    def _empty(self) -> dict[bytes, tuple[float, ...]]:
-        """Memory of only the empty set: AP, recall, kbit and the AP of several classes under a
-        set's bits."""
-        return {bytes(-(-len(self.candidates) // 8)): (0.0,) * self._width}
+        self._memory.forget()
 
     @property
     def fidelity(self) -> str:
@@ -245,11 +239,6 @@ class Objective:
         return cast(dict[str, Any], json.loads(json.dumps(replace_infinite(origin), default=str)))
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the candidates."""
-        return tuple(sensor.name for sensor in self.candidates.sensors)
-
-    @cached_property
     def sent(self) -> Float64[np.ndarray, " C"]:
         """kbit that each candidate sends in a frame, on average."""
         if self.visibility is None or not self.scheme.sends_points:
@@ -266,41 +255,6 @@ class Objective:
         return link_load(
             sent_per_frame(self.visibility, self.scheme, self.codec), self.setting.link_share
         )
-
-    @cached_property
-    def linked(self) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that fit their mount's link."""
-        if not self.scheme.sends_points:
-            return np.ones(len(self.candidates), np.bool_)
-        return np.asarray(self.loads <= max_load(self.candidates.capacity))
-
-    def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
-        """True if the links of a set carry the data of its sensors.
-
-        kbit: data of each sensor in frames of any traffic.
-        """
-        if not self.scheme.sends_points:
-            return True
-        mounts = self.candidates.mount[list(members)]
-        loads = np.bincount(
-            mounts, link_load(kbit, self.setting.link_share), minlength=len(self.candidates.mounts)
-        )
-        capacity = np.array([mount.capacity for mount in self.candidates.mounts])
-        return bool((loads <= max_load(capacity)).all())
-
-    @cached_property
-    def kept(self) -> Int64[np.ndarray, " k"]:
-        """Mounts that must carry a sensor."""
-        return self.candidates.find_mounts(self.setting.keep)
-
-    @cached_property
-    def _least_prices(self) -> Float64[np.ndarray, " M"]:
-        """Lowest price of a mount plus one sensor; 0 for unusable mounts."""
-        lowest = np.full(len(self.candidates.mounts), np.inf)
-        np.minimum.at(
-            lowest, self.candidates.mount[self.linked], self.candidates.prices[self.linked]
-        )
-        return np.where(np.isfinite(lowest), lowest, 0.0)
 
     def score(self, subset: Members) -> Score:
         """Score of one set, given as indices or names of candidates.
@@ -329,23 +283,21 @@ class Objective:
 
     def class_ap(self, subsets: Sets) -> Float64[np.ndarray, "n k"]:
         """AP of each class for each set, NaN for a class without objects."""
-        figures, _ = self._figures(subsets)
-        return figures[:, 3:] if self._width > 3 else figures[:, :1]
+        return self._figures(subsets).class_ap
 
     def scores(self, subsets: Sets) -> Scores:
         """Scores of sets, feasible or not. A known set is not scored again, and the empty set
         scores 0."""
-        figures, cache_hit = self._figures(subsets)
-        ap, recall, kbit = figures.T[:3]
-        weighed = self._weigh(subsets, ap, kbit)
+        figures = self._figures(subsets)
+        weighed = self._weigh(subsets, figures.ap, figures.kbit)
         return Scores(
-            ap=ap,
-            recall=recall,
+            ap=figures.ap,
+            recall=figures.recall,
             kbit_per_sensor=weighed.kbit_per_sensor,
-            kbit=kbit,
+            kbit=figures.kbit,
             price=weighed.price,
             reward=weighed.reward,
-            cache_hit=cache_hit,
+            cache_hit=figures.cache_hit,
         )
 
     def race(
@@ -375,114 +327,12 @@ class Objective:
         reward = ap - self.weights.comm * per_sensor - self.weights.price * price
         return _Weighed(per_sensor, price, reward)
 
-    def price(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """Price of the sensors of each set and their mounts, each mount paid once."""
-        built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
-        row, candidate = subsets.nonzero()
-        built[row, self.candidates.mount[candidate]] = True
-        models = np.bincount(row, self.candidates.model_prices[candidate], minlength=len(subsets))
-        return np.asarray(built @ self.candidates.mount_prices + models)
-
-    def affordable(self, prices: Float64[np.ndarray, " n"]) -> Mask:
-        """Mask of prices within `most_price`, up to rounding."""
-        return np.asarray(prices <= self.most_price * (1 + PRICE_ROUNDING_SHARE))
-
-    def feasible(self, subsets: Sets) -> Mask:
-        """Mask of sets that may be built."""
-        is_fitting = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
-        return np.asarray(
-            is_fitting
-            & ~(subsets & ~self.linked).any(axis=1)
-            & self.affordable(self.price(subsets))
-        )
-
-    def keeps(self, subsets: Sets) -> Mask:
-        """Mask of sets with a sensor on every mount that must carry one."""
-        if not len(self.kept):
-            return np.ones(len(subsets), np.bool_)
-        return np.asarray((self.candidates.per_mount(subsets)[:, self.kept] > 0).all(axis=1))
-
-    def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that keep a set feasible: there is room on their mounts, and money for
-        them."""
-        return self._fitting(subset, 0.0)
-
-    def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates to add next.
-
-        Until all mounts that must carry a sensor have one, these are candidates on such mounts that
-        leave money for the others; then any that are allowed.
-        """
-        mount = self.candidates.mount
-        empty_mounts = np.setdiff1d(self.kept, mount[self._row(subset)])
-        if not len(empty_mounts):
-            return self.allowed(subset)
-        reserve = self._least_prices[empty_mounts].sum() - self._least_prices[mount]
-        return self._fitting(subset, reserve) & np.isin(mount, empty_mounts)
-
-    def _fitting(
-        self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
-    ) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that keep a set feasible and some money in reserve."""
-        row = self._row(subset)
-        price = self.price(row[None])[0] + extra_prices(self.candidates, row)
-        has_room = room_beside(self.candidates, row[None], self.shared_links)[0]
-        return np.asarray(has_room & self.linked & self.affordable(price + reserve))
-
-    def _row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        if isinstance(subset, np.ndarray) and subset.dtype == np.bool_:
-            return subset
-        return self.row(subset)
-
-    @property
-    def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """Load of each candidate if sensors may share the link of a mount and exceed it together,
-        else None."""
-        return self.loads if self.candidates.several and self.scheme.sends_points else None
-
-    def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
-        """Row of booleans for a set of indices or names of candidates."""
-        row = np.zeros(len(self.candidates), np.bool_)
-        for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
-            row[find_index(member, self.names)] = True
-        return row
-
-    def _figures(self, subsets: Sets) -> tuple[Float64[np.ndarray, "n _"], Mask]:
-        """AP, recall, kbit and the AP of several classes of each set, and whether it was known
-        before."""
-        if len(self._known) > MAX_REMEMBERED:
-            self.forget()
-        keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
-        cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
-        new_rows = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
-        if new_rows:
-            sets = subsets[list(new_rows.values())]
-            class_columns: tuple[np.ndarray, ...] = ()
-            if self._width == 3:
-                estimate = self.scored_by(sets)
-            else:
-                estimates = cast(ByClass, self.scored_by).by_class(sets)
-                estimate = estimates.combined(self.classes)
-                class_columns = tuple(estimates.ap.T)
-            if not np.isfinite(estimate.ap).all():
-                nouns = " or ".join(self.classes.names)
-                raise ValueError(
-                    f"there is no {nouns} to find in these frames: say more --frames, or another "
-                    "--seed"
-                )
-            if not np.isfinite(estimate.kbit).all():
-                raise ValueError(
-                    f"kbit must be finite, fidelity {self.fidelity!r} says "
-                    f"{estimate.kbit.tolist()[:3]}"
-                )
-            columns = np.stack(
-                [estimate.ap, estimate.recall, estimate.kbit, *class_columns], axis=1
-            )
-            for key, row in zip(new_rows, columns.tolist(), strict=True):
-                self._known[key] = tuple(row)
-            self._tell(len(new_rows))
-        figures = np.array([self._known[key] for key in keys], np.float64)
-        return figures.reshape(-1, self._width), cache_hit
+    def _figures(self, subsets: Sets) -> SetFigures:
+        """Figures of sets, known or scored now."""
+        figures = self._memory.figures(subsets)
+        if figures.scored:
+            self._tell(figures.scored)
+        return figures
 
     def _tell(self, scored: int) -> None:
         """Count newly scored sets, on some frames or all."""

@@ -5,10 +5,11 @@ fidelity and costs. With a `toolkit.runtime.run.Run` it makes the scorer of sets
 
 import math
 from collections.abc import Callable, Iterable
+from copy import copy
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.cases import USUAL_CASES, Cases
@@ -19,6 +20,7 @@ from placement_env.protocol import Fidelity, FidelityName
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import find_scheme
+from toolkit.frozen import set_cached, set_fields
 from toolkit.objects import Detector
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -108,18 +110,15 @@ class Setting:
             raise ValueError(
                 f"detector must be a function of a cloud's points, or None, got {self.detector!r}"
             )
-        site = load_site(self.site) if isinstance(self.site, str) else self.site
-        scheme = find_scheme(self.scheme)
-        codec = check_codec(self.codec)
-        classes = find_classes(self.classes)
-        vars(self).update(
-            site=site,
-            scheme=scheme,
-            codec=codec,
-            classes=classes,
+        set_fields(
+            self,
+            site=load_site(self.site) if isinstance(self.site, str) else self.site,
+            scheme=find_scheme(self.scheme),
+            codec=check_codec(self.codec),
+            classes=find_classes(self.classes),
             most_price=float(self.most_price),
+            keep=tuple(dict.fromkeys(self.keep)),
         )
-        vars(self).update(keep=tuple(dict.fromkeys(self.keep)))
 
     @cached_property
     def place(self) -> Site:
@@ -142,15 +141,15 @@ class Setting:
         candidates.find_mounts(self.keep)
         return candidates
 
-    @property
+    @cached_property
     def fusion(self) -> Scheme:
         """Fusion scheme."""
-        return find_scheme(self.scheme)
+        return cast(Scheme, self.scheme)
 
-    @property
+    @cached_property
     def counted(self) -> Classes:
         """Classes that count."""
-        return find_classes(self.classes)
+        return cast(Classes, self.classes)
 
     def check_budget(self, budget: int) -> None:
         """Raise ValueError if fewer sensors are allowed than poles that must carry one."""
@@ -160,8 +159,39 @@ class Setting:
             )
             raise ValueError(f"{problem}: raise the budget, or keep fewer poles")
 
+    def with_candidates(
+        self,
+        candidates: Candidates,
+        *,
+        fidelity: FidelityName | Fidelity | None = None,
+        weights: Weights | None = None,
+    ) -> "Setting":
+        """Setting of other candidates at the same site, copied without parsing again.
+
+        fidelity, weights: None to keep them. Raises ValueError for an unknown pole to keep."""
+        if self.keep:
+            candidates.find_mounts(self.keep)
+        setting = copy(self)
+        set_fields(
+            setting,
+            candidates=candidates,
+            fidelity=self.fidelity if fidelity is None else fidelity,
+            weights=self.weights if weights is None else weights,
+        )
+        set_cached(setting, pool=candidates)
+        return setting
+
+    def with_costs(self, weights: Weights, most_price: float) -> "Setting":
+        """Setting with the same candidates, other weights and another price limit."""
+        setting = replace(self, weights=weights, most_price=most_price)
+        set_cached(setting, pool=self.pool)
+        return setting
+
     def with_fidelity(self, fidelity: FidelityName) -> "Setting":
-        """Same question for another fidelity, without files and errors that it does not use."""
+        """Setting of another fidelity.
+
+        Errors become the usual ones unless the fidelity is the detector, and the file of another
+        fidelity (surrogate, table) is left out."""
         cases = self.cases
         if fidelity != "detector":
             cases = replace(cases, errors=USUAL_CASES.errors)

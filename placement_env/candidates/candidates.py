@@ -113,7 +113,7 @@ class Candidates(Displayed):
             )
 
     @staticmethod
-    def of_poses(
+    def from_poses(
         sensors: Sequence[Sensor],
         mount: Int64[np.ndarray, " n"],
         aim: Float64[np.ndarray, "n 3"],

@@ -22,7 +22,7 @@ TILT_LIMITS_RAD = (np.deg2rad(-10.0), np.deg2rad(60.0))  # below the horizon
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class PoseRig:
     """Sensors on their mounts.
 
     aim: present height above the mount's foot (m), heading and tilt (rad).
@@ -32,13 +32,15 @@ class Rig:
     aim: Float64[np.ndarray, "B 3"]
 
     @staticmethod
-    def of(candidates: Candidates) -> "Rig":
+    def from_candidates(candidates: Candidates) -> "PoseRig":
         """Rig of sensors in their present poses."""
         sensor_poses = poses(candidates)
         height = sensor_poses.position[:, 2] - _feet(candidates)
-        return Rig(candidates, np.stack([height, sensor_poses.heading, sensor_poses.tilt], axis=1))
+        return PoseRig(
+            candidates, np.stack([height, sensor_poses.heading, sensor_poses.tilt], axis=1)
+        )
 
-    def move(self, action: Float64[np.ndarray, "B 3"]) -> "Rig":
+    def move(self, action: Float64[np.ndarray, "B 3"]) -> "PoseRig":
         """Rig after an action, within the mounts' heights and `TILT_LIMITS_RAD`.
 
         A sensor that was beyond a limit may stay beyond it."""
@@ -55,7 +57,7 @@ class Rig:
             np.arctan2(np.sin(heading), np.cos(heading)),
             np.clip(tilt, min_tilt, max_tilt),
         ]
-        return Rig(self.candidates, np.stack(aim, axis=1))
+        return PoseRig(self.candidates, np.stack(aim, axis=1))
 
     def to_candidates(self) -> Candidates:
         """Sensors in their present poses."""
@@ -66,7 +68,7 @@ class Rig:
             position = np.array([*sensor.position[:2], heights[row]])
             heading, tilt = self.aim[row, 1:].tolist()
             sensors.append(aim_sensor(sensor, position, heading, tilt))
-        return Candidates.of_poses(sensors, old.mount, self.aim, old)
+        return Candidates.from_poses(sensors, old.mount, self.aim, old)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,7 +76,7 @@ class _PoseEpisode(Episode):
     """Episode of sensors that move at a site."""
 
     preparation: Preparation
-    rig: Rig
+    rig: PoseRig
 
 
 class _PoseScenarios(EpisodeSource):
@@ -126,7 +128,7 @@ class _PoseScenarios(EpisodeSource):
         drawn_mounts = np.sort(rng.choice(mounts, budget, replace=False))
         mount_of = candidates.mount[usable]
         members = [int(rng.choice(usable[mount_of == mount])) for mount in drawn_mounts]
-        rig = Rig.of(candidates.select(members))
+        rig = PoseRig.from_candidates(candidates.select(members))
         slots = np.arange(self.slots)
         scenario = self.scenario(preparation, rig, None)
         return _PoseEpisode(
@@ -139,7 +141,10 @@ class _PoseScenarios(EpisodeSource):
         )
 
     def scenario(
-        self, preparation: Preparation, rig: Rig, previous: tuple[Rig, Visibility | None] | None
+        self,
+        preparation: Preparation,
+        rig: PoseRig,
+        previous: tuple[PoseRig, Visibility | None] | None,
     ) -> Scenario:
         """Score sensors in their present poses.
 
@@ -153,7 +158,7 @@ class _PoseScenarios(EpisodeSource):
             visibility = previous[1]
         seen = _see_again(preparation, candidates, visibility, is_still)
         return Scenario(
-            Objective.of_moved(preparation, candidates, seen, self.config.setting.weights),
+            Objective.from_view(preparation, candidates, seen, self.config.setting.weights),
             self.slots,
         )
 

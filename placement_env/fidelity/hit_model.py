@@ -41,6 +41,7 @@ import numpy as np
 from placement_env.checks import check_choice
 from toolkit.arrays import Float, Float32
 from toolkit.detection.schemes import SCHEMES
+from toolkit.frozen import set_fields
 from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.text_values import read_json
 from toolkit.runtime.writing import write_text
@@ -106,7 +107,7 @@ class HitDomain:
                 raise ValueError(f"{name} must be a number above 0, got {value!r}")
         if isinstance(self.sensors, str) or not all(isinstance(name, str) for name in self.sensors):
             raise ValueError(f"sensors must be names of sensor models, got {self.sensors!r}")
-        object.__setattr__(self, "sensors", tuple(self.sensors))
+        set_fields(self, sensors=tuple(self.sensors))
 
     def outside(
         self,

@@ -34,6 +34,7 @@ from toolkit.arrays import Bool, Int64
 from toolkit.detection.background import add_background
 from toolkit.detection.scheme import surrogate_name
 from toolkit.detection.schemes import SCHEMES
+from toolkit.frozen import set_cached
 from toolkit.objects import LABELS, Detector, check_known, quick_detector
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profile import ErrorProfile
@@ -234,6 +235,11 @@ class Preparation:
         }
 
     @cached_property
+    def unseen(self) -> Visibility:
+        """Road users that count, without a sensor to see them."""
+        return Visibility.unseen(self.traffic, (), self.setting.counted.labels)
+
+    @cached_property
     def visibility(self) -> Visibility:
         """View of each candidate."""
         from placement_env.fidelity.seeing import see
@@ -275,7 +281,7 @@ class Preparation:
 
     def at(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
         """Same traffic and network for other candidates."""
-        return self._share(replace(self.setting, candidates=candidates), visibility)
+        return self._share(self.setting.with_candidates(candidates), visibility)
 
     def at_cases(self, cases: Cases) -> "Preparation":
         """Same traffic, network and view of the candidates over other cases."""
@@ -285,15 +291,40 @@ class Preparation:
         """Preparation of another setting in the same traffic."""
         preparation = replace(self, setting=setting)
         shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
-        vars(preparation).update(shared, visibility=visibility)
+        set_cached(preparation, **shared, visibility=visibility)
         return preparation
 
-    def take_traffic(self, preparation: "Preparation") -> None:
-        """Use the traffic of another preparation of this site, and its live view where the same
-        classes count."""
-        vars(self)["traffic"] = preparation.traffic
+    def with_traffic(self, traffic: Traffic, *, detector: Detector | None = None) -> "Preparation":
+        """Preparation in known traffic of this site. detector: the setting's, if it is open."""
+        preparation = replace(self)
+        set_cached(preparation, traffic=traffic)
+        if detector is not None:
+            set_cached(preparation, detector=detector)
+        return preparation
+
+    def share_traffic(self, preparation: "Preparation") -> "Preparation":
+        """Preparation in the traffic of another one at this site.
+
+        It has the other's live view if the same classes count."""
+        shared = self.with_traffic(preparation.traffic)
         if self.setting.counted.labels == preparation.setting.counted.labels:
-            vars(self)["live"] = preparation.live
+            set_cached(shared, live=preparation.live)
+        return shared
+
+    def build_fidelity(self, candidates: Candidates, visibility: Visibility) -> Fidelity:
+        """Fidelity of the setting for other candidates, with a known view of the same traffic."""
+        if self._empty_surrogate is not None:
+            return self._empty_surrogate.over(visibility)
+        return self.at(candidates, visibility).fidelity()
+
+    @cached_property
+    def _empty_surrogate(self) -> Surrogate | None:
+        """Surrogate without candidates; None unless it alone scores the setting."""
+        setting = self.setting
+        if setting.fidelity != "surrogate" or not setting.cases.plain:
+            return None
+        fidelity = self._share(setting, self.unseen).fidelity()
+        return fidelity if isinstance(fidelity, Surrogate) else None
 
     def check(self) -> None:
         """Raise ValueError unless its fidelity can score this setting. Nothing is rendered."""

@@ -32,12 +32,12 @@ MAX_ONE_THREAD_PRODUCT = 1 << 18
 
 
 class Surrogate:
-    """Sets of the candidates of `visibility`, scored by a model of each class.
+    """Expected AP of sets of the candidates of `visibility`, by a hit model of each class.
 
-    model: of vehicles, or one of each class, None for the shipped ones of `scheme` at the IoU
-    threshold of the class; radius: the site's hybrid radius (m); codec: of the data sent; classes:
-    of the objects that count, several combined. Raises ValueError where a model is of another
-    scheme or missing."""
+    model: Model of vehicles or of each class, None for the shipped ones of `scheme` at the IoU
+    threshold of the class; radius: hybrid radius of the site (m); codec: codec of the data sent;
+    classes: classes of objects that count, several combined. Raises ValueError for a model that is
+    missing or of another scheme."""
 
     name = "surrogate"
 
@@ -52,35 +52,29 @@ class Surrogate:
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
-        scheme = find_scheme(scheme)
         self.classes = classes
-        visibility = visibility.of_classes(classes.labels)
-        if model is None:
-            name_of = surrogate_name(scheme)
-            model = [
-                shipped_model(name_of, classes.get_iou(name, iou), label=name)
-                for name in classes.names
-            ]
-        by_label = {
-            class_model.label: class_model
-            for class_model in ([model] if isinstance(model, HitModel) else model)
-        }
-        for class_model in by_label.values():
-            if class_model.scheme not in (scheme.name, surrogate_name(scheme)):
-                raise ValueError(
-                    f"the model is for {class_model.scheme} fusion, not for {scheme.name}: pass "
-                    "one fitted to it"
-                )
-        if missing := [name for name in classes.names if name not in by_label]:
-            raise ValueError(
-                f"there is no model of {', '.join(missing)}: pass one fitted to each class"
-            )
-        self.models = tuple(by_label[name] for name in classes.names)
-        self._parts = [
-            _Part(Evidence(visibility.of_classes([label]), scheme, radius), of_class)
-            for label, of_class in zip(classes.labels, self.models, strict=True)
-        ]
-        self._sent = SentData(visibility, scheme, codec)
+        self._scheme = find_scheme(scheme)
+        self._codec = codec
+        self._radius = radius
+        self.models = _choose_models(self._scheme, model, classes, iou)
+        self._look(visibility, [None] * len(classes))
+
+    def over(self, visibility: Visibility) -> "Surrogate":
+        """Surrogate with the same models over another view of the same traffic."""
+        surrogate = copy(self)
+        surrogate._look(visibility, [part.sizes for part in self._parts])
+        return surrogate
+
+    def _look(self, visibility: Visibility, sizes: Sequence["_SizeFactors | None"]) -> None:
+        """Take the view of the candidates. sizes: factors of each class in another view."""
+        visibility = visibility.of_classes(self.classes.labels)
+        self._parts = []
+        for label, model, known_sizes in zip(self.classes.labels, self.models, sizes, strict=True):
+            seen = visibility if len(self.classes) == 1 else visibility.of_classes([label])
+            if known_sizes is None or known_sizes.boxes is not seen.boxes:
+                known_sizes = _SizeFactors(model, seen.boxes)
+            self._parts.append(_Part(Evidence(seen, self._scheme, self._radius), known_sizes))
+        self._sent = SentData(visibility, self._scheme, self._codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Expected AP and recall of each set."""
@@ -110,24 +104,19 @@ class Surrogate:
         weights = np.where(has_objects, self.classes.weights, 0.0)
         shares = weights / max(float(weights.sum()), 1e-300)
         return [
-            (
-                part.powers(),
-                part.model.of_size(part.evidence.visibility.boxes),
-                part.model,
-                float(share),
-            )
+            (part.powers(), part.sizes.factor, part.model, float(share))
             for part, share in zip(self._parts, shares, strict=True)
             if part.objects
         ]
 
     def in_frames(self, frames: Int64[np.ndarray, " _"]) -> "Surrogate":
-        """Same surrogate over some of the frames, ascending; kbit stay those of all."""
+        """Surrogate over some of the frames, ascending; kbit are still the mean of all frames."""
         surrogate = copy(self)
-        seen = [(part, of_frames(part.evidence.visibility, frames)) for part in self._parts]
-        surrogate._parts = [
-            _Part(replace(part.evidence, visibility=in_frames), part.model)
-            for part, in_frames in seen
-        ]
+        surrogate._parts = []
+        for part in self._parts:
+            seen = of_frames(part.evidence.visibility, frames)
+            evidence = replace(part.evidence, visibility=seen)
+            surrogate._parts.append(_Part(evidence, _SizeFactors(part.model, seen.boxes)))
         return surrogate
 
     def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
@@ -139,9 +128,8 @@ class Surrogate:
         fit = np.zeros(len(subsets))
         if count > 1:
             figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
-            fit = np.nan_to_num(
-                np.std([self.classes.combined(class_ap) for class_ap in figures], axis=0, ddof=1)
-            )
+            ap = self.classes.combined(figures.reshape(-1, len(self._parts)))
+            fit = np.nan_to_num(np.std(ap.reshape(count, -1), axis=0, ddof=1))
         ap = self.by_class(subsets).ap
         errors = np.sqrt(ap * (1 - ap)) * [model.error for model in self.models]
         return np.hypot(fit, np.nan_to_num(errors).max(axis=1))
@@ -158,14 +146,62 @@ class Surrogate:
         return tuple(sentences)
 
 
+def _choose_models(
+    scheme: Scheme, model: HitModel | Sequence[HitModel] | None, classes: Classes, iou: float
+) -> tuple[HitModel, ...]:
+    """Hit model of each class. Raises ValueError for a missing one, or one of another scheme."""
+    name = surrogate_name(scheme)
+    if model is None:
+        model = [
+            shipped_model(name, classes.get_iou(class_name, iou), label=class_name)
+            for class_name in classes.names
+        ]
+    models = [model] if isinstance(model, HitModel) else model
+    by_label = {class_model.label: class_model for class_model in models}
+    for class_model in by_label.values():
+        if class_model.scheme not in (scheme.name, name):
+            raise ValueError(
+                f"the model is for {class_model.scheme} fusion, not for {scheme.name}: pass "
+                "one fitted to it"
+            )
+    if missing := [class_name for class_name in classes.names if class_name not in by_label]:
+        raise ValueError(
+            f"there is no model of {', '.join(missing)}: pass one fitted to each class"
+        )
+    return tuple(by_label[class_name] for class_name in classes.names)
+
+
+class _SizeFactors:
+    """Factors of the sizes of objects on their hit probabilities, by one model."""
+
+    def __init__(self, model: HitModel, boxes: Float64[np.ndarray, "O 7"]) -> None:
+        self.model = model
+        self.boxes = boxes
+
+    @cached_property
+    def factor(self) -> Float64[np.ndarray, " O"]:
+        """Factor of each object."""
+        return self.model.of_size(self.boxes)
+
+    @cached_property
+    def single(self) -> Float32[np.ndarray, " O"]:
+        """Factor of each object in single precision."""
+        return self.factor.astype(np.float32)
+
+    @cached_property
+    def resampled(self) -> list[Float32[np.ndarray, " O"]]:
+        """Factor of each object by each resample of the fit."""
+        return [model.of_size(self.boxes).astype(np.float32) for model in self.model.resamples]
+
+
 class _Part:
     """Objects of one class, and their model."""
 
-    def __init__(self, evidence: "Evidence", model: HitModel) -> None:
+    def __init__(self, evidence: "Evidence", sizes: _SizeFactors) -> None:
         self.evidence = evidence
-        self.model = model
-        self.sums = MemberSums(evidence.rows(model))
-        self._of_size = model.of_size(evidence.visibility.boxes).astype(np.float32)
+        self.sizes = sizes
+        self.model = sizes.model
+        self.sums = MemberSums(evidence.rows(self.model))
         self.objects = evidence.visibility.points.shape[1]
 
     def powers(self) -> Float32[np.ndarray, "C O"]:
@@ -203,9 +239,10 @@ class _Part:
         parts = np.split(sums, np.cumsum([columns.shape[1] for columns in rows])[:-1], axis=1)
         probability = np.stack(
             [
-                model.probability(*seen.joined(part, model))
-                * model.of_size(seen.visibility.boxes).astype(np.float32)
-                for model, part in zip(models, parts, strict=True)
+                model.probability(*seen.joined(part, model)) * sizes
+                for model, part, sizes in zip(
+                    models, parts, self.sizes.resampled[:count], strict=True
+                )
             ]
         )
         probability.sort(axis=2)
@@ -220,7 +257,7 @@ class _Part:
     def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n O"]:
         """Hit probability of each object, from the sums of each set's rows."""
         probability = self.model.probability(*self.evidence.joined(sums, self.model))
-        probability *= self._of_size
+        probability *= self.sizes.single
         return probability
 
 

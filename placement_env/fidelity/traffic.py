@@ -12,6 +12,7 @@ from placement_env.checks import check_whole
 from toolkit.arrays import Mask
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import fleet_named
+from toolkit.frozen import set_cached
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import has_centre_inside
 from toolkit.sites.files import format_site
@@ -48,7 +49,7 @@ class Traffic:
 
     def _of(self, snapshots: tuple[Snapshot, ...]) -> "Traffic":
         traffic = replace(self, snapshots=snapshots)
-        vars(traffic)["_scene"] = self._scene
+        set_cached(traffic, _scene=self._scene)
         return traffic
 
     def digest(self) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.frozen import set_fields
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import count_on_ground, frame_points, is_beyond
 from toolkit.runtime.array_files import read_arrays, write_arrays
@@ -50,7 +51,7 @@ class Visibility:
 
     def __post_init__(self) -> None:
         if self.labels is None:
-            object.__setattr__(self, "labels", np.full(len(self.boxes), VEHICLE))
+            set_fields(self, labels=np.full(len(self.boxes), VEHICLE))
 
     @property
     def frames(self) -> int:

@@ -74,7 +74,7 @@ class PlannedSensor:
 
 
 @dataclass(frozen=True)
-class LinkLoad:
+class PoleLoad:
     """Load of one pole's link at `FRAME_RATE_HZ`, and its capacity (`placement_env.links`).
 
     Attributes:
@@ -290,13 +290,40 @@ def _letter(number: int) -> str:
 
 def build_load(
     pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool
-) -> LinkLoad:
+) -> PoleLoad:
     """Load of one link from its amounts (Mbit/s). limited: as in `link_loads`."""
     fits = load <= max_load(capacity) or not limited
-    return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
+    return PoleLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
 
-def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
+def measure_links(
+    candidates: Candidates,
+    kbit: Float64[np.ndarray, "C frames"],
+    link_share: float,
+    *,
+    limited: bool,
+) -> tuple[PoleLoad, ...]:
+    """Load of the link of each mount that carries a candidate.
+
+    kbit: data of each candidate in each frame; link_share, limited: as in `format_sensors` and
+    `link_loads`."""
+    mbit_s = kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
+    means = mbit_s.mean(axis=1)
+    peaks = mbit_s.max(axis=1, initial=0)
+    sensor_loads = link_load(mbit_s, link_share)
+    loads = []
+    for mount in np.unique(candidates.mount).tolist():
+        on_mount = candidates.mount == mount
+        mean = float(means[on_mount].sum())
+        peak = float(peaks[on_mount].sum())
+        load = float(sensor_loads[on_mount].sum())
+        pole = candidates.mounts[mount]
+        capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
+        loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
+    return tuple(loads)
+
+
+def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[PoleLoad, ...]:
     """Load of each pole's link; loads and peaks of sensors that share one add up.
 
     limited: whether the scheme sends points; only points count against the capacity."""
@@ -311,7 +338,7 @@ def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[Li
     return tuple(loads)
 
 
-def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SHARE) -> str:
+def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SHARE) -> str:
     """Sentence on the links that cannot carry their load, with remedies; "" if all can."""
     narrow = [load for load in loads if not load.fits]
     if not narrow:

@@ -22,7 +22,7 @@ from placement_env.live.variant import (
     name_on_pole,
 )
 
-DEFAULT_TILT_RAD = 0.26  # of a sensor that is added
+DEFAULT_TILT_RAD = 0.26  # tilt of a new sensor below the horizon
 
 
 class VariantChange(NamedTuple):
@@ -106,7 +106,7 @@ def remove_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
 
 
 def duplicate_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
-    """Mount a copy of a sensor on the nearest pole with room. Raises ValueError if none has."""
+    """Mount a copy of a sensor on the nearest pole with room. Raises ValueError without one."""
     sensor = variant.find(name)
     poles = (*yard.stock.mounts, *variant.poles)
     free_poles = [pole for pole in poles if yard.has_room(variant, pole.name)]
@@ -135,7 +135,7 @@ def fail_sensor(yard: Yard, variant: Variant, name: str, failed: bool = True) ->
 
 
 def keep_out_of(yard: Yard, variant: Variant, areas: Iterable[Corners]) -> VariantChange:
-    """Let no pole be used within areas. Raises ValueError for what is no area."""
+    """Keep poles out of areas. Raises ValueError for corners that form no area."""
     return VariantChange(
         replace(variant, keep_out=tuple(map(check_keep_out, areas))), "keep-out areas"
     )

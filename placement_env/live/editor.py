@@ -25,17 +25,16 @@ from placement_env.live.variant import Corners, LiveSensor, Variant, Where, Yard
 
 
 class VariantEditor:
-    """Change variants by hand, and undo it.
+    """Variants that are changed by hand, with undo.
 
-    A copy, also one that is pickled, has the same variants, views and steps to undo, and goes on
-    without the original: its changes are told to nobody.
+    A copy, also a pickled one, has the same variants, views and steps to undo. Its changes do not
+    reach the original, and nobody listens to them.
 
     Attributes:
-        yard: site and stock.
-        scorer: figures of variants.
-        history: variants and steps.
-        picture: under the scene, or None.
-        tell: called after every change, before its answer; True during a drag.
+        yard: Site and stock.
+        scorer: Figures of variants.
+        history: Variants and steps.
+        picture: Picture under the scene, or None.
     """
 
     def __init__(self, yard: Yard, scorer: LiveScorer) -> None:
@@ -48,12 +47,12 @@ class VariantEditor:
     def _stand_alone(self) -> None:
         """Begin without threads and listeners."""
         self._lock = RLock()
-        self.tell: Callable[[bool], None] = _tell_nobody
+        self._tell: Callable[[bool], None] = _tell_nobody
 
     def __getstate__(self) -> dict[str, Any]:
         with self.scorer.all_frames.fetching, self._lock:
             state = dict(self.__dict__)
-        for name in ("_lock", "tell"):
+        for name in ("_lock", "_tell"):
             del state[name]
         for name in ("scorer", "history"):
             state[name] = copied(state[name])
@@ -62,6 +61,10 @@ class VariantEditor:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._stand_alone()
+
+    def listen(self, tell: Callable[[bool], None]) -> None:
+        """Call a function after every change, before its answer, with True during a drag."""
+        self._tell = tell
 
     # what is shown
 
@@ -102,10 +105,15 @@ class VariantEditor:
         *,
         dragging: bool = False,
     ) -> LiveAnswer:
-        """Turn (rad), tilt (rad below the horizon), raise (m above the foot) or carry a sensor to a
-        pole or place. Heights and tilts stay within those of the pole and `TILT_SPAN`. dragging:
-        moves of one sensor in a row are undone as one. Raises ValueError for an unknown or locked
-        sensor, a tilt beyond straight down, and a place where no pole can stand."""
+        """Turn, tilt, raise or carry a sensor, and return the figures of the variant.
+
+        Heights stay within the range of the pole, tilts within `TILT_SPAN`.
+
+        heading: heading (rad); tilt: tilt below the horizon (rad); height: height above the foot of
+        the pole (m); position: name of a pole, or x and y of a place (m); each None for no change;
+        dragging: True for a move that is undone together with the moves of this sensor before it.
+        Raises ValueError for an unknown or locked sensor, a tilt beyond straight down, and a place
+        that no pole may use."""
         aim = {"heading": heading, "tilt": tilt, "height": height}
         with self._lock:
             change = move_sensor(self.yard, self.variant, name, **aim, position=position)
@@ -125,18 +133,23 @@ class VariantEditor:
         model: str | None = None,
         name: str | None = None,
     ) -> LiveAnswer:
-        """Mount a sensor on a pole or place. height: None for the highest; model: name in the
-        stock, None for its first; name: None for a free one. Raises ValueError as `move`."""
+        """Add a sensor, and return the figures of the variant with it.
+
+        mount: name of a pole, or x and y (m) of a place; heading, tilt: aim of the sensor (rad);
+        height: height above the foot of the pole (m), None for the highest; model: name of a model
+        in the stock, None for the first; name: name of the sensor, None for an unused one. Raises
+        ValueError for a place that no pole may use, a pole without room, an unknown model, and a
+        name that is taken."""
         aim = (heading, tilt, height)
         return self._change(mount_sensor, mount, *aim, model=model, name=name)
 
     def remove(self, name: str) -> LiveAnswer:
-        """Take a sensor away. Raises ValueError for an unknown or locked one."""
+        """Remove a sensor. Raises ValueError for an unknown or locked one."""
         return self._change(remove_sensor, name)
 
     def duplicate(self, name: str) -> LiveAnswer:
-        """Mount a copy of a sensor on the nearest pole with room. Raises ValueError where none
-        has."""
+        """Mount a copy of a sensor on the nearest pole with room. Raises ValueError if no pole has
+        room."""
         return self._change(duplicate_sensor, name)
 
     def lock(self, name: str, locked: bool = True) -> LiveAnswer:
@@ -148,8 +161,8 @@ class VariantEditor:
         return self._change(fail_sensor, name, failed)
 
     def set_keep_out(self, areas: Iterable[Corners]) -> LiveAnswer:
-        """Let no pole be used within areas, each given by its corners. Raises ValueError for what
-        is no area."""
+        """Keep poles out of areas, each given by its corners. Raises ValueError for corners that
+        form no area."""
         return self._change(keep_out_of, areas)
 
     def accept(self, suggestion: Suggestion) -> LiveAnswer:
@@ -168,27 +181,27 @@ class VariantEditor:
         variant = change.variant.without_idle_poles()
         if self.history.change(variant, continues_drag=continues_drag):
             self.scorer.compare_with(before)
-        self.tell(continues_drag)
+        self._tell(continues_drag)
         return self.answer(change.what)
 
     def end_drag(self) -> None:
-        """Let the next move be a step of its own, and save."""
+        """End a drag: the next move is a separate step."""
         self.history.end_drag()
-        self.tell(False)
+        self._tell(False)
 
     def lay(self, picture: GroundPicture | None) -> None:
-        """Lay a picture under the scene, or take it away."""
+        """Lay a picture under the scene; None removes it."""
         self.picture = picture
-        self.tell(False)
+        self._tell(False)
 
     # steps and variants
 
     def undo(self) -> LiveAnswer:
-        """Take the last change back. Raises ValueError where there is none."""
+        """Undo the last change. Raises ValueError without one."""
         return self._step(self.history.undo, "undo")
 
     def redo(self) -> LiveAnswer:
-        """Do the last change again that was taken back. Raises ValueError where there is none."""
+        """Redo the last change that was undone. Raises ValueError without one."""
         return self._step(self.history.redo, "redo")
 
     def _step(self, step: Callable[[], None], what: str) -> LiveAnswer:
@@ -196,23 +209,23 @@ class VariantEditor:
             before = self.scorer.recall(self.variant)
             step()
             self.scorer.compare_with(before)
-            self.tell(False)
+            self._tell(False)
             return self.answer(what)
 
     def show(self, name: str, *, copy: bool = False) -> LiveAnswer:
-        """Show a variant. copy: a new one, like the present. Raises ValueError for an unknown name,
-        or a taken one."""
+        """Show a variant. copy: make it, like the present one. Raises ValueError for an unknown
+        name, or a taken one."""
         with self._lock:
             self.history.check_name(name, copy=copy)
             before = self.answer()
             self.history.show(name, copy=copy)
             self.scorer.compare_with(before)
-            self.tell(False)
+            self._tell(False)
             return self.answer(f"variant {name}")
 
     def restore(self, variants: dict[str, Variant], current: str, past: Iterable[Step]) -> None:
-        """Take over variants and steps that were kept. Raises ValueError where they do not fit the
-        site and stock."""
+        """Replace variants and steps by saved ones. Raises ValueError if they do not fit the site
+        and stock."""
         steps = list(past)
         for variant in (*variants.values(), *(step_variant for _, step_variant in steps)):
             self.yard.check(variant)

@@ -1,10 +1,9 @@
-"""`LiveAnswer`: figures of a variant on the planner's frames, by the surrogate, each with its
-interval.
+"""`LiveAnswer`: figures of a variant on the planner's frames, by the surrogate, with intervals.
 
-The intervals are of `placement_env.analysis.intervals`, over the same draws for every variant, so
-that what a move changed has an interval of its own. That of an AP takes in the surrogate's own
-error too. They are given down to `LEAST_BLOCKS` blocks of frames, fewer than a judged set needs:
-see `docs/how-to/live.md` for how often they hold."""
+The intervals (`placement_env.analysis.intervals`) use the same draws for every variant, so that the
+change that a move makes has an interval too. The interval of an AP includes the error of the
+surrogate. Intervals need `LEAST_BLOCKS` blocks of frames, fewer than an evaluated set needs; see
+`docs/how-to/live.md` for how often they hold."""
 
 import math
 from dataclasses import asdict, dataclass, field, replace
@@ -28,20 +27,28 @@ from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
-from placement_env.handover.mounted import FRAME_RATE_HZ, KBIT_PER_MBIT, LinkLoad, build_load
-from placement_env.links import link_load, max_load
+from placement_env.handover.mounted import PoleLoad, measure_links
+from placement_env.links import max_load
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float64, Int64
 
-LEVELS = 3  # of traffic
+LEVELS = 3  # levels of traffic
 LEAST_BLOCKS = 5  # blocks of frames that have an interval here
 NORMAL_ENDS = 1.96  # standard errors to the ends of a 95 % interval
 
 
 @dataclass(frozen=True)
 class FoundShare:
-    """AP (None for a group without its own) and share found of a class or approach, N objects. low,
-    high: of the AP, else of the share."""
+    """Share of the objects of a group that is found.
+
+    Attributes:
+        name: Name of the class, approach or level of traffic.
+        ap: AP of a class, else None.
+        recall: Share of the objects that is found.
+        low: Lower end of the interval of the AP, or of the share without one.
+        high: Upper end of that interval.
+        objects: Number of objects.
+    """
 
     name: str
     ap: float | None
@@ -55,14 +62,38 @@ class FoundShare:
 class LiveAnswer:
     """Figures of a variant.
 
-    ap, low, high: predicted AP and its 95 % interval, over frames and the error of the prediction;
-    spread: standard error of the prediction, NaN where unknown; kbit: all sensors' per frame;
-    price, budget: in `currency`, "" for ordinary poles; worst, worst_low, worst_high: AP left after
-    the worst single failure, of `worst_sensor`; levels: of traffic; change, change_low,
-    change_high: AP since the answer before, on the same frames; unseen, hidden: road users without
-    a point on them, their number and which; probability: that each is found; problems: sentences on
-    what cannot be built so; coarse: a view was taken from half metres of height, or these are the
-    first few frames."""
+    Attributes:
+        what: Change that led to the variant, "" without one.
+        sensors: Number of sensors.
+        ap: Predicted AP.
+        low: Lower end of its 95 % interval, over frames and the error of the prediction.
+        high: Upper end of that interval.
+        recall: Predicted recall.
+        kbit: Data that all sensors send per frame.
+        price: Price in `currency`.
+        worst: AP that remains after the worst single failure.
+        worst_low: Lower end of its interval.
+        worst_high: Upper end of its interval.
+        worst_sensor: Sensor whose failure is the worst, "" without sensors.
+        spread: Standard error of the prediction, NaN if unknown.
+        change: Change of the AP since the answer before, on the same frames.
+        change_low: Lower end of the interval of the change.
+        change_high: Upper end of the interval of the change.
+        classes: Share found of each class.
+        approaches: Share found on each approach.
+        levels: Share found at each level of traffic.
+        links: Load of the link of each pole.
+        objects: Number of road users.
+        frames: Number of frames.
+        unseen: Number of road users without a point.
+        currency: Currency of the price, "" for prices in ordinary poles.
+        budget: Largest price.
+        problems: Sentences on what keeps the variant from being built.
+        coarse: Whether a view was interpolated between heights, or only the first frames count.
+        resamples: Resampled AP.
+        probability: Probability that each road user is found.
+        hidden: Mask of the road users without a point.
+    """
 
     what: str
     sensors: int
@@ -83,7 +114,7 @@ class LiveAnswer:
     classes: tuple[FoundShare, ...]
     approaches: tuple[FoundShare, ...]
     levels: tuple[FoundShare, ...]
-    links: tuple[LinkLoad, ...]
+    links: tuple[PoleLoad, ...]
     objects: int
     frames: int
     unseen: int
@@ -120,8 +151,9 @@ class LiveAnswer:
 
 
 def widen_interval(figure: float, ends: Interval, spread: float) -> Interval:
-    """Interval of a predicted share, from the ends over frames and its standard error; those ends
-    where it is NaN."""
+    """Interval of a predicted share, from its interval over frames and its standard error.
+
+    spread: standard error, NaN to leave it out."""
     if math.isnan(ends.low):
         return ends
     margin = NORMAL_ENDS * (0.0 if math.isnan(spread) else spread)
@@ -141,19 +173,19 @@ class Meter:
     def objective(self, candidates: Candidates, visibility: Visibility) -> Objective:
         """Objective of sensors whose view is known."""
         preparation = self.preparation
-        return Objective.of_moved(preparation, candidates, visibility, preparation.setting.weights)
+        return Objective.from_view(preparation, candidates, visibility, preparation.setting.weights)
 
     def judge(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
     ) -> tuple[float, int]:
-        """AP and number of problems alone, which take a tenth of the time."""
+        """AP and number of problems, in a tenth of the time of `measure`."""
         objective = self.objective(candidates, seen)
         return float(objective.scores(is_working[None]).ap[0]), len(_list_problems(objective))
 
     def measure(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
     ) -> LiveAnswer:
-        """Figures of all sensors, of which some have failed. Its change is 0."""
+        """Figures of all sensors, without a change. is_working: False for failed sensors."""
         objective = self.objective(candidates, seen)
         all_working = is_working[None]
         members = np.flatnonzero(is_working)
@@ -216,12 +248,10 @@ class Meter:
     def _block(self) -> Int64[np.ndarray, " O"]:
         return self.unseen.frame // BLOCK_FRAMES
 
-    @cached_property
+    @property
     def unseen(self) -> Visibility:
         """The road users that count, seen by no sensor."""
-        return Visibility.unseen(
-            self.preparation.traffic, (), self.preparation.setting.counted.labels
-        )
+        return self.preparation.unseen
 
     def _by_class(
         self,
@@ -311,25 +341,12 @@ class Meter:
 
     def _loads(
         self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
-    ) -> tuple[LinkLoad, ...]:
+    ) -> tuple[PoleLoad, ...]:
         setting = self.preparation.setting
-        loads = []
-        kbit = (
-            sent_per_frame(seen, setting.fusion, setting.codec)
-            * is_working[:, None]
-            * FRAME_RATE_HZ
-            / KBIT_PER_MBIT
+        kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]
+        return measure_links(
+            candidates, kbit, setting.link_share, limited=setting.fusion.sends_points
         )
-        for mount in np.unique(candidates.mount).tolist():
-            rows = kbit[candidates.mount == mount]
-            pole = candidates.mounts[mount]
-            mean = float(rows.mean(axis=1).sum())
-            peak = float(rows.max(axis=1, initial=0).sum())
-            load = float(link_load(rows, setting.link_share).sum())
-            capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
-            limited = setting.fusion.sends_points
-            loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
-        return tuple(loads)
 
 
 def _list_problems(objective: Objective) -> tuple[str, ...]:

@@ -12,11 +12,11 @@ Step = tuple[str, Variant]  # name of a variant, and as it was
 class VariantHistory:
     """Variants by name, the one that is shown, and steps to undo and to redo.
 
-    A copy shares nothing that changes. Threads that change it hold a lock of their own.
+    A copy shares nothing that changes. Threads that change it must hold a lock.
 
     Attributes:
-        variants: by name, in the order in which they were made.
-        current: name of the variant that is shown.
+        variants: Variants by name, in the order in which they were made.
+        current: Name of the variant that is shown.
     """
 
     def __init__(self, start: Variant) -> None:
@@ -58,7 +58,7 @@ class VariantHistory:
         self._dragged = name
 
     def end_drag(self) -> None:
-        """Let the next change be a step of its own."""
+        """End a drag: the next change is a separate step."""
         self._dragged = None
 
     def change(self, variant: Variant, *, continues_drag: bool = False) -> bool:
@@ -75,11 +75,11 @@ class VariantHistory:
         return is_step
 
     def undo(self) -> None:
-        """Take the last change back. Raises ValueError if there is none."""
+        """Undo the last change. Raises ValueError without one."""
         self._step(self._past, self._future, "undo")
 
     def redo(self) -> None:
-        """Do the last change again that was taken back. Raises ValueError if there is none."""
+        """Redo the last change that was undone. Raises ValueError without one."""
         self._step(self._future, self._past, "redo")
 
     def _step(self, source: list[Step], target: list[Step], what: str) -> None:
@@ -108,7 +108,7 @@ class VariantHistory:
         self._dragged = None
 
     def restore(self, variants: dict[str, Variant], current: str, past: Iterable[Step]) -> None:
-        """Take over variants and steps, and forget those that are here."""
+        """Replace all variants and steps."""
         self.variants = dict(variants)
         self.current = current
         self._past = list(past)

@@ -1,5 +1,5 @@
-"""`GroundPicture`: a picture of one's own under the scene, such as an aerial photo or a plan,
-placed by two points."""
+"""`GroundPicture`: a picture under the scene, such as an aerial photo or a plan, placed by two
+points."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.runtime.json_object import JsonObject
 from toolkit.runtime.writing import write_bytes
 
-# of a picture as it comes
+# size of a picture that is uploaded
 MOST_PICTURE_BYTES = 40_000_000
 MOST_PIXELS = 60_000_000
 SHOWN_PIXELS = 1600  # along its longer side, as it is kept
@@ -28,8 +28,18 @@ MAX_SCALE_M = 1e5
 
 @dataclass(frozen=True)
 class GroundPicture:
-    """Picture that is kept beside the project. name: as it came; width, height: px; x, y: of its
-    middle (m); scale: m per px; turn: rad counter-clockwise."""
+    """Picture on the ground.
+
+    Attributes:
+        name: Name of the file that was uploaded.
+        file: Name of the file in the folder of the project.
+        width: Width (px).
+        height: Height (px).
+        x: Position of the middle (m).
+        y: Position of the middle (m).
+        scale: Width of a pixel (m).
+        turn: Turn counter-clockwise (rad).
+    """
 
     name: str
     file: str
@@ -54,11 +64,11 @@ class GroundPicture:
             )
 
     def place(self, spots: Sequence[Sequence[float]], numbers: Sequence[float]) -> "GroundPicture":
-        """Scale, turn and shift it by two points.
+        """Scale, turn and shift the picture by two points.
 
-        spots: where they lie now (m); numbers: x, y, x, y of where they belong, or their distance
-        alone, about the first of them. Raises ValueError for points that are closer than `NEAREST`,
-        and for other numbers."""
+        spots: present positions of the points (m); numbers: x, y, x, y of their right positions, or
+        only their right distance, with the first point in place (m). Raises ValueError for points
+        that are closer than `NEAREST`, and for other numbers."""
         (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
         if len(numbers) == 1:
             far = start + numbers[0] * (end - start) / max(abs(end - start), 1e-9)

@@ -1,10 +1,10 @@
 """`LivePlanner`: sensors moved by hand, each move answered by figures within a tenth of a second.
 
-A sensor is seen in panoramas from its pole (`placement_env.fidelity.panorama`), a set scored by the
-surrogate, as in `coview/SensorPose-v0`. At a height that was never used the first answer is coarse,
-between the half metres below and above or from the next height known; `refine` makes what is
-missing, a panorama at a time, then the views of the whole stock, of which `suggest` chooses. One
-thread may refine while another moves."""
+The view of a sensor is looked up in panoramas from its pole (`placement_env.fidelity.panorama`),
+and a set is scored by the surrogate, as in `coview/SensorPose-v0`. The first answer at an unused
+height is coarse: it is interpolated between half metres, or taken from the nearest known height.
+`refine` renders the missing panoramas one by one, then the views of the whole stock that `suggest`
+chooses from. One thread may refine while another moves sensors."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -36,17 +36,17 @@ LIVE_SEED = 3
 
 
 class LivePlanner(VariantEditor):
-    """Plan by hand.
+    """Plan that is made by hand.
 
-    A copy, also one that is pickled, has the same variants, views and steps to undo, and goes on
-    without the original: its changes are told to nobody.
+    A copy, also a pickled one, has the same variants, views and steps to undo. Its changes do not
+    reach the original, and nobody listens to them.
 
-    site: a site, its name or file, the folder of a plan, or a setting: its fidelity must be the
-    surrogate, its candidates are the stock (the site's pool without any). A plan brings its frames,
-    seed and number of sensors. frames, seed: of the traffic; run: cache and more, in place of
-    frames and seed; first_frames: fewer, of traffic of their own, whose figures are shown until
-    `refine` has made the views of all; most_sensors: beyond which an answer names a problem. Raises
-    ValueError where the setting has no surrogate."""
+    site: a site, its name or file, the folder of a plan, or a setting by the surrogate whose
+    candidates are the stock (None for the site's pool); a plan decides frames, seed and the largest
+    number of sensors unless they are given; frames, seed: number of frames and seed of the traffic;
+    run: cache and more, in place of frames and seed; first_frames: smaller number of frames, whose
+    figures are shown until `refine` has made the views of all; most_sensors: largest number of
+    sensors without a problem. Raises ValueError for a setting without a surrogate."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class LivePlanner(VariantEditor):
         self.sold = setting.candidates if isinstance(setting.candidates, Stock) else Stock()
         self.catalogue = self.sold.catalogue
         self.currency = self.sold.currency
-        yard = Yard.of(place, _offer(setting), place.sensors, self.sold.keep_out)
+        yard = Yard.from_stock(place, _offer(setting), place.sensors, self.sold.keep_out)
         self.most_sensors = most_sensors
         scorer = LiveScorer(
             yard,
@@ -85,13 +85,13 @@ class LivePlanner(VariantEditor):
         super().__init__(yard, scorer)
 
     def ask(self, **changes: Any) -> LiveAnswer:
-        """Score by other classes, cases or scheme, or within another price, in the same traffic.
+        """Change the setting, and return the figures by it in the same traffic.
 
         changes: fields of `Setting`: classes, cases, scheme, most_price. Raises ValueError and
-        OSError where nothing predicts that, and keeps the question that was."""
+        OSError for a setting without a surrogate, and keeps the present one."""
         with self._lock:
             self.scorer.ask(changes)
-            self.tell(False)
+            self._tell(False)
             return self.answer("another question")
 
     @property
@@ -138,23 +138,26 @@ class LivePlanner(VariantEditor):
 
     @property
     def coarse(self) -> bool:
-        """True where the figures shown are of few frames, or a view is not from its very height."""
+        """True if the figures are of the first frames only, or a view is interpolated."""
         return self.scorer.is_coarse(self.variant)
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
-        """View of the sensors of a variant; True where one is not from its very height."""
+        """Visibility of a variant's sensors, and whether any was interpolated between heights."""
         return self.scorer.views.look(candidates)
 
     def score(self) -> Score:
-        """The objective's own score of the sensors that work, on the same frames, in panoramas from
-        where they hang. With the setting's rendering "full" every ray is cast."""
+        """Score of the working sensors by the objective, on the same frames.
+
+        Views are from panoramas at their exact heights, or from rays if the setting's rendering is
+        "full"."""
         return self.scorer.score(self.variant)
 
     def measure(self) -> LiveAnswer:
         """Figures by the detector in place of the surrogate's, on the same frames, with the
         setting's errors.
 
-        Raises ValueError for a plan with a detector of its own that the setting lacks."""
+        Raises ValueError if the plan has another detector than the shipped one, which the setting
+        lacks."""
         if self.plan is not None:
             _check_detector(self.plan, self.asked)
         predicted = self.finish()
@@ -163,9 +166,11 @@ class LivePlanner(VariantEditor):
     # what takes longer
 
     def refine(self, hold: Callable[[], bool] = lambda: False) -> bool:
-        """Make one of the views that are missing: of the sensors shown, then from other heights of
-        their poles, the nearest first, then of the stock. True while some are. May run in a thread
-        of its own, which waits between frames while `hold` is true and no other needs rays."""
+        """Make one missing view; False if no view is missing.
+
+        The sensors come first, then other heights of their poles, the nearest first, then the
+        stock. It may run in a separate thread, which waits between frames while `hold` is true and
+        no other thread casts rays."""
         self.scorer.hold_back(hold)
         if self.scorer.all_frames.are_awaited:
             self._fetch()
@@ -173,8 +178,7 @@ class LivePlanner(VariantEditor):
         return self.scorer.views.refine(self.variant)
 
     def _fetch(self) -> None:
-        """Make one of the views of all frames that are missing; where none is, show figures of all
-        frames."""
+        """Make one missing view of all frames, or show the figures of all frames."""
         self.scorer.fetch(lambda: (self.variant, *self.variants.values()), self._lock)
 
     def finish(self) -> LiveAnswer:
@@ -191,24 +195,22 @@ class LivePlanner(VariantEditor):
         *,
         patience: float = math.inf,
     ) -> tuple[Suggestion, ...]:
-        """Changes that raise the AP most: kind add for the best next sensor, move for the best
-        place of sensor `name`, remove for the sensors that are missed least. Fewer where nothing
-        helps.
+        """Return the changes that raise the AP most, or fewer if nothing helps.
 
-        patience: s to look from poles that nobody has looked from, again while none fits; inf: from
-        a height of each.
-
-        Raises ValueError for an unknown kind or sensor, and where the stock has no place left."""
+        kind: "add" for the best next sensor, "move" for the best place of one sensor, "remove" for
+        the sensors whose loss costs least; name: name of the sensor to move; count: number of
+        changes; patience: time (s) to look from new poles, extended until a pose fits; inf for
+        every pole. Raises ValueError for an unknown kind or sensor, and for a stock without a free
+        place."""
         while self.scorer.all_frames.are_awaited:
             self._fetch()
         suggester = self.scorer.make_suggester(self.estimate)
         return suggester.suggest(self.variant, kind, name, count=count, patience=patience)
 
     def search(self, stop: Callable[[], bool] = lambda: False) -> Iterator[LiveAnswer]:
-        """Improve the variant from where it is: the best place for one unlocked sensor after
-        another, until none helps.
+        """Move one unlocked sensor after another to its best place, until no move helps.
 
-        Yields an answer for each improvement, which is shown and can be undone."""
+        Yields the figures of each improvement, which is shown and can be undone."""
         waiting = self.variant.movable
         while waiting and not stop():
             name = waiting.pop(0)
@@ -223,7 +225,7 @@ class LivePlanner(VariantEditor):
 
 
 def _check_detector(plan: PlanFolder, question: Setting) -> None:
-    """Raise ValueError for a plan with a detector of its own that the question lacks."""
+    """Raise ValueError if a plan names a detector that the setting lacks."""
     if plan.own_detector is not None and question.detector is None:
         loaded = (
             "LivePlanner(plan.ask(replace(plan.setting, detector=...))), plan = "
@@ -247,7 +249,7 @@ def _find_plan(site: object) -> PlanFolder | None:
 
 
 def _offer(setting: Setting) -> Candidates:
-    """Stock of a setting: its candidates, else the site's pool, else the site's own sensors."""
+    """Stock of a setting: its candidates, else the site's pool, else the site's sensors."""
     if setting.candidates is not None and setting.candidates != "paper":
         return setting.pool
     try:

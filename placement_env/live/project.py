@@ -1,10 +1,9 @@
-"""Project file of a live planner: variants and steps, saved as they are made, by one writer, whole
-or not at all.
+"""Project file of a live planner: variants and steps, saved after each change by one writer.
 
 {"coview_live": 1, "site": NAME, "site_sha256": ..., "current": NAME, "variants": {NAME: VARIANT},
 "past": [[NAME, VARIANT], ...], "question": {...}, "picture": {...}}, each variant as
 `Variant.as_dict` gives it, the question as `LivePlanner.question`, the picture as the fields of
-`GroundPicture`, or null. The state before the last save is kept beside it."""
+`GroundPicture`, or null. A second file keeps the state before the last save."""
 
 import json
 import math
@@ -38,9 +37,11 @@ BEFORE = ".last-good"  # ending of the state before the last save
 
 
 class ProjectFile:
-    """Keep a planner's work in a file, from where it goes on. last_good: from the state before the
-    last save. Raises ValueError for a damaged file, one of another site, and while another process
-    writes it; OSError where it cannot be written."""
+    """File that keeps a planner's work, and from which the planner goes on.
+
+    last_good: go on from the state before the last save. Raises ValueError for a damaged file, the
+    file of another site, and a file that another process writes; OSError if it cannot be
+    written."""
 
     def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
         self.path = path
@@ -62,7 +63,7 @@ class ProjectFile:
         except BaseException:
             self.close()
             raise
-        planner.tell = self.save
+        planner.listen(self.save)
         self.save()
 
     @property
@@ -144,13 +145,14 @@ class ProjectFile:
         if not 0 < len(variants.value) <= MOST_VARIANTS:
             raise ValueError(f"it needs 1 to {MOST_VARIANTS} variants, and past steps")
         variants_by_name = {
-            check_name(name): Variant.of_dict(document, name)
+            check_name(name): Variant.from_dict(document, name)
             for name, document in variants.value.items()
         }
         steps = [self._read_step(step, number) for number, step in enumerate(past)][-SAVED_STEPS:]
         self.planner.restore(variants_by_name, project.get("current", str), steps)
         laid = project.value.get("picture")
-        self.planner.picture = None if laid is None else self._read_picture(project.node("picture"))
+        picture = None if laid is None else self._read_picture(project.node("picture"))
+        self.planner.lay(picture)
         question = project.node("question") if "question" in project.value else JsonObject({})
         if question.value:
             self._ask(question)
@@ -159,7 +161,7 @@ class ProjectFile:
     def _read_step(step: object, number: int) -> tuple[str, Variant]:
         if not isinstance(step, list) or len(step) != 2 or not isinstance(step[0], str):
             raise ValueError("a past step needs a name and a variant")
-        return check_name(step[0]), Variant.of_dict(step[1], f"past[{number}]")
+        return check_name(step[0]), Variant.from_dict(step[1], f"past[{number}]")
 
     @staticmethod
     def _read_picture(picture: JsonObject) -> GroundPicture:
@@ -195,7 +197,7 @@ def _format(variant: Variant) -> str:
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Write site.json, a map and a schedule of the variant that is shown; return their paths.
     Raises ValueError without a sensor and for a folder with a site or plan that no export wrote,
-    OSError where it cannot be written."""
+    OSError if it cannot be written."""
     variant = planner.variant
     site = planner.yard.site
     if not variant.sensors:
@@ -219,7 +221,7 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
 
 
 def _check_export(folder: Path) -> None:
-    """Raise ValueError where an export would replace the files of a plan, or somebody's site."""
+    """Raise ValueError if an export would replace the files of a plan, or somebody's site."""
     if (folder / PLAN_FILE).exists():
         raise ValueError(
             f"{folder} is the folder of a plan, which an export would change: start with another "

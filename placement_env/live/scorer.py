@@ -31,12 +31,12 @@ class LiveScorer:
     A copy has the same views and figures, and goes on without the original.
 
     Attributes:
-        first: question at the start.
-        asked: present question.
-        setting: present question, about the yard's stock, by the surrogate.
-        preparation: traffic of the present question.
-        views: of sensors in that traffic.
-        all_frames: while figures of the first few are shown.
+        first: Setting at the start.
+        asked: Present setting.
+        setting: Present setting of the yard's stock, by the surrogate.
+        preparation: Traffic of the present setting.
+        views: Views of sensors in that traffic.
+        all_frames: All frames of traffic, while figures of the first few are shown.
     """
 
     preparation: Preparation
@@ -79,7 +79,7 @@ class LiveScorer:
         self.setting = setting
         self.preparation = preparation.plain
         if before is not None:
-            self.preparation.take_traffic(before)
+            self.preparation = self.preparation.share_traffic(before)
         self._meter = Meter(self.preparation, self._currency)
         self._answers = dict[Variant, LiveAnswer]()
         if live_before is None or live_before is not self.preparation.live:
@@ -134,11 +134,9 @@ class LiveScorer:
         return answer
 
     def _list_problems(self, variant: Variant) -> tuple[str, ...]:
-        """Problems that no figure shows: sensors in keep-out areas, and too many of them."""
-        problems = []
-        for sensor in variant.sensors:
-            if self._yard.bars(variant, self._yard.find_mount(variant, sensor.mount)):
-                problems.append(f"{sensor.name} hangs in a keep-out area")
+        """Problems that no figure shows: sensors in keep-out areas, and too many sensors."""
+        barred_names = self._yard.list_barred(variant)
+        problems = [f"{name} hangs in a keep-out area" for name in barred_names]
         if len(variant.sensors) > self._max_sensors:
             problems.append(
                 f"it has {len(variant.sensors)} sensors, more than the {self._max_sensors} of "
@@ -147,7 +145,7 @@ class LiveScorer:
         return tuple(problems)
 
     def is_coarse(self, variant: Variant) -> bool:
-        """True if figures are of few frames, or a view is not from its very height."""
+        """True if figures are of the first frames only, or a view is interpolated."""
         return self.all_frames.are_awaited or self.views.see(variant).coarse
 
     def score(self, variant: Variant) -> Score:
@@ -195,8 +193,7 @@ class LiveScorer:
     def fetch(
         self, list_variants: Callable[[], tuple[Variant, ...]], lock: AbstractContextManager[object]
     ) -> None:
-        """Make one of the views of all frames that are missing; if none is, show their figures,
-        under a lock."""
+        """Make one missing view of all frames, or show their figures, under a lock."""
 
         def show(preparation: Preparation) -> None:
             with lock:

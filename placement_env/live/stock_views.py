@@ -1,5 +1,4 @@
-"""`StockViews`: what the poses of the stock see, pole by pole, so that the best of them can be
-suggested at once."""
+"""`StockViews`: views of the poses of the stock, made pole by pole, to suggest the best poses."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -55,13 +54,14 @@ class StockViews:
         return {**self.__dict__, "_rows": list(self._rows), "_waiting": dict(self._waiting)}
 
     def look_further(self) -> bool:
-        """View of the poses at one more height of a pole; False where all are known."""
+        """Make the views of the poses at one more height of a pole; False if all are known."""
         key = next(iter(list(self._waiting)), None)
         return key is not None and self._look(key)
 
     def at_least_coarse(self, patience: float, free: Bool[np.ndarray, " M"]) -> bool:
-        """View of the poses at one height of every free pole; True where `patience` (s) ended
-        before all were seen."""
+        """Make the views of the poses at one height of every free pole.
+
+        Returns True if `patience` (s) ended before all were made."""
         end = time.monotonic() + patience
         for key in [
             key for mount, key in self._first.items() if free[mount] and key in self._waiting
@@ -72,8 +72,9 @@ class StockViews:
         return False
 
     def _look(self, key: int) -> bool:
-        """View of the poses of a key, once; several threads may ask. False where none is looked up
-        in panoramas."""
+        """Make the views of the poses of a key, once for all threads.
+
+        Returns False if views are not looked up in panoramas."""
         live = self._preparation.live
         group = self._waiting.get(key)
         if live is not None and group is not None:
@@ -90,7 +91,9 @@ class StockViews:
         is_working: Bool[np.ndarray, " B"],
         objective: Callable[[Candidates, Visibility], Objective],
     ) -> list[int]:
-        """Known poses that may join a set, the best first. base, seen: of the set; is_working: not
+        """Known poses that may join a set, the best first.
+
+        base: sensors of the set; seen: their view; is_working: False for sensors that have
         failed."""
         rows = list(self._rows)
         if not rows:
@@ -109,7 +112,7 @@ class StockViews:
         ]
         aim = np.zeros((count + len(indices), 3))
         mount = np.concatenate([base.mount, stock.mount])
-        candidates = Candidates.of_poses(
+        candidates = Candidates.from_poses(
             [*base.sensors, *sensors], mount, aim, replace(self._stock, mounts=base.mounts)
         )
         scored = objective(candidates, replace(seen, **columns))

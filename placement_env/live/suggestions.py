@@ -11,15 +11,21 @@ from placement_env.live.figures import LiveAnswer, Meter
 from placement_env.live.variant import TILT_SPAN, LiveSensor, Variant, Yard, name_on_pole
 from placement_env.live.views import SensorViews
 
-MIN_HELPFUL_GAIN_AP = 1e-4  # of a change that helps
+MIN_HELPFUL_GAIN_AP = 1e-4  # a change that gains less does not help
 # rad of heading and tilt that a suggestion is turned by
 TURNS_RAD = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A change that pays: `kind` is add, move or remove; sensor: as it would hang, or hangs;
-    answer: figures then; considered: number of poses of the stock that were compared."""
+    """Change that raises the AP.
+
+    Attributes:
+        kind: add, move or remove.
+        sensor: Sensor after the change, or the one to remove.
+        answer: Figures after the change.
+        considered: Number of poses of the stock that were compared.
+    """
 
     kind: str
     sensor: LiveSensor

@@ -1,5 +1,4 @@
-"""`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may
-stand."""
+"""`Variant`: sensors on poles as they are moved by hand. `Yard`: the ground that poles may use."""
 
 import math
 from collections import Counter, defaultdict
@@ -23,7 +22,7 @@ from toolkit.sites.site import Mount, Site
 
 TILT_SPAN = (float(np.deg2rad(-10.0)), float(np.deg2rad(89.0)))  # rad below the horizon
 SNAP = 1.5  # m from a pole within which a dragged sensor is taken to be on it
-PASSABLE = ("kerb", "island")  # solids that a pole may stand on
+PASSABLE = ("kerb", "island")  # solids that may carry a pole
 KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
 FARTHEST = 100.0  # m between a pole and the detection area
 LONGEST_NAME = 60
@@ -34,16 +33,26 @@ MAX_TURN_RAD = 1000.0
 SLACK_M = 1e-6
 MAX_FOOT_GAP_M = 20.0  # between the foot of a pole and the ground
 KEPT_OUT = "it is a keep-out area"
-Where = str | tuple[float, float]  # of a sensor: name of a pole, or x and y (m)
-Corners = tuple[tuple[float, float], ...]  # of an area: x and y (m) of each
+Where = str | tuple[float, float]  # name of a pole, or x and y of a place (m)
+Corners = tuple[tuple[float, float], ...]  # x and y (m) of each corner of an area
 
 
 @dataclass(frozen=True)
 class LiveSensor:
-    """Sensor on a pole. model: name in the stock; x, y: m; height: above the foot (m); heading,
-    tilt: rad.
+    """Sensor on a pole.
 
-    locked: not to be moved; failed: bought and mounted, but it sees and sends nothing."""
+    Attributes:
+        name: Name of the sensor.
+        model: Name of its model in the stock.
+        mount: Name of its pole.
+        x: Position (m).
+        y: Position (m).
+        height: Height above the foot of the pole (m).
+        heading: Heading (rad).
+        tilt: Tilt below the horizon (rad).
+        locked: Whether it may not be moved.
+        failed: Whether it is mounted, but sees and sends nothing.
+    """
 
     name: str
     model: str
@@ -59,8 +68,7 @@ class LiveSensor:
 
 @dataclass(frozen=True)
 class Variant:
-    """Sensors, poles of one's own beside those of the stock, and areas where no pole may be
-    used."""
+    """Sensors, additional poles for them, and keep-out areas that no pole may use."""
 
     sensors: tuple[LiveSensor, ...] = ()
     poles: tuple[Mount, ...] = ()
@@ -95,7 +103,7 @@ class Variant:
         return replace(self, sensors=tuple(s for s in self.sensors if s.name != name))
 
     def without_idle_poles(self) -> "Variant":
-        """Return the variant without the poles of one's own that carry no sensor."""
+        """Return the variant without additional poles that carry no sensor."""
         mounts_in_use = {sensor.mount for sensor in self.sensors}
         return replace(self, poles=tuple(p for p in self.poles if p.name in mounts_in_use))
 
@@ -120,7 +128,7 @@ class Variant:
         }
 
     @staticmethod
-    def of_dict(document: object, where: str = "") -> "Variant":
+    def from_dict(document: object, where: str = "") -> "Variant":
         """Read what `as_dict` gave. where: its path in a file. Raises ValueError that names what
         does not fit."""
         variant = JsonObject(document, where)
@@ -206,7 +214,7 @@ class Yard:
         return {mount.name: mount for mount in self.stock.mounts}
 
     def find_mount(self, variant: Variant, name: str) -> Mount:
-        """Return a pole of the stock or of one's own. Raises ValueError for an unknown one."""
+        """Return a pole of the stock or an additional one. Raises ValueError for an unknown one."""
         mounts = self.mounts | {pole.name: pole for pole in variant.poles}
         if name not in mounts:
             raise ValueError(
@@ -215,21 +223,22 @@ class Yard:
         return mounts[name]
 
     def name_model(self, model: SensorModel) -> str:
-        """Return the name of a model. Raises ValueError where the stock lacks it."""
+        """Return the name of a model. Raises ValueError if the stock lacks it."""
         for name, known_model in self.models.items():
             if known_model == model:
                 return name
         raise ValueError(f"the stock has no {model}: it has {', '.join(self.models)}")
 
     @staticmethod
-    def of(
+    def from_stock(
         site: Site,
         stock: Candidates,
         sensors: Iterable[Sensor],
         keep_out: Iterable[shapely.Geometry],
     ) -> "Yard":
-        """Yard of a stock, with the poles and models of sensors that hang already; these models are
-        paid; a pole may carry as many as hang there."""
+        """Yard of a stock, with the poles and models of present sensors.
+
+        These models cost nothing, and a pole may carry as many sensors as it has now."""
         sensors = list(sensors)
         axes = stock.axes
         mounts = list(stock.mounts)
@@ -253,7 +262,7 @@ class Yard:
         return replace(yard, stock=replace(yard.stock, mounts=tuple(mounts)))
 
     def place(self, sensors: Iterable[Sensor]) -> Variant:
-        """Variant of sensors as they hang, each on the nearest pole, or one of its own."""
+        """Variant of sensors in their poses, each on the nearest pole or an additional one."""
         variant = Variant()
         axes = self.stock.axes
         for sensor in sensors:
@@ -290,8 +299,9 @@ class Yard:
         return pole, replace(variant, poles=(*variant.poles, pole))
 
     def stand(self, variant: Variant, where: Where) -> tuple[Mount, Variant]:
-        """Pole of a name, or near a place (`SNAP`), else a new one there. Raises ValueError where
-        none may stand."""
+        """Pole of a name, or near a place (`SNAP`), else a new one there, and the variant with it.
+
+        Raises ValueError for a place that no pole may use."""
         if isinstance(where, str):
             mount = self.find_mount(variant, where)
             after = variant
@@ -321,8 +331,16 @@ class Yard:
             shapely.Polygon(corners).distance(point) < KERB_GAP for corners in variant.keep_out
         )
 
+    def list_barred(self, variant: Variant) -> list[str]:
+        """Names of the sensors of a variant whose poles are in its keep-out areas."""
+        names = []
+        for sensor in variant.sensors:
+            if variant.keep_out and self.bars(variant, self.find_mount(variant, sensor.mount)):
+                names.append(sensor.name)
+        return names
+
     def refuse(self, spot: tuple[float, float]) -> str:
-        """Say why no pole may stand at a place, "" where one may."""
+        """Reason why no pole may use a place, "" if one may."""
         point = shapely.Point(spot)
         xmin, ymin, xmax, ymax = self.site.area.tolist()
         if point.distance(shapely.box(xmin, ymin, xmax, ymax)) > FARTHEST:
@@ -361,16 +379,16 @@ class Yard:
         ).reshape(-1, 3)
         rows = np.array([index[live_sensor.mount] for live_sensor in variant.sensors], np.int64)
         stock = replace(self.stock, mounts=mounts) if variant.poles else self.stock
-        return Candidates.of_poses(sensors, rows, aim, stock)
+        return Candidates.from_poses(sensors, rows, aim, stock)
 
     def build_sensor(self, variant: Variant, sensor: LiveSensor) -> Sensor:
-        """Sensor as it hangs."""
+        """Build a sensor in its pose on the pole."""
         foot = float(self.find_mount(variant, sensor.mount).position[2])
         return _hang(sensor, self.models[sensor.model], foot)
 
     def check(self, variant: Variant) -> Variant:
-        """Return a variant. Raises ValueError for an unknown model or pole, names that are there
-        twice, a sensor that is not on its pole or beyond its heights, and a pole that is not at the
+        """Return a variant. Raises ValueError for an unknown model or pole, a repeated name, a
+        sensor that is not on its pole or beyond its heights, and a pole that is not at the
         site."""
         names = [sensor.name for sensor in variant.sensors]
         if len(set(names)) < len(names):
@@ -437,7 +455,7 @@ class Yard:
 
     @cached_property
     def _heights(self) -> dict[str, list[float]]:
-        """Heights at which the site's sensors hang, by pole."""
+        """Heights of the site's sensors, by pole."""
         heights = defaultdict[str, list[float]](list)
         for sensor in self.place(self.site.sensors).sensors:
             heights[sensor.mount].append(sensor.height)

@@ -1,5 +1,5 @@
-"""Views of the sensors that are moved by hand: those in memory, those that are missing, and those
-of all frames while few are shown."""
+"""Views of the sensors that are moved by hand: in memory, missing, and in all frames while the
+figures of few are shown."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -20,8 +20,8 @@ from placement_env.live.variant import TILT_SPAN, Variant, Yard
 from toolkit.arrays import Bool
 from toolkit.sensors.sensor import Sensor
 
-MAX_PANORAMA_BYTES = 190_000_000  # of panoramas in memory
-MAX_LIVE_VIEWS = 512  # of single sensors in memory
+MAX_PANORAMA_BYTES = 190_000_000  # all panoramas in memory
+MAX_LIVE_VIEWS = 512  # views of one sensor in memory
 USUAL_TILT_RAD = 0.3  # below the horizon, around which tables are made first
 # points, distance, sent, far of one sensor
 SensorRow = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -31,10 +31,10 @@ class VariantView(NamedTuple):
     """View of a variant.
 
     Attributes:
-        candidates: its sensors.
-        seen: what each of them sees.
+        candidates: Sensors of the variant.
+        seen: View of each sensor.
         is_working: False for sensors that have failed.
-        coarse: True if a view is not from its very height.
+        coarse: True if a view is interpolated between heights.
     """
 
     candidates: Candidates
@@ -68,7 +68,7 @@ class SensorViews:
         return VariantView(candidates, seen, is_working, coarse)
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
-        """View of the sensors of a variant; True if one is not from its very height."""
+        """View of the sensors of a variant, and True if one is interpolated between heights."""
         live = self._preparation.live
         coarse = False
         rows: list[SensorRow] = []
@@ -97,8 +97,10 @@ class SensorViews:
         return seen.points[0], seen.distance[0], seen.sent[0], seen.far[0]
 
     def refine(self, variant: Variant) -> bool:
-        """Make one of the views that are missing: of a variant, then from other heights of its
-        poles, the nearest first, then of the stock. True while some are."""
+        """Make one missing view; False if no view is missing.
+
+        The sensors of the variant come first, then other heights of their poles, the nearest first,
+        then the stock."""
         live = self._preparation.live
         if live is None:
             return False
@@ -122,9 +124,8 @@ class AllFrames:
     """All frames of traffic, while figures of the first few are shown.
 
     Attributes:
-        preparation: of all frames; None once their figures are shown, and if they are from the
-            start.
-        fetching: held while one of their views is made.
+        preparation: Preparation of all frames, None once their figures are shown.
+        fetching: Lock that is held while a view of all frames is made.
     """
 
     def __init__(self, preparation: Preparation | None) -> None:
@@ -146,9 +147,10 @@ class AllFrames:
     def fetch(
         self, candidates: Callable[[], list[Candidates]], show: Callable[[Preparation], None]
     ) -> None:
-        """Make one of the views that are missing; if none is, show figures of all frames.
+        """Make one missing view, or show the figures of all frames.
 
-        candidates: gives those that are to be seen; show: ends with `end`."""
+        candidates: function that lists the candidates to look from; show: function that shows the
+        figures and calls `end`."""
         with self.fetching:
             preparation = self.preparation
             if preparation is None:
@@ -174,7 +176,7 @@ def hold_back(preparation: Preparation | None, hold: Callable[[], bool]) -> None
 
 
 def make_view(live: LiveView, candidates: Candidates, k: int, sensor: Sensor) -> bool:
-    """Look from where a sensor is on the mount of candidate k; False if that is known."""
+    """Make the view of a sensor on the mount of candidate k; False if it is known."""
     if live.knows(sensor):
         return False
     live.see(replace(candidates.select([k]), sensors=(sensor,)), reach="own")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from placement_env.cases import iou_text
-from placement_env.handover.mounted import FRAME_RATE_HZ, LinkLoad
+from placement_env.handover.mounted import FRAME_RATE_HZ, PoleLoad
 from placement_env.report import content
 from placement_env.search.result import Result
 from toolkit.plots import canvas
@@ -113,7 +113,7 @@ def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureC
     )
 
 
-def link_chart(links: Sequence[LinkLoad]) -> str:
+def link_chart(links: Sequence[PoleLoad]) -> str:
     """Draw the Mbit/s of each link against its capacity."""
     too_narrow: PlotStyle = {
         "facecolor": "white",

@@ -17,7 +17,7 @@ from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import IoUs
 from placement_env.handover.ground import Ground, GroundShares
-from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
+from placement_env.handover.mounted import MaterialItem, PlannedSensor, PoleLoad
 from placement_env.links import LINK_SHARE
 from toolkit.arrays import Bool, Float32, Mask
 from toolkit.display import Card, Displayed, Table, figure_digits, format_share
@@ -306,7 +306,7 @@ class Plan(Displayed):
     class_ap: tuple[ClassAP, ...] = ()
     worth: tuple[SensorWorth, ...] = ()
     failures: tuple[FailureCase, ...] = ()
-    links: tuple[LinkLoad, ...] = ()
+    links: tuple[PoleLoad, ...] = ()
     materials: tuple[MaterialItem, ...] = ()
     running: tuple[MaterialItem, ...] = ()
     order: tuple[BuildStep, ...] = ()

@@ -268,7 +268,7 @@ def build_pose_scorer(
                 labels=preparation.setting.counted.labels,
                 run=quiet_run,
             )
-        objective = Objective.of_moved(preparation, candidates, seen, weights)
+        objective = Objective.from_view(preparation, candidates, seen, weights)
         owner = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
         subsets = owner == np.arange(len(sets))[:, None]
         objective.scores(subsets)
@@ -286,7 +286,7 @@ def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
     spots = np.array([sensor.position[:2] for sensor in sensors])
     mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
     numbered = [replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors)]
-    return Candidates.of_poses(
+    return Candidates.from_poses(
         numbered, mount, np.array([angles(sensor) for sensor in sensors]), pool
     )
 

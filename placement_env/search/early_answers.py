@@ -13,7 +13,7 @@ MIN_GAIN_AP = 0.001  # smallest improvement that is reported during the search
 
 def find_first_answer(order: SearchOrder, preparation: Preparation) -> Score:
     """Report greedy's answer on the first frames and return its score there."""
-    objective = Objective.of_moved(
+    objective = Objective.from_view(
         preparation, preparation.setting.pool, preparation.visibility, order.setting.weights
     )
     best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best

@@ -33,8 +33,7 @@ def prepare_first_look(setting: Setting, run: Run, stride: int = 1) -> Preparati
     """Prepare the first frames of a search."""
     full = Preparation(setting, replace(run, progress=None), stride)
     first = Preparation(setting, full.run, stride)
-    vars(first)["traffic"] = full.traffic.part(0, LOOK_FRAMES)
-    return first
+    return first.with_traffic(full.traffic.part(0, LOOK_FRAMES))
 
 
 def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray, " n"] | None:

@@ -66,6 +66,10 @@ class SearchOrder:
 
     def __post_init__(self) -> None:
         setting = self.setting
+        if not 0 < self.confidence < 1:
+            raise ValueError(
+                f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual"
+            )
         check_search(self.method, self.fidelity, setting.pool, setting.cases)
         setting.check_budget(self.budget)
         if setting.keep and self.method == "ppo":

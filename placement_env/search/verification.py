@@ -107,7 +107,7 @@ def ap_at_profiles(
             preparation,
             setting=replace(preparation.setting, cases=replace(scored_by.cases, errors=profile)),
         )
-        vars(at_profile).update(traffic=preparation.traffic, detector=preparation.detector)
+        at_profile = at_profile.with_traffic(preparation.traffic, detector=preparation.detector)
         (score,) = build_pose_scorer(at_profile, objective.weights)([tuple(moved)])
         if score is not None:
             aps[name] = score.ap

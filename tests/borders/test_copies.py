@@ -110,7 +110,7 @@ def test_panoramas_are_shared_by_copies_and_go_along_when_pickled():
 @both_ways
 def test_a_copied_planner_goes_its_own_way(duplicate):
     planner, changes = LivePlanner("tjunction", frames=2), []
-    planner.tell = changes.append
+    planner.listen(changes.append)
     name = planner.sensors[0].name
     planner.move(name, heading=0.4)
     told = len(changes)

@@ -9,14 +9,8 @@ import open3d as o3d
 import pytest
 
 import models
-from coview.detectors import (
-    learns_background,
-    load_detector,
-    parse_detector,
-    place_detector,
-    recording_detector,
-    site_detector,
-)
+from coview.detector_spec import DetectorSpec
+from coview.detectors import load_detector, open_detector
 from models.detector import MIN_UNKNOWN_PERSON_SCORE
 from toolkit.calibration.place import Place
 from toolkit.clouds import from_points
@@ -27,60 +21,30 @@ from toolkit.objects import UnionDetector, known_labels
 from toolkit.sites.files import load_site
 
 
-def test_names_are_parsed_with_their_suffixes():
-    site = load_site("tjunction")
-    assert parse_detector("general") == ("general", False, 1, False, True)
-    assert parse_detector("my.package:detect+background") == (
-        "my.package:detect",
-        True,
-        1,
-        False,
-        False,
-    )
-    assert parse_detector("background") == ("background", False, 1, False, False)
-    assert parse_detector("a+phases3.safetensors") == (
-        "a+phases3.safetensors",
-        False,
-        1,
-        False,
-        False,
-    )
-    assert [
-        parse_detector(f"general{rest}", site).known for rest in ("", "+phases2", "-background")
-    ] == [1, 1, 0]
-    assert parse_detector("general+bfloat16+background+phases12") == (
-        "general",
-        True,
-        12,
-        True,
-        False,
-    )
-    assert not parse_detector("general+float32+bfloat16").bfloat16
+def open_named(name, at):
+    return open_detector(DetectorSpec.from_name(name), at)
 
 
-def test_a_site_s_background_is_known():
+def test_a_background_at_a_site_is_its_scenery():
     site = load_site("tjunction")
-    bare, known = site_detector("voxelnet", site), site_detector("voxelnet+background", site)
+    bare: Any = open_named("voxelnet", site)
+    known = open_named("voxelnet+background", site)
     assert isinstance(known, KnownBackground)
     assert known.detector.digest == bare.digest  # type: ignore[attr-defined]
     assert known.background.digest == site_background(site).digest
     assert known_labels(known) == known_labels(bare)
+
+
+def test_a_background_needs_a_site_or_a_recording():
     with pytest.raises(ValueError, match=r"general\+background must see the site empty first"):
-        place_detector("general+background", Place())
-
-
-def test_general_knows_whether_the_site_is_known():
-    site = load_site("tjunction")
-    names = ("general+phases2", "general-background", "tjunction")
-    assert [parse_detector(name).unknown_site for name in names] == [True, False, False]
-    assert not parse_detector("general", site).unknown_site
-    assert place_detector("general", Place(area=(-10.0, -10.0, 10.0, 10.0)))
+        open_named("general+background", Place())
+    assert open_named("general", Place(area=(-10.0, -10.0, 10.0, 10.0)))
 
 
 def test_at_an_unknown_site_pedestrians_need_a_higher_score():
     small = Place(area=(-10.0, -10.0, 10.0, 10.0))
     unknown, bare = (
-        cast(Any, place_detector(name, small)) for name in ("general", "general-background")
+        cast(Any, open_named(name, small)) for name in ("general", "general-background")
     )
     by_label = dict(
         zip(bare.config.labels, zip(bare.thresholds, unknown.thresholds, strict=True), strict=True)
@@ -93,18 +57,18 @@ def test_at_an_unknown_site_pedestrians_need_a_higher_score():
 
 def test_grids_and_numbers_are_asked_for_behind_the_name(monkeypatch):
     site = load_site("tjunction")
-    bare: Any = site_detector("voxelnet", site)
-    phased: Any = site_detector("voxelnet+phases3+background", site)
+    bare: Any = open_named("voxelnet", site)
+    phased: Any = open_named("voxelnet+phases3+background", site)
     assert (phased.name, phased.detector.phases) == ("tjunction+phases3+background", 3)
     monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
-    quick: Any = site_detector("voxelnet+bfloat16", site)
+    quick: Any = open_named("voxelnet+bfloat16", site)
     assert (quick.name, quick.digest != bare.digest) == ("tjunction+bfloat16", True)
     monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: False)
-    again: Any = site_detector("voxelnet+bfloat16", site)
+    again: Any = open_named("voxelnet+bfloat16", site)
     assert again.digest == bare.digest
     for number in (0, 17):
         with pytest.raises(ValueError, match=f"1 to 16 grids, got {number}"):
-            site_detector(f"general+phases{number}", site)
+            open_named(f"general+phases{number}", site)
 
 
 def test_cluster_knows_its_background_anyhow(monkeypatch):
@@ -114,11 +78,11 @@ def test_cluster_knows_its_background_anyhow(monkeypatch):
     )
     at_site = SimpleNamespace(site=load_site("tjunction"))
     monkeypatch.setattr(ClusterDetector, "of", staticmethod(lambda recording: clusters))
-    assert recording_detector("cluster+background", at_site) is clusters
-    assert recording_detector("cluster", at_site) is clusters
+    assert open_named("cluster+background", at_site) is clusters
+    assert open_named("cluster", at_site) is clusters
     for name in ("cluster", "cluster+background"):
         with pytest.raises(ValueError, match="learns from a recording"):
-            site_detector(name, load_site("tjunction"))
+            open_named(name, load_site("tjunction"))
 
 
 class TestCloudsOfAnyKind:
@@ -177,14 +141,3 @@ class TestCloudsOfAnyKind:
                 detect(wrong)
         with pytest.raises(ValueError, match='level must be "map", "plane" or None'):
             load_detector("general", level="flat")
-
-
-def test_general_learns_what_stands_where_the_site_is_unknown():
-    named = (
-        "general",
-        "general+phases4",
-        "general-background",
-        "general+background",
-        "mine.safetensors",
-    )
-    assert [learns_background(name) for name in named] == [True, True, False, False, False]

@@ -36,9 +36,14 @@ def done():
 
 
 @pytest.fixture
-def jobs(done):
+def head():
+    return Head()
+
+
+@pytest.fixture
+def jobs(done, head):
     jobs = LiveJobs(
-        Head(),
+        head,
         show=lambda answer: done.append(f"show {answer}"),
         redraw=lambda: done.append("redraw"),
         draw_rest=lambda: done.append("rest"),
@@ -98,7 +103,7 @@ def test_what_is_slow_to_draw_waits_for_jobs_but_not_for_ever(jobs, done):
         (KeyError("gone"), "by a fault of coview (KeyError: 'gone')"),
     ],
 )
-def test_a_fault_is_said_and_the_threads_live_on(jobs, done, capsys, error, note):
+def test_a_fault_is_said_and_the_threads_live_on(jobs, head, done, capsys, error, note):
     def fail():
         raise error
 
@@ -107,9 +112,9 @@ def test_a_fault_is_said_and_the_threads_live_on(jobs, done, capsys, error, note
     wait_for(lambda: "redraw" in done)
     jobs.do(fail)
     wait_for(lambda: done.count("redraw") == 2)
-    assert note in jobs._head.note
-    assert "comparing" in {busy for busy, _ in jobs._head.shown}
-    wait_for(lambda: not jobs._head.busy)
+    assert note in head.note
+    assert "comparing" in {busy for busy, _ in head.shown}
+    wait_for(lambda: not head.busy)
     jobs.do(lambda: done.append("alive"))
     wait_for(lambda: "alive" in done)
     assert [thread.is_alive() for thread in jobs.threads] == [True, False, True]

@@ -75,7 +75,7 @@ class Page:
     @property
     def variant(self):
         found = self.project
-        return Variant.of_dict(found["variants"][found["current"]])
+        return Variant.from_dict(found["variants"][found["current"]])
 
     @property
     def ap(self):

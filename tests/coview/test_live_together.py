@@ -31,7 +31,7 @@ def engine():
 
 @pytest.fixture
 def page(engine, tmp_path):
-    engine.tell = lambda dragging: None
+    engine.listen(lambda dragging: None)
     engine.restore({"A": engine.yard.place(engine.yard.site.sensors)}, "A", [])
     with viser_server(18931, "together") as server:
         project = ProjectFile(tmp_path / "a.live.json", engine)

@@ -5,7 +5,8 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from coview.detectors import place_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import open_detector
 from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.calibration.place import Place
 from toolkit.detection.detect import detect_frames
@@ -65,7 +66,9 @@ def test_cars_on_a_raised_road_are_found_by_default(seed: int) -> None:
     assert seen.sum() >= 3
     cloud = SensorCloud("lidar", points.astype(np.float32), np.eye(4))
     frame = Frame.of_clouds("0", (cloud,), Objects.empty())
-    (detected,) = detect_frames([frame], place_detector("general", Place()), Place(level="map"))
+    (detected,) = detect_frames(
+        [frame], open_detector(DetectorSpec.from_name("general"), Place()), Place(level="map")
+    )
     found = detected.detections.boxes[detected.detections.labels == VEHICLE, :3]
     apart = np.linalg.norm(middles[seen, None] - found[None], axis=2).min(axis=1)
     assert (apart < 0.7).mean() >= 0.75

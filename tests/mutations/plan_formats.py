@@ -154,7 +154,7 @@ def make_project(path: Path) -> None:
         planner.ask(cases=Cases(iou=0.8), most_price=7.0)
         project.close()
         path.write_bytes((Path(folder) / "a.live.json").read_bytes())
-    planner.tell = lambda dragging: None
+    planner.listen(lambda dragging: None)
 
 
 def make_picture(path: Path) -> None:
@@ -229,7 +229,7 @@ def read_project(path: Path) -> None:
             with said_of(path, folder):
                 ProjectFile(copy, planner).close()
         finally:
-            planner.tell = lambda dragging: None
+            planner.listen(lambda dragging: None)
             planner.restore({"A": planner.yard.place(load_site("tjunction").sensors)}, "A", [])
             planner.ask(
                 cases=Cases(), most_price=float("inf"), classes=("vehicle",), scheme="early"

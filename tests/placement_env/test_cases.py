@@ -39,11 +39,14 @@ def test_fields_are_checked(fields, message):
         Cases(**fields)
 
 
-def test_equal_questions_and_results_state_what_was_asked():
+def test_equal_cases_are_equal_however_they_are_written():
     assert Cases(iou=(0.7,), errors=["poor"]) == Cases(iou="0.7", errors=POOR)
     assert Cases(errors=POOR).profiles == (POOR,)
     assert hash(Cases(iou=[0.9, 0.5])) == hash(Cases(iou=(0.5, 0.9)))
     assert len(Cases(iou="0.5:0.95").ious) == 10
+
+
+def test_the_origin_states_what_is_not_usual():
     assert Cases().origin == {"iou": 0.7}
     assert Cases(iou=(0.5, 0.7), failing=1, levels=2, levels_by="mean").origin == {
         "iou": [0.5, 0.7],
@@ -55,11 +58,17 @@ def test_equal_questions_and_results_state_what_was_asked():
         "profiles": [POOR.origin, TYPICAL.origin],
         "combine": "worst",
     }
+
+
+def test_several_thresholds_are_named_and_classes_may_have_others():
     assert [iou_text(each) for each in (0.7, (0.5, 0.6))] == [
         "0.7",
         "0.5 to 0.6 (mean of 2 thresholds)",
     ]
     assert Cases(iou=(0.6, 0.7)).class_ious(Classes(("vehicle", "cyclist")), "cyclist") == 0.5
+
+
+def test_failures_leave_each_set_without_each_sensor():
     rows, owners = Cases(failing=1).expand(np.array([[1, 1, 0], [0, 0, 1]], bool))
     assert rows.astype(int).tolist() == [[1, 1, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, 0]]
     assert owners.tolist() == [0, 1, 0, 0, 1]

@@ -46,13 +46,16 @@ def test_what_is_refused(arguments, message):
         Classes(**arguments)
 
 
-def test_settings_of_classes_their_digests_marks_and_words():
+def test_equal_classes_are_equal_in_any_order():
     one = Classes(("pedestrian", "vehicle"), (2.0, 6.0), ious=(0.25, None))
     other = Classes(("vehicle", "pedestrian"), (0.75, 0.25), ious=(None, 0.25))
     assert one == other
     assert one.digest == other.digest
     assert one.weights == (0.75, 0.25)
     assert one.labels == (0, 2)
+
+
+def test_different_classes_have_different_digests():
     made = [
         VEHICLES,
         Classes(("heavy",)),
@@ -62,9 +65,15 @@ def test_settings_of_classes_their_digests_marks_and_words():
         Classes(THREE, ious=(None, None, 0.25)),
     ]
     assert len({each.digest for each in made}) == len(made)
+
+
+def test_a_class_has_the_iou_of_the_objective_its_usual_or_a_given_one():
     classes = Classes(LABELS, ious=(None, None, 0.25, None))
     assert [classes.get_iou(name, 0.8) for name in LABELS] == [0.8, SMALL_IOU, 0.25, 0.8]
     assert Classes(LABELS, ious=(None, None, None, 0.5)).get_iou("heavy", 0.8) == 0.5
+
+
+def test_classes_are_found_by_their_names():
     assert find_classes("cyclist") == Classes(("cyclist",))
     assert find_classes(["vehicle", "heavy"]) == Classes(("vehicle", "heavy"))
     assert find_classes(VEHICLES) is VEHICLES
@@ -72,10 +81,16 @@ def test_settings_of_classes_their_digests_marks_and_words():
         (ValueError, TypeError), match=r"classes must be Classes or names|Type-check"
     ):
         find_classes(3)
+
+
+def test_one_class_is_its_figure_and_weights_add_up_to_one():
     figures = np.random.default_rng(0).random((5, 1))
     np.testing.assert_array_equal(VEHICLES.combined(figures), figures[:, 0])
     assert np.isnan(VEHICLES.combined(np.array([[np.nan]])))[0]
     assert Classes(THREE, (1.0, 1.0, 7.0)).combined(np.ones((1, 3)))[0] == 1.0
+
+
+def test_classes_are_described_with_weights_and_ious():
     assert VEHICLES.described(0.7) == VEHICLES.described() == "vehicle"
     assert Classes(THREE, combine="worst").described() == "worst of vehicle, cyclist and pedestrian"
     assert (

@@ -1,5 +1,6 @@
 """The objective on a stand-in fidelity: memory, order, terms, feasibility."""
 
+import pickle
 from functools import cache
 from typing import Any
 
@@ -59,70 +60,93 @@ def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float
     )  # type: ignore[arg-type]
 
 
-def test_objectives_sum_terms_by_hand_and_say_where_scores_come_from():
+def test_terms_add_up_to_the_reward() -> None:
     score = objective(Weights(comm=0.001, price=0.01)).score([1, 4])
-    assert score.kbit == 500.0
-    assert score.kbit_per_sensor == 250.0
+    assert (score.subset, score.kbit, score.kbit_per_sensor) == ((1, 4), 500.0, 250.0)
     assert score.price == 4.0
-    assert score.terms["comm"] == -0.25
-    assert score.terms["price"] == -0.04
+    assert (score.terms["comm"], score.terms["price"]) == (-0.25, -0.04)
     assert score.reward == pytest.approx(sum(score.terms.values()), abs=1e-15)
-    assert score.subset == (1, 4)
+
+
+def test_without_costs_the_reward_is_the_ap() -> None:
     score = objective().score([0, 3])
     assert score.reward == score.ap > 0
+
+
+def test_the_empty_set_scores_nothing_and_is_not_scored() -> None:
     some = objective(Weights(1.0, 1.0))
     score = some.score([])
     assert (score.ap, score.recall, score.kbit, score.price, score.reward) == (0, 0, 0, 0, 0)
     assert some.scored_by.asked == 0  # type: ignore[attr-defined]
     assert some.scores(np.zeros((0, len(some.candidates)), bool)).reward.shape == (0,)
+
+
+def test_a_known_set_is_not_scored_again() -> None:
     some = objective()
     first = some.score([4, 0])
     again = some.score([some.names[0], some.names[4], 0])
     assert (first.cache_hit, again.cache_hit) == (False, True)
     assert first.reward == again.reward
     assert some.scored_by.asked == 1  # type: ignore[attr-defined]
+
+
+def test_a_pickled_objective_forgets_and_a_reweighed_one_remembers() -> None:
+    some = objective()
+    some.score([4, 0])
+    assert not pickle.loads(pickle.dumps(some)).score([4, 0]).cache_hit
+    reweighed = some.with_weights(Weights(price=0.01))
+    assert reweighed.score([4, 0]).cache_hit
+    reweighed.forget()
+    assert (reweighed.score([4, 0]).cache_hit, some.score([4, 0]).cache_hit) == (False, True)
+
+
+def test_sets_that_share_a_mount_may_not_be_built() -> None:
     some = objective()
     rows = np.array([some.row(members) for members in ([], [0, 2, 4], [0, 1], [5, 3, 2])])
     assert some.feasible(rows).tolist() == [True, True, False, False]
     assert some.allowed([2]).tolist() == [True, True, False, False, True, True]
     assert some.allowed(some.row([2])).tolist() == some.allowed([2]).tolist()
+
+
+def test_each_mount_is_paid_once() -> None:
     assert objective().score([0, 1]).price == 2.0
     scored = objective(mounts=3, headings=2, price=2.0)
     subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
     assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
     assert scored.price(np.zeros((0, 6), bool)).shape == (0,)
+
+
+def test_one_candidate_on_the_second_of_several_mounts_is_scored() -> None:
+    pool = candidates()
+    axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
+    factors = np.array([[1, 0, 0, 0, 0]])
+    one = Candidates(pool.sensors[2:3], pool.mounts, factors, axes)
+    assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
+
+
+def test_unknown_candidates_weights_and_schemes_are_refused() -> None:
     with pytest.raises(FileNotFoundError, match="pol"):
         Objective(Setting("tjunction", candidates="pol"))
     with pytest.raises(ValueError, match="weights must be finite"):
         Weights(comm=-1.0)
     with pytest.raises((ValueError, TypeError), match="of"):
         objective(scheme="middle")
+
+
+def test_the_provenance_names_site_traffic_and_fidelity() -> None:
     origin = Objective(
         Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)
     ).provenance
-    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == (
-        "tjunction",
-        2,
-        0,
-        "table",
-    )
-    assert {
-        "scheme",
-        "codec",
-        "iou",
-        "candidates",
-        "hybrid_radius",
-        "weights",
-        "coview",
-    } <= origin.keys()
+    stated = {name: origin[name] for name in ("site", "frames", "seed", "fidelity")}
+    assert stated == {"site": "tjunction", "frames": 2, "seed": 0, "fidelity": "table"}
+    further = {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"}
+    assert further <= origin.keys()
     assert origin["errors"]["profile"] == "paper"
-    assert objective().provenance["fidelity"] == "counting"
-    pool = candidates()
-    axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
-    factors = np.array([[1, 0, 0, 0, 0]])
-    one = Candidates(pool.sensors[2:3], pool.mounts, factors, axes)
-    assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
+
+
+def test_the_provenance_names_a_custom_fidelity_and_the_codec_of_the_scheme() -> None:
     early, foreground = objective(), objective(scheme="foreground")
+    assert early.provenance["fidelity"] == "counting"
     assert early.provenance["codec"] == "PaperCodec(bits_per_point=96, bits_per_box=256)"
     assert foreground.provenance["codec"] == "RangeImages(step=0.02)"
     assert foreground.provenance["scheme"].startswith("Foreground(")

@@ -159,67 +159,57 @@ class Spread:
 
 
 TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
+ALONE = np.eye(5, dtype=bool)  # each set is one sensor
 
 
-def test_races_end_when_sure_or_by_budget():
-    sure = Spread(TRUE, noise=0.0)
-    assert (
-        race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12)).frames.max()
-        == 12
-    )
-    assert (
-        race_until(
-            sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12, least=24)
-        ).frames.max()
-        == 24
-    )
-    assert (
-        race_until(
-            sure, np.eye(5, dtype=bool), np.arange(16), RaceRules(first=12, least=24)
-        ).frames.max()
-        == 16
-    )
-    near = race_until(
-        Spread(TRUE),
-        np.eye(5, dtype=bool),
-        np.arange(400),
-        RaceRules(tolerance=0.05, confidence=0.9),
-    )
+@pytest.mark.parametrize(("frames", "least", "used"), [(96, 0, 12), (96, 24, 24), (16, 24, 16)])
+def test_a_sure_race_ends_after_its_least_frames(frames, least, used):
+    rules = RaceRules(first=12, least=least)
+    ran = race_until(Spread(TRUE, noise=0.0), ALONE, np.arange(frames), rules)
+    assert ran.frames.max() == used
+
+
+def test_a_race_ends_when_it_is_sure():
+    rules = RaceRules(tolerance=0.05, confidence=0.9)
+    near = race_until(Spread(TRUE), ALONE, np.arange(400), rules)
     assert near.confidence >= 0.9
     assert near.frames.max() < 100
     exact = Spread(TRUE, noise=0.0)
-    ran = race_until(exact, np.eye(5, dtype=bool), np.arange(400))
+    ran = race_until(exact, ALONE, np.arange(400))
     assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
+
+
+def test_rungs_take_the_first_frames_of_the_order_and_drop_sets_that_trail():
     spread_out = Spread(TRUE)
-    ran = race_until(
-        spread_out,
-        np.eye(5, dtype=bool),
-        np.arange(384)[::-1],
-        RaceRules(first=12, tolerance=0.001, confidence=0.9),
-    )
+    rules = RaceRules(first=12, tolerance=0.001, confidence=0.9)
+    ran = race_until(spread_out, ALONE, np.arange(384)[::-1], rules)
     assert [len(frames) for _, frames in spread_out.asked] == [12, 24, 48, 96, 192, 384]
     assert all(frames == list(range(383, 383 - len(frames), -1)) for _, frames in spread_out.asked)
     assert [sorted(sets) for sets, _ in spread_out.asked][:2] == [[0, 1, 2, 3, 4], [1, 3, 4]]
     assert ran.ranking.tolist() == [1, 4, 3, 2, 0]
     assert ran.figures.tolist() == TRUE[ran.ranking].tolist()
-    assert ran.frames.tolist()[:2] == [384, 384]
-    assert ran.frames.tolist()[3:] == [12, 12]
+    assert (ran.frames.tolist()[:2], ran.frames.tolist()[3:]) == ([384, 384], [12, 12])
     assert ran.spent == sum(ran.frames)
+
+
+def test_a_budget_leaves_only_the_best_sets():
     tight = Spread(TRUE, noise=2.0)
-    ran = race_until(
-        tight, np.eye(5, dtype=bool), np.arange(96), RaceRules(most=60.0 + 12 * 3, tolerance=0.0)
-    )
+    rules = RaceRules(most=60.0 + 12 * 3, tolerance=0.0)
+    ran = race_until(tight, ALONE, np.arange(96), rules)
     assert [len(sets) for sets, _ in tight.asked] == [5, 3]
     assert set(tight.asked[1][0]) == {1, 3, 4}
     assert ran.confidence < 0.95
-    # Of the second rung's 24 frames there are 17.
+
+
+def test_a_race_ends_with_the_frames_that_there_was_time_for():
+    """Of the second rung's 24 frames there are 17."""
 
     def scores(sets, frames):
         asked.append((len(sets), len(frames)))
         return spread(sets, frames)._replace(frames=17 if len(frames) > 12 else None)
 
     asked, spread = [], Spread(TRUE, noise=0.2)
-    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(96), RaceRules(tolerance=0.0))
+    ran = race_until(scores, ALONE, np.arange(96), RaceRules(tolerance=0.0))
     assert asked == [(5, 12), (asked[1][0], 24)]
     assert ran.frames.tolist()[: asked[1][0]] == [17] * asked[1][0]
     assert ran.spent == 60 + 5 * asked[1][0]

@@ -231,7 +231,7 @@ class Sensor:
     def __hash__(self) -> int:
         return hash((self.name, self.model))
 
-    @property
+    @cached_property
     def position(self) -> Float64[np.ndarray, "3"]:
         """Position in the world frame (m)."""
         return self.pose[:3, 3]

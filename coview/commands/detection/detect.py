@@ -10,15 +10,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
-from coview.detectors import (
-    NO_BACKGROUND,
-    QUICK,
-    check_detector,
-    learns_background,
-    parse_detector,
-    place_detector,
-    recording_detector,
-)
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -69,8 +62,9 @@ def detect_command(
     check_least("--frames", frames, 1, "leave it out for all")
     if not clouds:
         raise ValueError("give clouds to detect in: files, folders or bags")
-    check_detector(detector)
-    detectors = _Detectors(detector, place)
+    spec = DetectorSpec.from_name(detector)
+    check_detector(spec)
+    detectors = _Detectors(spec, place)
     if format == "boxes":
         check_ending(out, (".json",), "a file of boxes")
     check = check_file if format == "boxes" else check_empty_folder
@@ -80,7 +74,7 @@ def detect_command(
         parts = [Part(recording, frames) for recording in recordings]
         scenes: list[StandingScene | None] = []
         for recording, samples in zip(recordings, parts, strict=True):
-            learns_scene = recording.site is None and learns_background(detector)
+            learns_scene = recording.site is None and spec.learns_scene
             scenes.append(learn_standing_scene(samples) if learns_scene else None)
         placed = detectors.choose(recordings, scenes)
         level = placed[0].place.level or "none"
@@ -106,15 +100,15 @@ class _PlacedDetector(NamedTuple):
 class _Detectors:
     """Detectors by what is known about a recording.
 
-    name: detector, as --detector takes it; place: area and ground as the options give them."""
+    spec: parsed name of the detector; place: area and ground as the options give them."""
 
-    def __init__(self, name: str, place: Place) -> None:
-        self.name = name
+    def __init__(self, spec: DetectorSpec, place: Place) -> None:
+        self.spec = spec.in_bfloat16()
         self.place = place
         self.levelled = replace(place, level=place.level or "map")
         self.network: Detector | None = None
-        if not parse_detector(name + QUICK).known:
-            self.network = place_detector(name + QUICK, self.levelled)
+        if not self.spec.knows_background():
+            self.network = open_detector(self.spec, self.levelled)
 
     def choose(
         self, recordings: "Sequence[Recording]", scenes: "Sequence[StandingScene | None]"
@@ -122,13 +116,13 @@ class _Detectors:
         """Return the detector for each recording, with its standing scene if that is learnt."""
         with_scene = self.network
         if any(scene is not None for scene in scenes):
-            with_scene = place_detector(self.name + NO_BACKGROUND + QUICK, self.levelled)
+            with_scene = open_detector(self.spec.without_background(), self.levelled)
         placed = []
         for recording, scene in zip(recordings, scenes, strict=True):
             site = recording.site if self.place.at(recording.site) else None
-            if self.network is None or parse_detector(self.name + QUICK, site).known:
-                detector = recording_detector(self.name + QUICK, recording, self.place)
-                placed.append(_PlacedDetector(detector, self.place))
+            if self.network is None or self.spec.knows_background(site):
+                known = open_detector(self.spec, recording, self.place)
+                placed.append(_PlacedDetector(known, self.place))
             elif scene is None or with_scene is None:
                 placed.append(_PlacedDetector(self.network, self.levelled))
             else:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from coview import arguments
-from coview.detectors import check_detector, recording_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -120,8 +121,9 @@ def evaluate_command(
 
     _check_options(rules, subject)
     sets = [arguments.sensor_set(names) for names in rules.sensors]
-    if subject.detector is not None:
-        check_detector(subject.detector, place)
+    spec = None if subject.detector is None else DetectorSpec.from_name(subject.detector)
+    if spec is not None:
+        check_detector(spec, place)
     surface = _read_reference(subject.calibrate)
     reads = Reads(subject.errors, run.seed, run.frames)
     inputs = [dataset, *opening.files]
@@ -137,7 +139,7 @@ def evaluate_command(
         recording, poses = _correct_poses(opened, subject.calibrate, surface, reads.frames)
         frames = recording if is_known else _select_frames(recording, sets, run.frames)
         scenes = Scenes(ReadRecording(frames, reads) if is_known else frames)
-        detector = recording_detector(subject.detector, frames, place, scenes)
+        detector = open_detector(spec, frames, place, scenes)
         labels = rules.classes or known_labels(detector) or ("vehicle",)
         check_known(detector, labels)
         check_outputs(may_overwrite, labels)

@@ -6,7 +6,8 @@ from coview.arguments import check_least
 from coview.commands.detection.evaluate import Subject, evaluate_command
 from coview.commands.placement.plan import Goal, StockOptions, plan_command
 from coview.commands.recordings.simulate import simulate_command
-from coview.detectors import check_detector, recording_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.options import Output
 from coview.outputs import OK, Writing, check_folder, say
 from coview.recordings import open_recording
@@ -44,7 +45,8 @@ def demo_command(
 
     check_least("--frames", frames, 1)
     check_least("--plan-frames", plan_frames, 0)
-    check_detector(detector)
+    spec = DetectorSpec.from_name(detector)
+    check_detector(spec)
     files = {RECORDING, "table.json", "birds_eye.png", *curve_files(LABELS)}
     demo_names = files | {f"{RECORDING}.parts", PLAN, CACHE}
     may_overwrite = overwrite
@@ -62,9 +64,7 @@ def demo_command(
     )
     evaluate_command(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
     with open_recording(out / RECORDING, None) as recording:
-        draw_example(
-            recording, recording_detector(detector, recording), out / "birds_eye.png", seed=seed
-        )
+        draw_example(recording, open_detector(spec, recording), out / "birds_eye.png", seed=seed)
     say(f"pictures in {out}: birds_eye.png, pr_0.7.png")
     if plan_frames:
         plan_command(

@@ -212,9 +212,9 @@ def open_planner(
 ) -> "LivePlanner":
     """Open a planner at a site, or with the sensors of a plan's folder.
 
-    A plan brings its question, poles, models, prices and keep-out areas, and frames and seed if the
-    options are left out. first: number of frames of the first figures. Raises ValueError and
-    OSError for what cannot be read."""
+    A plan decides its poles, models, prices and keep-out areas, and the frames and seed unless the
+    options give them. first: number of frames of the first figures. Raises ValueError and OSError
+    for a site or folder that cannot be read."""
     from placement_env.live.planner import LivePlanner
     from placement_env.report.planning.plan_folder import is_plan_folder
 
@@ -232,9 +232,11 @@ def open_planner(
 def _open_plan(
     where: str, stock: StockOptions, classes: ClassOptions, conditions: LiveConditions, run: Run
 ) -> "PlanFolder":
-    """Read a plan's folder, and change its question by the options.
+    """Read a plan's folder, with the setting that the options ask for.
 
-    Raises ValueError for options that a plan brings."""
+    Options that are left out keep what the plan was made with: scheme, link share, codec, classes,
+    cases and detector. Raises ValueError for an option that only the plan decides (candidates,
+    models, keep-out areas, kept poles, capacity), and for a folder that cannot be read."""
     from placement_env.report.planning.plan_folder import read_plan_folder
 
     for name in ("candidates", "sensors", "keep_out", "keep", "capacity"):

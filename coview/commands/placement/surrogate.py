@@ -7,7 +7,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_ending, check_least, check_schemes, site_file
-from coview.detectors import check_digest, site_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_digest, open_detector
 from coview.outputs import OK, Writing, check_file, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
 from placement_env.checks import check_iou
@@ -88,7 +89,8 @@ def surrogate_command(
     fitted_sites += [random_site(run.seed + number) for number in range(fit.random_sites)]
     if not fitted_sites:
         raise ValueError("there is no site to fit to: name one, or pass --random-sites 8")
-    detectors = {site.name: site_detector(fit.detector, site) for site in fitted_sites}
+    spec = DetectorSpec.from_name(fit.detector)
+    detectors = {site.name: open_detector(spec, site) for site in fitted_sites}
     if run.cache is not None:
         first_detector = detectors[fitted_sites[0].name]
         check_digest(fit.detector, first_detector, ": add one, or pass --cache None")

@@ -8,7 +8,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import site_file
-from coview.detectors import check_detector, check_digest, recording_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, check_digest, open_detector
 from coview.options import ClassOptions
 from coview.outputs import OK, Writing, check_file, claim, print_result
 from coview.progress_bar import progress_bar
@@ -66,14 +67,15 @@ def table_command(
     check = partial(check_file, out, inputs=[dataset, *site_file(data.site)])
     if out.suffix != ".npz":
         raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
-    check_detector(data.detector)
+    spec = DetectorSpec.from_name(data.detector)
+    check_detector(spec)
     with (
         open_recording(dataset, data.site, drop_invalid=data.drop_invalid) as recording,
         claim(out, (dataset, data, classes), check, overwrite=writing.overwrite),
         progress_bar("frame", hidden=writing.json) as bar,
     ):
         count = frame_count(recording, data.frames)
-        detect = recording_detector(data.detector, recording)
+        detect = open_detector(spec, recording)
         check_digest(data.detector, detect, ": what is detected is kept until the table is whole")
         scored_table = make_table(
             Recorded(recording, errors=find_profile(data.errors)),

@@ -6,7 +6,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, sensor_set, site_file
-from coview.detectors import recording_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import open_detector
 from coview.outputs import OK, SUSPECTED, Writing, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
@@ -189,7 +190,7 @@ def calibrate_command(
         held = sensor_set(",".join(fit.held)) if fit.held else None
         detector = None
         if fit.detector is not None:
-            detector = recording_detector(fit.detector, recording)
+            detector = open_detector(DetectorSpec.from_name(fit.detector), recording)
         with progress_bar("sensor", hidden=writing.json) as bar:
             found_poses = find_poses(
                 read, surface, held=held or [], detector=detector, frames=total, progress=bar.to

@@ -2,14 +2,15 @@
 
 import sys
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, sensor_set
-from coview.detectors import check_detector, place_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -51,11 +52,16 @@ class ViewOptions:
     area: Corners | None = None
     """Area of the detector, as in coview detect, and of a picture."""
 
+    @cached_property
+    def spec(self) -> DetectorSpec | None:
+        """Parsed name of the detector, None without one."""
+        return None if self.detector is None else DetectorSpec.from_name(self.detector)
+
     def draw(self, is_unknown: bool) -> Drawing:
         """Return the drawing of a recording. is_unknown: whether its site is unknown."""
         default_level: Level = "map" if is_unknown else "none"
         place = Place(self.level or default_level, area=self.area)
-        network = None if self.detector is None else place_detector(self.detector, place)
+        network = None if self.spec is None else open_detector(self.spec, place)
         sensors = None if self.sensors is None else sensor_set(self.sensors)
         return Drawing(network, place, self.score, self.classes, sensors)
 
@@ -121,8 +127,8 @@ def _check_options(options: ViewOptions, out: Path | None, still: Path | None) -
         raise ValueError("--out writes a page, --still a picture: give only one")
     if still is not None:
         check_picture(still)
-    if options.detector is not None:
-        check_detector(options.detector)
+    if options.spec is not None:
+        check_detector(options.spec)
     if still is None:
         check_viser()
 

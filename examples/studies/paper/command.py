@@ -7,7 +7,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import check_least
-from coview.detectors import check_detector, recording_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Processes
@@ -44,7 +45,8 @@ def reproduce_command(
 
     check_paper_site(site)
     check_least("--frames", frames, 1)
-    check_detector(detector)
+    spec = DetectorSpec.from_name(detector)
+    check_detector(spec)
     check = partial(check_folder, out, holds=PAGE, inputs=[] if table is None else [table])
     with (
         claim(out, (site, frames, detector, table), check, overwrite=True),
@@ -54,7 +56,7 @@ def reproduce_command(
             site,
             out,
             frames=frames,
-            detector=partial(recording_detector, detector),
+            detector=partial(open_detector, spec),
             table=table,
             processes=replace(processes, progress=bar.stage),
         )

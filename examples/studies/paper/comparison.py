@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 
 from examples.studies.paper.paper_rows import Relation
 from placement_env.analysis.intervals import Interval
+from toolkit.frozen import set_fields
 
 LARGE_AP_DIFFERENCE = 0.05  # a reason is given for larger differences
 MAX_COUNTING_SHARE = 0.6  # counting comes first in a reason if it leaves less of the difference
@@ -58,7 +59,7 @@ class Compared:
 
     def __post_init__(self) -> None:
         if self.interval is not None and isnan(self.interval.low):
-            object.__setattr__(self, "interval", None)
+            set_fields(self, interval=None)
 
     @property
     def difference(self) -> float | None:

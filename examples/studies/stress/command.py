@@ -8,7 +8,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import check_each_once, site_file
-from coview.detectors import check_detector, check_digest, recording_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector, check_digest, open_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
@@ -60,7 +61,8 @@ def stress_command(
         exact_figures = outputs.exact_failures(
             loaded_table, ious=question.iou, label=question.label
         )
-    check_detector(detector)
+    spec = DetectorSpec.from_name(detector)
+    check_detector(spec)
     for name in ("schemes", "kinds", "iou"):
         check_each_once(f"--{name}", getattr(question, name))
     stressing.check_stress_kinds(question.kinds or ())
@@ -71,7 +73,7 @@ def stress_command(
         question = replace(question, kinds=stressing.choose_kinds(recording, question.kinds))
         if _times_faults(recording, question):
             noticing.check_stretches(recording, run)
-        detect = recording_detector(detector, recording)
+        detect = open_detector(spec, recording)
         if run.cache is not None:
             check_digest(detector, detect, ", or leave --cache out")
         kept_detections = stressing.KeptDetections.from_detector(detect, run.memo)

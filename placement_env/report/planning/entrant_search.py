@@ -54,7 +54,7 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
             reasons = refuse_traffic(question, missing, preparation.frames, "simulated")
             raise Refusal(reasons, pool)
     pool_objectives = [
-        Objective.of_moved(preparation, preparation.setting.pool, preparation.visibility, AP_ONLY)
+        Objective.from_view(preparation, preparation.setting.pool, preparation.visibility, AP_ONLY)
         for preparation in preparations
     ]
     first = pool_objectives[0]
@@ -67,7 +67,7 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
     if obstacles or not buildable_names:
         raise Refusal(obstacles or excluded, pool)
     objectives = [
-        Objective.of_moved(preparation, *view, AP_ONLY)
+        Objective.from_view(preparation, *view, AP_ONLY)
         for preparation, view in zip(preparations, views, strict=True)
     ]
     return PreparedSearch(run, preparations, views, objectives, excluded)
@@ -102,7 +102,7 @@ def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
     if not question.cases.plain:
         entrant_lists += [
             keep_entrants(
-                Objective.of_moved(preparation.plain, *view, AP_ONLY),
+                Objective.from_view(preparation.plain, *view, AP_ONLY),
                 effort,
                 run.memo,
                 depends_on=preparation.traffic.digest(),

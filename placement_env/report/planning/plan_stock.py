@@ -238,4 +238,4 @@ def _read_mounted(
     empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
     poses = np.column_stack([heights, headings, tilts])
     with name_errors("stock"):
-        return Candidates.of_poses(sensors, mount, poses, empty)
+        return Candidates.from_poses(sensors, mount, poses, empty)

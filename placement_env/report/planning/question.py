@@ -16,6 +16,7 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import check_scorable
 from placement_env.setting import Setting
 from toolkit.detection.provenance import detector_origin
+from toolkit.frozen import set_fields
 from toolkit.runtime.run import Run
 from toolkit.sites.maps.furnishing import redraw
 from toolkit.sites.site import Site
@@ -164,7 +165,7 @@ class Question:
         candidates = self.setting.candidates
         if candidates is None or isinstance(candidates, str | Path):
             stock = Stock(candidates="paper" if candidates is None else candidates)
-            object.__setattr__(self, "setting", replace(self.setting, candidates=stock))
+            set_fields(self, setting=replace(self.setting, candidates=stock))
         elif not isinstance(candidates, Stock):
             raise ValueError(
                 f"a plan needs a Stock of candidates, got {candidates!r}: take Stock(...), 'pool' "

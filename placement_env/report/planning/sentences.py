@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
-from placement_env.handover.mounted import LinkLoad, describe_narrow_links
+from placement_env.handover.mounted import PoleLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.choice import Rule
 from placement_env.report.planning.question import Question
@@ -42,7 +42,7 @@ def build_verdict(
     excluded: tuple[str, ...],
     rule: Rule = "best",
     *,
-    links: Sequence[LinkLoad] = (),
+    links: Sequence[PoleLoad] = (),
 ) -> Verdict:
     """State the answer in words.
 

@@ -25,8 +25,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from placement_env.feasibility import PRICE_ROUNDING_SHARE
 from placement_env.fidelity.hit_model import HitModel
-from placement_env.objective import PRICE_ROUNDING_SHARE, Objective
+from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float, Int64
 
 if TYPE_CHECKING:

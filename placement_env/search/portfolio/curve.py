@@ -187,7 +187,9 @@ def _groups(
 ) -> Iterator[tuple[float, Entrants]]:
     """Entrants of each amount of money with a set, or of each number of sensors."""
     for money in sorted(amounts):
-        limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
+        limited = objective.with_weights(
+            objective.weights, most_price=min(money, objective.most_price)
+        )
         others = at_other_ious(limited)
         budget_checkpoint = checkpoint.part(f"{money!r}")
         entrants = keep_entrants(

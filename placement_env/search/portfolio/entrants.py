@@ -126,10 +126,10 @@ def at_other_ious(
             continue
         with suppress(ValueError, FileNotFoundError):  # no surrogate at this IoU
             at_ious = source.at_cases(replace(cases, iou=ious, failing=0, levels=1))
-            moved = Objective.of_moved(
+            moved = Objective.from_view(
                 at_ious, objective.candidates, objective.visibility, objective.weights
             )
-            by_iou[name] = moved.weighed(objective.weights, most_price=objective.most_price)
+            by_iou[name] = moved.with_weights(objective.weights, most_price=objective.most_price)
     return by_iou
 
 
@@ -287,7 +287,7 @@ def _searches(
     prices = objective.candidates.prices
     thrift = Weights(price=THRIFT_AP / max(float(prices.mean()), 1e-300))
     if np.ptp(prices) > 0:
-        thrifty = objective.weighed(thrift)
+        thrifty = objective.with_weights(thrift)
         yield (
             "thrifty swap",
             partial(swapping, thrifty, size, checkpoint=checkpoint.part(f"{size}.thrifty")),

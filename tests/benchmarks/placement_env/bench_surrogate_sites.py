@@ -34,7 +34,8 @@ def main() -> None:
     arguments.add_argument("--cache", type=Path, default=Path("out/cache"))
     asked = arguments.parse_args()
 
-    from coview.detectors import site_detector
+    from coview.detector_spec import DetectorSpec
+    from coview.detectors import open_detector
     from placement_env.classes import Classes
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.hit_fit import Sampling
@@ -61,7 +62,7 @@ def main() -> None:
         traffic, candidates, sets = sampling.draw(site, asked.frames, asked.seed + place)
         seen = see(traffic, candidates, labels=classes.labels, run=run)
         renders = Renders(traffic, candidates, run.memo)
-        detector = site_detector("general", site)
+        detector = open_detector(DetectorSpec.from_name("general"), site)
         made = Detected(
             renders, detector, asked.scheme, memo=run.memo, processes=run, classes=classes
         )

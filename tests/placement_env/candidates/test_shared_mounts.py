@@ -62,7 +62,7 @@ def price_by_hand(candidates, row):
 @pytest.mark.parametrize("most", [np.inf, 2.5])
 def test_all_sets_against_the_rule_in_words(make, capacity, most):
     objective = carrying(make(3, 4, seed=3), (2, 1, 3), capacity)
-    objective = objective.weighed(objective.weights, most_price=most)
+    objective = objective.with_weights(objective.weights, most_price=most)
     sets = exhaustive.list_sets(12, 4)
     expected = [by_hand(objective, row) for row in sets]
     assert objective.feasible(sets).tolist() == expected
@@ -116,7 +116,7 @@ def test_places_of_one_are_as_ever(make):
 @pytest.mark.parametrize("most", [np.inf, 2.2])
 def test_searches_reach_the_best_of_all_sets(make, capacity, most):
     objective = carrying(make(3, 4, objects=40, seed=3, most=0.4), (2, 1, 3), capacity)
-    objective = objective.weighed(objective.weights, most_price=most)
+    objective = objective.with_weights(objective.weights, most_price=most)
     best = exhaustive.search(objective, 4).best
     assert np.bincount(objective.candidates.mount[list(best.subset)]).max() > 1 or (
         capacity,
@@ -135,7 +135,7 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     pytest.importorskip("ortools")
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
-    objective = objective.weighed(objective.weights, most_price=most)
+    objective = objective.with_weights(objective.weights, most_price=most)
     seen, sets = objective.scored_by.seen, exhaustive.list_sets(12, 4)
     sets = sets[objective.feasible(sets)]
     covered = [int((seen[row].sum(axis=0) >= views).sum()) for row in sets]

@@ -12,7 +12,7 @@ from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.candidates.candidates import paper_candidates
-from placement_env.envs.pose import TILT_LIMITS_RAD, Rig
+from placement_env.envs.pose import TILT_LIMITS_RAD, PoseRig
 from placement_env.envs.registration import register
 from toolkit import load_site
 from toolkit.runtime.cache import Cache
@@ -29,10 +29,12 @@ def env() -> gym.Env[Any, Any]:
 
 def test_rigs_stand_within_ranges_and_links_are_relieved():
     some = paper_candidates(load_site("tjunction"))
-    for before, after in zip(some.sensors, Rig.of(some).to_candidates().sensors, strict=True):
+    for before, after in zip(
+        some.sensors, PoseRig.from_candidates(some).to_candidates().sensors, strict=True
+    ):
         assert np.allclose(before.pose, after.pose, atol=1e-6)
     some = paper_candidates(load_site("roundabout"))
-    rig = Rig.of(some)
+    rig = PoseRig.from_candidates(some)
     for _ in range(40):
         rig = rig.move(np.ones((len(some), 3)))
     highest = [some.mounts[index].max_height for index in some.mount]

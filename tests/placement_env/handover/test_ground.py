@@ -38,7 +38,7 @@ def field(**settings) -> Site:
     return Site("field", np.array([-12.0, -8, 12, 8]), **settings)
 
 
-def test_walls_cast_shadows_on_the_grid_of_the_area():
+def test_the_grid_covers_the_area():
     ground = visible_ground(field(), [], cell=0.5)
     assert ground.cell == 0.5
     assert (ground.x[0], ground.x[-1], len(ground.x)) == (-11.75, 11.75, 48)
@@ -47,6 +47,9 @@ def test_walls_cast_shadows_on_the_grid_of_the_area():
     assert uneven.cell == pytest.approx(0.7)
     assert (uneven.x[0] + uneven.x[-1], uneven.y[0] + uneven.y[-1]) == pytest.approx((0, 0))
     assert (len(uneven.x), len(uneven.y)) == (34, 23)
+
+
+def test_without_a_sensor_all_ground_is_blind():
     ground = visible_ground(field(), [])
     assert ground.seen.shape == ground.density.shape == (0, 32, 48)
     assert ground.open_ground.all()
@@ -54,6 +57,9 @@ def test_walls_cast_shadows_on_the_grid_of_the_area():
     assert ground.views.tolist() == np.zeros((32, 48)).tolist()
     assert visible_polygons(ground) == []
     assert [part.area for part in blind_polygons(ground)] == [24 * 16]
+
+
+def test_walls_cast_shadows():
     wall = Solid(rectangle(-2.1, -2.2, -1.9, 3.1), -0.5, 2.05, "wall")
     ground = visible_ground(field(solids=(wall,)), [HIGH])
     x, y = middles(ground)
@@ -184,7 +190,7 @@ LANES = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [0, 0, 0, 0]], bool)
 SMALL = Ground(GRID, GRID[:3], VIEWS, VIEWS.astype(np.float32), OPEN, LANES, ~LANES)
 
 
-def test_shares_and_polygons_are_those_of_open_ground():
+def test_shares_are_of_open_ground():
     shares = ground_shares(SMALL, ["a", "b"])
     assert shares == GroundShares(
         (6 / 11, 3 / 11, 0.0), 5 / 11, 1 / 4, {"a": 6, "b": 3}, open_m2=11.0, blind_m2=5.0
@@ -194,6 +200,9 @@ def test_shares_and_polygons_are_those_of_open_ground():
     assert ground_shares(replace(SMALL, lanes=LANES & False), ["a", "b"]).blind_lanes == 0.0
     with pytest.raises(ValueError, match="no open ground"):
         ground_shares(replace(SMALL, open_ground=OPEN & False), ["a", "b"])
+
+
+def test_polygons_leave_out_what_is_not_open():
     one, other = visible_polygons(SMALL)
     assert sum(part.area for part in one) == pytest.approx(6, abs=1.2)
     assert shapely.union_all(one).covers(shapely.Point(0.5, 0.5))
@@ -202,6 +211,9 @@ def test_shares_and_polygons_are_those_of_open_ground():
     (blind,) = blind_polygons(SMALL)
     assert blind.is_valid
     assert blind.covers(shapely.Point(3.5, 1.5))
+
+
+def test_small_holes_and_specks_belong_to_what_is_around_them():
     open_ground = np.ones((40, 60), bool)
     seen = np.zeros((1, 40, 60), bool)
     seen[0, 5:35, 5:40] = True

@@ -45,7 +45,7 @@ def chosen(candidates) -> list[int]:
     return [names.index("north_4.0m_h270_t15_camera"), names.index("e-1_4.0m_h180_t15_lidar")]
 
 
-def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
+def test_sensors_of_a_set_are_named_placed_and_aimed(candidates, chosen):
     north, east = mounted.format_sensors(SITE, candidates, chosen, **KBIT)
     assert (north.name, north.pole, north.model) == ("north", "north", "depth-camera")
     assert (east.name, east.pole, east.model) == ("e-1", "e/1", "spinning-lidar")
@@ -57,6 +57,10 @@ def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
     assert north.bearing_deg == pytest.approx(90.0)  # against y of the site: to the map's east
     assert east.bearing_deg == pytest.approx(180.0)
     assert (north.tilt_deg, east.tilt_deg) == (15.0, 15.0)
+
+
+def test_sensors_of_a_set_have_prices_and_loads(candidates, chosen):
+    north, east = mounted.format_sensors(SITE, candidates, chosen, **KBIT)
     assert (north.pole_price, north.capacity_kbit, north.kbit, north.peak_kbit) == (
         0.5,
         800.0,
@@ -70,12 +74,15 @@ def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
         30.5,
     )
     assert (north.model_price, east.model_price) == (0.0, 0.0)
+
+
+def test_without_a_map_there_is_no_longitude(candidates, chosen):
     north, _ = mounted.format_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
     assert (north.longitude, north.latitude) == (None, None)
     assert north.bearing_deg == pytest.approx(90.0)
 
 
-def test_sensors_that_were_moved_or_roam(candidates, chosen):
+def test_moved_sensors_keep_their_poles_or_get_the_nearest(candidates, chosen):
     first, second = (candidates.sensors[c] for c in chosen)
     moved = (
         aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)),
@@ -94,6 +101,9 @@ def test_sensors_that_were_moved_or_roam(candidates, chosen):
     assert [mount.name for mount in mounted.unused_mounts(candidates, chosen[:1], away)] == [
         "north"
     ]
+
+
+def test_a_site_has_only_the_chosen_sensors(candidates, chosen):
     site = mounted.mounted_site(SITE, candidates, np.array(chosen))
     assert [sensor.name for sensor in site.sensors] == ["north", "e-1"]
     assert site == replace(SITE, sensors=site.sensors)

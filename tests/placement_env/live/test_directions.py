@@ -110,10 +110,10 @@ def test_the_row_of_a_schedule_is_the_sensor_at_any_junction(site):
         sensor.position[2] - stock.mounts[m].position[2]
         for sensor, m in zip(sensors, mount, strict=True)
     ]
-    poses = Candidates.of_poses(sensors, mount, np.column_stack([heights, *aims(sensors)]), stock)
+    poses = Candidates.from_poses(sensors, mount, np.column_stack([heights, *aims(sensors)]), stock)
     rows = format_sensors(site, poses, range(len(poses)), kbit=np.zeros((len(poses), 1)))
     table = list(csv.DictReader(io.StringIO(schedule_csv(rows))))
-    yard = Yard.of(site, stock, [], ())
+    yard = Yard.from_stock(site, stock, [], ())
     variant = yard.place(sensors)
     for row, sensor in zip(table, variant.sensors, strict=True):
         assert parse_heading(site, row["bearing_deg"], sensor.heading) == sensor.heading

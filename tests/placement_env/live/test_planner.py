@@ -340,7 +340,7 @@ def test_keep_out_areas_bar_poles_and_can_be_undone(planner) -> None:
         with pytest.raises(ValueError, match="keep-out area"):
             planner.add(where)
     assert all(each.sensor.mount != free.name for each in planner.suggest())
-    again = Variant.of_dict(planner.variant.as_dict())
+    again = Variant.from_dict(planner.variant.as_dict())
     assert again == planner.variant
     around = ((sensor.x - 1, sensor.y - 1), (sensor.x + 1, sensor.y - 1), (sensor.x, sensor.y + 2))
     assert any(

@@ -26,7 +26,7 @@ def made():
 
 @pytest.fixture
 def planner(made):
-    made.tell = lambda dragging: None
+    made.listen(lambda dragging: None)
     made.restore({"A": made.yard.place(made.yard.site.sensors)}, "A", [])
     return made
 
@@ -35,7 +35,7 @@ def planner(made):
 def told(planner):
     """What listeners are told, in order."""
     heard = []
-    planner.tell = heard.append
+    planner.listen(heard.append)
     return heard
 
 

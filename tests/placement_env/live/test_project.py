@@ -35,7 +35,7 @@ def made():
 @pytest.fixture
 def planner(made):
     made.restore({"A": made.yard.place(made.yard.site.sensors)}, "A", [])
-    made.tell = lambda dragging: None
+    made.listen(lambda dragging: None)
     return made
 
 
@@ -46,7 +46,7 @@ def path(tmp_path):
 
 def reopen(path, made, **options):
     """Variants, the shown one and steps of a project, as another process would find them."""
-    made.tell = lambda dragging: None
+    made.listen(lambda dragging: None)
     made.restore({"other": Variant()}, "other", [])
     project = ProjectFile(path, made, **options)
     project.close()
@@ -251,7 +251,7 @@ def test_the_question_is_kept(path):
     assert again.question["errors"] == ["glare"]
     assert again.answer().ap == asked.ap
     assert again.answer().budget == 4
-    again.tell = lambda dragging: None
+    again.listen(lambda dragging: None)
     kept = json.loads(path.read_text())
     bad = (
         {"iou": 5},

@@ -1,5 +1,6 @@
 """Views of the stock: poles in the middle first, each pose once, and the best that fit."""
 
+from copy import copy
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -152,21 +153,28 @@ def test_poses_are_ranked_by_what_they_add_to_those_that_work():
     assert sets[:, 2:].tolist() == np.eye(len(first), dtype=bool).tolist()
 
 
-def test_a_copy_has_its_own_lists():
-    stock, _ = views()
+def test_a_copy_goes_on_without_the_original():
+    stock, live = views()
     stock.look_further()
-    state = stock.__getstate__()
-    assert state["_rows"] == stock._rows
-    assert state["_rows"] is not stock._rows
-    assert state["_waiting"] == stock._waiting
-    assert state["_waiting"] is not stock._waiting
+    twin = copy(stock)
+    known = stock.known
+    assert twin.look_further()
+    assert stock.known == known < twin.known
+    assert stock.look_further()
+    assert places(live.looked[1]) == places(live.looked[2])
 
 
 def test_what_two_threads_ask_for_is_kept_once():
-    stock, _ = views()
-    key = next(iter(stock._waiting))
-    assert stock._look(key)
-    known = stock.known
-    assert stock._look(key)
-    assert stock.known == known == len(stock._rows[0][0])
-    assert len(stock._rows) == 1
+    stock, live = views()
+    see = live.see
+
+    def see_twice(candidates, reach):
+        """Another thread asks for the same poses before the first has them."""
+        live.see = see
+        stock.look_further()
+        return see(candidates, reach)
+
+    live.see = see_twice
+    assert stock.look_further()
+    assert places(live.looked[0]) == places(live.looked[1])
+    assert stock.known == len(live.looked[0])

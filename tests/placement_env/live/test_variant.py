@@ -36,7 +36,7 @@ SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (0.0, 3.0))
 
 @pytest.fixture(scope="module")
 def yard():
-    return Yard.of(SITE, STOCK, SITE.sensors, ())
+    return Yard.from_stock(SITE, STOCK, SITE.sensors, ())
 
 
 def hang(x=X, y=Y, height=5.0, heading=0.0, tilt=0.3, name="s", model=None):
@@ -50,15 +50,15 @@ def test_what_is_written_is_read_again():
     variant = Variant(
         (SENSOR, replace(SENSOR, name="b", locked=True, failed=True)), (pole,), (SQUARE,)
     )
-    again = Variant.of_dict(variant.as_dict())
+    again = Variant.from_dict(variant.as_dict())
     assert again.sensors == variant.sensors
     assert again.keep_out == variant.keep_out
     assert again.as_dict() == variant.as_dict()
     bare = {"sensors": [], "poles": []}
-    assert Variant.of_dict(bare) == Variant()
+    assert Variant.from_dict(bare) == Variant()
     for heading in (-MAX_TURN_RAD, MAX_TURN_RAD):
         row = {**vars(SENSOR), "heading": heading}
-        assert Variant.of_dict({"sensors": [row], "poles": []}).sensors[0].heading == heading
+        assert Variant.from_dict({"sensors": [row], "poles": []}).sensors[0].heading == heading
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_what_is_written_is_read_again():
 )
 def test_a_variant_that_does_not_fit_is_refused_with_the_place(change, said):
     with pytest.raises(ValueError, match=said):
-        Variant.of_dict({"sensors": [], "poles": [], **change}, "A")
+        Variant.from_dict({"sensors": [], "poles": [], **change}, "A")
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_variant_that_does_not_fit_is_refused_with_the_place(change, said):
 )
 def test_a_sensor_that_does_not_fit_is_refused_with_its_member(key, value, said):
     with pytest.raises(ValueError, match=rf"sensors\[0\](\.|: ){said}"):
-        Variant.of_dict({"sensors": [{**vars(SENSOR), key: value}], "poles": []})
+        Variant.from_dict({"sensors": [{**vars(SENSOR), key: value}], "poles": []})
 
 
 def test_names_and_areas_have_bounds():
@@ -175,7 +175,7 @@ def test_a_yard_takes_models_and_poles_of_what_hangs_already():
     priced = replace(few, axes=replace(few.axes, prices=(3.0,)))
     x, y, _ = STOCK.mounts[9].position.tolist()
     hung = [hang(name="one", model=lidar), hang(name="two"), hang(x, y, name="three")]
-    yard = Yard.of(SITE, priced, hung, ())
+    yard = Yard.from_stock(SITE, priced, hung, ())
     assert yard.stock.axes.prices == (3.0, 0.0)
     assert list(yard.models.values()) == [STOCK.axes.models[0], lidar]
     assert yard.mounts[POLE.name].max_sensors == 2
@@ -184,7 +184,7 @@ def test_a_yard_takes_models_and_poles_of_what_hangs_already():
     assert yard.name_model(lidar) == "spinning-lidar"
     with pytest.raises(ValueError, match="the stock has no DepthCamera"):
         yard.name_model(DepthCamera(width=99))
-    twice = Yard.of(SITE, STOCK, [hang(model=DepthCamera(width=99, height=90))], ())
+    twice = Yard.from_stock(SITE, STOCK, [hang(model=DepthCamera(width=99, height=90))], ())
     assert list(twice.models) == ["depth-camera", "depth-camera 2"]
     assert twice.stock.axes.prices == ()
 
@@ -217,7 +217,7 @@ def test_a_project_may_say_only_what_can_hang(yard):
 
 def test_a_sensor_that_hangs_higher_than_its_pole_takes_may_stay(yard):
     high = hang(height=11.0, name="high")
-    tall = Yard.of(replace(SITE, sensors=(high,)), STOCK, [high], ())
+    tall = Yard.from_stock(replace(SITE, sensors=(high,)), STOCK, [high], ())
     (sensor,) = tall.place([high]).sensors
     assert sensor.mount == POLE.name
     tall.check(Variant((sensor, replace(SENSOR, height=9.0))))
@@ -244,7 +244,7 @@ def test_a_pole_of_a_project_stands_at_the_site(yard):
         with pytest.raises(ValueError, match="names of poles must differ"):
             yard.check(Variant((), poles))
     away = hang(xmax + 300.0, middle, name="away")
-    lone = Yard.of(replace(SITE, sensors=(away,)), STOCK, [away], ())
+    lone = Yard.from_stock(replace(SITE, sensors=(away,)), STOCK, [away], ())
     lone.check(lone.place([away]))
 
 

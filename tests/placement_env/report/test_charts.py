@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import placement_env.report.charts as charts
-from placement_env.handover.mounted import LinkLoad
+from placement_env.handover.mounted import PoleLoad
 from placement_env.report.charts import (
     MAX_NAME_LETTERS,
     describe_sample,
@@ -63,7 +63,7 @@ def schemes(names):
 def links(names):
     return link_chart(
         [
-            LinkLoad(name, 3.0 + k, 4.0 + k, 20.0, (3.0 + k) / 20, k < 17, 3.5 + k)
+            PoleLoad(name, 3.0 + k, 4.0 + k, 20.0, (3.0 + k) / 20, k < 17, 3.5 + k)
             for k, name in enumerate(names)
         ]
     )
@@ -153,8 +153,8 @@ def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
     )
     assert {"late, IoU 0.8", "0.900, N = 412; 12.25 kbit/sensor"} <= set(texts)
     fits, not_so = (
-        LinkLoad("p", 3.0, 4.0, 20.0, 0.15, True, 3.0),
-        LinkLoad("q", 25.0, 40.0, 20.0, 1.25, False, 30.0),
+        PoleLoad("p", 3.0, 4.0, 20.0, 0.15, True, 3.0),
+        PoleLoad("q", 25.0, 40.0, 20.0, 1.25, False, 30.0),
     )
     texts, figure = shown(monkeypatch, lambda: link_chart([fits, not_so]))
     (axes,) = figure.axes
@@ -163,7 +163,7 @@ def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
     assert {"3 of 20 Mbit/s, 15%: fits", "25 of 20 Mbit/s, 125%: TOO MUCH", "Mbit/s"} <= set(texts)
     assert axes.get_xlim()[1] == pytest.approx(33)
     _, figure = shown(
-        monkeypatch, lambda: link_chart([LinkLoad("p", 3.0, 4.0, 1e9, 0.0, True, 4.0)])
+        monkeypatch, lambda: link_chart([PoleLoad("p", 3.0, 4.0, 1e9, 0.0, True, 4.0)])
     )
     assert figure.axes[0].get_xlim()[1] == pytest.approx(4.4)
 

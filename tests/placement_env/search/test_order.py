@@ -77,6 +77,13 @@ def test_orders_without_sensors_and_refusals(common):
     assert not common(judge="detector", method="swap").detects
 
 
+@pytest.mark.parametrize("method", ["greedy", "portfolio"])
+@pytest.mark.parametrize("confidence", [0.0, 1.0, 2.0])
+def test_a_confidence_is_refused_whatever_the_method(common, method, confidence):
+    with pytest.raises(ValueError, match="confidence must lie between 0 and 1"):
+        common(method=method, confidence=confidence)
+
+
 class Wary:
     digest = "wary"
 

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from coview.detectors import load_detector, site_detector
+from coview.detector_spec import DetectorSpec
+from coview.detectors import load_detector, open_detector
 from models.network.grid import voxelise
 from models.onnx_files import OnnxDetector
 from toolkit.datasets.dataset import CoopDataset
@@ -58,7 +59,7 @@ def test_commands_take_the_file_for_a_detector(recording, tmp_path, run, refused
         rows.append([each["ap"] for each in json.loads(said)["rows"]])
     np.testing.assert_allclose(*rows, atol=1e-3)
     site = CoopDataset(recording).site
-    known = site_detector(f"{tmp_path / 't.onnx'}+background", site)
+    known = open_detector(DetectorSpec.from_name(f"{tmp_path / 't.onnx'}+background"), site)
     assert isinstance(known, KnownBackground)
     assert known.name == f"{tmp_path / 't.onnx'}+background"
     found = ("detect", recording, "--detector", tmp_path / "t.onnx")

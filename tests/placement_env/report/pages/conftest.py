@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from placement_env.handover.ground import Ground, GroundShares
-from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
+from placement_env.handover.mounted import MaterialItem, PlannedSensor, PoleLoad
 from placement_env.report import content
 from placement_env.report.pages.report import build_document
 from toolkit.objects import Detections, Objects
@@ -132,7 +132,7 @@ def example_plan(site, ground):
         worth=worth,
         failures=failures,
         links=tuple(
-            LinkLoad(s.pole, 3.12, 4.02, 20.0 if i else 3.0, 0.195 if i else 1.3, bool(i), 3.9)
+            PoleLoad(s.pole, 3.12, 4.02, 20.0 if i else 3.0, 0.195 if i else 1.3, bool(i), 3.9)
             for i, s in enumerate(sensors)
         ),
         materials=(

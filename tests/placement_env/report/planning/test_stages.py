@@ -109,7 +109,7 @@ def staged(ask, street, monkeypatch):
         return replace_objective(preparation)
 
     def replace_objective(preparation):
-        found = street.objective.weighed(street.objective.weights)
+        found = street.objective.with_weights(street.objective.weights)
         vars(found).update(preparation_asked=preparation)
         return found
 
@@ -130,7 +130,7 @@ def staged(ask, street, monkeypatch):
         return call
 
     monkeypatch.setattr(entrant_search, "Preparation", Prepared)
-    monkeypatch.setattr(Objective, "of_moved", staticmethod(moved))
+    monkeypatch.setattr(Objective, "from_view", staticmethod(moved))
     monkeypatch.setattr(entrant_search, "keep_entrants", searched)
     monkeypatch.setattr(planning, "prepare_judge", judged)
     monkeypatch.setattr(prepared_judge, "prepare_judge", judged)
@@ -460,7 +460,7 @@ def test_pictures_are_drawn_by_the_seed(street, monkeypatch):
 
 def test_what_is_refused_alone_is_not_built_whatever_it_sends(street):
     """The four cost 11, 11, 10.5 and 23."""
-    poor = street.objective.weighed(street.objective.weights, most_price=11.0)
+    poor = street.objective.with_weights(street.objective.weights, most_price=11.0)
     assert buildable.find_buildable(poor, None).tolist() == [0, 1, 2]
     least = float(poor.sent.min())
     assert buildable.find_buildable(poor, least).tolist() == [
@@ -771,8 +771,10 @@ def test_what_may_be_built_at_every_drawing_is_kept_in_the_order_of_the_first(st
         def select(self, rows):
             return self.place, rows.tolist()
 
-    first, second, third = (street.objective.weighed(street.objective.weights) for _ in range(3))
-    second = second.weighed(second.weights, most_price=11.0)
+    first, second, third = (
+        street.objective.with_weights(street.objective.weights) for _ in range(3)
+    )
+    second = second.with_weights(second.weights, most_price=11.0)
     rows = {id(first): [0, 1, 2, 3], id(second): [0, 1, 2], id(third): [1, 2, 3]}
     prepared: Any = [
         SimpleNamespace(setting=SimpleNamespace(pool=Pool(k)), visibility=Pool(-k))

@@ -218,7 +218,9 @@ def test_shared_poles_are_paid_once(make):
     objective = make(3, 2)
     assert Prices.of(objective) is None
     price = objective.candidates.prices
-    prices = Prices.of(objective.weighed(objective.weights, most_price=float(price[0] + price[2])))
+    prices = Prices.of(
+        objective.with_weights(objective.weights, most_price=float(price[0] + price[2]))
+    )
     assert prices is not None
     assert prices.total([0, 2]) <= prices.most < prices.total([0, 2]) + 2**20
     assert prices.shared.tolist() == [0] * 6

@@ -122,7 +122,7 @@ def test_amounts_of_money_have_their_winners(street):
     assert all(point.price <= point.money for point in points)
     assert len({point.subset for point in points}) == len(points)
     assert street.objective.most_price == np.inf
-    poor = street.objective.weighed(street.objective.weights, most_price=22.0)
+    poor = street.objective.with_weights(street.objective.weights, most_price=22.0)
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     points = budget_curve(
         poor, 4, amounts=(10.0, 50.0), judging=Judging(evaluators=(evaluator, evaluator))

@@ -526,7 +526,7 @@ def answering(monkeypatch, answers):
 
 
 def test_sets_that_may_not_be_built_do_not_enter(street, monkeypatch):
-    poor = street.objective.weighed(street.objective.weights, most_price=22.0)
+    poor = street.objective.with_weights(street.objective.weights, most_price=22.0)
     answering(monkeypatch, {2: [(0, 3), (), (0, 1)]})
     found = entrants(poor, Effort((2,), neighbours=0))
     assert found.searches == (("search 2",),)
