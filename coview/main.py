@@ -62,12 +62,12 @@ def _answer(options: Sequence[str]) -> int:
 
         print(f"coview {__version__}")
     else:
-        print(overview(), end="", file=sys.stdout if options else sys.stderr)
+        print(format_overview(), end="", file=sys.stdout if options else sys.stderr)
     sys.stdout.flush()
     return 0 if options else 2
 
 
-def overview() -> str:
+def format_overview() -> str:
     """Return the usage, and every command in a line, by group."""
     lines = []
     for title, group in GROUPS.items():

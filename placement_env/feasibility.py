@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, extra_prices, fit_together, room_beside
-from placement_env.links import link_load, max_load
+from placement_env.links import max_load, sent_in_most
 from placement_env.subsets import Sets, find_index
 from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.detection.scheme import Scheme
@@ -78,7 +78,7 @@ class FeasibleSets:
             return True
         mounts = self.candidates.mount[list(members)]
         loads = np.bincount(
-            mounts, link_load(kbit, self.link_share), minlength=len(self.candidates.mounts)
+            mounts, sent_in_most(kbit, self.link_share), minlength=len(self.candidates.mounts)
         )
         capacity = np.array([mount.capacity for mount in self.candidates.mounts])
         return bool((loads <= max_load(capacity)).all())

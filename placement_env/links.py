@@ -17,12 +17,12 @@ ROUNDING_SHARE = 1e-9  # excess over a capacity that rounding may cause
 Capacity = TypeVar("Capacity", float, np.ndarray)
 
 
-def link_load(
+def sent_in_most(
     kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE
 ) -> Float64[np.ndarray, "*n"]:
     """Load (kbit per frame) of the data sent in each frame: not exceeded in `share` of the frames.
 
-    >>> float(link_load(np.array([100.0, 300.0, 200.0, 400.0]), 0.75))
+    >>> float(sent_in_most(np.array([100.0, 300.0, 200.0, 400.0]), 0.75))
     300.0
     """
     return np.asarray(np.quantile(kbit, share, axis=-1, method="inverted_cdf"), np.float64)

@@ -27,7 +27,7 @@ from placement_env.feasibility import FeasibleSets, Members
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility
-from placement_env.links import link_load
+from placement_env.links import sent_in_most
 from placement_env.protocol import ByFrames
 from placement_env.racing import Race, race
 from placement_env.score_memory import ScoreMemory, SetFigures
@@ -252,7 +252,7 @@ class Objective(FeasibleSets):
         known."""
         if self.visibility is None or not self.scheme.sends_points:
             return self.sent
-        return link_load(
+        return sent_in_most(
             sent_per_frame(self.visibility, self.scheme, self.codec), self.setting.link_share
         )
 

@@ -27,6 +27,7 @@ from toolkit.arrays import (
 )
 from toolkit.boxes import corners
 from toolkit.display import Card, Displayed, Table, describe_count
+from toolkit.frozen import set_fields
 from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import Objects
 from toolkit.sensors.models import SpinningLidar
@@ -86,9 +87,8 @@ class SensorCloud:
                 f"stamp_s of {self.name!r} must be seconds, got {self.stamp_s}: give None if "
                 "unknown"
             )
-        object.__setattr__(
-            self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}")
-        )
+        pose = check_pose(self.world_SE3_sensor, f"pose of {self.name!r}")
+        set_fields(self, world_SE3_sensor=pose)
 
     def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
         """Points in the sensor's own frame, float64."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float32, Shaped
 from toolkit.display import Card, Displayed, Table, describe_count
+from toolkit.frozen import set_fields
 
 LABELS = ("vehicle", "cyclist", "pedestrian", "heavy")
 VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
@@ -90,8 +91,8 @@ class Objects(_Rows):
     def __post_init__(self) -> None:
         boxes = _boxes(self.boxes)
         ids = np.arange(len(boxes)) if self.ids is None else np.asarray(self.ids, np.int64)
-        checked = {"labels": _labels(self.labels, len(boxes)), "ids": _rows(ids, "ids", len(boxes))}
-        vars(self).update(boxes=boxes, **checked)
+        labels = _labels(self.labels, len(boxes))
+        set_fields(self, boxes=boxes, labels=labels, ids=_rows(ids, "ids", len(boxes)))
 
     @staticmethod
     def empty() -> "Objects":
@@ -116,7 +117,7 @@ class Detections(_Rows):
     def __post_init__(self) -> None:
         boxes = _boxes(self.boxes)
         scores = _rows(np.asarray(self.scores, np.float64), "scores", len(boxes))
-        vars(self).update(boxes=boxes, scores=scores, labels=_labels(self.labels, len(boxes)))
+        set_fields(self, boxes=boxes, scores=scores, labels=_labels(self.labels, len(boxes)))
 
     @staticmethod
     def empty() -> "Detections":

@@ -68,7 +68,7 @@ def random_errors(rng: Rng) -> ErrorProfile:
     return ErrorProfile("random", terms)
 
 
-def with_errors(
+def apply_errors(
     frames: PackedFrames,
     k: int,
     errors: ErrorProfile,
@@ -340,7 +340,7 @@ def read_sample_points(
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
     if errors and rng.random() < errors and not frames.is_recorded(k):
         profile = random_errors(rng)
-        return np.concatenate(with_errors(frames, k, profile, int(rng.integers(2**31)), sensors))
+        return np.concatenate(apply_errors(frames, k, profile, int(rng.integers(2**31)), sensors))
     return np.concatenate(frames.points(k, rng, sensors))
 
 

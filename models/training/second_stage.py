@@ -63,7 +63,7 @@ BOX_DEVIATIONS = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.
 _MAPS = tuple(f"head.{name}." for name in ("classes", "residuals", "direction", "quality"))
 
 
-class FrameResult(NamedTuple):
+class ComparedFrame(NamedTuple):
     """Detections of a frame and its truth.
 
     Attributes:
@@ -112,7 +112,7 @@ def detect_recording(
     subsets: float = 0.0,
     errors: float = 0.0,
     known: bool = False,
-) -> list[FrameResult]:
+) -> list[ComparedFrame]:
     """Detections and truth of the first `count` frames (None: all), by early fusion.
 
     seed: for noise, subsets and errors. subsets: chance that a frame is seen by a random set of the
@@ -133,7 +133,7 @@ def detect_recording(
         if known:
             detector = KnownBackground(detector, background(frames.rig(k)))
         is_counted = has_centre_inside(truth.boxes, np.array(area))
-        results.append(FrameResult(detector(points), truth, is_counted))
+        results.append(ComparedFrame(detector(points), truth, is_counted))
     network.train(was_training)
     return results
 

@@ -1,4 +1,4 @@
-"""`LiveView`: immediate views of moving sensors.
+"""`TrafficView`: immediate views of moving sensors.
 
 Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made
 at every half metre of a mount's height when one of its sensors is first requested. Between two of
@@ -38,7 +38,7 @@ def _never() -> bool:
     return False
 
 
-class LiveView:
+class TrafficView:
     """Look at traffic from mounts, with sensors that measure all of the detection area
     (`seeing.choose_quick`).
 

@@ -43,7 +43,7 @@ from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
-    from placement_env.fidelity.panorama import LiveView
+    from placement_env.fidelity.panorama import TrafficView
 
 _Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
 
@@ -251,10 +251,10 @@ class Preparation:
         )
 
     @cached_property
-    def live(self) -> "LiveView | None":
+    def live(self) -> "TrafficView | None":
         """View of moving sensors, from panoramas of the mounts. None where rays must be cast: where
         the setting's `rendering` is "full", or the range of a candidate ends within the site."""
-        from placement_env.fidelity.panorama import LiveView
+        from placement_env.fidelity.panorama import TrafficView
         from placement_env.fidelity.seeing import choose_quick
 
         requested = self.setting.rendering
@@ -262,7 +262,7 @@ class Preparation:
         rendering: Rendering = "panorama" if requested == "auto" else requested
         if not choose_quick(self.setting.pool.sensors, self.traffic, rendering).all():
             return None
-        return LiveView(self.traffic, self.setting.counted.labels, self.run.memo)
+        return TrafficView(self.traffic, self.setting.counted.labels, self.run.memo)
 
     @cached_property
     def network(self) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from placement_env.handover.ground import Ground, blind_polygons, visible_polygons
+from placement_env.handover.ground import GroundGrid, blind_polygons, visible_polygons
 from placement_env.handover.mounted import PlannedSensor
 from toolkit.runtime.writing import write_text
 from toolkit.sites.files import save_site
@@ -74,7 +74,7 @@ def write_exchange(
     folder: str | Path,
     site: Site,
     sensors: Sequence[PlannedSensor],
-    ground: Ground,
+    ground: GroundGrid,
     *,
     unused: Sequence[Mount] = (),
     currency: str = "",
@@ -151,7 +151,11 @@ def _bearing(sensor: PlannedSensor) -> float:
 
 
 def plan_geojson(
-    site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()
+    site: Site,
+    sensors: Sequence[PlannedSensor],
+    ground: GroundGrid,
+    *,
+    unused: Sequence[Mount] = (),
 ) -> str:
     """Sensors, their ground, blind spots and unused poles as layers for GIS tools."""
     note: dict[str, object] = {}

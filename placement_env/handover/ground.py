@@ -31,7 +31,7 @@ MAX_CELLS = 4_000_000  # in a grid
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class GroundGrid:
     """Ground of the area that each sensor sees, as a grid of square cells.
 
     Attributes:
@@ -84,7 +84,7 @@ class GroundShares:
     blind_m2: float
 
 
-def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) -> Ground:
+def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) -> GroundGrid:
     """Ground that each sensor sees. No sensor sees cells with a solid or a pond.
 
     cell: side of a cell (m). If it does not divide the area, the grid is centred on it and the
@@ -108,7 +108,7 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
         cell_density = _density(sensor, ground_image, grid.x, grid.y)
         density[s] = np.where(grid.open_ground, cell_density, np.float32(0))
     middles = grid.points[..., :2]
-    return Ground(
+    return GroundGrid(
         x=grid.x,
         y=grid.y,
         seen=seen,
@@ -169,7 +169,7 @@ def lay_grid(site: Site, cell: float, height: float) -> Grid:
     )
 
 
-def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
+def ground_shares(ground: GroundGrid, names: Sequence[str]) -> GroundShares:
     """Shares of the ground.
 
     names: its sensors, in order. Without lanes their blind share is 0. Raises ValueError for
@@ -201,7 +201,7 @@ def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
     )
 
 
-def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
+def blind_polygons(ground: GroundGrid) -> list[shapely.Polygon]:
     """Open ground that no sensor sees, as polygons with holes (m, site frame).
 
     Pieces below `MIN_POLYGON_M2` are left out.
@@ -209,7 +209,7 @@ def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
     return _polygons(ground, ground.open_ground & (ground.views == 0))
 
 
-def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
+def visible_polygons(ground: GroundGrid) -> list[list[shapely.Polygon]]:
     """Ground that each sensor sees, as polygons with holes (m, site frame).
 
     Pieces below `MIN_POLYGON_M2` are left out.
@@ -260,7 +260,7 @@ def _covered(
     return np.asarray(shapely.intersects_xy(union, middles[..., 0], middles[..., 1]))
 
 
-def _polygons(ground: Ground, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.Polygon]:
+def _polygons(ground: GroundGrid, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.Polygon]:
     """Polygons of the cells of a mask, with holes (m, site frame).
 
     Steps of slanting edges are smoothed to about half a cell; pieces and holes below

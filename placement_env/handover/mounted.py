@@ -12,7 +12,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aims, name_sensor
 from placement_env.candidates.sensor_catalogue import RATES, SensorCatalogue
-from placement_env.links import LINK_SHARE, describe_share, link_load, max_load
+from placement_env.links import LINK_SHARE, describe_share, max_load, sent_in_most
 from toolkit.arrays import Float64, Int64
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
@@ -159,7 +159,7 @@ def format_sensors(
     headings, tilts = aims(sensors)
     prices = candidates.model_prices[np.asarray(chosen, np.int64)]
     mean_kbit = kbit.mean(axis=1)
-    loads = link_load(kbit, link_share)
+    loads = sent_in_most(kbit, link_share)
     paid_poles: set[str] = set()
     planned = []
     for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True)):
@@ -310,7 +310,7 @@ def measure_links(
     mbit_s = kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
     means = mbit_s.mean(axis=1)
     peaks = mbit_s.max(axis=1, initial=0)
-    sensor_loads = link_load(mbit_s, link_share)
+    sensor_loads = sent_in_most(mbit_s, link_share)
     loads = []
     for mount in np.unique(candidates.mount).tolist():
         on_mount = candidates.mount == mount

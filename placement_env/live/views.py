@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor
-from placement_env.fidelity.panorama import LiveView, list_heights
+from placement_env.fidelity.panorama import TrafficView, list_heights
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.ray_table import make_table_ahead
 from placement_env.fidelity.seeing import see
@@ -175,7 +175,7 @@ def hold_back(preparation: Preparation | None, hold: Callable[[], bool]) -> None
         preparation.live.hold = hold
 
 
-def make_view(live: LiveView, candidates: Candidates, k: int, sensor: Sensor) -> bool:
+def make_view(live: TrafficView, candidates: Candidates, k: int, sensor: Sensor) -> bool:
     """Make the view of a sensor on the mount of candidate k; False if it is known."""
     if live.knows(sensor):
         return False

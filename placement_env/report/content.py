@@ -16,7 +16,7 @@ import numpy as np
 from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import IoUs
-from placement_env.handover.ground import Ground, GroundShares
+from placement_env.handover.ground import GroundGrid, GroundShares
 from placement_env.handover.mounted import MaterialItem, PlannedSensor, PoleLoad
 from placement_env.links import LINK_SHARE
 from toolkit.arrays import Bool, Float32, Mask
@@ -395,7 +395,7 @@ class Planned(Displayed):
     plan: Plan
     site: Site
     candidates: Candidates | None = None
-    ground: Ground | None = None
+    ground: GroundGrid | None = None
     moments: tuple[SceneMoment, ...] = ()
 
     def _card(self) -> Card:

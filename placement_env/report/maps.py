@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.handover.ground import Ground, visible_polygons
+from placement_env.handover.ground import GroundGrid, visible_polygons
 from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
 from toolkit.plots import canvas, ground_map, map_sheet, palette, pole_marks, sensor_marks
@@ -65,7 +65,7 @@ def plan_view(
     sensors: Sequence[Sensor],
     poles: Sequence[str] = (),
     poles_unused: Sequence[str] = (),
-    ground: Ground | None = None,
+    ground: GroundGrid | None = None,
 ) -> str:
     """Draw the site with the chosen sensors, the poles, and the ground each sensor sees.
 
@@ -79,7 +79,7 @@ def plan_view(
 def _plan_sheet(
     site: Site,
     sensors: Sequence[Sensor],
-    ground: Ground | None,
+    ground: GroundGrid | None,
     poles: Sequence[str] = (),
     poles_unused: Sequence[str] = (),
 ) -> map_sheet.MapSheet:
@@ -120,7 +120,7 @@ def _plan_sheet(
     return sheet
 
 
-def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
+def coverage_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
     """Map the number of sensors that see each place, up to 3.
 
     Raises ValueError for a ground of other sensors."""
@@ -137,7 +137,7 @@ def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     return _cell_map(site, ground, sensors, cells, title, alt)
 
 
-def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
+def density_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
     """Map the points per m² of ground, of all sensors in a frame.
 
     Raises ValueError for a ground of other sensors."""
@@ -154,7 +154,7 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     return _cell_map(site, ground, sensors, cells, title, alt, note)
 
 
-def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
+def blind_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
     """Map the open ground that no sensor sees, by kind.
 
     Raises ValueError for a ground of other sensors."""
@@ -180,7 +180,7 @@ class _Cells(NamedTuple):
 
 def _cell_map(
     site: Site,
-    ground: Ground,
+    ground: GroundGrid,
     sensors: Sequence[Sensor],
     cells: _Cells,
     title: str,
@@ -264,7 +264,7 @@ def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
     return np.array([mounts[name] for name in names], np.float64).reshape(-1, 2)
 
 
-def _check(ground: Ground, sensors: Sequence[Sensor]) -> None:
+def _check(ground: GroundGrid, sensors: Sequence[Sensor]) -> None:
     if len(ground.seen) != len(sensors):
         raise ValueError(
             f"the ground has {len(ground.seen)} sensors, got {len(sensors)}: pass the same sensors"

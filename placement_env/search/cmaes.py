@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor, aims
-from placement_env.fidelity.panorama import LiveView
+from placement_env.fidelity.panorama import TrafficView
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.objective import Objective, Score
@@ -248,7 +248,7 @@ class _Climb:
 
 
 def build_pose_scorer(
-    preparation: Preparation, weights: Weights = NO_COSTS, *, live: LiveView | None = None
+    preparation: Preparation, weights: Weights = NO_COSTS, *, live: TrafficView | None = None
 ) -> PoseScorer:
     """Scorer of sets by the preparation's fidelity, None for sets that do not fit.
 

@@ -10,7 +10,7 @@ from toolkit.calibration.place import Place
 from toolkit.datasets.layouts.folder import write_folder
 from toolkit.datasets.recordings import open_recording
 from toolkit.detection.comparison import Comparison
-from toolkit.detection.detect import Detected
+from toolkit.detection.detect import FrameDetections
 from toolkit.detection.evaluation import evaluate_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import VEHICLE, Detections, Objects
@@ -84,7 +84,7 @@ def test_viewer_marks_a_car_at_the_edge_as_hit(record):
     frame = recording[0]
     ((_, stand),) = AREA.stands([frame])
     detections = Detections(car_boxes([40.02, 45.0]), np.array([0.9, 0.8]), np.full(2, VEHICLE))
-    outcomes = sort_outcomes(Detected(frame, detections, stand, 0.0))
+    outcomes = sort_outcomes(FrameDetections(frame, detections, stand, 0.0))
     assert outcomes["hits"]["vehicle"].boxes[:, 0].tolist() == [40.02]
     assert outcomes["ignored"]["vehicle"].boxes[:, 0].tolist() == [45.0]
     assert outcomes["missed"]["vehicle"].boxes[:, 0].tolist() == [0.0]

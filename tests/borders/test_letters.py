@@ -14,7 +14,7 @@ import pytest
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 
-from placement_env.report.pages.document import Document, Drawing, Paragraph, Section
+from placement_env.report.pages.document import Document, PageDrawing, Paragraph, Section
 from placement_env.report.pages.printable_names import drop_unset
 from placement_env.report.pages.typesetting import to_html, to_pdf
 from toolkit.plots import canvas, fonts
@@ -177,11 +177,11 @@ def test_a_document_names_the_letters_that_it_cannot_set(installed):
 
 def test_drawings_keep_their_pictures(installed):
     installed()
-    picture = Drawing("<svg/>", f"Of {CHINESE}", "A picture")
+    picture = PageDrawing("<svg/>", f"Of {CHINESE}", "A picture")
     whole = Document(
         "Plan", "", (Section("one", "One", "Fine.", (picture,)),), logo="data:image/png;base64,AA=="
     )
     with pytest.warns(UserWarning, match="no font here"):
         shown = drop_unset(whole)
-    assert shown.sections[0].blocks[0] == Drawing("<svg/>", "Of ?", "A picture")
+    assert shown.sections[0].blocks[0] == PageDrawing("<svg/>", "Of ?", "A picture")
     assert shown.logo == whole.logo

@@ -11,7 +11,7 @@ import shapely
 from pyproj import Transformer
 
 from placement_env.handover.exchange import plan_geojson, schedule_csv
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.handover.mounted import PlannedSensor
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera
@@ -52,7 +52,7 @@ def ground():
     x, y = np.meshgrid(middles, middles)
     none = np.zeros(x.shape, bool)
     seen = np.array([y > 0])
-    return Ground(middles, middles, seen, seen.astype(np.float32), ~none, none, none)
+    return GroundGrid(middles, middles, seen, seen.astype(np.float32), ~none, none, none)
 
 
 def on_earth(places):

@@ -75,37 +75,51 @@ def measure_shape(mesh: Mesh) -> Shape:
 
 
 def is_clearly(shape: Shape, label: int) -> bool:
-    """True if the shape alone clearly says a class."""
-    (length, width, height), fills = shape.size.tolist(), shape.fills
+    """Return whether the shape alone clearly shows a class of `LABELS`."""
     if shape.asymmetry[1] > ASKEW and label != PEDESTRIAN:  # a walking person is not symmetric
         return False
-    if label in (VEHICLE, HEAVY):
-        filled = fills[0] > 0.72 and fills[1] > 0.55 and fills[2] > 0.76
-        stands = shape.stance[0] > 0.4 * length and shape.stance[1] > 0.45 * width
-        if label == VEHICLE:
-            sized = length < 6.1 and width < 2.4 and height < 2.1 and length > 1.25 * height
-            return bool(
-                filled and stands and sized and length > 1.5 * width and shape.clearance < 0.55
-            )
-        return bool(
-            filled
-            and stands
-            and length > max(6.1, 1.9 * width)
-            and height > 2.2
-            and shape.clearance < 1.3
-        )
-    if label == CYCLIST:
-        thin = width < 0.6 * length and fills[1] < 0.75 and fills[2] < 0.75
-        on_a_line = shape.stance[1] < 0.22 and shape.stance[0] > 0.35 * length
-        return bool(thin and on_a_line and length < 2.8)
-    upright = height > 1.3 * max(length, width) and 1.35 < height < 2.15
-    return bool(
-        label == PEDESTRIAN
-        and upright
-        and 0.22 < fills[0] < 0.75
-        and fills[1] < 0.8
-        and fills[2] < 0.85
-    )
+    shows_class = {
+        VEHICLE: _is_clearly_car,
+        HEAVY: _is_clearly_heavy,
+        CYCLIST: _is_clearly_cyclist,
+        PEDESTRIAN: _is_clearly_pedestrian,
+    }
+    return bool(label in shows_class and shows_class[label](shape))
+
+
+def _is_clearly_car(shape: Shape) -> bool:
+    length, width, height = shape.size.tolist()
+    has_size = length < 6.1 and width < 2.4 and height < 2.1 and length > 1.25 * height
+    has_proportions = length > 1.5 * width and shape.clearance < 0.55
+    return _has_vehicle_body(shape) and has_size and has_proportions
+
+
+def _is_clearly_heavy(shape: Shape) -> bool:
+    length, width, height = shape.size.tolist()
+    has_size = length > max(6.1, 1.9 * width) and height > 2.2
+    return _has_vehicle_body(shape) and has_size and shape.clearance < 1.3
+
+
+def _has_vehicle_body(shape: Shape) -> bool:
+    """Return whether a shape fills its box and has wheels at the corners, as vehicles do."""
+    length, width, _ = shape.size.tolist()
+    fills_box = shape.fills[0] > 0.72 and shape.fills[1] > 0.55 and shape.fills[2] > 0.76
+    has_wide_stance = shape.stance[0] > 0.4 * length and shape.stance[1] > 0.45 * width
+    return bool(fills_box and has_wide_stance)
+
+
+def _is_clearly_cyclist(shape: Shape) -> bool:
+    length, width, _ = shape.size.tolist()
+    is_thin = width < 0.6 * length and shape.fills[1] < 0.75 and shape.fills[2] < 0.75
+    is_on_a_line = shape.stance[1] < 0.22 and shape.stance[0] > 0.35 * length
+    return is_thin and is_on_a_line and length < 2.8
+
+
+def _is_clearly_pedestrian(shape: Shape) -> bool:
+    length, width, height = shape.size.tolist()
+    is_upright = height > 1.3 * max(length, width) and 1.35 < height < 2.15
+    has_gaps = 0.22 < shape.fills[0] < 0.75 and shape.fills[1] < 0.8 and shape.fills[2] < 0.85
+    return bool(is_upright and has_gaps)
 
 
 def find_wrong_stand(shape: Shape, label: int) -> str | None:

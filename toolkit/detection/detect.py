@@ -33,7 +33,7 @@ Format = Literal["boxes", "openlabel", "kitti"]
 
 
 @dataclass(frozen=True, eq=False)
-class Detected:
+class FrameDetections:
     """Detections in one frame, and how they came about.
 
     Attributes:
@@ -56,7 +56,7 @@ def detect_frames(
     detector: Detector,
     place: Place = Place(),
     scene: StandingScene | None = None,
-) -> Iterator[Detected]:
+) -> Iterator[FrameDetections]:
     """Yield the detections in all points of each frame together, on level ground.
 
     detector: gets points counted from the middle of the area, or at a known site in the site's
@@ -78,12 +78,14 @@ def detect_frames(
             if scene is None or not len(detections)
             else scene.leave_out(detections, world)
         )
-        yield Detected(frame, foreground, stand, detect_ms, len(detections) - len(foreground))
+        yield FrameDetections(
+            frame, foreground, stand, detect_ms, len(detections) - len(foreground)
+        )
 
 
 def write_detections(
-    results: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: object
-) -> Iterator[Detected]:
+    results: Iterable[FrameDetections], out: str | Path, form: Format = "boxes", **more: object
+) -> Iterator[FrameDetections]:
     """Write detections as they arrive, and pass them on.
 
     out: one file of boxes, or for other formats a folder with a file per frame, complete at the
@@ -114,7 +116,7 @@ def file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_.#" else "_" for letter in name)
 
 
-def summarise(results: Iterable[Detected]) -> dict[str, Any]:
+def summarise(results: Iterable[FrameDetections]) -> dict[str, Any]:
     """Count frames, detections and problems, with the median milliseconds."""
     samples = 0
     detections = 0

@@ -16,6 +16,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
+from toolkit.frozen import set_fields
 from toolkit.runtime.parallel import spread
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ class Run(Simulation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
+        set_fields(self, cache=None if self.cache is None else Path(self.cache))
         if self.cache is not None and self.cache.exists() and not self.cache.is_dir():
             raise ValueError(
                 f"the cache is a folder, got the file {self.cache}: give another path, or leave "

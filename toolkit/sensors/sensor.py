@@ -32,6 +32,7 @@ from toolkit.arrays import (
     Rng,
 )
 from toolkit.display import Table
+from toolkit.frozen import set_fields
 from toolkit.geometry import check_pose, invert
 
 NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see its post
@@ -216,9 +217,7 @@ class Sensor:
     pose: Pose = field(repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "pose", check_pose(self.pose, f"pose of sensor {self.name!r}").copy()
-        )
+        set_fields(self, pose=check_pose(self.pose, f"pose of sensor {self.name!r}").copy())
         self.pose.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:

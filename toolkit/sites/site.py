@@ -14,6 +14,7 @@ import shapely
 
 from toolkit.arrays import Float, Float64, Pose
 from toolkit.display import Card, Displayed, Table, describe_count
+from toolkit.frozen import set_fields
 from toolkit.geometry import LEVEL, MAX_COORDINATE_M, Slope, check_pose, check_slope
 from toolkit.sensors.sensor import Sensor, tabulate_sensors
 
@@ -45,7 +46,7 @@ class Solid:
     origin: str = "mapped"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "footprint", check_polygon(self.footprint, "solid.footprint"))
+        set_fields(self, footprint=check_polygon(self.footprint, "solid.footprint"))
         if self.kind not in KINDS:
             raise ValueError(f"solid.kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
         _check_origin(self.origin, "solid.origin")
@@ -85,7 +86,7 @@ class Mount:
         if not np.abs(position).max() <= MAX_COORDINATE_M:
             far = f"mount.position must lie within {MAX_COORDINATE_M:g} m of the origin"
             raise ValueError(f"{far}, got {position.tolist()}: give metres of the site")
-        object.__setattr__(self, "position", position)
+        set_fields(self, position=position)
         if not 0 <= self.min_height <= self.max_height <= MAX_BUILT_HEIGHT_M:
             got = f"{self.min_height:g} and {self.max_height:g}"
             raise ValueError(
@@ -100,7 +101,7 @@ class Mount:
             raise ValueError(
                 f"mount.max_sensors must be a whole number from 1 up, got {self.max_sensors}"
             )
-        object.__setattr__(self, "max_sensors", int(self.max_sensors))
+        set_fields(self, max_sensors=int(self.max_sensors))
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class Relief:
             )
         if self.seed != int(self.seed) or self.seed < 0:
             raise ValueError(f"relief.seed must be a whole number from 0 up, got {self.seed}")
-        object.__setattr__(self, "slope", check_slope(self.slope, "relief.slope"))
+        set_fields(self, slope=check_slope(self.slope, "relief.slope"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,8 +202,7 @@ class Site(Displayed):
             )
         _check_network(self.network)
         checked["map_SE3_site"] = check_pose(self.map_SE3_site, "map_SE3_site")
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        set_fields(self, **checked)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Site) and _alike(self, other)

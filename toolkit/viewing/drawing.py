@@ -7,7 +7,7 @@ import numpy as np
 
 from toolkit.arrays import BoxRows, Float64
 from toolkit.calibration.place import Place, Stand
-from toolkit.detection.detect import Detected, detect_frames
+from toolkit.detection.detect import FrameDetections, detect_frames
 from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.line_style import Outcome
@@ -118,7 +118,7 @@ class Drawing:
             tags=tuple(tags),
         )
 
-    def _detect(self, sample: Frame) -> Detected:
+    def _detect(self, sample: Frame) -> FrameDetections:
         """Frame and detections, restricted to the sensors, classes and scores that are drawn."""
         if self.sensors is not None:
             sample = sample.seen_by(self.sensors)

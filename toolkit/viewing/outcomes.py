@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from toolkit.detection.breakdown import select_truth
-from toolkit.detection.detect import Detected
+from toolkit.detection.detect import FrameDetections
 from toolkit.detection.metrics import TRUE_IOU, matches, second_labels
 from toolkit.objects import LABELS, Detections
 from toolkit.plots.line_style import Outcome
@@ -24,7 +24,7 @@ _OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (
 MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
 
 
-def sort_outcomes(detected: Detected) -> dict[Marked, dict[str, Detections]]:
+def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detections]]:
     """Detections of each outcome and class, world frame, and labelled boxes that were missed, with
     scores NaN.
 

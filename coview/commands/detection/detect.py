@@ -20,7 +20,7 @@ from toolkit.objects import Detector
 
 if TYPE_CHECKING:
     from toolkit.datasets.recording_views import Part
-    from toolkit.detection.detect import Detected
+    from toolkit.detection.detect import FrameDetections
     from toolkit.detection.standing import StandingScene
     from toolkit.frame import Recording
 
@@ -133,7 +133,7 @@ class _Detectors:
 def _detect(
     jobs: "Sequence[tuple[Part, _PlacedDetector, StandingScene | None]]",
     progress: Callable[[int], None],
-) -> "Iterator[Detected]":
+) -> "Iterator[FrameDetections]":
     """Yield the detections of each frame, and warn once of a missing ground.
 
     jobs: frames of each recording, with detector and standing scene."""

@@ -102,7 +102,7 @@ def doctor_command(
 
 
 @dataclass(frozen=True)
-class Reading:
+class RecordingOptions:
     """Recording, and errors of its simulated sensors."""
 
     layout: str | None = None
@@ -140,7 +140,7 @@ def calibrate_command(
     out: Path | None = None,
     poses: Path | None = None,
     fit: Fit = Fit(),
-    reading: Reading = Reading(),
+    reading: RecordingOptions = RecordingOptions(),
     writing: Writing = Writing(),
 ) -> int:
     """Find the poses of a recording's sensors again, by what stands still there. Exit code 1 if one

@@ -12,7 +12,7 @@ from placement_env.analysis.intervals import (
 )
 from placement_env.cases import iou_text
 from placement_env.classes import join_names
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.handover.mounted import FRAME_RATE_HZ, describe_narrow_links
 from placement_env.links import describe_share
 from placement_env.report import content
@@ -20,9 +20,9 @@ from placement_env.report.maps import plan_view
 from placement_env.report.pages.document import (
     Bullets,
     Content,
-    Drawing,
     Fact,
     Facts,
+    PageDrawing,
     Paragraph,
     build_content,
 )
@@ -57,7 +57,7 @@ NOT_PRICED = (
 )
 
 
-def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
+def decision_section(plan: content.Plan, site: Site, ground: GroundGrid | None) -> Content:
     """Answer the question on one page: what to build, its results, their certainty, next steps."""
     chosen_option = plan.chosen
     if chosen_option is None:
@@ -78,8 +78,8 @@ def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> C
 
 
 def _draw_plan_view(
-    plan: content.Plan, chosen_option: content.PlanOption, site: Site, ground: Ground | None
-) -> Drawing:
+    plan: content.Plan, chosen_option: content.PlanOption, site: Site, ground: GroundGrid | None
+) -> PageDrawing:
     mounts = {mount.name for mount in site.mounts}
     poles = [name for name in _poles(plan) if name in mounts]
     free_poles = [name for name in plan.poles_unused if name in mounts]
@@ -93,7 +93,7 @@ def _draw_plan_view(
         f"The site from above with the sensors {join_names(chosen_option.sensors)}, their poles, "
         "and the ground each sees"
     )
-    return Drawing(plan_view(site, site.sensors, poles, free_poles, ground), caption, alt)
+    return PageDrawing(plan_view(site, site.sensors, poles, free_poles, ground), caption, alt)
 
 
 def _poles(plan: content.Plan) -> list[str]:

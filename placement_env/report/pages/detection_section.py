@@ -14,7 +14,7 @@ from placement_env.report.pages.columns import (
 from placement_env.report.pages.document import (
     Column,
     Content,
-    Drawing,
+    PageDrawing,
     Paragraph,
     ReportBlock,
     build_content,
@@ -92,7 +92,7 @@ def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportB
             f"“{best}”; the intervals {overlaps}."
         )
     chart = charts.interval_bars(judgements, f"AP by {name}")
-    drawing = Drawing(chart, caption, f"AP with intervals by {name}: {list_aps(judgements)}")
+    drawing = PageDrawing(chart, caption, f"AP with intervals by {name}: {list_aps(judgements)}")
     columns = (
         *text_columns(name.capitalize()),
         *JUDGED_COLUMNS,

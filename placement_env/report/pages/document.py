@@ -96,7 +96,7 @@ class TableBlock:
 
 
 @dataclass(frozen=True)
-class Drawing:
+class PageDrawing:
     """A picture as SVG text. alt: text for screen readers."""
 
     svg: str
@@ -114,7 +114,7 @@ class SceneView:
     kind: ClassVar[str] = "scene"
 
 
-ReportBlock = Paragraph | Bullets | Facts | TableBlock | Drawing | SceneView
+ReportBlock = Paragraph | Bullets | Facts | TableBlock | PageDrawing | SceneView
 Content = tuple[str, tuple[ReportBlock, ...]]  # conclusion and blocks of a section
 
 

@@ -3,14 +3,14 @@
 import numpy as np
 
 from placement_env.classes import join_names
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.report import content
 from placement_env.report.maps import blind_map, coverage_map, density_map
 from placement_env.report.pages.columns import text_columns
 from placement_env.report.pages.document import (
     Column,
     Content,
-    Drawing,
+    PageDrawing,
     SceneView,
     build_content,
     build_table,
@@ -21,7 +21,7 @@ from toolkit.sites.site import Site
 SPARSE_POINTS_M2 = 1.0  # points per m² below which a place is practically unseen
 
 
-def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
+def ground_section(plan: content.Plan, site: Site, ground: GroundGrid | None) -> Content:
     """Describe the visible ground, the density of points and the blind spots."""
     if plan.ground is None or ground is None:
         why = "" if plan.chosen else ", because no set of sensors was chosen"
@@ -34,7 +34,7 @@ def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Con
         f"{percent(shares.blind_lanes)} of the lanes."
     )
     names = join_names([sensor.name for sensor in plan.sensors])
-    coverage = Drawing(
+    coverage = PageDrawing(
         coverage_map(site, ground, site.sensors),
         (
             f"Where two or more sensors look, on {seen_twice} of the open ground, one may fail and "
@@ -42,12 +42,12 @@ def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Con
         ),
         f"Map of how many of the sensors {names} see each place of the ground",
     )
-    density = Drawing(
+    density = PageDrawing(
         density_map(site, ground, site.sensors),
         _describe_density(ground),
         "Map of the points per square metre that all sensors together put on the ground in a frame",
     )
-    blind = Drawing(
+    blind = PageDrawing(
         blind_map(site, ground, site.sensors),
         f"{number_text(shares.blind_m2, 0)} m², {percent(shares.blind)} of the open ground, are "
         "hidden from every sensor or lie outside their fields of view.",
@@ -71,7 +71,7 @@ def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Con
     )
 
 
-def _describe_density(ground: Ground) -> str:
+def _describe_density(ground: GroundGrid) -> str:
     """Describe the density of points on the lanes."""
     is_lane = ground.lanes & ground.open_ground
     if not is_lane.any():

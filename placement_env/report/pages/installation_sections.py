@@ -12,7 +12,7 @@ from placement_env.report.pages.columns import price_column, text_columns
 from placement_env.report.pages.document import (
     Column,
     Content,
-    Drawing,
+    PageDrawing,
     Paragraph,
     ReportBlock,
     build_content,
@@ -63,7 +63,7 @@ def links_section(plan: content.Plan) -> Content:
         f"{link.pole}: {number_text(link.mbit_s, 2)} of {number_text(link.capacity_mbit_s, 2)}"
         for link in plan.links
     )
-    drawing = Drawing(
+    drawing = PageDrawing(
         charts.link_chart(plan.links),
         f"All links together carry {number_text(total, 2)} Mbit/s to the fusion centre.",
         f"Mbit/s of each link against its capacity: {load_texts}",
@@ -162,7 +162,7 @@ def views_section(
         "vehicle, else red."
     )
     views = [
-        Drawing(
+        PageDrawing(
             svg,
             f"{sensor.name}: the empty site, lighter where nearer.{marks_note if moments else ''}",
             f"Distances that sensor {sensor.name} measures at the empty site",

@@ -13,7 +13,7 @@ from placement_env.report.pages.columns import (
 from placement_env.report.pages.document import (
     Column,
     Content,
-    Drawing,
+    PageDrawing,
     Paragraph,
     TableBlock,
     build_content,
@@ -61,7 +61,7 @@ def others_section(plan: content.Plan, chosen_option: content.PlanOption) -> Con
             f" The highest AP, {ap_figure(best.counted)}, costs "
             f"{price_text(best.price, plan.currency)}."
         )
-    drawing = Drawing(
+    drawing = PageDrawing(
         charts.front_chart(plan.front, compared_option, plan.currency),
         f"The chosen set costs {price_text(chosen_option.price, plan.currency)} and sends "
         f"{number_text(chosen_option.kbit_per_sensor, 0)} kbit per sensor and frame.",

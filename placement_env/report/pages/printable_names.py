@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass, replace
 
 from placement_env.handover.mounted import name_by_poles
 from placement_env.report import content
-from placement_env.report.pages.document import Document, Drawing, Paragraph
+from placement_env.report.pages.document import Document, PageDrawing, Paragraph
 from toolkit.plots.fonts import (
     UNSET,
     choose_fonts,
@@ -25,7 +25,7 @@ def list_texts(value: object) -> list[str]:
     """List all texts of a document, or of a part of it."""
     if isinstance(value, str):
         return [value]
-    if isinstance(value, Drawing):
+    if isinstance(value, PageDrawing):
         return [value.caption, value.alt]
     if isinstance(value, tuple):
         return [text for item in value for text in list_texts(item)]

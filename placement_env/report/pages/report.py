@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from placement_env.cases import iou_text
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.report import content
 from placement_env.report.pages.decision import decision_section
 from placement_env.report.pages.detection_section import detection_section
@@ -40,7 +40,7 @@ NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show he
 def build_document(
     plan: content.Plan,
     site: Site,
-    ground: Ground | None,
+    ground: GroundGrid | None,
     moments: Sequence[content.SceneMoment] = (),
 ) -> Document:
     """Build the document.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.handover.mounted import PlannedSensor
 from placement_env.report.content import Plan, SceneMoment
 from toolkit.arrays import ImageRanges
@@ -79,7 +79,7 @@ class Scene:
 
 
 def build_scene(
-    plan: Plan, site: Site, ground: Ground | None, moments: Sequence[SceneMoment]
+    plan: Plan, site: Site, ground: GroundGrid | None, moments: Sequence[SceneMoment]
 ) -> Scene:
     """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`."""
     with scene.viser_server() as server:
@@ -231,7 +231,7 @@ def drape(
     return _lift(site, triangulate(tiles[is_drawn]), lift)
 
 
-def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
+def seen_cells(site: Site, ground: GroundGrid, index: int) -> Mesh:
     """Return the cells that a sensor sees, as rectangles.
 
     Each sensor's rectangles are a little above those of the sensor before."""

@@ -14,7 +14,7 @@ from placement_env.report.pages.columns import (
 from placement_env.report.pages.document import (
     Column,
     Content,
-    Drawing,
+    PageDrawing,
     Paragraph,
     build_content,
     build_table,
@@ -62,7 +62,7 @@ def schemes_section(plan: content.Plan) -> Content:
     return build_content(
         _compare_schemes(plan, at_iou or plan.schemes),
         Paragraph(content.TEXTS["schemes"]),
-        Drawing(
+        PageDrawing(
             charts.scheme_chart(plan.schemes),
             caption,
             f"AP with intervals of the fusion schemes: {aps}",

@@ -13,7 +13,7 @@ from placement_env.report.pages.document import (
     Cell,
     Column,
     Content,
-    Drawing,
+    PageDrawing,
     Paragraph,
     build_content,
     build_table,
@@ -65,7 +65,9 @@ def worth_section(plan: content.Plan) -> Content:
     return build_content(
         conclusion,
         Paragraph(content.TEXTS["worth"]),
-        Drawing(charts.worth_chart(plan.worth), caption, f"Worth of each sensor in AP: {values}"),
+        PageDrawing(
+            charts.worth_chart(plan.worth), caption, f"Worth of each sensor in AP: {values}"
+        ),
         *build_table("Worth, and synergy with each other sensor", columns, rows),
     )
 
@@ -116,7 +118,9 @@ def failures_section(plan: content.Plan, chosen_option: content.PlanOption) -> C
         )
         for failure in plan.failures
     ]
-    drawing = Drawing(charts.failure_chart(intact, plan.failures), caption, f"AP left: {ap_list}")
+    drawing = PageDrawing(
+        charts.failure_chart(intact, plan.failures), caption, f"AP left: {ap_list}"
+    )
     return build_content(
         conclusion, drawing, *build_table("What is left, case by case", columns, rows)
     )
@@ -156,7 +160,7 @@ def order_section(plan: content.Plan) -> Content:
             f"Build {first_step.sensor} first: for {price} it alone gives "
             f"{ap_text(first_step.judged)}{last_text}."
         ),
-        Drawing(
+        PageDrawing(
             charts.order_chart(plan.order, plan.currency),
             caption,
             f"AP after each sensor built: {aps}",

@@ -14,7 +14,7 @@ from operator import attrgetter
 from pathlib import Path
 from shutil import copyfile
 
-from placement_env.report.pages.document import Document, Drawing, TableBlock
+from placement_env.report.pages.document import Document, PageDrawing, TableBlock
 from placement_env.report.pages.printable_names import PAPER_FONT, list_texts
 from placement_env.report.pages.scene import Scene
 from toolkit.plots.fonts import choose_fonts, own_font
@@ -66,7 +66,7 @@ def to_pdf(document: Document) -> bytes:
                 values["kind"] = block.kind
                 if isinstance(block, TableBlock):
                     values |= _lay_out(block)
-                if isinstance(block, Drawing):
+                if isinstance(block, PageDrawing):
                     values["file"] = f"drawing{drawings}.svg"
                     Path(folder, values["file"]).write_text(values.pop("svg"), encoding="utf-8")
                     drawings += 1

@@ -7,7 +7,7 @@ import numpy as np
 
 from placement_env.analysis.intervals import AP_TOLERANCE, share_beyond_reach
 from placement_env.handover import mounted
-from placement_env.handover.ground import Ground, ground_shares
+from placement_env.handover.ground import GroundGrid, ground_shares
 from placement_env.report import content
 from placement_env.report.planning import sentences
 from placement_env.report.planning.breakdowns import (
@@ -46,7 +46,7 @@ class FinalFigures(NamedTuple):
     sensor_kbit: Float64[np.ndarray, "sensors frames"]
 
 
-def build_plan(findings: Findings, final: Judge, ground: Ground) -> content.Plan:
+def build_plan(findings: Findings, final: Judge, ground: GroundGrid) -> content.Plan:
     """Put the plan together.
 
     final: judge on the final traffic; ground: ground that the chosen sensors see."""
@@ -151,7 +151,7 @@ def _add_breakdowns(plan: content.Plan, findings: Findings, final: Judge) -> con
     )
 
 
-def _add_installation(plan: content.Plan, findings: Findings, ground: Ground) -> content.Plan:
+def _add_installation(plan: content.Plan, findings: Findings, ground: GroundGrid) -> content.Plan:
     """Add what is to be bought, what the sensors see of the ground, and the stock."""
     question = findings.question
     site = question.site

@@ -13,7 +13,7 @@ from placement_env.analysis.intervals import Tally
 from placement_env.cases import LEVEL_NAMES
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import IGNORED
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.report import content
 from placement_env.report.planning import judging
 from placement_env.report.planning.scored_boxes import ScoredBoxes, count_set_points, fuse_clouds
@@ -105,7 +105,7 @@ def by_approach(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.Bre
     return tuple(row for row in rows if row.judged is not None)
 
 
-def measure_blind_streets(site: Site, ground: Ground) -> dict[str, float]:
+def measure_blind_streets(site: Site, ground: GroundGrid) -> dict[str, float]:
     """Measure the lanes that no sensor sees (m²), by street, the largest first."""
     rows, columns = np.nonzero(ground.open_ground & ground.lanes & (ground.views == 0))
     boxes = np.zeros((len(rows), 7))

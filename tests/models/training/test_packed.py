@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from models.training.packed import STEPS_PER_METRE, PackedFrames
 from models.training.packing import join_packed, pack, recording
-from models.training.samples import with_errors
+from models.training.samples import apply_errors
 from toolkit.boxes import count_points
 from toolkit.geometry import level_rows
 from toolkit.points import frame_points
@@ -96,7 +96,7 @@ def test_on_a_slope_points_and_objects_come_as_on_level_ground(frames, tmp_path)
             distance, _ = cKDTree(ours).query(level_rows(theirs, slope))
             assert distance.max() < 0.003
             assert abs(len(ours) - len(theirs)) <= 4
-        assert (np.concatenate(with_errors(packed, 1, PAPER_ERRORS, 3))[:, 2] > 0).all()
+        assert (np.concatenate(apply_errors(packed, 1, PAPER_ERRORS, 3))[:, 2] > 0).all()
 
 
 def test_a_slope_of_a_file_that_is_none_is_refused(packed_file, tmp_path):

@@ -21,6 +21,7 @@ from models.training.samples import (
     SLOPE_DEVIATION,
     SampleRecipe,
     Samples,
+    apply_errors,
     jitter_objects,
     random_errors,
     read_sample_points,
@@ -28,7 +29,6 @@ from models.training.samples import (
     thin_cloud,
     tilt,
     turn_scene,
-    with_errors,
 )
 from toolkit.boxes import count_points, iou_bev, points_in_boxes
 from toolkit.datasets.recording_views import with_errors as read_with_errors
@@ -84,7 +84,7 @@ def test_errors_of_packed_frames_mix_with_what_is_outside_the_crop(scene):
         (DropOut(0.1), Calibration(0.01, 0.1)),
     ):
         errors = ErrorProfile("few", terms)
-        ours = with_errors(packed, 1, errors, 7)
+        ours = apply_errors(packed, 1, errors, 7)
         theirs = read_with_errors(frames[1], errors, 7, numbers=[0, 1])
         for points, sensor, image in zip(ours, theirs.sensors, theirs.measurements, strict=True):
             rays = sensor.world_rays.T * image.ravel()[:, None] + sensor.position
@@ -100,7 +100,7 @@ def test_errors_of_packed_frames_mix_with_what_is_outside_the_crop(scene):
             np.testing.assert_allclose(points.mean(axis=0), kept.mean(axis=0), atol=0.02)
     _, packed = scene
     clean, mixed = (
-        np.concatenate(with_errors(packed, 1, ErrorProfile("m", (MixedPixels(p),)), 3))
+        np.concatenate(apply_errors(packed, 1, ErrorProfile("m", (MixedPixels(p),)), 3))
         for p in (0.0, 1.0)
     )
     assert (clean[:, 0] > 1.0).sum() == (
@@ -110,10 +110,10 @@ def test_errors_of_packed_frames_mix_with_what_is_outside_the_crop(scene):
     assert len(behind) >= 5  # between the car's edge and what lies far behind
     assert abs(mixed[:, :2]).max() <= 20
     _, packed = scene
-    both, one = with_errors(packed, 2, POOR, 5), with_errors(packed, 2, POOR, 5, [1])
+    both, one = apply_errors(packed, 2, POOR, 5), apply_errors(packed, 2, POOR, 5, [1])
     assert len(one) == 1
     np.testing.assert_array_equal(one[0], both[1])
-    assert not np.array_equal(with_errors(packed, 2, POOR, 6, [1])[0], one[0])
+    assert not np.array_equal(apply_errors(packed, 2, POOR, 6, [1])[0], one[0])
 
 
 def test_random_errors_have_their_ranges():

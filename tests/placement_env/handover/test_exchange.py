@@ -19,7 +19,7 @@ from placement_env.handover.exchange import (
     schedule_csv,
     write_exchange,
 )
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.handover.mounted import PlannedSensor
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera
@@ -77,7 +77,7 @@ SOUTH = replace(
 
 
 @pytest.fixture
-def ground() -> Ground:
+def ground() -> GroundGrid:
     """20 x 20 m in cells of 1 m: the first sensor sees the half above y = 0, the second the quarter
     x < 0, y < 0; a house of 4 x 4 m stands in the middle of the upper half."""
     middles = np.arange(20) - 9.5
@@ -85,7 +85,7 @@ def ground() -> Ground:
     seen = np.array([y > 0, (x < 0) & (y < 0)])
     open_ground = ~((np.abs(x) < 2) & (np.abs(y - 5) < 2))
     none = np.zeros_like(open_ground)
-    return Ground(
+    return GroundGrid(
         middles, middles, seen & open_ground, seen.astype(np.float32), open_ground, none, none
     )
 

@@ -10,7 +10,7 @@ import shapely
 from placement_env.handover.ground import (
     MIN_POLYGON_M2,
     TARGET_HEIGHT_M,
-    Ground,
+    GroundGrid,
     GroundShares,
     blind_polygons,
     ground_shares,
@@ -30,7 +30,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
-def middles(ground: Ground) -> tuple[np.ndarray, np.ndarray]:
+def middles(ground: GroundGrid) -> tuple[np.ndarray, np.ndarray]:
     return np.meshgrid(ground.x, ground.y)
 
 
@@ -187,7 +187,7 @@ VIEWS = np.array(
 )
 OPEN = np.array([[1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 1]], bool)
 LANES = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [0, 0, 0, 0]], bool)
-SMALL = Ground(GRID, GRID[:3], VIEWS, VIEWS.astype(np.float32), OPEN, LANES, ~LANES)
+SMALL = GroundGrid(GRID, GRID[:3], VIEWS, VIEWS.astype(np.float32), OPEN, LANES, ~LANES)
 
 
 def test_shares_are_of_open_ground():
@@ -222,7 +222,7 @@ def test_small_holes_and_specks_belong_to_what_is_around_them():
     seen[0, 20, 50] = True  # a speck of 0.25 m²
     x, y = np.arange(60) * 0.5 + 100.25, np.arange(40) * 0.5 - 49.75
     nothing = np.zeros((40, 60), bool)
-    ground = Ground(x, y, seen, seen.astype(np.float32), open_ground, nothing, nothing)
+    ground = GroundGrid(x, y, seen, seen.astype(np.float32), open_ground, nothing, nothing)
     ((part,),) = visible_polygons(ground)
     assert part.bounds == pytest.approx((102.5, -47.5, 120.0, -32.5))
     assert [shapely.Polygon(ring).area for ring in part.interiors] == [pytest.approx(25.0)]

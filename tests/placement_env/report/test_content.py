@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
 
 
@@ -27,7 +27,7 @@ def test_plans_become_json_with_every_figure():
     assert read["front"][0]["sensors"] == ["a", "b"]
     assert read["verdict"] == {"met": None, "sentence": "it", "reasons": []}
     grid, empty = np.zeros((2, 3), bool), np.zeros((0, 2, 3))
-    ground = Ground(
+    ground = GroundGrid(
         np.arange(3) * 0.5,
         np.arange(2) * 0.5,
         empty.astype(bool),

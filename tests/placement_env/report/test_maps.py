@@ -11,7 +11,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.report.maps import (
     PIXELS_PER_CELL,
     blind_map,
@@ -43,7 +43,7 @@ OPEN = np.ones((6, 10), bool)
 OPEN[0, 0] = False
 LANES = np.zeros((6, 10), bool)
 LANES[2:4] = True
-GROUND = Ground(
+GROUND = GroundGrid(
     X, Y, SEEN, SEEN * np.float32(30), OPEN, LANES, ~LANES & (np.arange(6) < 2)[:, None]
 )
 MAPS = [coverage_map, density_map, blind_map]
@@ -114,7 +114,9 @@ def test_plan_views_show_poles_none_or_thirty_sensors():
         plan_view(SITE, SENSORS, ["z"])
     with pytest.raises(ValueError, match="got 1"):
         plan_view(SITE, SENSORS[:1], ground=GROUND)
-    nothing = Ground(X, Y, SEEN[:0], GROUND.density[:0], OPEN & False, LANES & False, LANES & False)
+    nothing = GroundGrid(
+        X, Y, SEEN[:0], GROUND.density[:0], OPEN & False, LANES & False, LANES & False
+    )
     for draw in MAPS:
         ElementTree.fromstring(draw(SITE, nothing, []))
     ElementTree.fromstring(plan_view(SITE, [], ground=nothing))
@@ -126,7 +128,7 @@ def test_plan_views_show_poles_none_or_thirty_sensors():
     x = np.arange(96) + 0.5 - 48
     seen = np.array([np.hypot(x - k, x[:, None] + k) < 20 for k in range(30)])
     free = np.ones((96, 96), bool)
-    ground = Ground(x, x, seen, seen.astype(np.float32) * 3, free, free, ~free)
+    ground = GroundGrid(x, x, seen, seen.astype(np.float32) * 3, free, free, ~free)
     text = coverage_map(site, ground, many)
     assert len(text) < 300_000
     assert len(plan_view(site, many, [], [mount.name for mount in site.mounts], ground)) < 300_000

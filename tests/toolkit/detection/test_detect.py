@@ -10,7 +10,7 @@ from toolkit.calibration.level_frames import level_frames
 from toolkit.calibration.place import Place, Stand
 from toolkit.datasets.box_files import parse_objects, read_entries
 from toolkit.detection.detect import (
-    Detected,
+    FrameDetections,
     describe_summary,
     detect_frames,
     file_name,
@@ -207,7 +207,7 @@ def found():
     detections = Detections(BOX, np.array([0.75]))
     problems = ({"doubled labels": 2}, {"doubled labels": 1})
     return [
-        Detected(
+        FrameDetections(
             Frame.of_clouds(f"a/{k}", (), Objects.empty(), problems=each),
             detections,
             Stand(np.zeros(4), np.zeros(2), ms=10.0 + k),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.fidelity.panorama import LiveView
+from placement_env.fidelity.panorama import TrafficView
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic
 from toolkit.geometry import pose
@@ -47,7 +47,7 @@ def traffic(small_traffic):
 
 @pytest.fixture(scope="module")
 def view(traffic):
-    return LiveView(traffic)
+    return TrafficView(traffic)
 
 
 def agreeing(found, exact):
@@ -94,7 +94,7 @@ def test_panoramas_of_a_mount_are_made_once(traffic, monkeypatch):
         return made(self, moment, fine)
 
     monkeypatch.setattr(SuccessiveStrips, "of", counted)
-    view = LiveView(traffic)
+    view = TrafficView(traffic)
     view.see(hung((0, 4.3, 0.7, 0.3, 0)))
     assert asked == [[4.1, 4.6, 5.1]] * 2  # the foot stands at 0.1
     view.see(hung((0, 4.9, 2.7, 0.1, 0), (0, 4.0, 0.7, 0.3, 0)))
@@ -116,26 +116,26 @@ def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, monkeypa
         Cache(tmp_path / "cache.sqlite"),
         hung((0, 4.3, 0.7, 0.3, 0), (0, 5.0, 0.1, 0.2, 0)),
     )
-    first = LiveView(traffic, cache=cache).see(some)
+    first = TrafficView(traffic, cache=cache).see(some)
     assert len(cache) == 3
     monkeypatch.setattr(SuccessiveStrips, "of", None)
-    for one in (LiveView(traffic, cache=cache).see(some), view.see(some)):
+    for one in (TrafficView(traffic, cache=cache).see(some), view.see(some)):
         np.testing.assert_array_equal(one.points, first.points)
         np.testing.assert_array_equal(one.sent, first.sent)
     others = replace(traffic, snapshots=traffic.snapshots[::-1])
     with pytest.raises(TypeError):
-        LiveView(others, cache=cache).see(some)
+        TrafficView(others, cache=cache).see(some)
 
 
 def test_classes_are_those_asked_for_and_nothing_may_move(traffic):
     some, labels = hung((0, 4.5, 0.7, 0.3, 0)), (0, 1, 2)
-    found = LiveView(traffic, labels).see(some)
+    found = TrafficView(traffic, labels).see(some)
     exact = see(traffic, some, labels=labels, rendering="full")
     np.testing.assert_array_equal(found.labels, exact.labels)
     assert agreeing(found, exact) > 0.97
     empty = replace(
         traffic.snapshots[0], objects=traffic.snapshots[0].objects[:0], bodies=np.zeros(0, np.int64)
     )
-    found = LiveView(replace(traffic, snapshots=(empty,))).see(hung((0, 4.5, 0.7, 0.5, 0)))
+    found = TrafficView(replace(traffic, snapshots=(empty,))).see(hung((0, 4.5, 0.7, 0.5, 0)))
     assert found.points.shape == (1, 0)
     assert found.sent[0, 0] > 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from placement_env.handover.ground import Ground, GroundShares
+from placement_env.handover.ground import GroundGrid, GroundShares
 from placement_env.handover.mounted import MaterialItem, PlannedSensor, PoleLoad
 from placement_env.report import content
 from placement_env.report.pages.report import build_document
@@ -181,7 +181,7 @@ def example_ground(site, names):
         )
         seen.append(inside)
         density.append(np.where(inside, 4000 / np.maximum(distance, 4) ** 2, 0).astype(np.float32))
-    return Ground(
+    return GroundGrid(
         x,
         y,
         np.array(seen),

@@ -14,9 +14,9 @@ from placement_env.report.pages.document import (
     Cell,
     Column,
     Document,
-    Drawing,
     Fact,
     Facts,
+    PageDrawing,
     Paragraph,
     SceneView,
     Section,
@@ -38,7 +38,7 @@ def test_headings_and_names_are_text_with_units():
     assert only.rows == ((Cell("p"), Cell("3.00", 3.0)),)
     rows = ((Cell(HOSTILE), Cell(HOSTILE, 1.0)),)
     blocks = (
-        *(Paragraph(HOSTILE), Bullets((HOSTILE,)), Drawing("<svg/>", HOSTILE, HOSTILE)),
+        *(Paragraph(HOSTILE), Bullets((HOSTILE,)), PageDrawing("<svg/>", HOSTILE, HOSTILE)),
         TableBlock(HOSTILE, (Column(HOSTILE, digits=None), Column(HOSTILE)), rows),
     )
     document = Document(HOSTILE, HOSTILE, (Section("requirement", HOSTILE, HOSTILE, blocks),))
@@ -154,7 +154,7 @@ def test_texts_are_no_markup_and_long_tables_go_over_pages():
         Paragraph(TYPST),
         Facts((Fact(TYPST, TYPST, alarm=True),)),
         Bullets((TYPST,)),
-        Drawing(SQUARE, TYPST, TYPST),
+        PageDrawing(SQUARE, TYPST, TYPST),
         TableBlock(TYPST, columns, rows),
     )
     hostile = Document(
@@ -167,7 +167,7 @@ def test_texts_are_no_markup_and_long_tables_go_over_pages():
     with pytest.raises(
         ValueError, match=r"the PDF cannot be set: .*: the drawings must be SVG"
     ) as caught:
-        to_pdf(small(Drawing("no picture", "A caption.", "alt")))
+        to_pdf(small(PageDrawing("no picture", "A caption.", "alt")))
     assert "\n" not in str(caught.value)
 
 

@@ -10,7 +10,7 @@ import pytest
 import shapely
 from hypothesis import given, strategies as st
 
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.report.pages.scene import (
     GROUND_MARGIN_M,
     MAX_DRAWN_POINTS,
@@ -100,7 +100,7 @@ def test_ground_and_draped_shapes_follow_ponds_and_relief():
 def test_visible_ground_covers_the_seen_cells_and_no_other(seed):
     seen = np.random.default_rng(seed).random((8, 24)) < 0.6
     x, y, zeros = np.arange(0.25, 12, 0.5), np.arange(0.5, 8, 1.0)[:8], np.zeros((8, 24))
-    ground = Ground(x, y * 0.5, seen[None], zeros[None].astype(np.float32), ~seen, seen, seen)
+    ground = GroundGrid(x, y * 0.5, seen[None], zeros[None].astype(np.float32), ~seen, seen, seen)
     mesh = seen_cells(FIELD, ground, 0)
     assert area(mesh) == pytest.approx(0.25 * seen.sum())
     np.testing.assert_allclose(mesh.vertices[:, 2], FIELD.ground(mesh.vertices[:, :2]) + 0.08)

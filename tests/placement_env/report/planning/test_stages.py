@@ -17,7 +17,7 @@ from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
 from placement_env.fidelity.traffic import Traffic
-from placement_env.handover.ground import Ground
+from placement_env.handover.ground import GroundGrid
 from placement_env.objective import Objective
 from placement_env.racing import Contest
 from placement_env.report.content import (
@@ -252,7 +252,7 @@ def test_blind_lanes_are_measured_by_street():
     seen[0, 1, 3] = seen[1, 1, 0] = True
     ground = np.ones((2, 6), bool)
     ground[1, 1] = False
-    made = Ground(x, y, seen, np.zeros((2, 2, 6), np.float32), ground, lanes, ~lanes)
+    made = GroundGrid(x, y, seen, np.zeros((2, 2, 6), np.float32), ground, lanes, ~lanes)
     assert measure_blind_streets(site, made) == {
         "Oak Road in the east": 8.0,
         "Elm Road in the west": 4.0,
