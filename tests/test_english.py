@@ -31,25 +31,25 @@ MAX_RATES = {
     "where for if or when": (
         r"\bwhere (it|there|they|that|this|its|their|all|none|no|some|one|a|the|both|several|an?)\b"
         r"|\bwhere (not|missing|known|needed|given)\b",
-        1.1,
+        0.4,
     ),
-    "that of, of those": (r"\b(that|those) of\b|\bof (those|that|them|these|it|which|whom)\b", 1.6),
-    "fragment that begins with of": (r"(^|: |; )of [a-z]", 1.9),
+    "that of, of those": (r"\b(that|those) of\b|\bof (those|that|them|these|it|which|whom)\b", 1),
+    "fragment that begins with of": (r"(^|: |; )of [a-z]", 1.1),
     "say for pass or state": (
         r"\b[Ss]ay (--|more|another|both|it|which|a|one|what)|\bsays?\b",
-        0.8,
+        0.3,
     ),
     "is none, has none": (
         r"\b(is|are|has|have) none\b|\bnone (is|are|has|have|lacks|does|of)\b",
-        0.4,
+        0.25,
     ),
-    "beside": (r"\bbesides?\b", 0.4),
-    "stands, lies": (r"\bstands?\b(?! (out|still))|\blies?\b", 1.0),
-    "own": (r"\bown\b", 1.4),
-    "alone, by itself": (r"\bby (itself|themselves)\b|\balone\b", 0.3),
+    "beside": (r"\bbesides?\b", 0.2),
+    "stands, lies": (r"\bstands?\b(?! (out|still))|\blies?\b", 0.55),
+    "own": (r"\bown\b", 0.6),
+    "alone, by itself": (r"\bby (itself|themselves)\b|\balone\b", 0.2),
     "tell, hang, anew, worth": (
         r"\btells?\b|\btold\b|\bhangs?\b|\bhung\b|\banew\b|\bworth\b|\bat once\b",
-        0.7,
+        0.35,
     ),
 }
 

@@ -102,14 +102,14 @@ def _is_clearly_heavy(shape: Shape) -> bool:
 
 def _has_vehicle_body(shape: Shape) -> bool:
     """Return whether a shape fills its box and has wheels at the corners, as vehicles do."""
-    length, width, _ = shape.size.tolist()
+    length, width = shape.size[:2].tolist()
     fills_box = shape.fills[0] > 0.72 and shape.fills[1] > 0.55 and shape.fills[2] > 0.76
     has_wide_stance = shape.stance[0] > 0.4 * length and shape.stance[1] > 0.45 * width
     return bool(fills_box and has_wide_stance)
 
 
 def _is_clearly_cyclist(shape: Shape) -> bool:
-    length, width, _ = shape.size.tolist()
+    length, width = shape.size[:2].tolist()
     is_thin = width < 0.6 * length and shape.fills[1] < 0.75 and shape.fills[2] < 0.75
     is_on_a_line = shape.stance[1] < 0.22 and shape.stance[0] > 0.35 * length
     return is_thin and is_on_a_line and length < 2.8
