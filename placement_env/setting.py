@@ -184,7 +184,8 @@ class Setting:
     def with_costs(self, weights: Weights, most_price: float) -> "Setting":
         """Setting with the same candidates, other weights and another price limit."""
         setting = replace(self, weights=weights, most_price=most_price)
-        set_cached(setting, pool=self.pool)
+        if "pool" in vars(self):
+            set_cached(setting, pool=self.pool)
         return setting
 
     def with_fidelity(self, fidelity: FidelityName) -> "Setting":

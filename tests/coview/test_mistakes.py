@@ -313,7 +313,7 @@ def test_a_plan_that_says_no_is_replaced(run, tmp_path):
 def test_no_table_is_written_where_nothing_is_to_be_found(
     refused, recording, tmp_path, monkeypatch
 ):
-    module = "toolkit.detection.evaluation"
+    module = "toolkit.detection.frame_scores"
     monkeypatch.setattr(
         f"{module}.has_centre_inside", lambda boxes, area: np.zeros(len(boxes), bool)
     )

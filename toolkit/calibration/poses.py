@@ -66,12 +66,10 @@ def find_poses(
     more = None
     if len(recording) and not recording[0].has_images:
         sensors, standing_points = _find_in_clouds(recording, count)
-        if surface is None:
-            _check_several(sensors)
         stay = select_sensors(sensors, held)
     else:
-        sensors = recording[0].sensors
         _check_frames(count)
+        sensors = recording[0].sensors
         if surface is None:
             _check_several(sensors)
         standing_points = _find_in_images(recording, count, sample)

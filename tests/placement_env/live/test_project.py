@@ -22,7 +22,7 @@ from placement_env.live.project import (
     report_variant,
 )
 from placement_env.live.variant import Variant
-from placement_env.report.planning import planning
+from placement_env.report.planning import plan_writing, planning
 from placement_env.setting import Setting
 from toolkit.sites.files import load_site
 
@@ -331,7 +331,7 @@ def test_a_report_judges_the_sensors_as_they_hang_and_keeps_their_poles(
 ):
     asked = []
     monkeypatch.setattr(planning, "plan", asked.append)
-    monkeypatch.setattr(planning, "write_plan", lambda plan, folder: [folder / "report.html"])
+    monkeypatch.setattr(plan_writing, "write_plan", lambda plan, folder: [folder / "report.html"])
     planner.move("d0", heading=1.0)
     assert report_variant(planner, tmp_path) == [tmp_path / "report.html"]
     (question,) = asked

@@ -100,7 +100,7 @@ def test_bad_input_is_refused(arguments, message, refused, tmp_path):
 
 
 def test_without_a_site_it_says_what_to_name(refused, tmp_path):
-    assert "say --random-sites 8" in refused(
+    assert "pass --random-sites 8" in refused(
         "surrogate", "--out", tmp_path / "a.json", "--cache", tmp_path / "cache"
     )
 
