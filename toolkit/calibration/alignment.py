@@ -1,5 +1,8 @@
 """Joint alignment of sensors by the parts of a standing scene that several see, without a
-reference."""
+reference.
+
+Poses are world_SE3_sensor. A motion of all n sensors is 6 n numbers, sensor by sensor: three turns
+(rad) times `LEVER_M`, three moves (m), see `toolkit.calibration.motions`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,26 +17,27 @@ from toolkit.calibration.motions import LEVER_M, apply_motion, motion_between, r
 from toolkit.calibration.reference_surface import Surface, thin_rows
 from toolkit.geometry import invert, transform
 
-# Each level: radius (m) of the search for counterparts, voxel (m), least limit (m) of Tukey's
-# weights.
+# Each level of refinement: radius (m) of the search for counterparts, edge (m) of the voxels that
+# keep one point each, least residual (m) from which Tukey's weights are 0.
 _LEVELS = ((1.5, 0.8, 0.75), (0.7, 0.5, 0.35), (0.35, 0.4, 0.15), (0.2, 0.4, 0.08))
-_STEPS = 15  # limit for each level
+_STEPS = 15  # largest number of steps in each level
 _MIN_SIDE_COSINE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
-# further pairs for poses and a search radius (m)
+# a function that returns further pairs for given poses and a search radius (m)
 MorePairs = Callable[[Poses, float], Sequence[Pairs]]
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Poses that fit each other.
+    """Sensor poses fitted to each other, with their errors.
 
     Attributes:
-        poses: pose of each sensor.
-        covariance: covariance of the motions of all sensors, six numbers each (rad and m); for
-            motions that are not observed, the covariance of the usual errors.
-        unobserved: unit motions of all sensors, turns times `LEVER_M`, without the common ones.
-        shared: number of rows that each two sensors share.
-        scatter: robust standard deviation (m) of each sensor's rows.
+        poses: world_SE3_sensor of each sensor.
+        covariance: covariance of the motions of all sensors, six numbers each (rad and m), m = 6 n;
+            for motions that are not observed, the covariance of the usual mounting errors.
+        unobserved: (k, 6 n) unit motions of all sensors that the pairs do not determine, turns
+            times `LEVER_M`, without the motions of all sensors together.
+        shared: (n, n) number of pairs of points or objects that two sensors share, symmetric.
+        scatter: (n,) robust standard deviation of the residuals of each sensor's pairs (m).
     """
 
     poses: tuple[Pose, ...]
@@ -43,9 +47,12 @@ class Alignment:
     scatter: Float64[np.ndarray, " n"]
 
     def hidden_motions(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
-        """Unit motions of one sensor that nothing determines."""
+        """Orthonormal motions of one sensor that nothing determines, turns times `LEVER_M`.
+
+        sensor: its number."""
         of_sensor = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
         _, size, motions = np.linalg.svd(of_sensor, full_matrices=False)
+        # a size is the sensor's part, 0 to 1, in the joint unit motions; small ones are noise
         return motions[size > 0.3]
 
 
@@ -58,9 +65,13 @@ def align(
 ) -> Alignment:
     """Fit sensor poses, near the believed ones, to each other by their surfaces.
 
-    surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers
-    of sensors that stay; more: returns further pairs for poses and a search radius. Raises
-    ValueError for fewer than two sensors, and for an unknown held one."""
+    Args:
+        surfaces: each sensor's empty scene in the sensor's frame, normals towards the sensor.
+        believed: world_SE3_sensor of each, as mounted.
+        held: numbers of sensors whose poses stay.
+        more: returns further pairs for poses and a search radius (m), such as pairs of objects.
+
+    Raises ValueError for fewer than two sensors, and for an unknown held one."""
     count = len(surfaces)
     if count != len(believed) or count < 2:
         got = f"got {count} surfaces and {len(believed)} poses"
@@ -69,6 +80,7 @@ def align(
         )
     if any(not 0 <= sensor < count for sensor in held):
         raise ValueError(f"held must be sensor numbers from 0 to {count - 1}, got {list(held)}")
+    # mask of the 6 n numbers that may change
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
     for radius, voxel, min_limit in _LEVELS:
@@ -89,9 +101,11 @@ def align(
 
 
 def _find_common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
-    """Orthonormal motions of all sensors together, as if they were on one rigid frame."""
+    """Orthonormal motions of all sensors together, as if they were on one rigid frame.
+
+    Three turns about the middle of the sensors, then three moves; m = 6 n numbers each."""
     middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
-    motions = np.zeros((6, len(poses), 6))
+    motions = np.zeros((6, len(poses), 6))  # motion, sensor, number
     for axis, direction in enumerate(np.eye(3)):
         for sensor, pose in enumerate(poses):
             motions[axis, sensor, :3] = direction * LEVER_M
@@ -103,7 +117,10 @@ def _find_common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
 def _count_rows(
     pairs: Sequence[Pairs], sensors: int
 ) -> tuple[Int64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
-    """Rows that each two sensors share, and the robust deviation (m) of each sensor's rows."""
+    """Count used pairs by sensors, and measure the scatter of each sensor's residuals.
+
+    sensors: number of sensors. Returns a symmetric matrix of counts, and robust standard deviations
+    (m, from the median of the absolute residuals), 0 for a sensor without pairs."""
     shared = np.zeros((sensors, sensors), np.int64)
     residuals: list[list[np.ndarray]] = [[np.empty(0)] for _ in range(sensors)]
     for pair in pairs:
@@ -115,12 +132,13 @@ def _count_rows(
     for sensor, arrays in enumerate(residuals):
         pooled = np.concatenate(arrays)
         if len(pooled):
+            # 1.4826 makes the median deviation of normal noise its standard deviation
             scatter[sensor] = 1.4826 * float(np.median(pooled))
     return shared + shared.T, scatter
 
 
 def face_sensor(surface: Surface) -> Surface:
-    """Turn a surface's normals towards its sensor, the origin."""
+    """Return a surface with its normals turned towards the sensor, at the origin of its frame."""
     away = (surface.points * surface.normals).sum(axis=1) > 0
     normals = np.where(away[:, None], -surface.normals, surface.normals)
     return Surface(surface.points, normals, surface.roughness)
@@ -134,7 +152,13 @@ def pair_surfaces(
 ) -> list[Pairs]:
     """Pair each thinned point with other sensors' nearest points, if they face the same way.
 
-    thinned: rows of each surface; limits: search radius and smallest limit of the weights (m)."""
+    Args:
+        surfaces: standing scene of each sensor in its frame, normals towards the sensor.
+        thinned: for each surface, rows of the points to pair.
+        poses: world_SE3_sensor of each sensor.
+        limits: search radius, and least residual from which a pair has no weight (m).
+
+    Returns the pairs of every ordered two sensors: (0, 1) and (1, 0) pair different points."""
     pairs = []
     for one, other in permutations(range(len(surfaces)), 2):
         pairs.append(_pair_two(surfaces, (one, other), thinned[one], poses, limits))
@@ -148,7 +172,14 @@ def _pair_two(
     poses: Poses,
     limits: tuple[float, float],
 ) -> Pairs:
-    """Pair some rows of one sensor's surface with the nearest points of another's."""
+    """Pair some points of one sensor's surface with the nearest points of another's.
+
+    Args:
+        surfaces: standing scene of each sensor in its frame.
+        numbers: number of the sensor whose points are paired, and of the sensor that is searched.
+        rows: rows of the first sensor's points to pair.
+        poses: world_SE3_sensor of each sensor.
+        limits: search radius, and least residual from which a pair has no weight (m)."""
     one, other = numbers
     radius, min_limit = limits
     surface = surfaces[one]
@@ -156,7 +187,8 @@ def _pair_two(
     world = transform(poses[one], surface.points[rows])
     in_target = transform(invert(poses[other]), world)
     distance, neighbours = target.tree.query(in_target, distance_upper_bound=radius)
-    near = np.flatnonzero(np.isfinite(distance))
+    near = np.flatnonzero(np.isfinite(distance))  # the distance is infinite without a neighbour
+    # normals of both sides in world axes
     facing = surface.normals[rows] @ poses[one][:3, :3].T
     normals = target.normals[neighbours[near]] @ poses[other][:3, :3].T
     is_alike = (facing[near] * normals).sum(axis=1) > _MIN_SIDE_COSINE

@@ -1,6 +1,8 @@
 """Linear system of one step of a joint alignment: six numbers for each sensor.
 
-A pair pulls two sensors together along a direction (see `toolkit.calibration.registration`). The
+A motion of n sensors is m = 6 n numbers, sensor by sensor: three turns (rad) times `LEVER_M`, three
+moves (m), see `toolkit.calibration.motions`. A pair of points or objects pulls two sensors together
+along a direction (see `toolkit.calibration.registration`). The
 common pose of all sensors is not observed, so steps are the smallest possible ones. Motions of a
 sensor that shares too little with the others are not observed either. The usual errors of mounting,
 `USUAL_TURN_RAD` and `USUAL_MOVE_M`, are weighed against what few pairs show."""
@@ -15,8 +17,9 @@ from toolkit.arrays import Bool, Float64, Int64, Pose
 from toolkit.calibration import registration
 from toolkit.calibration.motions import LEVER_M
 
-_MIN_RESISTANCE = 0.1  # fraction of a motion across the plane: less is the noise of normals
-_MIN_RESISTING_POINTS = 5.0  # that must resist a motion for it to be observed
+# least part of a unit motion across a pair's plane that resists it: less is the noise of normals
+_MIN_RESISTANCE = 0.1
+_MIN_RESISTING_POINTS = 5.0  # number of points that must resist a motion for it to be observed
 # standard deviations of the believed poses, per axis
 USUAL_TURN_RAD = float(np.deg2rad(1.5))
 USUAL_MOVE_M = 0.15
@@ -30,11 +33,11 @@ class Pairs:
     Attributes:
         one: number of a sensor.
         other: number of the other sensor.
-        one_row: growth of the residual with the motion of `one`.
-        other_row: growth of the residual with the motion of `other`.
-        residual: distance between the two (m, or rad).
+        one_row: growth of each residual per unit of the six numbers of `one`'s motion.
+        other_row: the same for the motion of `other`.
+        residual: distance from `other` to `one` along the direction (m), or their turn (rad).
         deviation: standard deviation of the residual, larger if rows err alike.
-        limit: residual beyond which a row does not count.
+        limit: absolute residual from which a row has no weight.
     """
 
     one: int
@@ -47,22 +50,24 @@ class Pairs:
 
     @property
     def system_rows(self) -> tuple[Float64[np.ndarray, "n 12"], Int64[np.ndarray, "12"]]:
-        """Rows of both sensors, and their columns in the system."""
+        """Rows (n, 12) of both sensors, and the numbers of the motion that the columns are for."""
         columns = np.concatenate([6 * self.one + np.arange(6), 6 * self.other + np.arange(6)])
         return np.concatenate([self.one_row, self.other_row], axis=1), columns
 
     @cached_property
     def weight(self) -> Float64[np.ndarray, " n"]:
-        """Tukey's weight over the variance."""
+        """Weight of each row: Tukey's, 1 to 0 at the limit, over the variance."""
         return registration.tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
 
 
 @dataclass(frozen=True, eq=False)
 class JointSystem:
-    """Linear system of one step.
+    """Linear system of one Gauss-Newton step for the poses of n sensors.
 
-    pairs: rows of the system; free: mask of the 6 n numbers that may change; off: difference of
-    each number from its believed value."""
+    Attributes:
+        pairs: rows of the system.
+        free: mask of the m = 6 n numbers that may change; held sensors have False.
+        off: motion of each sensor from its believed pose so far, (m,), turns times `LEVER_M`."""
 
     pairs: Sequence[Pairs]
     free: Bool[np.ndarray, " m"]
@@ -70,7 +75,10 @@ class JointSystem:
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns), and mask of observed ones."""
+        """Eigenvalues (m,) and eigenvectors (columns) of the information, and a mask of observed.
+
+        A mode is observed if enough pairs resist it: it counts as a motion in which the sensor
+        that moves most has a unit motion."""
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
             rows, columns = pair.system_rows
@@ -78,6 +86,7 @@ class JointSystem:
         information[~self.free] = 0.0
         information[:, ~self.free] = 0.0
         values, vectors = np.linalg.eigh(information)
+        # size of each mode in the sensor that moves most
         largest = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
         resists = np.zeros(len(values))
         for pair in self.pairs:
@@ -88,20 +97,21 @@ class JointSystem:
 
     @cached_property
     def _posterior(self) -> Float64[np.ndarray, "m m"]:
-        """Information of the observed motions and of the usual errors."""
+        """Information (m, m) of the observed motions plus the usual errors of believed poses."""
         values, vectors, observed = self.modes
         return (vectors * np.where(observed, values, 0.0)) @ vectors.T + np.diag(self._usual)
 
     @property
     def _usual(self) -> Float64[np.ndarray, " m"]:
-        """Information of the usual errors, for each of the 6 n numbers."""
+        """Inverse variance of the usual mounting error, for each of the 6 n numbers."""
         of_sensor = np.repeat([(LEVER_M * USUAL_TURN_RAD) ** -2, USUAL_MOVE_M**-2], 3)
         return np.tile(of_sensor, len(self.free) // 6)
 
     def step(self) -> Float64[np.ndarray, " m"]:
-        """Motion of all sensors that brings the pairs together.
+        """Motion (m,) of all sensors that brings the pairs together, turns times `LEVER_M`.
 
-        Numbers that the pairs do not determine move back to their believed values."""
+        Numbers that the pairs do not determine move back to their believed values; numbers of held
+        sensors are 0."""
         _, vectors, observed = self.modes
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:
@@ -116,20 +126,23 @@ class JointSystem:
         return motion
 
     def covariance(self) -> Float64[np.ndarray, "m m"]:
-        """Covariance in rad and m, zero for held sensors."""
+        """Covariance (m, m) of all sensors' motions in rad and m, zero for held sensors."""
         covariance = np.zeros((len(self.free),) * 2)
         free = np.ix_(self.free, self.free)
         covariance[free] = np.linalg.inv(self._posterior[free])
+        # from turns times LEVER_M to rad
         unit = np.tile(np.repeat([1 / LEVER_M, 1.0], 3), len(self.free) // 6)
         return unit[:, None] * covariance * unit
 
     def hidden_motions(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
-        """Orthonormal motions that hardly any pair resists.
+        """Orthonormal motions (k, m) that hardly any pair resists, turns times `LEVER_M`.
 
-        common: motions of all sensors together, which are left out if no sensor is held."""
+        common: orthonormal motions of all sensors together. They are left out if no sensor is held,
+        since nothing can determine them."""
         _, vectors, observed = self.modes
         hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
         if self.free.all():
             hidden = hidden - hidden @ common.T @ common
         _, size, motions = np.linalg.svd(hidden, full_matrices=False)
+        # smaller ones are what rounding, held sensors or the common motions left over
         return motions[size > 0.5]

@@ -1,4 +1,8 @@
-"""Height maps of several levels of ground."""
+"""Height maps of several levels of ground, such as a road, an embankment next to it and a bridge.
+
+A cell is the low point (x, y, z in m) of one square of the grid. In this module `number` holds the
+surface of each cell: a level's index from 0, the number of levels for the main ground (before it is
+assigned: for the rest), and -1 for no surface."""
 
 import numpy as np
 
@@ -7,14 +11,15 @@ from toolkit.calibration.height_map import HeightMap, sum_around, weigh_ground
 from toolkit.calibration.level_banks import KERB_M, fit_banks
 from toolkit.calibration.linked_cells import MIN_LINKS, MIN_SUNKEN_CELLS, ON_GROUND_M, LinkedCells
 
-# rounds, and height off the level
+# rounds in which levels gain cells, and the largest height (m) of such a cell off the level
 EXTENSIONS = 4
 EXTENSION_M = 0.2
-MAX_GAP_M = 15.0  # from a level's cells to what may be on it
-MAX_CLEARANCE_M = 0.5  # above a road user
-_SCALES_M = (12.0, 12.0, 12.0, 6.0, 6.0, 6.0, 3.0, 3.0, 1.5, 1.5)  # for the means that draw a level
-MIN_FREE_SCALE_M = 4.0  # from which kerbs and road users do not count less
-_TRUST = 0.2  # cells: weight of the wider mean
+MAX_GAP_M = 15.0  # horizontal distance from a level's cells to a cell that may be on it
+MAX_CLEARANCE_M = 0.5  # largest height of a cell above the surface that it is assigned to
+# standard deviations of the Gaussian means that draw a level, one pass each, coarse to fine
+_SCALES_M = (12.0, 12.0, 12.0, 6.0, 6.0, 6.0, 3.0, 3.0, 1.5, 1.5)
+MIN_FREE_SCALE_M = 4.0  # at this scale and above, cells high above the surface weigh as much
+_TRUST = 0.2  # weight, in cells, of the surface drawn so far
 
 
 def draw_levels(
@@ -23,9 +28,16 @@ def draw_levels(
     followed: list[Int64[np.ndarray, " k"]],
     links: LinkedCells,
 ) -> HeightMap:
-    """Draw each level through its cells, the main ground through the others.
+    """Draw each level through its cells, the main ground through the others, and join them.
 
-    Each place has the height of the nearest cell's level. followed: rows of each level's cells."""
+    Each place of the joined map has the height of the nearest cell's surface.
+
+    Args:
+        main: map of the main ground, which also gives the grid of the result.
+        cells: low points of the grid's squares (m), in the frame of the map.
+        followed: for each level, the rows of `cells` on it; a cell is on one level at most.
+        links: neighbours of the same cells."""
+    # surface of each cell: a level's index, len(followed) for the rest
     number = np.full(len(cells), len(followed))
     for k, rows in enumerate(followed):
         number[rows] = k
@@ -33,10 +45,10 @@ def draw_levels(
     is_rest = number == len(followed)
     on_main = is_rest & links.flat & (np.abs(above) < ON_GROUND_M)
     surfaces = _extend_levels(main, cells, number, on_main, links=links, levels=len(followed))
-    is_rest = number == len(followed)
+    is_rest = number == len(followed)  # again, since _extend_levels has changed `number`
     if on_main.sum() >= MIN_SUNKEN_CELLS:
         main = _draw_surface(main, cells[on_main])
-    surfaces = [*surfaces, main]
+    surfaces = [*surfaces, main]  # so the number of the rest is the index of the main ground
     is_drawn = ~is_rest | on_main
     unnumbered = np.flatnonzero(~is_drawn)
     drawn_number = np.where(is_drawn, number, -1)
@@ -54,9 +66,17 @@ def _extend_levels(
     links: LinkedCells,
     levels: int,
 ) -> list[HeightMap]:
-    """Draw the levels and give them further cells on their surface, by writing into `number`.
+    """Draw a map of each level and assign further cells to it, by writing into `number`.
 
-    number: level of each cell, `levels` for the rest."""
+    Args:
+        main: map whose grid the levels share.
+        cells: low points of the grid's squares (m).
+        number: level of each cell, `levels` for the rest. Changed in place.
+        on_main: mask of cells on the main ground, which no level takes over.
+        links: neighbours of the cells.
+        levels: number of levels.
+
+    Returns the map of each level, in order of their numbers."""
     is_rest = number == levels
     is_supported = links.linked.sum(axis=1) >= MIN_LINKS
     surfaces = [_draw_surface(main, cells[number == k]) for k in range(levels)]
@@ -78,7 +98,16 @@ def _join_levels(
     slopes: Float64[np.ndarray, "n 2"],
     surfaces: list[HeightMap],
 ) -> HeightMap:
-    """Map with the surface of the nearest cell at each place; a bank's cells give its slope."""
+    """Return one map that has, at each place, the height of the nearest cell's surface.
+
+    A cell on a bank replaces it within one grid cell, by the bank's plane through it, if it is
+    nearer than all cells on surfaces.
+
+    Args:
+        cells: low points of the grid's squares (m).
+        number: index in `surfaces` of each cell's surface, -1 for cells that are not drawn.
+        slopes: rise along x and y (m per m) of cells on a bank, NaN for others.
+        surfaces: maps on one grid, the main ground last."""
     from scipy.spatial import cKDTree
 
     main = surfaces[-1]
@@ -106,14 +135,23 @@ def _find_extension(
     elsewhere: Bool[np.ndarray, " n"],
     free: Bool[np.ndarray, " n"],
 ) -> Int64[np.ndarray, " m"]:
-    """Rows of free cells that extend a level, such as those on far rings of a lidar.
+    """Rows of free cells that extend a level, such as cells on far rings of a lidar.
 
-    They are on its surface, and nearer to its cells than to half the distance of others."""
+    They are within `EXTENSION_M` of its surface and within `MAX_GAP_M` of its cells, and less than
+    twice as far from these as from cells of other surfaces.
+
+    Args:
+        surface: map of the level.
+        cells: low points of the grid's squares (m).
+        members: mask of the level's cells.
+        elsewhere: mask of cells on other surfaces.
+        free: mask of cells that may be added."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(free & ~elsewhere)
     on = np.abs(cells[rows, 2] - surface.at(cells[rows, :2])) < EXTENSION_M
     rows = rows[on]
+    # infinite beyond MAX_GAP_M
     distance = cKDTree(cells[members, :2]).query(cells[rows, :2], distance_upper_bound=MAX_GAP_M)[0]
     rows = rows[np.isfinite(distance)]
     distance = distance[np.isfinite(distance)]
@@ -128,30 +166,48 @@ def _number_rest(
     number: Int64[np.ndarray, " n"],
     surfaces: list[HeightMap],
 ) -> Int64[np.ndarray, " m"]:
-    """Surface of cells below the nearest surface: the highest one below them, -1 for others."""
+    """Assign surfaces to cells that are below the surface of their nearest numbered cell.
+
+    Such a cell cannot be on that surface, such as a road below the edge of a bridge. It gets the
+    highest near surface below it.
+
+    Args:
+        cells: low points of the grid's squares (m).
+        unnumbered: rows of the cells to assign.
+        number: index in `surfaces` of each cell's surface, -1 for none.
+        surfaces: maps of all surfaces.
+
+    Returns an index in `surfaces` for each row of `unnumbered`, -1 for cells that stay without."""
     from scipy.spatial import cKDTree
 
     is_numbered = number >= 0
     xy = cells[unnumbered, :2]
     top = cells[unnumbered, 2] + KERB_M
     nearest = number[is_numbered][cKDTree(cells[is_numbered, :2]).query(xy)[1]]
-    heights = np.stack([surface.at(xy) for surface in surfaces])
+    heights = np.stack([surface.at(xy) for surface in surfaces])  # (surfaces, m)
     impossible = np.take_along_axis(heights, nearest[None], axis=0)[0] > top
     for k in range(len(surfaces)):
         distance = np.full(len(unnumbered), np.inf)
         if (number == k).any():
             distance = cKDTree(cells[number == k, :2]).query(xy)[0]
+        # surfaces above a cell or too far from it cannot be the highest one
         heights[k, (heights[k] > top) | (distance > MAX_GAP_M)] = -np.inf
     is_below = impossible & (cells[unnumbered, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
     return np.where(is_below, heights.argmax(axis=0), -1)
 
 
 def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightMap:
-    """Draw one surface on the places of a grid: a plane, then ever finer means of the rest."""
+    """Draw one surface through cells: a plane, then ever finer means of what is left above it.
+
+    Args:
+        grid: map whose places the result has; its heights are not used.
+        cells: low points (x, y, z in m) on the surface."""
     last = np.array(grid.heights.shape) - 1
+    # nearest place of each cell
     i, j = np.clip(np.round((cells[:, :2] - grid.origin) / grid.cell).astype(np.int64), 0, last).T
     middle = cells[:, :2].mean(axis=0)
     flat = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
+    # pulls both slopes slightly to level, so that cells on one line have a solution
     prior = np.diag([1e-3, 1e-3, 0.0]) * len(cells)
     a, b, c = np.linalg.solve(flat.T @ flat + prior, flat.T @ cells[:, 2])
     rows, columns = grid.heights.shape
@@ -162,7 +218,7 @@ def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightM
         above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(cells[:, :2])
         weights = np.zeros(heights.shape)
         sums = np.zeros(heights.shape)
-        kerb = KERB_M if scale < MIN_FREE_SCALE_M else np.inf
+        kerb = KERB_M if scale < MIN_FREE_SCALE_M else np.inf  # infinite: all weights are 1
         weight = weigh_ground(above, kerb)
         np.add.at(weights, (i, j), weight)
         np.add.at(sums, (i, j), weight * above)

@@ -20,19 +20,20 @@ GAP_SHARE = 0.004  # gap between clusters, as a share of the measurement
 MAX_SPREAD_RATIO = 2.0  # over the usual spread; a broader cluster is more than one surface
 DISTANCE_STEPS = 24  # steps of log distance, each with a usual spread
 REACH_PX = 2  # a surface continues this far
-MIN_SURFACE_GAP_SHARE = 0.1  # by which the depth of another surface leaves the plane of two others
+# part of the depth by which a third pixel must leave the plane of two others to be another surface
+MIN_SURFACE_GAP_SHARE = 0.1
 MIN_FLICKER_RATE = 0.25  # rate at which the scene comes and goes, relative to random draws
-_MAD_TO_SIGMA = 1.4826
-_BATCH_PX = 256  # pixels whose measurements are compared in pairs
+_MAD_TO_SIGMA = 1.4826  # standard deviation of normal noise over its median absolute deviation
+_BATCH_PX = 256  # pixels at a time whose measurements are compared in pairs, to limit memory
 
 
 class PixelMode(NamedTuple):
-    """One cluster of each pixel.
+    """One cluster of each pixel, as images in the unit of the measurements.
 
     Attributes:
         median: median measurement, 0 for nothing returned, NaN for no cluster.
-        spread: standard deviation.
-        share: share of the measurements.
+        spread: standard deviation of the measurements.
+        share: share of all the pixel's measurements that are in the cluster, 0 to 1.
         least: smallest measurement.
         greatest: largest measurement.
     """
@@ -44,11 +45,11 @@ class PixelMode(NamedTuple):
     greatest: ImageRanges
 
     def reshape(self, shape: tuple[int, ...]) -> "PixelMode":
-        """Return the same mode as images of a shape."""
+        """Return the same clusters with each image in another shape."""
         return PixelMode(*(column.reshape(shape) for column in self))
 
     def where(self, mask: ImageMask, outside: "PixelMode") -> "PixelMode":
-        """Return this mode inside the mask, the other outside."""
+        """Return these clusters for pixels inside the mask, the clusters of `outside` elsewhere."""
         pairs = zip(self, outside, strict=True)
         return PixelMode(*(np.where(mask, inner, outer) for inner, outer in pairs))
 
@@ -57,11 +58,11 @@ class _Clusters(NamedTuple):
     """Clusters of all pixels' sorted measurements, one after the other.
 
     Attributes:
-        values: sorted measurements of each pixel, infinite for nothing returned.
+        values: (pixels, n) sorted measurements of each pixel, infinite for nothing returned.
         solid: the same, 0 for nothing returned.
-        starts: index of each cluster's first measurement among all values.
+        starts: index of each cluster's first measurement in the flat `values`.
         ends: index after its last one.
-        pixel: pixel of each cluster.
+        pixel: row in `values` of each cluster, ascending; clusters of a pixel are near to far.
     """
 
     values: Float32[np.ndarray, "pixels n"]
@@ -78,7 +79,10 @@ class _Clusters(NamedTuple):
     def pick(
         self, rank: Int64[np.ndarray, " k"], eligible: Bool[np.ndarray, " k"]
     ) -> Int64[np.ndarray, " pixels"]:
-        """Pick each pixel's eligible cluster of highest rank."""
+        """Pick each pixel's eligible cluster of highest rank, the farthest of several.
+
+        A pixel without an eligible cluster gets the highest rank of the others. Returns cluster
+        indices, one for each pixel."""
         number = np.arange(len(self.starts))
         order = np.lexsort((number, rank, eligible, self.pixel))
         pixels = np.arange(len(self.values))
@@ -88,11 +92,13 @@ class _Clusters(NamedTuple):
 def find_clusters(
     images: Float32[np.ndarray, "n rows columns"], model: SensorModel
 ) -> tuple[PixelMode, PixelMode, ImageMask]:
-    """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask of the
-    pixels in which that flickers."""
+    """Find each pixel's farthest cluster of the scene and the largest nearer one.
+
+    images: measurements over time, in the model's unit. Returns both clusters of all pixels, and a
+    mask of the pixels in which the nearer one exists and comes and goes often enough to flicker."""
     shape = images.shape[1:]
     n = len(images)
-    # a row for each pixel
+    # (pixels, n): a row for each pixel, in order of time; infinite without a return
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T
     clusters = _split_clusters(np.sort(in_time), model)
     size = clusters.size
@@ -154,7 +160,11 @@ def _measure_mode(
 
 
 def usual_spread(far: PixelMode, model: SensorModel) -> Callable[[ImageRanges], ImageRanges]:
-    """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
+    """Return a function that gives the usual spread for an image of median measurements.
+
+    It interpolates the median spread over the logarithm of the distance, and is never below the
+    model's noise. far: farthest cluster of each pixel; only pixels that see it in at least
+    `MIN_OPEN_SHARE` of the frames count."""
     is_clear = (far.share >= MIN_OPEN_SHARE) & (far.median > 0)
     distance = np.log(far.median[is_clear])
     spread = far.spread[is_clear]
@@ -175,8 +185,15 @@ def usual_spread(far: PixelMode, model: SensorModel) -> Callable[[ImageRanges], 
 
 
 def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRanges]) -> PixelMode:
-    """Replace broad clusters by their densest stretch, `SCENE_SIGMAS` usual spreads wide to either
-    side."""
+    """Replace clusters that are too broad by their densest stretch.
+
+    Broad is more than `MAX_SPREAD_RATIO` usual spreads; the stretch is `SCENE_SIGMAS` usual spreads
+    wide to either side.
+
+    Args:
+        mode: one cluster of each pixel.
+        usual: usual spread at the cluster's median, for each pixel.
+        images: measurements over time that the clusters were found in."""
     narrowed = PixelMode(*(image.copy() for image in mode))
     broad_pixels = np.flatnonzero(mode.spread > MAX_SPREAD_RATIO * usual)
     for start in range(0, len(broad_pixels), _BATCH_PX):
@@ -185,6 +202,7 @@ def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRang
         greatest = mode.greatest.ravel()[broad][:, None]
         spread = usual.ravel()[broad]
         values = np.stack([image.ravel()[broad] for image in images], axis=1)
+        # members of the cluster first, infinite values last
         values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf))
         begin, size = _find_densest(values, 2 * SCENE_SIGMAS * spread)
         row = np.arange(len(broad))
@@ -203,11 +221,17 @@ def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRang
 def _find_densest(
     values: Float32[np.ndarray, "pixels n"], width: Float32[np.ndarray, " pixels"]
 ) -> tuple[Int64[np.ndarray, " pixels"], Int64[np.ndarray, " pixels"]]:
-    """Start and size of the densest stretch of sorted values, the farthest of several."""
+    """Start and size of the densest stretch of sorted values, the farthest of several.
+
+    Args:
+        values: sorted values of each pixel, infinite ones last, which do not count.
+        width: greatest difference between the first and last value of a stretch, for each pixel."""
     rank = np.arange(values.shape[1])
     row = np.arange(len(values))
+    # (pixels, first value of a stretch, other value); earlier values are within too, less `rank`
     within = values[:, None, :] <= values[:, :, None] + width[:, None, None]
     count = np.where(np.isfinite(values), within.sum(axis=2) - rank, 0)
+    # argmax takes the first of equal counts, so the reversed one gives the farthest
     begin = rank[-1] - count[:, ::-1].argmax(axis=1)
     return begin, count[row, begin]
 
@@ -215,8 +239,13 @@ def _find_densest(
 def mark_continuation(near: PixelMode, far: ImageRanges) -> ImageMask:
     """Mark pixels whose nearer surface continues a neighbour's farthest, at most `REACH_PX` off.
 
-    It must not continue the pixel's farthest surface, as ground does below the foot of a car:
-    inverse depths of a plane are linear in the image."""
+    The neighbour's surface must not continue the pixel's farthest one, as ground does below the
+    foot of a car. Inverse depths of a plane are linear in the image, so the plane is extrapolated
+    from the opposite neighbour through the pixel.
+
+    Args:
+        near: nearer cluster of each pixel.
+        far: median of each pixel's farthest cluster, 0 for nothing returned."""
     within = np.maximum(SCENE_SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     padded = np.pad(far, REACH_PX, constant_values=np.nan)
