@@ -41,24 +41,26 @@ from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
 MAX_SCENE_IMAGES = 128  # images kept of a sensor
 SCENE_IMAGES = ("first", "spread", "share", "second", "second_spread", "second_share")
-_BLOCK_VALUES = 1 << 21  # measurements that are sorted together
+_BLOCK_VALUES = 1 << 21  # about two million measurements are sorted together, to limit memory
 
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """Empty scene of one sensor.
+    """Measurements of one sensor when no road user is there.
 
-    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite.
+    All images are float32 of the model's shape, in the unit of its measurements, and become
+    read-only. Raises ValueError for an image that does not fit the model's shape, or is negative or
+    infinite.
 
     Attributes:
         name: name of the sensor.
-        model: its model.
-        first: median measurement of each pixel, 0 if nothing returns.
-        spread: its standard deviation.
-        share: share of the frames that show it.
-        second: median of the other measurement of the scene, NaN without one.
-        second_spread: its standard deviation, 0 without one.
-        second_share: share of the frames that show it, 0 without one.
+        model: model of the sensor.
+        first: median measurement of each pixel's more frequent surface, 0 if nothing returns.
+        spread: standard deviation of the measurements of `first`.
+        share: share of the frames that show `first`, 0 to 1.
+        second: median of the less frequent surface, 0 for no return, NaN without one.
+        second_spread: standard deviation of the measurements of `second`, 0 without one.
+        second_share: share of the frames that show `second`, 0 without one.
         frames: number of frames that the scene was learnt from.
     """
 
@@ -89,7 +91,10 @@ class EmptyScene:
 
     @staticmethod
     def from_render(sensor: Sensor, image: ImageRanges) -> "EmptyScene":
-        """Scene of a noise-free render, with the model's spread."""
+        """Return the scene of a noise-free render: one surface for each pixel, always shown.
+
+        image: measurements of the sensor; values that are no return become 0. The spread is the
+        model's noise."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
         always = np.ones_like(first)
@@ -101,7 +106,7 @@ class EmptyScene:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the scene's contents."""
+        """SHA-256 of the scene's contents, in hexadecimal digits."""
         digest = sha256(
             json.dumps(
                 [self.name, describe_model(self.model), self.frames], sort_keys=True
@@ -116,10 +121,12 @@ class EmptyScene:
     ) -> ImageMask:
         """Mark pixels that show the scene: within `sigmas` spreads of one of its medians.
 
-        A pixel without a return shows it if one of its medians is no return."""
+        A pixel without a return shows it if one of its medians is no return. measurement: an image
+        of the same sensor."""
         self.check_shape(measurement)
         is_measured = is_return(measurement, self.model.max_range)
         is_scene = np.abs(measurement - self.first) <= sigmas * self.spread
+        # never true if `second` is NaN
         is_scene |= np.abs(measurement - self.second) <= sigmas * self.second_spread
         return np.where(is_measured, is_scene, (self.first == 0) | (self.second == 0))
 
@@ -133,7 +140,15 @@ class EmptyScene:
 
 
 class SceneLearner:
-    """Learner of a sensor's empty scene from every 2^k-th image, at most `sample` images."""
+    """Learner of a sensor's empty scene from its images, of which at most `sample` are kept.
+
+    Every image is kept at first; whenever they are too many, every other one is dropped and the
+    step between kept images doubles.
+
+    Attributes:
+        sensor: sensor of the images.
+        sample: largest number of images kept.
+        frames: number of images added so far."""
 
     def __init__(self, sensor: Sensor, sample: int = MAX_SCENE_IMAGES) -> None:
         if sample < 2:
@@ -145,7 +160,7 @@ class SceneLearner:
         self._kept = list[np.ndarray]()
 
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
-        """Add an image."""
+        """Add the next image of the sensor. Raises ValueError for another shape."""
         if measurement.shape != (shape := self.sensor.model.shape):
             raise ValueError(
                 f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}"
@@ -165,6 +180,7 @@ class SceneLearner:
                 f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene"
             )
         model = self.sensor.model
+        # far: each pixel's farthest cluster; near: the largest nearer one, if any
         far, near, flickers = self._find_modes()
         usual = usual_spread(far, model)
         far = narrow_broad(far, usual(far.median), self._kept)
@@ -175,7 +191,7 @@ class SceneLearner:
         nothing = np.zeros(model.shape, np.float32)
         no_mode = PixelMode(np.full_like(nothing, np.nan), nothing, nothing, nothing, nothing)
         other = near.where(is_second, no_mode)
-        is_swapped = other.share > far.share
+        is_swapped = other.share > far.share  # the more frequent one becomes `first`
         first = other.where(is_swapped, far)
         second = far.where(is_swapped, other)
         return EmptyScene(
@@ -191,7 +207,9 @@ class SceneLearner:
         )
 
     def _find_modes(self) -> tuple[PixelMode, PixelMode, ImageMask]:
-        """Farthest and nearer clusters of all pixels, and a mask of flickering ones, by blocks."""
+        """Find the farthest and the nearer cluster of all pixels, a block of rows at a time.
+
+        Returns both, and a mask of the pixels whose nearer cluster comes and goes."""
         rows, columns = self.sensor.model.shape
         height = max(1, _BLOCK_VALUES // (len(self._kept) * columns))
         images = np.stack(self._kept)
@@ -208,17 +226,21 @@ class SceneLearner:
 
 
 def _stack_modes(blocks: Sequence[PixelMode]) -> PixelMode:
-    """One mode of blocks of rows."""
+    """Join the clusters of blocks of rows, top first, into those of the whole image."""
     return PixelMode(*map(np.concatenate, zip(*blocks, strict=True)))
 
 
 def learn_empty_scenes(
     recording: Frames, sample: int = MAX_SCENE_IMAGES, *, frames: int | None = None
 ) -> tuple[EmptyScene, ...]:
-    """Learn the empty scene of every sensor of a recording, in their order.
+    """Learn the empty scene of every sensor of a recording of images, in order of the sensors.
 
-    sample: number of images, spread over the first `frames` frames, all if None. Raises ValueError
-    without frames, and for frames of clouds."""
+    Args:
+        recording: frames of images.
+        sample: largest number of images of each sensor, evenly spread over the frames.
+        frames: number of first frames to learn from, all if None.
+
+    Raises ValueError without frames, and for frames of clouds."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(
@@ -234,6 +256,7 @@ def learn_empty_scenes(
 
 
 def describe_model(model: SensorModel) -> dict[str, object]:
-    """Class and numbers of a sensor model, for files and digests."""
+    """Describe a sensor model by its class and its numbers (None left out), for files and
+    digests."""
     numbers = {key: value for key, value in asdict(model).items() if value is not None}
     return {"class": type(model).__name__, **numbers}

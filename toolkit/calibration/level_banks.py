@@ -1,4 +1,6 @@
-"""Banks between two levels of ground."""
+"""Banks between two levels of ground, such as the slopes of an embankment.
+
+A cell is the low point (x, y, z in m) of one square of a grid."""
 
 import numpy as np
 
@@ -6,15 +8,13 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.calibration.height_map import HeightMap
 from toolkit.calibration.linked_cells import LinkedCells
 
-# from the cells of both levels, and m per m
-MAX_BANK_M = 12.0
-BANK_SLOPES = (0.25, 1.2)
-MAX_BANK_BEND = 0.3  # part of its height, off the line from foot to edge
-# cells that show one bank, and their height off its plane
-BANK_CELLS_M = 4.0
-MIN_BANK_CELLS = 5
-BANK_STEP_M = 0.12
-KERB_M = 0.09  # above the drawn surface a cell counts half
+MAX_BANK_M = 12.0  # largest distance of a bank's cell from the cells of both levels
+BANK_SLOPES = (0.25, 1.2)  # least and largest slope of a bank, m per m
+MAX_BANK_BEND = 0.3  # part of a bank's height by which it may leave the line from foot to edge
+BANK_CELLS_M = 4.0  # distance within which other cells show the plane of a bank
+MIN_BANK_CELLS = 5  # least number of them
+BANK_STEP_M = 0.12  # largest deviation (root mean square) of their heights from the plane
+KERB_M = 0.09  # height above a drawn surface at which a cell counts half
 
 
 def fit_banks(
@@ -23,21 +23,28 @@ def fit_banks(
     number: Int64[np.ndarray, " n"],
     surfaces: list[HeightMap],
 ) -> Float64[np.ndarray, "n 2"]:
-    """Slopes along x and y of cells on a bank between two levels, NaN for other cells.
+    """Slopes (m per m) along x and y of cells on a bank between two levels, NaN for other cells.
 
-    Cells of no level are on a bank if those about them are on one plane, lower than one level
-    and higher than another; vehicles are not."""
+    A cell without a level is on a bank if it is higher than one level and lower than another, and
+    the cells around it are on one steep plane, as vehicles are not.
+
+    Args:
+        cells: low points of the grid's squares.
+        links: nearest neighbours of the same cells.
+        number: index in `surfaces` of each cell's surface, -1 for none.
+        surfaces: maps of all levels and of the main ground."""
     slopes = np.full((len(cells), 2), np.nan)
     rows = np.flatnonzero(number < 0)
     if not len(rows):
         return slopes
     rows = rows[_mark_between(cells, rows, number, surfaces)]
     neighbours = links.other[rows]
-    offset = cells[neighbours] - cells[rows, None]
+    offset = cells[neighbours] - cells[rows, None]  # cell, neighbour, axis
     distance = np.hypot(offset[..., 0], offset[..., 1])
     is_near = (number[neighbours] < 0) & (distance < BANK_CELLS_M)
     level_offset = np.where(is_near[..., None], offset[..., :2], 0.0)
     rise = np.where(is_near, offset[..., 2], 0.0)
+    # least squares of the plane through each cell; 0.1 m² keeps it solvable
     transposed = level_offset.transpose(0, 2, 1)
     squares = transposed @ level_offset + 0.1 * np.eye(2)
     slope = np.linalg.solve(squares, transposed @ rise[..., None])
@@ -57,16 +64,25 @@ def _mark_between(
     number: Int64[np.ndarray, " n"],
     surfaces: list[HeightMap],
 ) -> Bool[np.ndarray, " m"]:
-    """Mark cells that rise from a lower level near by to a higher one, about evenly."""
+    """Mark cells that are on the way up from a lower surface to a higher one, about evenly.
+
+    Args:
+        cells: low points of the grid's squares.
+        rows: rows of the cells to check.
+        number: index in `surfaces` of each cell's surface, -1 for none.
+        surfaces: maps of all levels and of the main ground.
+
+    Returns a mask of `rows`."""
     from scipy.spatial import cKDTree
 
     xy = cells[rows, :2]
-    heights = np.stack([surface.at(xy) for surface in surfaces])
+    heights = np.stack([surface.at(xy) for surface in surfaces])  # (surfaces, m)
     distance = np.full(heights.shape, np.inf)
     for k in range(len(surfaces)):
         if (number == k).any():
             distance[k] = cKDTree(cells[number == k, :2]).query(xy)[0]
     is_far = distance > MAX_BANK_M
+    # index of the lowest and of the highest surface near each cell
     foot = np.where(is_far, np.inf, heights).argmin(axis=0)
     edge = np.where(is_far, -np.inf, heights).argmax(axis=0)
     column = np.arange(len(rows))
@@ -74,6 +90,7 @@ def _mark_between(
     edge_m = heights[edge, column]
     to_foot = distance[foot, column]
     to_edge = distance[edge, column]
+    # height and distance of the cell on the way from foot to edge, 0 to 1
     risen_share = (cells[rows, 2] - foot_m) / np.maximum(edge_m - foot_m, KERB_M)
     way_share = to_foot / np.maximum(to_foot + to_edge, KERB_M)
     is_even = np.abs(risen_share - way_share) < MAX_BANK_BEND

@@ -14,10 +14,15 @@ OBJECT_MARGIN_M = 5.0  # around the area, so that objects on its edge are kept
 
 
 class LevelFrame(NamedTuple):
-    """Frame on level ground, ready to train a network, counted from the middle of the area.
+    """Frame on level ground (z = 0), ready to train a network.
 
-    sensors: names; clouds: points in the area, below 4 m; objects: objects in the area or near it;
-    area: xmin ymin xmax ymax (m), around the origin."""
+    x and y are counted from the middle of the detection area.
+
+    Attributes:
+        sensors: names of the frame's sensors.
+        clouds: points (m) of each sensor, in the area and below 4 m.
+        objects: objects whose centres are in the area or up to `OBJECT_MARGIN_M` outside it.
+        area: xmin ymin xmax ymax (m), around the origin."""
 
     sensors: tuple[str, ...]
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
@@ -26,8 +31,9 @@ class LevelFrame(NamedTuple):
 
 
 def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
-    """Yield frames on level ground.
+    """Yield the frames of a recording on level ground, z = 0.
 
+    place: detection area, and how its ground is found; None as method means a map of heights.
     Frames without points are left out, and frames without ground if a ground is looked for. Points
     outside the region with complete labels, in KITTI outside the camera's image, are left out:
     nobody labelled them, so they must not be learnt as background."""

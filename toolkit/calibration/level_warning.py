@@ -21,7 +21,8 @@ def level_warning(cloud: "PointCloud | Points") -> str | None:
     """Return a warning in one line if most of the ground is not level at z = 0, else None.
 
     Level ground is within `LEVEL_TOLERANCE_M` of 0. A cloud without ground gets a warning too if it
-    has hardly a point between 0 and `_CROP_M`, but not one that is cropped to that slice."""
+    has hardly a point between 0 and `_CROP_M`. A cloud that is cropped to that slice, or has fewer
+    than `_MIN_POINTS` finite points, gets none."""
     points = plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
     within = (points[:, 2] > 0) & (points[:, 2] < _CROP_M)

@@ -15,19 +15,19 @@ from toolkit.calibration.height_map import HeightMap
 from toolkit.calibration.level_maps import draw_levels
 from toolkit.calibration.linked_cells import ON_GROUND_M, CellPoints, LinkedCells
 
-# part of the points, and above the ground found
-MIN_DOUBT_SHARE = 0.05
-MIN_DOUBT_M = 0.8
+MIN_DOUBT_SHARE = 0.05  # part of all points on further levels from which they are reported
+MIN_DOUBT_M = 0.8  # height above the ground found from which a surface may be a missed road
 
 
 @dataclass(frozen=True)
 class GroundLevel:
-    """Surface away from the main ground.
+    """Surface away from the main ground, such as a raised road or a roof.
 
     Attributes:
-        height_m: median height above the main ground.
-        share: part of all points on it.
-        followed: True for ground, False for a surface that may be a roof."""
+        height_m: median height above the main ground, negative below it.
+        share: part of all points that are on the surface, 0 to 1.
+        followed: True for ground, which the map of heights follows; False for a surface that may be
+            a roof."""
 
     height_m: float
     share: float
@@ -35,11 +35,15 @@ class GroundLevel:
 
 
 def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[GroundLevel, ...]]:
-    """Add further levels of ground to a map.
+    """Find further levels of ground and add them to a map.
 
-    main: map of the main ground; points: (n, 3) m, level, as `fit_map` takes them. Return the map
-    with the nearest level at each place, and the levels; the same map without any."""
-    if main.heights.size == 1:
+    Args:
+        main: map of the main ground.
+        points: (n, 3) m, in the frame of the map, with the ground near z = 0.
+
+    Returns the map with the nearest level at each place, or `main` itself if no level is ground,
+    and all levels found, doubtful ones too."""
+    if main.heights.size == 1:  # `fit_map` found no point near the ground
         return main, ()
     squares = CellPoints.from_points(main, points)
     cells = squares.low
@@ -63,8 +67,9 @@ def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[Ground
 
 
 def describe_levels(levels: tuple[GroundLevel, ...]) -> str | None:
-    """Return the largest doubt, else the largest further level, in one line; None for one ground
-    without doubt."""
+    """Describe the doubtful surfaces in one line, else the further levels of ground.
+
+    Returns None if neither have `MIN_DOUBT_SHARE` of the points."""
     for followed in (False, True):
         same_kind = [level for level in levels if level.followed == followed]
         share = sum(ground_level.share for ground_level in same_kind)

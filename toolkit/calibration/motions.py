@@ -1,4 +1,4 @@
-"""Motions of a pose: six numbers, turns and moves.
+"""Motions of a pose: six numbers, three turns and three moves.
 
 A motion is turns (rad) about the world's axes through the sensor, and moves (m) along them,
 
@@ -24,7 +24,10 @@ LEVER_M = 10.0  # m: a turn is compared with a move as the move of a point this 
 
 
 def apply_motion(pose: Pose, motion: Motion) -> Pose:
-    """Apply a motion, turns times `LEVER_M`, to a pose."""
+    """Return a pose after a motion.
+
+    pose: world_SE3_sensor; motion: turns (rad, about the world's axes through the sensor) times
+    `LEVER_M`, then moves (m)."""
     after = pose.copy()
     after[:3, :3] = make_rotation(motion[:3] / LEVER_M) @ pose[:3, :3]
     after[:3, 3] += motion[3:]
@@ -32,7 +35,9 @@ def apply_motion(pose: Pose, motion: Motion) -> Pose:
 
 
 def motion_between(before: Pose, after: Pose) -> Motion:
-    """Motion for `apply_motion` from one pose to another."""
+    """Return the motion that `apply_motion` needs to turn the pose `before` into `after`.
+
+    Turns (a rotation vector in rad, world axes) times `LEVER_M`, then moves (m)."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()
@@ -42,6 +47,12 @@ def motion_between(before: Pose, after: Pose) -> Motion:
 def resistance(
     points: Points, position: Float64[np.ndarray, "3"], normals: Points
 ) -> Float64[np.ndarray, "n 6"]:
-    """Distance that each point leaves its plane per unit of a motion about a position, turns times
-    `LEVER_M`."""
+    """Distance (m) that each point leaves its plane per unit of a sensor's motion.
+
+    Args:
+        points: points that move with the sensor, world frame.
+        position: position of the sensor, about which turns are.
+        normals: unit normal of the plane at each point, world axes.
+
+    Columns are the motion's six numbers, turns times `LEVER_M` and moves."""
     return np.concatenate([np.cross(points - position, normals) / LEVER_M, normals], axis=1)

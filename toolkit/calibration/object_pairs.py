@@ -18,32 +18,46 @@ from toolkit.objects import Detector
 from toolkit.points import detect_on_ground, frame_points
 from toolkit.sites.site import Site
 
-MAX_PAIR_GATE_M = 1.5  # between the centres that two sensors give one road user
+# largest horizontal distance between the centres that two sensors give one road user: the search
+# radius of a level of the alignment, within these limits
+MAX_PAIR_GATE_M = 1.5
 _MIN_GATE_M = 0.8
 _CENTRE_M = 0.25  # standard deviation of a centre along each axis
 _HEADING_RAD = float(np.deg2rad(4.0))  # standard deviation of a heading
-# between the headings of one road user, up to a half turn
+# largest difference between the headings of one road user, half turns left out
 _MAX_HEADING_GAP_RAD = float(np.deg2rad(20.0))
+# centres of both sensors, and turns, without a row
 _NO_MATCH = (np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
 class SensorBoxes:
-    """Objects that one sensor sees in one frame: centres and directions, in the sensor's axes."""
+    """Objects that one sensor sees in one frame, in the sensor's frame.
+
+    Attributes:
+        centres: centres of the boxes (m).
+        ahead: unit vectors along their headings."""
 
     centres: Float64[np.ndarray, "n 3"]
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
     def from_boxes(cls, boxes: BoxRows, believed: Pose) -> "SensorBoxes":
-        """Return boxes of the world in the sensor's axes."""
+        """Return boxes, given in the world frame, in the frame of their sensor.
+
+        believed: world_SE3_sensor that the boxes were detected with."""
+        # column 6 of boxes is yaw (rad)
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
 
 
 class _Matches(NamedTuple):
-    """Centres of objects that two sensors see (world), and the first headings less the second
-    ones (rad)."""
+    """Objects that two sensors see, a row each.
+
+    Attributes:
+        first: centres by the first sensor (m), world frame.
+        second: centres by the second sensor.
+        turn: heading by the first sensor less the second's (rad), half turns left out."""
 
     first: Float64[np.ndarray, "n 3"]
     second: Float64[np.ndarray, "n 3"]
@@ -53,7 +67,8 @@ class _Matches(NamedTuple):
 def detect_boxes(
     frames: Sequence[Frame], detector: Detector, site: Site
 ) -> list[list[SensorBoxes]]:
-    """Detect objects in the cloud of each sensor, frame by frame."""
+    """Detect objects in the cloud of each sensor: for each frame, the boxes of its sensors in
+    order."""
     detected: list[list[SensorBoxes]] = []
     for frame in frames:
         frame_boxes = []
@@ -65,9 +80,15 @@ def detect_boxes(
 
 
 def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: float) -> list[Pairs]:
-    """Rows of all road users that two sensors at `poses` see.
+    """Pair the road users that two sensors see, for every two sensors.
 
-    There are three rows for the centre and one for the heading. radius: search radius (m)."""
+    Each match gives three rows for the centre (all matches in x, then y, then z) and one for the
+    heading, after all centres.
+
+    Args:
+        seen: for each frame, the boxes of each sensor.
+        poses: world_SE3_sensor of each sensor.
+        radius: search radius (m)."""
     gate = float(np.clip(radius, _MIN_GATE_M, MAX_PAIR_GATE_M))
     pairs = []
     for first, second in combinations(range(len(poses)), 2):
@@ -95,7 +116,10 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
 
 
 def _centre_rows(centres: Float64[np.ndarray, "n 3"], pose: Pose) -> Float64[np.ndarray, "m 6"]:
-    """Growth of the offsets of centres along each axis, and of headings, with a sensor's motion."""
+    """Growth of centres along x, y and z, then of headings, per unit of a sensor's motion.
+
+    centres: (n, 3) m, world frame; pose: world_SE3_sensor. Returns m = 4 n rows: all centres along
+    x, along y, along z, and all headings; columns are turns times `LEVER_M`, and moves."""
     count = len(centres)
     axes = np.repeat(np.eye(3), count, axis=0)
     along_axes = resistance(np.tile(centres, (3, 1)), pose[:3, 3], axes)
@@ -106,7 +130,14 @@ def _centre_rows(centres: Float64[np.ndarray, "n 3"], pose: Pose) -> Float64[np.
 def _match_boxes(
     mine: SensorBoxes, theirs: SensorBoxes, pose: Pose, other_pose: Pose, gate: float
 ) -> _Matches:
-    """Match boxes that are each other's nearest within a gate (m), and head alike."""
+    """Match boxes of two sensors in one frame that are each other's nearest, and head alike.
+
+    Args:
+        mine: boxes of the first sensor.
+        theirs: boxes of the second sensor.
+        pose: world_SE3_sensor of the first.
+        other_pose: world_SE3_sensor of the second.
+        gate: largest horizontal distance (m) between two centres."""
     first_centres = transform(pose, mine.centres)
     second_centres = transform(other_pose, theirs.centres)
     if not (len(first_centres) and len(second_centres)):
@@ -118,6 +149,7 @@ def _match_boxes(
     is_mutual = (distance[:, nearest].argmin(axis=0) == row) & (distance[row, nearest] < gate)
     heading = _find_headings(mine, pose)
     other_heading = _find_headings(theirs, other_pose)
+    # to -90..90 degrees: boxes that are a half turn apart head alike
     turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
     is_matched = is_mutual & (np.abs(turn) < _MAX_HEADING_GAP_RAD)
     return _Matches(
@@ -126,6 +158,6 @@ def _match_boxes(
 
 
 def _find_headings(boxes: SensorBoxes, pose: Pose) -> Float64[np.ndarray, " n"]:
-    """Headings (rad) in the world of boxes in the axes of a sensor."""
+    """Headings (rad, world frame) of boxes in a sensor's frame. pose: world_SE3_sensor."""
     ahead = boxes.ahead @ pose[:3, :3].T
     return np.arctan2(ahead[:, 1], ahead[:, 0])

@@ -119,7 +119,10 @@ def find_clusters(
 
 
 def _split_clusters(values: Float32[np.ndarray, "pixels n"], model: SensorModel) -> _Clusters:
-    """Split sorted measurements at gaps that noise does not explain."""
+    """Split each pixel's sorted measurements into clusters at gaps that noise does not explain.
+
+    values: (pixels, n) ascending, infinite for nothing returned, so that these are the last
+    cluster."""
     solid = np.where(np.isfinite(values), values, np.float32(0))
     noise_gap = GAP_SIGMAS * np.asarray(model.deviation(solid))
     gap = np.maximum(noise_gap, GAP_SHARE * solid)[:, :-1]
@@ -134,7 +137,10 @@ def _split_clusters(values: Float32[np.ndarray, "pixels n"], model: SensorModel)
 def _measure_mode(
     clusters: _Clusters, numbers: Int64[np.ndarray, " pixels"], model: SensorModel
 ) -> PixelMode:
-    """Measure the cluster with the given number (-1 for none) of every pixel."""
+    """Measure one cluster of every pixel.
+
+    numbers: index of each pixel's cluster, -1 for none; such pixels get a median of NaN and zeros.
+    Returns flat images, one value for each pixel."""
     n = clusters.values.shape[1]
     values = clusters.solid.ravel()
     first = clusters.starts[numbers]
@@ -147,6 +153,7 @@ def _measure_mode(
     deviations = np.where(is_member, np.abs(members - median[:, None]), np.float32(np.inf))
     deviations = np.sort(deviations)
     row = np.arange(len(numbers))
+    # median absolute deviation; non-members are infinite and come last
     typical = (deviations[row, (size - 1) // 2] + deviations[row, size // 2]) / 2
     spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
     exists = numbers >= 0
@@ -228,7 +235,8 @@ def _find_densest(
         width: greatest difference between the first and last value of a stretch, for each pixel."""
     rank = np.arange(values.shape[1])
     row = np.arange(len(values))
-    # (pixels, first value of a stretch, other value); earlier values are within too, less `rank`
+    # (pixels, first value of a stretch, other value). The sum over the last axis also counts the
+    # values before the first one, `rank` of them.
     within = values[:, None, :] <= values[:, :, None] + width[:, None, None]
     count = np.where(np.isfinite(values), within.sum(axis=2) - rank, 0)
     # argmax takes the first of equal counts, so the reversed one gives the farthest

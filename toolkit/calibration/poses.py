@@ -24,15 +24,16 @@ from toolkit.objects import Detector
 from toolkit.sensors.models import RowLidar
 from toolkit.sensors.sensor import Sensor
 
-MIN_FRAMES = 5  # for an empty scene to register a sensor by
+MIN_FRAMES = 5  # least number of frames for an empty scene to register a sensor by
 MIN_OVERLAP_SHARE = 0.3  # fraction of a sensor's points that must have a counterpart
 TOGETHER = "together"  # in place of a reference: sensors are fitted to each other
 MIN_SHARED_ROWS = 50  # rows that a sensor must share with the others
-OBJECT_FRAMES = 40  # searched for road users
+OBJECT_FRAMES = 40  # largest number of frames in which road users are detected
 
 
 class _StandingPoints(NamedTuple):
-    """Points of the standing scene in a sensor's frame, and their deviations (m) if known."""
+    """Points (m) of the standing scene in a sensor's frame, and the standard deviation of each
+    (m), None if unknown."""
 
     points: Points
     deviation: Float64[np.ndarray, " n"] | None
@@ -106,13 +107,18 @@ def _check_several(sensors: Sequence[Sensor]) -> None:
 
 
 def _find_in_images(recording: Frames, count: int, sample: int) -> list[_StandingPoints]:
-    """Points of each sensor's empty scene over the first frames of images."""
+    """Points of each sensor's empty scene, learnt from the first `count` frames of images.
+
+    sample: largest number of images kept of each sensor."""
     scenes = learn_empty_scenes(recording, sample, frames=count)
     return [_StandingPoints(*scene_points(scene)) for scene in scenes]
 
 
 def _pair_objects(recording: Frames, count: int, detector: Detector) -> MorePairs:
-    """Pairs of the objects that a detector finds in some of the first frames."""
+    """Return a function that pairs the objects a detector finds in some of the first frames.
+
+    It takes poses and a search radius (m). Objects are detected here, once. Raises ValueError for a
+    recording without a site."""
     spread = np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)
     site = getattr(recording, "site", None)
     if site is None:
@@ -128,9 +134,15 @@ def find_pose(
     *,
     deviation: Float64[np.ndarray, " n"] | None = None,
 ) -> FoundPose:
-    """Find the pose of one sensor, near the believed one.
+    """Find the pose of one sensor, near the believed one, by its standing points.
 
-    points: in the sensor's frame; deviation: standard deviation of each (m)."""
+    Args:
+        points: points (m) of the standing scene in the sensor's frame.
+        sensor: sensor at its believed pose.
+        surface: standing surfaces, world frame.
+        deviation: standard deviation of each point (m).
+
+    A pose that cannot be found, or has too little overlap, is a result with a refusal."""
     try:
         registration = register(points, surface, sensor.pose, deviation=deviation)
     except ValueError as error:
@@ -151,8 +163,14 @@ def align_clouds(
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene.
 
-    clouds: each in its sensor's frame; held: numbers of sensors that stay; more: as for
-    `toolkit.calibration.alignment.align`. Raises ValueError for fewer than two sensors."""
+    Args:
+        clouds: points (m) of each sensor, in the sensor's frame.
+        sensors: sensors at their believed poses.
+        held: numbers of sensors whose poses stay.
+        more: returns further pairs for poses and a search radius (m).
+
+    A sensor that shares too few points with the others gets a refusal instead of a pose. Raises
+    ValueError for fewer than two sensors."""
     _check_several(sensors)
     surfaces = [face_sensor(cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
@@ -166,7 +184,7 @@ def align_clouds(
             )
             found_poses.append(FoundPose(sensor, None, problem))
             continue
-        numbers = slice(6 * k, 6 * k + 6)
+        numbers = slice(6 * k, 6 * k + 6)  # this sensor's numbers among all motions
         registration = Registration(
             alignment.poses[k],
             covariance=np.ascontiguousarray(alignment.covariance[numbers, numbers]),
@@ -181,9 +199,10 @@ def align_clouds(
 def _find_in_clouds(
     recording: Frames, count: int
 ) -> tuple[tuple[Sensor, ...], list[_StandingPoints]]:
-    """Sensors of clouds, and their points of the standing scene.
+    """Sensors of a recording of clouds, and their points of the standing scene.
 
-    If sensors move or frames are few, they are the points of the first frame with any."""
+    The points are learnt from the first `count` frames. If sensors move or frames are few, they are
+    all points of the first frame with any. Raises ValueError if no frame has a point."""
     first_frames = [recording[k] for k in range(min(count, GRID_FRAMES))]
     points: dict[str, Points] = {}
     if len(first_frames) >= MIN_FRAMES and not _move(first_frames):
@@ -205,7 +224,8 @@ def _find_in_clouds(
 
 
 def _move(frames: Sequence[Frame]) -> bool:
-    """Return True if a sensor leaves its first place in the map."""
+    """Return True if a sensor is ever more than `MAX_STILL_SENSOR_M` from its first place in the
+    map."""
     places = dict[str, np.ndarray]()
     for frame in frames:
         for cloud in frame.clouds:

@@ -23,21 +23,23 @@ from toolkit.geometry import transform
 
 _Deviations = Float[np.ndarray, " n"]
 _Levels = Sequence[tuple[float, float, float]]
-# Each level: radius (m) of the search for counterparts, voxel (m) that keeps one point, smallest
-# limit (m) of Tukey's weights. Walls may be farther off than the ground, which has more points.
+# Each level of refinement: radius (m) of the search for counterparts, edge (m) of the voxels that
+# keep one point each, least residual (m) from which Tukey's weights are 0. The limit is not taken
+# from the scatter only, since walls may be farther off than the ground, which has more points.
 _COARSE = ((3.0, 1.0, 1.5), (1.5, 0.7, 0.75), (0.7, 0.5, 0.35))
 _FINE = ((0.35, 0.3, 0.2), (0.2, 0.25, 0.1), (0.15, 0.25, 0.05))
 # turns about z that the coarse levels start with
 _START_TURNS_RAD = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))
-_STEPS = 20  # limit for each level
+_STEPS = 20  # largest number of steps in each level
 CONVERGED = 1e-4  # fraction of the radius: a smaller step is the last one
-_AGREEMENT_M = 0.3  # from the surface, of a point that agrees with a start
-_MIN_START_GAP_M = 0.05  # between different results of two starts
-_MAX_AGREEMENT_LOSS = 0.002  # by a result that is as good as the best
-TUKEY = 4.685
-MIN_SCALE_M = 0.01  # of the residuals in Tukey's weights
-_MIN_RESISTANCE = 0.15  # fraction of a unit motion across the plane: less is the noise of normals
-# points that must resist a motion for it to be observed: their share, and their number
+_AGREEMENT_M = 0.3  # distance from the surface within which a point agrees with a pose
+_MIN_START_GAP_M = 0.05  # least motion between poses from two starts that count as different
+_MAX_AGREEMENT_LOSS = 0.002  # poses whose agreement is this close to the best are as good
+TUKEY = 4.685  # limit of Tukey's weights in standard deviations: 95 % efficient for normal noise
+MIN_SCALE_M = 0.01  # least standard deviation of residuals
+# least part of a unit motion across a pair's plane that resists it: less is the noise of normals
+_MIN_RESISTANCE = 0.15
+# least share and least number of points that must resist a motion for it to be observed
 _MIN_RESISTING_SHARE = 0.0004
 _MIN_RESISTING_POINTS = 2.0
 CORRELATED_POINTS = 9.0  # points that weigh as much as one, since errors of neighbours are alike
@@ -45,14 +47,15 @@ CORRELATED_POINTS = 9.0  # points that weigh as much as one, since errors of nei
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """A pose that was found.
+    """A sensor's pose that was found, with its errors.
 
     Attributes:
         pose: world_SE3_sensor.
-        covariance: covariance of a motion's six numbers (rad and m), as far as it is observed.
-        unobserved: unit motions, turns times `LEVER_M`, that the points do not determine.
-        overlap: share of the points that have a counterpart.
-        scatter: robust standard deviation of their distances from it (m).
+        covariance: covariance of a motion's six numbers, three turns (rad) and three moves (m)
+            about the world's axes, 0 along motions that are not observed.
+        unobserved: (k, 6) unit motions, turns times `LEVER_M`, that the points do not determine.
+        overlap: share of the points that have a counterpart, 0 to 1.
+        scatter: robust standard deviation of the points' distances from their counterparts (m).
     """
 
     pose: Pose
@@ -63,7 +66,8 @@ class Registration:
 
     @property
     def deviations(self) -> Motion:
-        """Standard deviations of the six numbers, infinite where unobserved."""
+        """Standard deviations of the six numbers (rad and m), infinite for unobserved ones."""
+        # a number counts as unobserved if it is a clear part of a hidden unit motion
         is_hidden = (np.abs(self.unobserved) > 0.3).any(axis=0)
         return np.where(is_hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
@@ -71,10 +75,16 @@ class Registration:
 def register(
     points: Points, surface: Surface, believed: Pose, *, deviation: _Deviations | None = None
 ) -> Registration:
-    """Find the pose world_SE3_sensor near the believed one.
+    """Find the pose world_SE3_sensor near the believed one that fits points to a surface.
 
-    points: measured points in the sensor's frame; deviation: standard deviation of each (m), which
-    lowers its weight. Raises ValueError if fewer than 50 points have a counterpart within 3 m."""
+    Args:
+        points: measured points in the sensor's frame (m).
+        surface: standing surfaces, world frame.
+        believed: world_SE3_sensor as mounted. Of poses that fit as well, the nearest to it is
+            taken, and motions that the points do not determine stay as in it.
+        deviation: standard deviation of each point (m), which lowers its weight.
+
+    Raises ValueError if fewer than 50 points have a counterpart in the widest search, 3 m."""
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), MIN_SCALE_M)
     if deviation is not None:
@@ -104,7 +114,9 @@ def register(
 def _find_starts(
     points: Points, noise: _Deviations, surface: Surface, believed: Pose
 ) -> list[np.ndarray]:
-    """Poses that coarse levels find from several turns about z, each once."""
+    """Poses that the coarse levels find from several turns about z, without repetitions.
+
+    noise: standard deviation of each point (m)."""
     poses: list[np.ndarray] = []
     for turn in _START_TURNS_RAD:
         start = apply_motion(believed, np.array([0, 0, turn * LEVER_M, 0, 0, 0]))
@@ -118,7 +130,16 @@ def _find_starts(
 def align_levels(
     points: Points, noise: _Deviations, surface: Surface, pose: Pose, levels: _Levels
 ) -> "tuple[Pose, _System]":
-    """Align the points level by level. Returns the pose and the last system that was solved."""
+    """Align points with a surface level by level, from a first pose.
+
+    Args:
+        points: measured points in the sensor's frame (m).
+        noise: standard deviation of each point (m).
+        surface: standing surfaces, world frame.
+        pose: world_SE3_sensor to start from.
+        levels: search radius, voxel and least limit of the weights (m) of each level, in order.
+
+    Returns the pose, and the system of the last step, which describes how well it fits."""
     for radius, voxel, min_limit in levels:
         rows = thin_rows(points, voxel)
         for _ in range(_STEPS):
@@ -135,11 +156,18 @@ def _pair_points(
 ) -> "_System":
     """Pair points with their nearest neighbours on a surface.
 
-    limits: search radius and smallest limit of the weights (m)."""
+    Args:
+        points: measured points in the sensor's frame (m).
+        noise: standard deviation of each point (m).
+        surface: standing surfaces, world frame.
+        pose: world_SE3_sensor.
+        limits: search radius, and least residual from which a pair has no weight (m).
+
+    Returns the linear system of the pairs. Raises ValueError for fewer than 50 pairs."""
     radius, min_limit = limits
     world = transform(pose, points)
     distance, neighbours = surface.tree.query(world, distance_upper_bound=radius)
-    near = np.flatnonzero(np.isfinite(distance))
+    near = np.flatnonzero(np.isfinite(distance))  # the distance is infinite without a neighbour
     if len(near) < 50:
         problem = (
             f"{len(near)} of {len(points)} points lie within {radius:g} m of the "
@@ -150,6 +178,7 @@ def _pair_points(
     counterparts = neighbours[near]
     normals = surface.normals[counterparts]
     residual = ((world[near] - surface.points[counterparts]) * normals).sum(axis=1)
+    # 1.4826 makes the median deviation of normal noise its standard deviation
     scatter = max(1.4826 * float(np.median(np.abs(residual))), MIN_SCALE_M)
     variance = noise[near] ** 2 + surface.roughness[counterparts] ** 2 + scatter**2
     spread = np.sqrt(variance)
@@ -160,19 +189,19 @@ def _pair_points(
 
 
 def tukey_weight(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[np.ndarray, " n"]:
-    """Tukey's weight of each residual, zero from the limit on."""
+    """Tukey's weight of each residual: 1 at zero, 0 from the limit on."""
     return np.clip(1 - (residual / limit) ** 2, 0, None) ** 2
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """Linear system of one step.
+    """Linear system of one Gauss-Newton step for a sensor's pose.
 
     Attributes:
-        rows: resistance of each pair.
-        residual: distance of each pair along the normal (m).
-        weight: weight of each pair.
-        overlap: share of the points that have a pair.
+        rows: growth of each pair's residual per unit of the motion's six numbers.
+        residual: distance of each pair's point from the surface, along the normal (m).
+        weight: Tukey's weight of each pair over the variance of its residual.
+        overlap: share of the points that have a pair, 0 to 1.
         scatter: robust standard deviation of the residuals (m).
     """
 
@@ -184,12 +213,15 @@ class _System:
 
     @property
     def agreement(self) -> float:
-        """Share of all points on the surface; near ones count more, up to 0.3 m off."""
+        """Share of all points on the surface, 0 to 1; a point counts less the farther off it is,
+        and not at all from 0.3 m on."""
         return float(tukey_weight(self.residual, _AGREEMENT_M).mean()) * self.overlap
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns), and mask of observed ones."""
+        """Eigenvalues (6,) and eigenvectors (columns) of the information, and a mask of observed.
+
+        A motion is observed if enough pairs with weight resist it."""
         values, vectors = np.linalg.eigh(self.rows.T @ (self.rows * self.weight[:, None]))
         along = (self.rows @ vectors) ** 2
         sound = self.weight > 0
@@ -202,19 +234,22 @@ class _System:
 
     @property
     def hidden_motions(self) -> Float64[np.ndarray, "k 6"]:
-        """Unit motions (k, 6) that hardly any pair resists."""
+        """Unit motions (k, 6) that hardly any pair resists, turns times `LEVER_M`."""
         _, vectors, observed = self.modes
         return vectors[:, ~observed].T
 
     def step(self) -> Motion:
-        """Motion, if determined, that brings points onto planes."""
+        """Motion that brings the points onto their planes, turns times `LEVER_M`.
+
+        It is 0 along motions that the points do not determine."""
         values, vectors, observed = self.modes
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))
         return vectors @ np.where(observed, -gradient / np.where(observed, values, 1.0), 0.0)
 
     def covariance(self) -> Float64[np.ndarray, "6 6"]:
-        """Covariance of the observed motions, in rad and m."""
+        """Covariance of the six numbers in rad and m, 0 along motions that are not observed."""
         values, vectors, observed = self.modes
         inverse = np.where(observed, CORRELATED_POINTS / np.where(observed, values, 1.0), 0.0)
+        # from turns times LEVER_M to rad
         unit = np.repeat([1 / LEVER_M, 1.0], 3)
         return unit[:, None] * ((vectors * inverse) @ vectors.T) * unit
